@@ -13,26 +13,20 @@ from pathlib import Path
 from refsim.core.errors import InputError
 from refsim.core.writing import write_file
 from refsim.study.advice import READINGS
-from refsim.study.panels import OWN, Panel, Place, Point, abouts, as_text, panel
+from refsim.study.panels import OWN, Panel, Place, abouts, as_text, panel
 from refsim.study.panels.making import STIRRED
 from refsim.study.panels.measured import Read, broken, measured, merged, text
 from refsim.study.panels.scenes import stirred
-from refsim.study.runs import Reading
 from validation import accuracy_page
 from validation.reading import environment
 from validation.running import on_threads
 
 STORED = Path(__file__).resolve().parent.parent / "refsim" / "study" / "panels"
-BOUNDARY, SURFACE = "validation.experiments.boundary.runs", "validation.experiments.surface_reconstruction.runs"
-PEERS = {  # what gives a reading of another program's point, of its number and threads
-    "front": "validation.panel_runs:front_by_splishsplash",
-    "droplet": "validation.panel_runs:drop_by_splishsplash",
-    "implicit_pressure": "validation.panel_runs:tank_by_pysph",
-    "vortex_decay": "validation.panel_runs:vortices_by_pysph",
-    "surface_normals": f"{SURFACE}:peer_normals",
-    "boundary_sampling": f"{BOUNDARY}:quality_by_splishsplash",
-    "signed_distance": f"{BOUNDARY}:distance_by_libigl",
-}
+PEERS = {  # the function of `panel_runs` that gives a reading of another program's point, of its number and threads
+    "front": "front_by_splishsplash", "droplet": "drop_by_splishsplash", "implicit_pressure": "tank_by_pysph",
+    "vortex_decay": "vortices_by_pysph", "surface_normals": "peer_normals",
+    "boundary_sampling": "quality_by_splishsplash", "signed_distance": "distance_by_libigl",
+}  # fmt: skip
 
 
 def perform(
@@ -69,15 +63,9 @@ def measure(of: Panel, backend: str, readings: int, peers: bool = False) -> Pane
         return measured(of, keys, backend=backend, readings=readings, read=read, place=_place(backend))
 
 
-def reader(where: str) -> Read:
-    """The reading of a point by the function "module:name" of point, number and threads."""
-    module, _, name = where.partition(":")
-    once = getattr(import_module(module), name)
-
-    def read(point: Point, number: int) -> Reading:
-        return once(point, number, 1)  # type: ignore[no-any-return]
-
-    return read
+def reader(name: str) -> Read:
+    """The reading of a point by a function of `panel_runs`, on one thread."""
+    return lambda point, number: getattr(import_module("validation.panel_runs"), name)(point, number, 1)  # type: ignore
 
 
 def _place(backend: str) -> Place:

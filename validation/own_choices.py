@@ -72,14 +72,14 @@ def thesis(literal: tuple[str, ...]) -> Measured:
 
 def shao_song(literal: tuple[str, ...]) -> Measured:
     """Error of half a cosine in an insulated slab of 40 spacings, k dt/(rho c d^2) = 2, over its range."""
-    from validation.experiments.heat import scene as heat_scene
+    from validation.metrics import heat as exact
 
     d, cells, until, steps = 0.2, 40, 6.4, 80
     axes = [(np.arange(n) + 0.5) * d for n in (cells, 6, 6)]
     place = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     stored = 1.0 if literal else 4.0e6  # rho c [J/(m^3 K)]: the paper's K is a diffusivity (M11)
     heat = HeatConduction(
-        temperature=tuple(heat_scene.cosine(place[:, 0], cells * d, 0.0)), conductivity=stored, heat_capacity=4000.0,
+        temperature=tuple(exact.cosine(place[:, 0], cells * d, 0.0)), conductivity=stored, heat_capacity=4000.0,
         density=1000.0, literal=literal,
     )  # fmt: skip
     scene = Scene(spacing=d, support_radius=2.5 * d, dtype="float64", step=until / steps, period=(0.0, 6 * d, 6 * d),
@@ -89,7 +89,7 @@ def shao_song(literal: tuple[str, ...]) -> Measured:
     for _ in range(steps):
         run.step()
     last = run.field("temperature").astype(float)
-    error = np.sqrt(((last - heat_scene.cosine(place[:, 0], cells * d, until)) ** 2).mean()) / np.ptp(first)
+    error = np.sqrt(((last - exact.cosine(place[:, 0], cells * d, until)) ** 2).mean()) / np.ptp(first)
     lost = float(first.mean() - last.mean())
     return {"value": float(error), "remark": f"mean temperature {-lost:+.2g} K" if abs(lost) > 1e-9 else "heat kept"}
 

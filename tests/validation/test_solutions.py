@@ -5,7 +5,8 @@ import pytest
 
 from refsim.study.panels.making import compressed
 from validation.experiment import Options, discover
-from validation.experiments.solutions import pictures, runs, scene
+from validation.experiments.solutions import pictures, runs
+from validation.metrics import solutions as scene
 from validation.running import Context
 
 

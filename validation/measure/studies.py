@@ -25,9 +25,9 @@ from refsim.scene.surface_mesh import load_mesh, signed_volume
 from refsim.study.observables import observable_of
 from refsim.study.result import Study, percent
 from refsim.study.runs import Reading, Setting, measure
-from validation.experiments.heat.scene import stefan_root
-from validation.experiments.solutions import scene
 from validation.filling import replaced
+from validation.metrics import solutions as scene
+from validation.metrics.heat import stefan_root
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = ROOT / "docs" / "examples" / "study" / "solved"

@@ -9,6 +9,7 @@ themselves: ``data_spread``, ``data_tolerance``.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import combinations
 from pathlib import Path
 from typing import NamedTuple
@@ -16,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
+from scipy.spatial import cKDTree
 
 from validation.metrics.spread import groups
 
@@ -167,3 +169,11 @@ def ritter_front(time: ArrayLike, aspect_ratio: float = 2.0) -> NDArray[np.float
     Ritter's front 2 sqrt(g n^2 a) t of shallow water on a dry bed (1892, Z. Ver. Dtsch. Ing. 36:947) in these units.
     """
     return 1.0 + np.sqrt(2.0 * aspect_ratio) * np.asarray(time, dtype=np.float64)
+
+
+def neighbour_sums(position: np.ndarray, reach: float) -> tuple[Callable[[np.ndarray], np.ndarray], np.ndarray]:
+    """(sum of values (n,) over the neighbours of each particle within `reach` [m], number of these)."""
+    pairs = cKDTree(position).query_pairs(reach, output_type="ndarray")
+    one, other = np.concatenate([pairs, pairs[:, ::-1]]).T
+    count = len(position)
+    return lambda values: np.bincount(one, values[other], minlength=count), np.bincount(one, minlength=count)

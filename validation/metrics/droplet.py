@@ -6,7 +6,8 @@ where a unit is named.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -213,3 +214,86 @@ def _deposit(site: NDArray[np.float64], shape: tuple[int, int, int]) -> NDArray[
         node = np.ravel_multi_index((base + (i - 1, j - 1, k - 1)).T, shape)
         np.add.at(total, node, weight[i, :, 0] * weight[j, :, 1] * weight[k, :, 2])
     return total.reshape(shape)
+
+
+def rayleigh_period(tension: float, radius: float, density: float, mode: int = 4) -> float:
+    """Of a drop's mode [s]: omega^2 = n(n-1)(n+2) sigma/(rho0 R^3), without viscosity."""
+    return 2 * math.pi / math.sqrt(mode * (mode - 1) * (mode + 2) * tension / (density * radius**3))
+
+
+def oscillation(time: NDArray, moment: NDArray) -> dict[str, float]:
+    """Period and decay of the cubic moment from its first maximum on, by a fit of a damped cosine.
+
+    period  [s]; free: the same without the fitted damping; decay [1/s]; misfit: rms over the first amplitude.
+    NaN where there is no maximum, or no two half-swings after it.
+    """
+    from scipy.optimize import curve_fit
+
+    none = dict.fromkeys(("period", "free", "decay", "misfit"), math.nan)
+    turns = [k for k in range(1, len(moment) - 1) if (moment[k] - moment[k - 1]) * (moment[k + 1] - moment[k]) < 0]
+    tops = [k for k in turns if moment[k] > 0]
+    if not tops or len([k for k in turns if k > tops[0]]) < 2:
+        return none
+    later = [k for k in turns if k > tops[0]]
+    guess = 2 * (time[later[0]] - time[tops[0]])
+    window = (time >= time[tops[0]]) & (time <= time[tops[0]] + 2.5 * guess)
+    t, q = time[window] - time[tops[0]], moment[window]
+
+    def swing(t: NDArray, a: float, decay: float, omega: float, phase: float, rest: float) -> NDArray:
+        return a * np.exp(-decay * t) * np.cos(omega * t + phase) + rest
+
+    try:
+        (a, decay, omega, *_), _ = found = curve_fit(swing, t, q, (q[0], 1 / guess, 2 * math.pi / guess, 0.0, 0.0))
+    except RuntimeError:
+        return none
+    misfit = float(np.sqrt(((swing(t, *found[0]) - q) ** 2).mean()) / abs(a))
+    omega = abs(omega)
+    free = 2 * math.pi / math.sqrt(omega**2 + decay**2)
+    return {"period": 2 * math.pi / omega, "free": free, "decay": float(decay), "misfit": misfit}
+
+
+def roundness(position: ArrayLike, spacing: float) -> float:
+    """Sphericity of the surface of a drop of particles; NaN where there is no one closed surface."""
+    try:
+        return sphericity(*surface_mesh(np.asarray(position, dtype=float), spacing))
+    except ValueError:  # torn apart
+        return math.nan
+
+
+def reach(away: NDArray, axes: int) -> float:
+    """How far the drop reaches along the lattice's axes (1) or its body diagonals (3): mean over all of them [m]."""
+    grid = np.array(np.meshgrid(*[(-1, 0, 1)] * 3)).reshape(3, -1).T
+    directions = grid[np.abs(grid).sum(1) == axes] / math.sqrt(axes)
+    near = away @ directions.T
+    across = np.linalg.norm(away[:, None, :] - near[..., None] * directions[None], axis=2)
+    width = 0.15 * np.abs(away).max()
+    return float(np.where(across < width, near, -np.inf).max(0).mean())
+
+
+NEAR = 1.6  # radii about the middle: particles beyond are not of the drop
+
+
+def surface(position: NDArray, spacing: float, radius: float) -> dict[str, Any]:
+    """What the surface of a drop is like.
+
+    area    over that of a ball of the same volume (NaN where there is no one closed surface)
+    gap     distance from a place on the surface to the nearest particle, 99th percentile, in spacings
+    thrown  particles that have left the drop
+    """
+    x = position.astype(float)
+    x = x - np.median(x, axis=0)
+    own = np.linalg.norm(x, axis=1) <= NEAR * radius
+    drop = x[own]
+    found = {"area": float("nan"), "gap": float("nan"), "thrown": int((~own).sum())}
+    try:
+        vertices, faces = surface_mesh(drop, spacing)
+        found["area"] = 1 / sphericity(vertices, faces)
+        found["gap"] = float(np.quantile(cKDTree(drop).query(vertices)[0], 0.99) / spacing)
+    except ValueError:  # torn apart
+        pass
+    return found
+
+
+def near_of(position: NDArray) -> float:
+    """Nearest neighbour, 5th percentile [d]."""
+    return float(np.quantile(nearest_neighbour_distance(position), 0.05))

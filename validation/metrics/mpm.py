@@ -7,6 +7,9 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array, diags_array
+from scipy.sparse.linalg import spsolve
 
 from refsim import Box, MpmLiquid, Scene
 from refsim.backends.arrays import Backend
@@ -152,3 +155,37 @@ def round_trip(reading: str, step: float = 1e-4, seed: int = 1) -> dict[str, flo
         "gradient": float(abs(calm.gradients - g)[owners].max() / abs(g).max()),
         "power": float(-power / work),
     }
+
+
+def backward_euler(t: Transfers, ratio: np.ndarray, heavy: np.ndarray) -> np.ndarray:
+    """Velocities (m, 2) [m/s] of the nodes `heavy` after an implicit step; `t` holds those without pressure."""
+    n, table = len(ratio), node_table(t.values["grid"].blocks)
+    base, weight, slope = np.zeros((n, 3), np.int32), np.zeros((n, 9)), np.zeros((n, 9))
+    REGISTRY["mpm.weights"].program("cpu")(t.values["position"], t.values["background"], base, weight, slope)
+    number = {(int(x), int(y)): k for k, (x, y, _) in enumerate(table[heavy])}
+    rows, columns, entries = [], [], []
+    for i in range(3):
+        for j in range(3):
+            node = np.array([number.get((int(a) + i, int(b) + j), -1) for a, b, _ in base])
+            there = node >= 0
+            arm = CELL * (base[:, :2] + [i, j]) - t.values["position"][:, :2]
+            for c in range(2):  # tr A_p = (4/h^2) sum_j B_j (x_j - x_p).v_j
+                rows.append(np.flatnonzero(there))
+                columns.append(2 * node[there] + c)
+                entries.append((4 / CELL**2 * weight[:, i] * weight[:, 3 + j] * arm[:, c])[there])
+    trace = csr_array(
+        (np.concatenate(entries), (np.concatenate(rows), np.concatenate(columns))), shape=(n, 2 * len(heavy))
+    )
+    inertia = np.repeat(t.values["node_mass"][heavy], 2)
+    volume = t.mass / DENSITY
+    stiffness = trace.T @ diags_array(t.step**2 * volume * MODULUS * ratio**2) @ trace
+    push = t.step * trace.T @ (volume * MODULUS * (1 - ratio) * ratio)
+    known = inertia * t.values["node_velocity"][heavy, :2].ravel() + push
+    return spsolve((diags_array(inertia) + stiffness).tocsc(), known).reshape(-1, 2)
+
+
+def splines(u: NDArray) -> tuple[NDArray, NDArray]:
+    """(B, B') of the quadratic spline at u cells from a node."""
+    a = np.abs(u)
+    value = np.where(a < 0.5, 0.75 - a**2, np.where(a < 1.5, 0.5 * (1.5 - a) ** 2, 0.0))
+    return value, np.where(a < 0.5, -2 * u, np.where(a < 1.5, -np.sign(u) * (1.5 - a), 0.0))

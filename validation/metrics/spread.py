@@ -5,6 +5,7 @@ Raster and reach are in particle spacings, so that the counts do not depend on t
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,8 @@ from scipy.ndimage import label
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
+
+from refsim.shape_matching.phases import EMPTY
 
 REACH = 1.5  # spacings up to which two particles belong together; the lattice's face diagonal is 1.41
 CELL = 0.1  # of the raster, in spacings
@@ -87,3 +90,48 @@ def layers(position: ArrayLike, spacing: float) -> int:
     """
     low, high = np.quantile(np.asarray(position, dtype=float)[:, 2], (0.05, 0.95))
     return 1 + round(float(high - low) / spacing)
+
+
+def tunnels(position: NDArray, spacing: float) -> int:
+    """Tunnels through a union of balls of 0.85 spacings [m] on a raster: components + cavities - Euler's number.
+
+    A net of strands has many; a closed sheet has none. Tunnels that the solid itself fills count, too.
+    """
+    from scipy.ndimage import label
+
+    cell, reach = 0.5 * spacing, 0.85 * spacing
+    low = position.min(0) - 2 * reach
+    shape = np.ceil((position.max(0) + 2 * reach - low) / cell).astype(int) + 1
+    if shape.prod() > 3e7:  # flung particles: look at the middle nine tenths
+        keep = (np.abs(position - np.median(position, axis=0)) < np.quantile(np.abs(position), 0.95)).all(1)
+        return tunnels(position[keep], spacing)
+    axes = [low[c] + cell * np.arange(shape[c]) for c in range(3)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    near = cKDTree(position).query(points.reshape(-1, 3), distance_upper_bound=reach)[0].reshape(shape) < reach
+    filled = np.pad(near, 1)
+    components = label(filled, np.ones((3, 3, 3)))[1]
+    cavities = label(~filled)[1] - 1
+    return int(components + cavities - euler(filled))
+
+
+def euler(filled: NDArray) -> int:
+    """Euler characteristic of a union of closed cubes: corners - edges + faces - cubes."""
+    total = 0
+    for joined in itertools.product((False, True), repeat=3):  # axes along which a cell of the complex is a joint
+        found = filled
+        for axis in np.flatnonzero(joined):
+            ahead, behind = (np.delete(found, end, axis) for end in (0, -1))
+            found = ahead | behind
+        total += (-1) ** (3 - sum(joined)) * int(found.sum())
+    return total
+
+
+def fragments(direct: np.ndarray) -> int:
+    """Pieces of solid that are connected over direct neighbours."""
+    node, slot = np.nonzero(direct != EMPTY)
+    if not len(node):
+        return 0
+    there = np.unique(node)
+    graph = coo_array((np.ones(len(node)), (node, direct[node, slot])), shape=(len(direct),) * 2)
+    _, label = connected_components(graph, directed=False)
+    return len(np.unique(label[there]))

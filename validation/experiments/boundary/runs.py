@@ -3,52 +3,40 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import itertools
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 import refsim
 from refsim.backends.arrays import Backend, choose
 from refsim.backends.compile import cpu_kernel
 from refsim.boundary.mesh import SurfaceMesh, load_mesh, surface_mesh
-from refsim.boundary.sampling import HEXAGONAL, MOST_ITERATIONS, relaxed, sample
+from refsim.boundary.sampling import MOST_ITERATIONS, relaxed, sample
 from refsim.boundary.signed_distance import NarrowBand, signed_distance
 from refsim.core.errors import RunStopped
 from refsim.core.walls import WallParticles
 from refsim.neighbours import NeighbourSearch
 from refsim.scene.plan import make_plan
-from refsim.sparse_grid.reference import node_table
-from refsim.study.panels import Point
-from refsim.study.runs import Reading
 from refsim.winding_number.reference import solid_angles
 from validation.checks import Checks, Quantities
 from validation.experiment import Experiment, Measure, Options, Results, Run, each, every
 from validation.experiments.boundary import scene as meshes
 from validation.experiments.boundary.scene import FLOW_SHAPES as SOLIDS
 from validation.experiments.boundary.scene import SHAPES, SPACING, SUPPORT
-from validation.metrics.spread import groups
+from validation.metrics.sampling import EXACT_QUERIES, blueness, evenness, near_surface, radius_for, score
+from validation.metrics.spread import groups, tunnels
 from validation.peers import libigl, splishsplash_sampling
-from validation.reading import reading
 from validation.results import Result, real
 from validation.running import Context, on_threads, search_log
 from validation.trials import Trial, hard_case, unguarded
 from validation.work_precision import observed_order
-
-DARTS = 30  # places for each particle at which holes are sought
-EXACT_QUERIES = 1000
-FORCES = 2000  # places at which the wall's force is evaluated
-SMOOTH_PART = 0.75  # cosine of the angle between normals near each other beyond which a place counts as at an edge
-HOLE = 1.0  # distance from every particle, in mean spacings, at which another one would fit
 
 
 def meshed(shape: str, count: int) -> tuple[Any, SurfaceMesh, float]:
@@ -56,91 +44,6 @@ def meshed(shape: str, count: int) -> tuple[Any, SurfaceMesh, float]:
     made = SHAPES[shape]()
     mesh = meshes.mesh_of(made, shape)
     return made, mesh, radius_for(mesh.area, count)
-
-
-def radius_for(area: float, count: int) -> float:
-    """r [m] for which g A/(pi r^2) is `count`."""
-    return math.sqrt(HEXAGONAL * area / (math.pi * count))
-
-
-def evenness(position: np.ndarray) -> dict[str, float]:
-    """Distances to the nearest other particle: mean [m], least over mean, coefficient of variation."""
-    nearest = cKDTree(position).query(position, k=2)[0][:, 1]
-    mean = float(nearest.mean())
-    return {"mean": mean, "least": float(nearest.min()) / mean, "variation": float(nearest.std()) / mean}
-
-
-def holes(position: np.ndarray, darts: np.ndarray, size: float) -> int:
-    """Places of `darts` (m, 3) further than `size` [m] from every particle, of two nearer than that one only."""
-    distance = cKDTree(position).query(darts)[0]
-    left = darts[distance > size][np.argsort(-distance[distance > size])]
-    count = 0
-    while len(left):
-        count += 1
-        left = left[np.linalg.norm(left - left[0], axis=1) > size]
-    return count
-
-
-def wall_force_noise(
-    position: np.ndarray, normal: np.ndarray, place: np.ndarray, out: np.ndarray, apart: float
-) -> float:
-    """Unevenness of the wall's force on a resting layer of liquid: rms of what varies and of what is tangential, over
-    its mean.
-
-    place, out  (m, 3) places [m] on the surface, and the normals there
-    apart       2 r [m], of the particles and of the layer from the wall
-
-    The force for one pressure is -sum_b V_b grad W, V_b = 1/sum_k W_bk (patent P5, P6), by Wendland's kernel of support
-    2.7 spacings; it varies from its mean within 3 spacings. Places at edges do not count: the force is no normal one
-    there. nan where there are no others.
-    """
-    h = 2.7 * apart
-    tree = cKDTree(position)
-
-    def value(r: np.ndarray) -> np.ndarray:
-        q = r / h
-        return (1 - q) ** 4 * (4 * q + 1)
-
-    def slope(r: np.ndarray) -> np.ndarray:
-        q = r / h
-        return -20 * q * (1 - q) ** 3 / h
-
-    near = tree.query_ball_point(position, h)
-    volume = np.array([1 / value(np.linalg.norm(position[k] - x, axis=1)).sum() for x, k in zip(position, near)])
-    forces, there = [], []
-    for x, n in zip(place + apart * out, out):
-        k = tree.query_ball_point(x, h)
-        if len(k) and (normal[k] @ n).min() > SMOOTH_PART:
-            away = x - position[k]
-            r = np.linalg.norm(away, axis=1)
-            force = -(volume[k] * slope(r) / r) @ away
-            forces.append((force @ n, np.linalg.norm(force - (force @ n) * n)))
-            there.append(x)
-    if not forces:
-        return math.nan
-    along, across = np.array(forces).T
-    around = cKDTree(there).query_ball_point(there, 3 * apart)
-    varies = along - np.array([along[k].mean() for k in around])  # the solid's curvature changes it more slowly
-    return float(np.sqrt((varies**2 + across**2).mean()) / along.mean())
-
-
-def score(position: np.ndarray, normal: np.ndarray, made: Any, radius: float, seed: int = 0) -> dict[str, float]:
-    """How good a sampling of the trimesh mesh `made` is."""
-    import trimesh
-
-    spread = blueness(position, made.area)
-    darts, face = trimesh.sample.sample_surface(made, DARTS * len(position), seed=seed)
-    rows = np.random.default_rng(seed).choice(len(position), min(EXACT_QUERIES, len(position)), replace=False)
-    off = trimesh.proximity.closest_point(made, position[rows])[1]
-    expected = HEXAGONAL * made.area / (math.pi * radius**2)
-    return {
-        "particles": len(position), "expected": expected, "count_error": abs(len(position) - expected) / expected,
-        **spread, "mean_over_2r": spread["mean"] / (2 * radius), "off": float(off.max()) / radius,
-        "holes": holes(position, darts, HOLE * spread["mean"]),
-        "force_noise": wall_force_noise(
-            position, normal, darts[:FORCES], np.asarray(made.face_normals)[face[:FORCES]], 2 * radius
-        ),
-    }  # fmt: skip
 
 
 def scorecard(context: Context, shape: str, count: int, backend: str, threads: int | None, seed: int = 0) -> Result:
@@ -174,14 +77,6 @@ def printed(context: Context, shape: str, count: int, backend: str, iterations: 
         arrays[name] = found.residuals
         context.progress(0.5 * len(rows))
     return Result({"rows": rows}, arrays)
-
-
-def near_surface(made: Any, spacing: float, count: int, seed: int) -> np.ndarray:
-    """Places (count, 3) within a spacing of the surface."""
-    import trimesh
-
-    place, _ = trimesh.sample.sample_surface(made, count, seed=seed)
-    return place + np.random.default_rng(seed).uniform(-0.5, 0.5, place.shape) * spacing
 
 
 def distance_errors(
@@ -252,55 +147,6 @@ def against_peers(context: Context, level: int, count: int, threads: int, rounds
         "iterations": found.iterations, **ratios, **quality,
         "missing": {"sampling": peer.get("missing", ""), "field": nodes.get("missing", "")},
     })  # fmt: skip
-
-
-def blueness(position: np.ndarray, area: float) -> dict[str, float]:
-    """`evenness`, and the least distance over that of the densest packing of as many particles (blue-noise ratio)."""
-    spread = evenness(position)
-    hexagonal = math.sqrt(2 * area / (math.sqrt(3) * len(position)))
-    return {**spread, "blue": spread["least"] * spread["mean"] / hexagonal}
-
-
-# What accuracy costs
-
-PLACES = 4000
-
-
-@functools.cache
-def _meshed(shape: str, level: int) -> tuple[Any, Any]:
-    """A shape and its mesh as refsim takes it."""
-    made = SHAPES[shape](level)
-    return made, meshes.mesh_of(made, shape)
-
-
-def quality_by_splishsplash(point: Point, repeat: int, threads: int | None) -> Reading:
-    """The same shape sampled by SPlisHSPlasH, with as many particles."""
-    made, mesh = _meshed("organic", 4)
-    radius = radius_for(mesh.area, point.setting["count"])
-    found = splishsplash_sampling.run(made.vertices, made.faces, radius, threads)
-    if "missing" in found:
-        return reading(failed=f"missing: {found['missing']}")
-    return reading(evenness(found["position"])["variation"], found["seconds"], particles=found["particles"])
-
-
-def _off_sphere(place: np.ndarray, found: np.ndarray, seconds: float, held: int) -> Reading:
-    error = found - meshes.known_distance("sphere", place)
-    return reading(float(np.sqrt((error**2).mean())), seconds, particles=len(place), held=held)
-
-
-def distance_by_libigl(point: Point, repeat: int, threads: int | None) -> Reading:
-    """The field with libigl's distances at its nodes, trilinear between them; seconds of libigl's tree and queries."""
-    made, mesh = _meshed("sphere", 6)
-    place = near_surface(made, 0.04, PLACES, 0)
-    own = signed_distance(mesh, point.knobs["spacing"], dtype="float64")
-    nodes = own.spacing * node_table(own.blocks) + mesh.origin
-    found = libigl.run(made.vertices, made.faces, nodes, threads)
-    if "missing" in found:
-        return reading(failed=f"missing: {found['missing']}")
-    held = np.clip(found["distance"], -own.band, own.band)
-    other = replace(own, field=own.field._replace(distance=held))
-    seconds = found["tree"] + found["seconds_per_query"] * len(nodes)
-    return _off_sphere(place, choose("cpu").host(other.at(place)[0]), seconds, held.nbytes)
 
 
 # Runs of liquid at meshes: rain, a resting tank, pouring.
@@ -508,40 +354,7 @@ def texture(position: NDArray) -> dict[str, float]:
     A hole is a ring in which the liquid's film has a gap: loops of the graph that no triangles fill, counted by the
     Euler characteristic of edges and triangles of its thin parts.
     """
-    return {"components": len(np.unique(groups(position, 1.5 * SPACING))), "holes": flow_holes(position)}
-
-
-def flow_holes(position: NDArray, cell: float = 0.5 * SPACING, reach: float = 0.85 * SPACING) -> int:
-    """Tunnels through a union of balls of `reach` [m] on a raster: components + cavities - Euler's number.
-
-    A net of strands has many; a closed sheet has none. Tunnels that the solid itself fills count, too.
-    """
-    from scipy.ndimage import label
-
-    low = position.min(0) - 2 * reach
-    shape = np.ceil((position.max(0) + 2 * reach - low) / cell).astype(int) + 1
-    if shape.prod() > 3e7:  # flung particles: look at the middle nine tenths
-        keep = (np.abs(position - np.median(position, axis=0)) < np.quantile(np.abs(position), 0.95)).all(1)
-        return flow_holes(position[keep], cell, reach)
-    axes = [low[c] + cell * np.arange(shape[c]) for c in range(3)]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    near = cKDTree(position).query(points.reshape(-1, 3), distance_upper_bound=reach)[0].reshape(shape) < reach
-    filled = np.pad(near, 1)
-    components = label(filled, np.ones((3, 3, 3)))[1]
-    cavities = label(~filled)[1] - 1
-    return int(components + cavities - euler(filled))
-
-
-def euler(filled: NDArray) -> int:
-    """Euler characteristic of a union of closed cubes: corners - edges + faces - cubes."""
-    total = 0
-    for joined in itertools.product((False, True), repeat=3):  # axes along which a cell of the complex is a joint
-        found = filled
-        for axis in np.flatnonzero(joined):
-            ahead, behind = (np.delete(found, end, axis) for end in (0, -1))
-            found = ahead | behind
-        total += (-1) ** (3 - sum(joined)) * int(found.sum())
-    return total
+    return {"components": len(np.unique(groups(position, 1.5 * SPACING))), "holes": tunnels(position, SPACING)}
 
 
 def marked_cost(context: Context, everywhere: bool, backend: str, repeats: int = 60) -> Result:

@@ -18,6 +18,7 @@ from refsim.scene.plan import make_plan
 from validation.checks import Checks
 from validation.experiment import Experiment, Measure, Options, Results, Run, each, every
 from validation.metrics import dam_break
+from validation.metrics.dam_break import neighbour_sums
 from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface, detection_score
 from validation.results import Result, floats, real
 from validation.running import Context, advance, note, search_log, stage_seconds
@@ -364,14 +365,6 @@ def interior_noise(simulation: Simulation) -> tuple[float, float]:
     deep = ~truth & (sums(truth) == 0)
     noise = float(np.sqrt(((pressure - mean)[deep] ** 2).mean())) / (DENSITY * GRAVITY * HEIGHT)
     return noise, float((simulation.field("surface")[deep] != 0).mean())
-
-
-def neighbour_sums(position: np.ndarray, reach: float) -> tuple[Callable[[np.ndarray], np.ndarray], np.ndarray]:
-    """(sum of values (n,) over the neighbours of each particle within `reach` [m], number of these)."""
-    pairs = cKDTree(position).query_pairs(reach, output_type="ndarray")
-    one, other = np.concatenate([pairs, pairs[:, ::-1]]).T
-    count = len(position)
-    return lambda values: np.bincount(one, values[other], minlength=count), np.bincount(one, minlength=count)
 
 
 def as_printed(scene: Scene) -> Scene:

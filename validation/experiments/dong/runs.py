@@ -21,49 +21,13 @@ from validation.experiment import Experiment, Measure, Options, Results, Run, ea
 from validation.experiments.dong import scene as scenes
 from validation.experiments.droplet.runs import relaxed
 from validation.metrics import droplet
+from validation.metrics.droplet import oscillation, rayleigh_period, reach, roundness
 from validation.metrics.shapes import LATTICES, lattice_ball
 from validation.metrics.spread import layers, seen_from_above
 from validation.results import Result, real
 from validation.running import Context, advance, momenta, note, refusal, until_stopped
 
 BULK = 0.6  # of R: particles inside count as bulk
-
-
-def rayleigh_period(tension: float, radius: float, mode: int = 4) -> float:
-    """Of a drop's mode [s]: omega^2 = n(n-1)(n+2) sigma/(rho0 R^3), without viscosity."""
-    square = mode * (mode - 1) * (mode + 2) * tension / (scenes.DENSITY * radius**3)
-    return 2 * math.pi / math.sqrt(square)
-
-
-def oscillation(time: NDArray, moment: NDArray) -> dict[str, float]:
-    """Period and decay of the cubic moment from its first maximum on, by a fit of a damped cosine.
-
-    period  [s]; free: the same without the fitted damping; decay [1/s]; misfit: rms over the first amplitude.
-    NaN where there is no maximum, or no two half-swings after it.
-    """
-    from scipy.optimize import curve_fit
-
-    none = dict.fromkeys(("period", "free", "decay", "misfit"), math.nan)
-    turns = [k for k in range(1, len(moment) - 1) if (moment[k] - moment[k - 1]) * (moment[k + 1] - moment[k]) < 0]
-    tops = [k for k in turns if moment[k] > 0]
-    if not tops or len([k for k in turns if k > tops[0]]) < 2:
-        return none
-    later = [k for k in turns if k > tops[0]]
-    guess = 2 * (time[later[0]] - time[tops[0]])
-    window = (time >= time[tops[0]]) & (time <= time[tops[0]] + 2.5 * guess)
-    t, q = time[window] - time[tops[0]], moment[window]
-
-    def swing(t: NDArray, a: float, decay: float, omega: float, phase: float, rest: float) -> NDArray:
-        return a * np.exp(-decay * t) * np.cos(omega * t + phase) + rest
-
-    try:
-        (a, decay, omega, *_), _ = found = curve_fit(swing, t, q, (q[0], 1 / guess, 2 * math.pi / guess, 0.0, 0.0))
-    except RuntimeError:
-        return none
-    misfit = float(np.sqrt(((swing(t, *found[0]) - q) ** 2).mean()) / abs(a))
-    omega = abs(omega)
-    free = 2 * math.pi / math.sqrt(omega**2 + decay**2)
-    return {"period": 2 * math.pi / omega, "free": free, "decay": float(decay), "misfit": misfit}
 
 
 def cube(
@@ -99,7 +63,7 @@ def drop(context: Context, scene: Scene, times: NDArray, backend: str) -> Result
         row = {
             "time": simulation.time, "wall": wall, "steps": simulation.steps, "moment": droplet.cubic_moment(x),
             "radius_variation": droplet.radius_variation(x),
-            "points": _reach(away, 1) / radius, "corners": _reach(away, 3) / radius,
+            "points": reach(away, 1) / radius, "corners": reach(away, 3) / radius,
             "swing": float(bulk.mean()) if len(bulk) else math.nan, "compression": float(np.quantile(share, 0.95)),
             "nn_5": float(np.quantile(near, 0.05)), "moved": float(np.linalg.norm(x - begin, axis=1).max()) / spacing,
             **momenta(simulation),
@@ -111,7 +75,7 @@ def drop(context: Context, scene: Scene, times: NDArray, backend: str) -> Result
     energy, time_ = np.array(series["kinetic_energy"]), np.array(series["time"])
     values = {
         "particles": simulation.count, "spacing": spacing, "radius": radius, "stopped": stopped, "series": series,
-        "oscillation": oscillation(time_, np.array(series["moment"])), "area": area(frames[-1], spacing),
+        "oscillation": oscillation(time_, np.array(series["moment"])), "area": 1 / roundness(frames[-1], spacing),
         "kinetic_share": float(energy[-1] / energy.max()) if energy.max() > 0 else 0.0,
         "swing": float(np.nanmax(np.abs(series["swing"]))), "compression": max(series["compression"]),
         "swing_late": float(np.ptp(np.array(series["swing"])[len(time_) // 2 :]) / 2),
@@ -131,24 +95,6 @@ def coefficients(scene: Scene) -> dict[str, Any]:
         "stiffness": effect.coefficient(plan.grid, plan.effects),
         "correction": effect.correction_coefficient(plan.grid, plan.effects),
     }
-
-
-def area(position: NDArray, spacing: float) -> float:
-    """Area of the surface over that of a ball of the same volume; NaN where there is no one closed surface."""
-    try:
-        return 1 / droplet.sphericity(*droplet.surface_mesh(position.astype(float), spacing))
-    except ValueError:
-        return math.nan
-
-
-def _reach(away: NDArray, axes: int) -> float:
-    """How far the drop reaches along the lattice's axes (1) or its body diagonals (3): mean over all of them [m]."""
-    grid = np.array(np.meshgrid(*[(-1, 0, 1)] * 3)).reshape(3, -1).T
-    directions = grid[np.abs(grid).sum(1) == axes] / math.sqrt(axes)
-    near = away @ directions.T
-    across = np.linalg.norm(away[:, None, :] - near[..., None] * directions[None], axis=2)
-    width = 0.15 * np.abs(away).max()
-    return float(np.where(across < width, near, -np.inf).max(0).mean())
 
 
 def printed(
@@ -612,7 +558,7 @@ NO_CLUSTERS_BESIDE_COSINE = near("dong", "iif")
 
 def _lattice(measure: Measure, shape: str, side: int) -> list[float]:
     """Particles at rest on a lattice."""
-    return measure.of({"": {"area": area(LATTICES[shape](side).astype(float), 1.0)}})
+    return measure.of({"": {"area": 1 / roundness(LATTICES[shape](side), 1.0)}})
 
 
 def _random_forces(measure: Measure) -> list[float]:
@@ -702,7 +648,7 @@ def checks(results: Results, check: Checks) -> None:
         values = results["cube_4913"].values
         series = values["series"]
         k = int(np.argmax(series["moment"]))
-        ratio = real(values["oscillation"]["free"]) / rayleigh_period(scenes.TENSION, values["radius"])
+        ratio = real(values["oscillation"]["free"]) / rayleigh_period(scenes.TENSION, values["radius"], scenes.DENSITY)
         check("octahedron", series["moment"][k])
         check("points_over_corners", series["points"][k] / series["corners"][k])
         check("period", values["oscillation"]["period"])

@@ -79,10 +79,6 @@ def relaxed(
         frames.append(x.astype(np.float32))
 
     wall, stopped = until_stopped(simulation, np.linspace(0.0, until, samples + 1).tolist(), sample, context)
-    try:
-        roundness = droplet.sphericity(*droplet.surface_mesh(frames[-1].astype(float), spacing))
-    except ValueError:  # torn apart: no one closed surface
-        roundness = math.nan
     energy, variation = np.array(series["kinetic_energy"]), np.array(series["radius_variation"])
     peak = float(energy.max())
     settled = (energy <= CALM * peak) & (variation <= ROUND)
@@ -95,7 +91,7 @@ def relaxed(
         "words": words, "stopped": stopped, "series": series,
         "lattice": droplet.radius_variation_scale(simulation.count)._asdict(),
         "end": {
-            **{name: series[name][-1] for name in last}, "sphericity": roundness,
+            **{name: series[name][-1] for name in last}, "sphericity": droplet.roundness(frames[-1], spacing),
             "kinetic_share": float(late.mean()) / peak if peak > 0 else math.nan,
             "momentum": _share(series["momentum"][-1], series["momentum_scale"]),
             "angular_momentum": _share(series["angular_momentum"][-1], series["angular_scale"]),

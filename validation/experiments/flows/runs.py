@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
 
 import refsim
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, Run
-from validation.experiments.flows.grid import wall_pressure
+from validation.metrics.grid_flow import wall_pressure
 from validation.metrics.liquid import fitted
+from validation.metrics.solutions import DEPTH, LENGTH, PERIOD, PROBE, SWAY, swaying_linear, swaying_potential
 from validation.results import Result
 from validation.running import Context, advance
 
@@ -43,10 +43,6 @@ GHIA_V = (
 COLUMN, TANK = (1.2, 0.6), (3.22, 1.8)  # m
 SENSOR, PRINTED = (0.07, 0.16), (0.115, 0.205)  # m over the floor, ends of the sensor: as compared, and as printed
 ARRIVAL, PLATEAU, PLATEAU_PRESSURE = 2.577, (3.2, 5.0), 0.547  # p = 0.3 rho g H; mean between these times
-# Faltinsen, Rognebakke, Lukovsky & Timokha, J. Fluid Mech. 407 (2000) 201, figure 7: crests and troughs [s, m] of the
-# level 0.05 m from the left wall of a tank 1.73 m long, 0.6 m deep, that sways as 0.032 m cos(2 pi t/1.3 s) (digitised
-# by the PySPH project)
-LENGTH, DEPTH, PERIOD, SWAY, PROBE = 1.73, 0.6, 1.3, 0.032, 0.05  # m, m, s, m, m
 EXTREMES = (
     (0.498, -0.0312), (1.163, 0.0754), (1.925, -0.0880), (2.574, 0.1421), (3.267, -0.0925), (4.040, 0.1093),
     (4.711, -0.0454), (5.295, 0.0126),
@@ -148,64 +144,11 @@ def _plateau(time: NDArray, pressure: NDArray) -> float:
 
 
 def dam_break_on_grid(context: Context, cells: int) -> Result:
-    """pressure_off, printed_off  of the same dam break by `flows.grid`, its column `cells` high."""
+    """pressure_off, printed_off  of the same dam break by `validation.metrics.grid_flow`, its column `cells` high."""
     unit = math.sqrt(COLUMN[1] / GRAVITY)
     time, found = wall_pressure(cells, COLUMN, TANK, GRAVITY, 5.1 * unit, (SENSOR, PRINTED))
     off = [abs(_plateau(time / unit, p / (GRAVITY * COLUMN[1])) / PLATEAU_PRESSURE - 1) for p in found.T]
     return Result({"kind": "grid", "cells": cells, "pressure_off": off[0], "printed_off": off[1]})
-
-
-def linear(time: NDArray, amplitude: float, viscosity: float, modes: int = 20) -> NDArray:
-    """Level [m] over its rest at the probe by linear theory (Faltinsen, J. Ship Res. 22 (1978) 193), X = A cos(w t).
-
-    a'' + 4 nu k^2 a' + g k tanh(k h) a = 4 tanh(k h) X''/(L k) for the odd modes a cos(k x), at rest at the start.
-    """
-    omega, total = 2 * math.pi / PERIOD, np.zeros(len(time))
-    for n in range(1, 2 * modes, 2):
-        k = n * math.pi / LENGTH
-        pull = -4 * math.tanh(k * DEPTH) / (LENGTH * k) * amplitude * omega**2
-        brake, stiff = 4 * viscosity * k**2, GRAVITY * k * math.tanh(k * DEPTH)
-
-        def rate(t: float, y: NDArray) -> list[float]:
-            return [y[1], pull * math.cos(omega * t) - brake * y[1] - stiff * y[0]]  # noqa: B023  (used at once)
-
-        found = solve_ivp(rate, (0.0, float(time[-1])), (0.0, 0.0), t_eval=time, rtol=1e-8, atol=1e-12)
-        total += found.y[0] * math.cos(k * PROBE)
-    return total
-
-
-def potential(time: NDArray, amplitude: float, viscosity: float, modes: int = 48, order: int = 3) -> NDArray:
-    """Level [m] over its rest at the probe by nonlinear potential flow, X = A cos(w t), to an order in the level.
-
-    West et al., J. Geophys. Res. 92 (1987) 11803, in cosines between the walls; modes from the 14th on fade.
-    """
-    x, k = (np.arange(modes) + 0.5) * LENGTH / modes, np.arange(modes) * math.pi / LENGTH
-    cosine, sine, lift = np.cos(np.outer(x, k)), np.sin(np.outer(x, k)), np.tanh(k * DEPTH)
-    parts = 2 / modes * cosine.T
-    parts[0] *= 0.5
-    fade, brake = np.exp(-36 * (np.arange(modes) / 14) ** 8), 2 * viscosity * k**2
-    omega = 2 * math.pi / PERIOD
-
-    def rate(t: float, y: NDArray) -> NDArray:
-        e, p = fade * y.reshape(2, modes)
-        level, slope, speed = cosine @ e, -sine @ (k * e), -sine @ (k * p)
-
-        def taylor(m: int, first: int) -> NDArray:  # of the potential's derivatives at rest, up to the level
-            terms = range(first, m + 1)
-            rise = [cosine @ (phi[m - j] * k ** (j + 1 - first) * lift ** ((j + 1 - first) % 2)) for j in terms]
-            return sum((level**j / math.factorial(j) * part for j, part in zip(terms, rise)), np.zeros(modes))
-
-        phi = [p]
-        for m in range(1, order):
-            phi.append(-fade * (parts @ taylor(m, 1)))
-        up = sum((taylor(m, 0) for m in range(order)), np.zeros(modes))
-        push = -amplitude * omega**2 * math.cos(omega * t) * (x - 0.5 * LENGTH)
-        pull = -GRAVITY * level - 0.5 * speed**2 + 0.5 * up**2 * (1 + slope**2) - push
-        rise = parts @ (up * (1 + slope**2) - speed * slope)
-        return np.concatenate([fade * rise - brake * e, fade * (parts @ pull) - brake * p])
-
-    found = solve_ivp(rate, (0.0, float(time[-1])), np.zeros(2 * modes), t_eval=time, rtol=1e-6, atol=1e-9)
-    return np.cos(k * PROBE) @ found.y[:modes]
 
 
 def sway(context: Context, cells: int, support: float, amplitude: float, until: float, backend: str) -> Result:
@@ -232,14 +175,14 @@ def sway(context: Context, cells: int, support: float, amplitude: float, until: 
     advance(simulation, np.linspace(0, until, 51).tolist(), lambda simulation, wall: None, context)
     series = simulation.gauge("level")
     time, level = series.time, series["level"] - cells * spacing
-    theory = linear(time, amplitude, viscosity)
+    theory = swaying_linear(time, amplitude, viscosity)
     values: dict[str, Any] = {
         "kind": "sway", "cells": cells, "support": support, "amplitude": amplitude, "particles": simulation.count,
         "linear_off": float(np.sqrt(np.mean((level - theory) ** 2) / np.mean(theory**2))),
         "stops": simulation.stopped_at_walls,
     }  # fmt: skip
     if amplitude == SWAY:
-        theory = potential(time, amplitude, viscosity)
+        theory = swaying_potential(time, amplitude, viscosity)
         values["nonlinear_off"] = float(np.sqrt(np.mean((level - theory) ** 2) / np.mean(theory**2)))
         for name, of, sign in (
             ("crests_off", level, 1), ("troughs_off", level, -1), ("theory_crests_off", theory, 1)

@@ -10,9 +10,10 @@ import numpy as np
 
 from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, shared_legend
 from validation.experiment import Picture, Results
-from validation.experiments.heat import runs, scene
+from validation.experiments.heat import runs
 from validation.experiments.heat.runs import BEST
 from validation.experiments.heat.scene import SCHEMES
+from validation.metrics import heat as exact
 from validation.results import floats
 
 COLOURS = {
@@ -78,11 +79,11 @@ def profiles_data(results: Results) -> dict[str, Any]:
     column = results["stefan_runge_kutta_legendre"].values
     ice = _curves(results, "stefan", ("runge_kutta_legendre", "implicit"), "x", "temperature_2")
     x = np.linspace(0, 1, 201)
-    truth = scene.stefan_profile(x, column["until"], runs.WALL, runs.START, column["root"])
+    truth = exact.stefan_profile(x, column["until"], runs.WALL, runs.START, column["root"])
     return {
         "title": "Profiles beside the exact ones",
-        "slab": {"curves": slab, "exact": _curve(depth, scene.cosine(depth, runs.LENGTH * runs.SPACING, runs.END))},
-        "sphere": {"curves": sphere, "exact": _curve(radius, scene.cooled_sphere(radius, 1.05, 0.1))},
+        "slab": {"curves": slab, "exact": _curve(depth, exact.cosine(depth, runs.LENGTH * runs.SPACING, runs.END))},
+        "sphere": {"curves": sphere, "exact": _curve(radius, exact.cooled_sphere(radius, 1.05, 0.1))},
         "stefan": {"curves": ice, "exact": _curve(x - column["rows"][1]["size"] / 2, truth)},
     }
 

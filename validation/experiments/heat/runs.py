@@ -18,10 +18,10 @@ from refsim.heat import kernels, pair_exchange
 from refsim.scene.plan import Plan, make_plan
 from validation.checks import Checks, Quantities
 from validation.experiment import Experiment, Measure, Options, Results, Run, each
-from validation.experiments.heat import scene
 from validation.experiments.heat.scene import SCHEMES, SUPPORT, Conductor, cosine_slab, lattice
 from validation.experiments.melting.scene import SCALE
 from validation.experiments.melting.scene import STEP as PAPER_STEP
+from validation.metrics import heat as exact
 from validation.results import Result, real
 from validation.running import Context, take_steps
 from validation.trials import Cell, Trial, hard_case, largest_stable, unguarded
@@ -60,7 +60,7 @@ def slab(context: Context, scheme: str) -> Result:
         start, work = slab.heat(), slab.passes(END / steps) / number
         slab.run(END, steps)
         drift = slab.heat() / start - 1 if np.isfinite(slab.temperature).all() else math.inf
-        error = rms(slab.temperature - scene.cosine(x, LENGTH * SPACING, END))
+        error = rms(slab.temperature - exact.cosine(x, LENGTH * SPACING, END))
         rows.append({"number": number, "error": error, "drift": drift, "work": work, "seconds": slab.seconds})
         profiles[f"profile_{number:g}"] = slab.temperature.reshape(LENGTH, -1).mean(1)
         context.progress((share + 1) / len(NUMBERS))
@@ -110,7 +110,7 @@ def order_in_spacing(context: Context, cells: tuple[int, ...] = (10, 20, 40, 80)
         slab, x = slab_of("runge_kutta_legendre", n, length / n)
         steps = math.ceil(END / (2.0 * (length / n) ** 2))
         slab.run(END, steps)
-        rows.append({"size": length / n, "error": rms(slab.temperature - scene.cosine(x, length, END))})
+        rows.append({"size": length / n, "error": rms(slab.temperature - exact.cosine(x, length, END))})
     return Result({"rows": rows})
 
 
@@ -165,7 +165,7 @@ def sphere(context: Context, scheme: str, cells: int, numbers: tuple[float, ...]
     spacing, until = 1.0 / cells, 0.1
     r = np.linalg.norm(position, axis=1)[~held] * spacing
     truth = {
-        name: scene.cooled_sphere(r, 1.0 + shift * spacing, until) for name, shift in (("raw", 0), ("shifted", 0.5))
+        name: exact.cooled_sphere(r, 1.0 + shift * spacing, until) for name, shift in (("raw", 0), ("shifted", 0.5))
     }
     rows, arrays = [], {"r": r.astype(np.float32)}
     for share, number in enumerate(numbers):
@@ -195,7 +195,7 @@ def stefan(context: Context, scheme: str, cells: int, numbers: tuple[float, ...]
     position = lattice((cells + layers, wide, wide), spacing) - [layers * spacing, 0.0, 0.0]
     held = position[:, 0] < 0
     period = (0.0, wide * spacing, wide * spacing)
-    root = scene.stefan_root(WALL, START, LATENT)
+    root = exact.stefan_root(WALL, START, LATENT)
     start = np.where(held, WALL, START)
     rows, arrays = [], {"x": position[:: wide * wide, 0]}
     for share, number in enumerate(numbers):
@@ -223,17 +223,17 @@ def stefan(context: Context, scheme: str, cells: int, numbers: tuple[float, ...]
 
 def oracle(context: Context, cells: int = 400) -> Result:
     """The melting sphere in one dimension, and how near that program comes to what is known in two limits."""
-    made = scene.melting_shell(0.0, 1.0, cells, WALL, START, LATENT, 0.6)
+    made = exact.melting_shell(0.0, 1.0, cells, WALL, START, LATENT, 0.6)
     context.progress(0.6)
-    slow = scene.melting_shell(0.0, 1.0, 40, 0.02, 0.0, 1.0, 12.0)
-    plane = scene.melting_shell(1e4, 1e4 + 1, cells // 2, WALL, START, LATENT, 0.1)
-    root = scene.stefan_root(WALL, START, LATENT)
-    half = scene.melting_shell(0.0, 1.0, cells // 2, WALL, START, LATENT, 0.6)
+    slow = exact.melting_shell(0.0, 1.0, 40, 0.02, 0.0, 1.0, 12.0)
+    plane = exact.melting_shell(1e4, 1e4 + 1, cells // 2, WALL, START, LATENT, 0.1)
+    root = exact.stefan_root(WALL, START, LATENT)
+    half = exact.melting_shell(0.0, 1.0, cells // 2, WALL, START, LATENT, 0.6)
     return Result(
         {
             "melted": made.time[-1],
             "refinement": float(abs(half.at(made.time) - made.ice).max()),
-            "quasi_steady": slow.time[-1] / scene.quasi_steady_melting_time(0.02, 1.0) - 1,
+            "quasi_steady": slow.time[-1] / exact.quasi_steady_melting_time(0.02, 1.0) - 1,
             "plane": (1 - plane.ice[-1]) / (2 * root * math.sqrt(plane.time[-1])) - 1,
         },
         {"time": made.time, "ice": made.ice},
@@ -254,7 +254,7 @@ def melting_sphere(
         scheme, position * spacing, spacing, np.where(held, WALL, START), held=held, ice=(0.0, LATENT),
         largest_number=1e9, backend=backend,
     )  # fmt: skip
-    truth = scene.melting_shell(0.0, 1.0, 200, WALL, START, LATENT, 0.6)
+    truth = exact.melting_shell(0.0, 1.0, 200, WALL, START, LATENT, 0.6)
     step = number * spacing**2
     steps, times, ice = math.ceil(0.8 / step), [0.0], [1.0]
     while ice[-1] > 0 and len(times) <= steps:
@@ -385,7 +385,7 @@ def reversal(context: Context, scheme: str, number: float) -> Result:
             order = pair_exchange.colours(np, made.given["position"], made.conduction, made.given["period"])
             for _ in range(steps):
                 swept(made, order, UNTIL / steps, passes, reverse)
-            error = made.temperature - scene.cosine(x, CELLS * CLAIM_SPACING, UNTIL)
+            error = made.temperature - exact.cosine(x, CELLS * CLAIM_SPACING, UNTIL)
             found[words].append(float(np.sqrt((error**2).mean())))
         context.progress(0.5)
     return Result({"passes": PASSES, **found})

@@ -42,9 +42,10 @@ from refsim.smoothing.reference import kernel_slope
 from refsim.sph import CORRECTION
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, Run
-from validation.experiments.solutions import scene as exact
-from validation.experiments.solutions.runs import _projected, _standing, order
+from validation.experiments.solutions.runs import _projected, order
+from validation.metrics import solutions as exact
 from validation.metrics.liquid import vortex, vortex_error
+from validation.metrics.solutions import standing_flow
 from validation.results import Result
 from validation.running import Context, advance
 from validation.trials import Cell, at_step, largest_stable, silent_up_to
@@ -277,7 +278,7 @@ def wave(context: Context, kind: str, cells: int, support: float, shifted: bool,
     spacing, sound, k = depth / cells, 10 * math.sqrt(GRAVITY * depth), math.pi / length
     omega, _ = exact.wave(k, depth, GRAVITY, WAVE_VISCOSITY, "central")
 
-    flow = _standing(k, depth)
+    flow = standing_flow(k, depth)
     lattice = Discretisation(2, "float64", spacing, support * spacing, 0)
     position = Box(cells=(2 * cells, cells, 1)).positions(lattice)
     scene = Scene(

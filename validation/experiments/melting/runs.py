@@ -10,8 +10,6 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import pdist
 
 import refsim
@@ -24,7 +22,8 @@ from validation.checks import Checks
 from validation.experiment import Experiment, Measure, Options, Results, Run, each, every
 from validation.experiments.melting import scene as tanks
 from validation.experiments.melting.scene import FIGURES, HALF_WIDTH, LIQUID, SOUND, SPACING, STEP, SUPPORT
-from validation.metrics.droplet import surface_mesh
+from validation.metrics.droplet import mesh_volume, surface_mesh
+from validation.metrics.spread import fragments
 from validation.results import Result
 from validation.running import Context, momenta, note, search_log, stage_seconds, take_steps
 from validation.trials import Trial, hard_case
@@ -70,17 +69,6 @@ class Watch:
         }  # fmt: skip
         note(self.series, row)
         self.fastest = 0.0
-
-
-def fragments(direct: np.ndarray) -> int:
-    """Pieces of solid that are connected over direct neighbours."""
-    node, slot = np.nonzero(direct != EMPTY)
-    if not len(node):
-        return 0
-    there = np.unique(node)
-    graph = coo_array((np.ones(len(node)), (node, direct[node, slot])), shape=(len(direct),) * 2)
-    _, label = connected_components(graph, directed=False)
-    return len(np.unique(label[there]))
 
 
 def melt(
@@ -448,9 +436,7 @@ RADII = (0.5, 0.55, 0.6, 0.65, 0.7)  # of the ice balls whose volume is measured
 
 def volume(place: np.ndarray) -> float:
     """Volume that the smoothed surface of a block of particles encloses [m^3]; place (n, 3) [m]."""
-    vertices, faces = surface_mesh(place, SPACING)
-    corner = vertices[faces] - vertices.mean(0)
-    return float(np.einsum("ij,ij->i", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])).sum() / 6)
+    return mesh_volume(*surface_mesh(place, SPACING))
 
 
 def melted(context: Context, radius: float, bookkeeping: str, backend: str, seconds: float = 1.2) -> Result:

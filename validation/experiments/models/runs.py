@@ -12,7 +12,6 @@ from unittest import mock
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from refsim import Akinci2013, Cloud, Dong2016, ImplicitPressure, Scene, Simulation, WeaklyCompressible
 from refsim.core.effect import Effect
@@ -26,13 +25,11 @@ from validation.experiments.droplet.scene import droplet_scene, particles
 from validation.experiments.models.scene import ADVANCED, CUTS, EQUAL, MODELS, PRINTED
 from validation.measure.drops import MODELS as SETTINGS
 from validation.measure.drops import OTHER_BASE
-from validation.metrics.droplet import nearest_neighbour_distance, sphericity, surface_mesh
+from validation.metrics.droplet import near_of, surface
 from validation.metrics.shapes import LATTICES, lattice_ball, lattice_cube
 from validation.results import Result, floats, real
 from validation.running import Context, momenta
 from validation.trials import Cell, Trial, hard_case, largest_stable, silent_up_to
-
-NEAR = 1.6  # radii about the middle: particles beyond are not of the drop
 
 
 def relax(context: Context, model: str, shape: str, count: int, backend: str, seed: int = 1) -> Result:
@@ -50,27 +47,6 @@ def relax(context: Context, model: str, shape: str, count: int, backend: str, se
     values["rest"] = {k: values["series"][k][first] for k in ("time", "wall", "steps")} if still else None
     values["surface"] = {"end": surface(result.arrays["position"][-1], values["spacing"], values["radius"])}
     return Result(values, result.arrays)
-
-
-def surface(position: NDArray, spacing: float, radius: float) -> dict[str, Any]:
-    """What the surface of a drop is like.
-
-    area    over that of a ball of the same volume (NaN where there is no one closed surface)
-    gap     distance from a place on the surface to the nearest particle, 99th percentile, in spacings
-    thrown  particles that have left the drop
-    """
-    x = position.astype(float)
-    x = x - np.median(x, axis=0)
-    own = np.linalg.norm(x, axis=1) <= NEAR * radius
-    drop = x[own]
-    found = {"area": float("nan"), "gap": float("nan"), "thrown": int((~own).sum())}
-    try:
-        vertices, faces = surface_mesh(drop, spacing)
-        found["area"] = 1 / sphericity(vertices, faces)
-        found["gap"] = float(np.quantile(cKDTree(drop).query(vertices)[0], 0.99) / spacing)
-    except ValueError:  # torn apart
-        pass
-    return found
 
 
 # What Jiang & Zhu 2023 say of the models that they compare with (figure 6 and table 1), measured on their drops.
@@ -290,11 +266,6 @@ def drop_scene(
 def radius_of(position: NDArray) -> float:
     """Radius of the ball that so many particles would fill [d]."""
     return (3 * len(position) / (4 * math.pi)) ** (1 / 3)
-
-
-def near_of(position: NDArray) -> float:
-    """Nearest neighbour, 5th percentile [d]."""
-    return float(np.quantile(nearest_neighbour_distance(position), 0.05))
 
 
 def thrown_of(position: NDArray) -> int:

@@ -1,4 +1,4 @@
-"""What is measured of a body of liquid with a surface: shape, pressure, ledgers, frequency, contact angle."""
+"""Runs of the MPM droplet: transfers by themselves, a square that becomes a disc, and the same work in Taichi."""
 
 from __future__ import annotations
 
@@ -13,284 +13,36 @@ from typing import Any
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array, diags_array
-from scipy.sparse.linalg import spsolve
 
 from refsim import Box, Cloud, Gravity, MpmLiquid, MpmWalls, Scene, Simulation, SurfaceEnergy
 from refsim.core.errors import InputError, RunStopped
-from refsim.core.operation import REGISTRY
 from refsim.mpm import READINGS
 from refsim.mpm.limits import FARTHEST
-from refsim.mpm.reference import SYMMETRIC
 from refsim.render.surfaces import distances
-from refsim.sparse_grid.reference import node_table
 from refsim.study.panels.observables import damped_cosine, deformation
 from refsim.surface_energy import Tension
 from validation.checks import Checks, Quantities
 from validation.experiment import Experiment, Measure, Options, Results, Run, each, every
 from validation.experiments.mpm_droplet import scene as drops
 from validation.experiments.mpm_droplet.scene import CELLS, MODULUS, TENSION, box, pair
-from validation.metrics.droplet import inertia_anisotropy
-from validation.metrics.mpm import CELL, DENSITY, Transfers, round_trip
+from validation.metrics.bodies import (
+    FreeLedger,
+    Ledger,
+    Turning,
+    angle_of_mass,
+    contact,
+    evenness,
+    inertia_share,
+    late,
+    surface_of,
+)
+from validation.metrics.mpm import CELL, DENSITY, Transfers, backward_euler, round_trip, splines
 from validation.metrics.mpm import MODULUS as BULK_MODULUS
+from validation.metrics.solutions import compressible, rayleigh, swing_of_ideal_drop
 from validation.peers import taichi_mpm
 from validation.results import Result, real
-from validation.running import Context, note
+from validation.running import Context
 from validation.trials import Cell, Trial, hard_case, largest_stable, unguarded
-
-Array = NDArray[np.float64]
-
-
-def mesh_size(
-    vertices: Array, facets: NDArray[np.integer], dim: int, origin: Array | None = None
-) -> tuple[float, float]:
-    """(area, volume) of a closed mesh with outward facets; length and area in the plane.
-
-    origin  (3,) a place in the plane that closes a mesh which ends on one
-    """
-    corner = np.asarray(vertices, dtype=float)[facets]
-    corner = corner - (corner[0, 0] if origin is None else origin)
-    if dim == 2:
-        a, b = corner[:, 0], corner[:, 1]
-        return float(np.linalg.norm(b - a, axis=1).sum()), float(abs((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()) / 2)
-    a, b, c = (corner[:, k] for k in range(3))
-    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
-    return float(area), float(abs((a * np.cross(b, c)).sum()) / 6)
-
-
-def sphericity(area: float, volume: float, dim: int) -> float:
-    """Wadell's: area of the ball (disc) of the same volume over the area."""
-    if dim == 2:
-        return 2 * math.sqrt(math.pi * volume) / area
-    return math.pi ** (1 / 3) * (6 * volume) ** (2 / 3) / area
-
-
-def anisotropy(position: Array, dim: int) -> float:
-    """Range of the principal second moments of the particles over their mean."""
-    return inertia_anisotropy(position[:, :dim])
-
-
-def body_anisotropy(vertices: Array, facets: NDArray[np.integer], dim: int) -> float:
-    """Range over mean of the principal second moments of the even body within a closed mesh.
-
-    Each facet makes a simplex with the first vertex: its moment is det/(d + 2)! (sum a a^T + s s^T), s = sum a.
-    """
-    corner = np.asarray(vertices, dtype=float)[facets][:, :, :dim]
-    corner = corner - corner[0, 0]
-    sign = np.linalg.det(corner)
-    total = corner.sum(1)
-    second = np.einsum("f,fka,fkb->ab", sign, corner, corner) + np.einsum("f,fa,fb->ab", sign, total, total)
-    volume, first = sign.sum() / math.factorial(dim), sign @ total / math.factorial(dim + 1)
-    moments = np.linalg.eigvalsh(second / math.factorial(dim + 2) - np.outer(first, first) / volume)
-    return float((moments.max() - moments.min()) / abs(moments.mean()))
-
-
-def surface_of(run: Simulation) -> Any:
-    """The surface that the latest step reconstructed, at its beginning."""
-    return run._shared["surface"].latest
-
-
-class Ledger:
-    """Series of all that is kept or lost, from the start of a run on."""
-
-    def __init__(self, run: Simulation) -> None:
-        self.run, self.dim = run, run.plan.grid.dim
-        liquid = run.plan.effects["mpm_liquid"]
-        self.h, self.modulus = liquid.cell(run.plan.grid), liquid.bulk_modulus
-        surface = run.plan.effects["surface_energy"]
-        self.tension = surface.surface_tension
-        self.wet = surface.wets(run.plan.effects)  # on a floor at y = 0
-        self.pull = surface.contact_pull()
-        self.mass = run.field("mass").astype(float)
-        self.volume = float(self.mass.sum() / liquid.rest_density)
-        flat = self.dim == 2
-        self.radius = math.sqrt(self.volume / math.pi) if flat else (3 * self.volume / (4 * math.pi)) ** (1 / 3)
-        self.round_area = 2 * math.pi * self.radius if flat else 4 * math.pi * self.radius**2
-        self.centre = self.run.field("position").astype(float).mean(0)
-        self.series: dict[str, list[float]] = {}
-        self.fastest = 0.0
-
-    def note(self) -> None:
-        """One more row. Energies in J, the rest relative; momenta over m v R with the fastest particle so far."""
-        run, dim, mass = self.run, self.dim, self.mass
-        x, v, ratio = (run.field(name).astype(float) for name in ("position", "velocity", "volume_ratio"))
-        affine = run.field("affine").astype(float)
-        spread = spreads(run) if "inverse_spread" in run.fields else np.zeros((1, 3, 3))
-        surface = surface_of(run)
-        there = run.backend
-        mesh = surface.inset_mesh
-        floor = np.zeros(3) if self.wet else None
-        area, volume = mesh_size(there.host(mesh.vertices), there.host(mesh.facets), dim, floor)
-        self.fastest = max(self.fastest, float(np.sqrt((v**2).sum(1).max())))
-        v0 = self.volume / len(x)
-        kinetic = 0.5 * float((mass * (v**2).sum(1)).sum())
-        bulk = 0.5 * self.modulus * v0 * float(((ratio - 1) ** 2).sum())
-        pulled = self.tension * float(there.host(surface.samples.area).sum(dtype=float))
-        if self.wet:  # k A - k cos(theta) A_wet; by the divergence theorem the edge's lines give (d - 1) A_wet
-            held = run._shared["surface"]
-            place, line = there.host(held.sample_position), there.host(held.sample_line)
-            pulled -= self.pull * float((place * line).sum(dtype=float)) / (dim - 1)
-        # volume-weighted: the plain mean of lambda (1 - J) is too large by lambda times the variance of J
-        pressure = -self.modulus * float(((ratio - 1) * ratio).sum() / ratio.sum())
-        row = {
-            "time": run.time, "kinetic": kinetic, "bulk": bulk, "surface": pulled, "energy": kinetic + bulk + pulled,
-            "area": area / self.round_area, "volume": volume / self.volume, "sphericity": sphericity(area, volume, dim),
-            "pressure": pressure * self.radius / ((dim - 1) * self.tension) if self.tension else 0.0,
-            "momentum": float(np.abs(mass @ v).max()),
-            "angular": float(np.abs(turning(mass, (x, v, affine), spread, self.centre)).max()),
-            "centre": float(np.abs(x.mean(0) - self.centre).max() / self.h),
-            "anisotropy": body_anisotropy(there.host(mesh.vertices), there.host(mesh.facets), dim),
-            "particle_anisotropy": anisotropy(x, dim), "least_ratio": float(ratio.min()),
-            "greatest_ratio": float(ratio.max()),
-        }  # fmt: skip
-        note(self.series, row)
-
-    def summary(self) -> dict[str, Any]:
-        """Drifts over the whole run, and the last values."""
-        s = self.series
-        scale = float(self.mass.sum()) * self.fastest or 1.0  # where nothing moves momenta are zero
-        late = len(s["time"]) // 2
-        return {
-            "momentum": max(s["momentum"]) / scale, "angular": max(s["angular"]) / (scale * self.radius),
-            "centre": max(s["centre"]), "energy_rise": max(s["energy"]) / s["energy"][0] - 1,
-            "least_ratio": min(s["least_ratio"]), "greatest_ratio": max(s["greatest_ratio"]),
-            "pressure": float(np.mean(s["pressure"][late:])), "area": float(np.mean(s["area"][late:])),
-            "kinetic": float(np.mean(s["kinetic"][late:])) / (self.tension * self.round_area),
-            "volume": s["volume"][-1], "sphericity": s["sphericity"][-1], "anisotropy": s["anisotropy"][-1],
-            "particle_anisotropy": s["particle_anisotropy"][-1],
-            "radius_in_cells": self.radius / self.h, "particles": len(self.mass),
-        }  # fmt: skip
-
-
-def evenness(run: Simulation, depth: float = 2.0) -> dict[str, float]:
-    """How evenly particles fill a round body, and whether J knows: rho J/rho0 of those `depth` cells and more below its
-    surface.
-
-    rho is the grid's: masses through the spline to the nodes, over the cell's volume, and back. mean and deviation over
-    the particles; range: of the means over the octants (quadrants)
-    """
-    dim, liquid = run.plan.grid.dim, run.plan.effects["mpm_liquid"]
-    h = liquid.cell(run.plan.grid)
-    x, mass, ratio = (run.field(name).astype(float) for name in ("position", "mass", "volume_ratio"))
-    place = x[:, :dim] / h
-    base = np.floor(place - 0.5).astype(int)
-    f = place - base
-    weight = np.stack([0.5 * (1.5 - f) ** 2, 0.75 - (f - 1) ** 2, 0.5 * (f - 0.5) ** 2])
-    base -= base.min(0)
-    nodes = np.zeros(base.max(0) + 3)
-    density = np.zeros(len(x))
-    stencil = [np.array(offset) for offset in np.ndindex(*[3] * dim)]
-    shares = [np.prod([weight[offset[c], :, c] for c in range(dim)], axis=0) for offset in stencil]
-    for offset, share in zip(stencil, shares):
-        np.add.at(nodes, tuple((base + offset).T), mass * share)
-    for offset, share in zip(stencil, shares):
-        density += share * nodes[tuple((base + offset).T)] / h**dim
-    away = (x - x.mean(0))[:, :dim]
-    volume = float((mass * ratio).sum()) / liquid.rest_density
-    radius = math.sqrt(volume / math.pi) if dim == 2 else (3 * volume / (4 * math.pi)) ** (1 / 3)
-    deep = np.linalg.norm(away, axis=1) < radius - depth * h
-    if not deep.any():
-        return dict.fromkeys(("mean", "deviation", "range"), float("nan"))
-    share = (density * ratio)[deep] / liquid.rest_density
-    side = (away[deep] > 0) @ (1 << np.arange(dim))
-    means = [share[side == k].mean() for k in range(2**dim) if (side == k).any()]
-    return {"mean": float(share.mean()), "deviation": float(share.std()), "range": float(np.ptp(means))}
-
-
-def rayleigh(radius: float, dim: int, tension: float = 1.0, density: float = 1.0) -> float:
-    """Frequency of mode 2 [rad/s]: sqrt(6 k/(rho R^3)) in the plane, sqrt(8 k/(rho R^3)) in space (Rayleigh 1879)."""
-    return math.sqrt((6 if dim == 2 else 8) * tension / (density * radius**3))
-
-
-def compressible(radius: float, dim: int, modulus: float, tension: float = 1.0, density: float = 1.0) -> float:
-    """Frequency of mode 2 of a liquid with sound speed sqrt(lambda/rho), over Rayleigh's.
-
-    Inside, the pressure is a Bessel function of q r, q = w/c; with the outer condition of Rayleigh's drop the frequency
-    obeys w^2 = w_R^2 q R f'(q R)/(2 f(q R)), f = J_2 in the plane, j_2 in space.
-    """
-    from scipy.special import jv, jvp, spherical_jn
-
-    first = rayleigh(radius, dim, tension, density)
-    frequency, sound = first, math.sqrt(modulus / density)
-    for _ in range(50):
-        z = frequency * radius / sound
-        if dim == 2:
-            share = z * jvp(2, z) / (2 * jv(2, z))
-        else:
-            share = z * spherical_jn(2, z, derivative=True) / (2 * spherical_jn(2, z))
-        frequency = first * math.sqrt(share)
-    return frequency / first
-
-
-def spreads(run: Simulation) -> Array:
-    """D of each particle's cluster (n, 3, 3) [m^2], h^2/4 along an axis without embedded points."""
-    packed = run.field("inverse_spread").astype(float)
-    inverse = packed[:, SYMMETRIC]
-    return run.plan.effects["mpm_liquid"].cell(run.plan.grid) ** 2 / 4 * np.linalg.inv(inverse)
-
-
-def turning(mass: Array, state: tuple[Array, ...], spread: Array, centre: Array) -> Array:
-    """Angular momentum (3,) about a place [kg m^2/s], with what the affine matrices A carry: that of A D.
-
-    state  position, velocity (n, 3) and affine matrices; spread: D of each particle (n, 3, 3) [m^2]
-    """
-    position, velocity, affine = state
-    moment = affine.reshape(-1, 3, 3) @ spread
-    own = np.stack([moment[:, c - 1, c - 2] - moment[:, c - 2, c - 1] for c in range(3)], axis=1)
-    return (mass[:, None] * (np.cross(position - centre, velocity) + own)).sum(0)
-
-
-def inertia_share(run: Simulation) -> float:
-    """What the grid sees of the inertia of a linear field, over the particles': 1 + sum m tr D/sum m |x|^2.
-
-    A particle brings its spread D to the grid (h^2/4 along each axis, more in a cluster) beside its place.
-    """
-    dim = run.plan.grid.dim
-    spread = np.trace(spreads(run)[:, :dim, :dim], axis1=1, axis2=2)
-    offset = run.field("position").astype(float)
-    offset = (offset - offset.mean(0))[:, :dim]
-    mass = run.field("mass").astype(float)
-    return float(1 + (mass * spread).sum() / (mass * (offset**2).sum(1)).sum())
-
-
-def contact(position: Array, floor: float, h: float, dim: int) -> dict[str, float]:
-    """Ball (circle) through the free surface of a drop on a floor, and its angle with the floor [degrees].
-
-    position  (s, dim) of surface samples [m], y upwards; those nearer to the floor than 1.5 cells, where the
-              reconstruction rounds the edge, are left out
-    """
-    points = position[position[:, 1] > floor + 1.5 * h][:, :dim]
-    if len(points) < 8:
-        return dict.fromkeys(("angle", "radius", "roughness"), float("nan"))
-    matrix = np.column_stack([2 * points, np.ones(len(points))])
-    found, *_ = np.linalg.lstsq(matrix, (points**2).sum(1), rcond=None)
-    centre = found[:dim]
-    radius = math.sqrt(found[dim] + float(centre @ centre))
-    away = np.linalg.norm(points - centre, axis=1)
-    angle = math.degrees(math.acos(min(1.0, max(-1.0, (floor - centre[1]) / radius))))
-    return {"angle": angle, "radius": radius / h, "roughness": float(away.std() / radius)}
-
-
-def angle_of_mass(height: float, volume: float, dim: int) -> float:
-    """Contact angle [degrees] of the cap of this volume [m^dim] whose centre of mass stands so high over its floor [m].
-
-    Unlike `contact` it uses the particles, not the reconstructed surface.
-    """
-    from scipy.optimize import brentq
-
-    def above(angle: float) -> float:
-        c, s = math.cos(angle), math.sin(angle)
-        if dim == 2:  # segment of the unit circle
-            size, moment = angle - s * c, 2 * s**3 / 3
-        else:
-            size, moment = math.pi * (2 - 3 * c + c**3) / 3, math.pi * s**4 / 4
-        return (volume / size) ** (1 / dim) * (moment / size - c) - height
-
-    return math.degrees(brentq(above, math.radians(5), math.radians(175)))
-
-
-# Runs of the MPM droplet: transfers by themselves, a square that becomes a disc, and the same work in Taichi.
-
 
 FRAMES = (0.016, 0.033)  # s, beside the start and the end: half of an oscillation and a whole one
 BLOCK = {"spacing": 0.01, "density": 1000.0, "bulk_modulus": 1e5, "gravity": -9.81, "step": 1e-4, "warm": 3}
@@ -493,16 +245,6 @@ def held(
     )  # fmt: skip
 
 
-def late(series: Mapping[str, Sequence[float]], share: float = 0.25) -> dict[str, dict[str, float]]:
-    """Least, mean and largest of the shape's measures over the last quarter of a run."""
-    begin = int((1 - share) * len(series["time"]))
-    made = {}
-    for name in ("volume", "sphericity", "anisotropy", "particle_anisotropy", "pressure", "area"):
-        values = np.array(series[name][begin:])
-        made[name] = {"least": float(values.min()), "mean": float(values.mean()), "largest": float(values.max())}
-    return made
-
-
 def at_rest(
     context: Context, backend: str, dim: int, radius: float, until: float, seed: int = 0, modulus: float = MODULUS,
     tension: Mapping[str, Any] | None = None, dtype: str = "float64", step: float | None = None,
@@ -557,63 +299,9 @@ def oscillation(
     )  # fmt: skip
 
 
-def potential_flow(context: Context, amplitudes: Sequence[float], modes: int = 12, dim: int = 2) -> Result:
-    """Mode 2 of a drop of ideal liquid at finite amplitude: frequency over Rayleigh's.
-
-    The same ellipses (spheroids), by another method: r(angle) and the potential on the surface as series of cosines
-    (Legendre polynomials), the potential inside as sum c_n r^n Y_n by least squares, Bernoulli's equation and the
-    curvature, DOP853 of SciPy.
-    """
-    from scipy.integrate import solve_ivp
-
-    count = 4 * modes
-    angle = (np.arange(count) + 0.5) * math.pi / (2 * count)
-    n = np.arange(0, 2 * modes + 1, 2)
-    shape, first_slope, second_slope = surface_series(angle, n, dim)
-    to_series = np.linalg.pinv(shape)
-    kept = np.where(n > 1.4 * modes, 0, 1)  # products fold back onto the highest modes
-    measure = np.ones(count) if dim == 2 else np.sin(angle)
-    share = np.cos(angle) ** 2 - np.sin(angle) ** 2 / (dim - 1), np.cos(angle) ** 2 + np.sin(angle) ** 2 / (dim - 1)
-    rows = []
-    for done, amplitude in enumerate(amplitudes):
-        long, short = 1 + amplitude, (1 + amplitude) ** (-1 / (dim - 1))
-        start = long * short / np.hypot(short * np.cos(angle), long * np.sin(angle))
-
-        def slope(_: float, state: np.ndarray) -> np.ndarray:
-            radius, potential = shape @ state[: len(n)], shape @ state[len(n) :]
-            turn, bend = first_slope @ state[: len(n)], second_slope @ state[: len(n)]
-            power = radius[:, None] ** n
-            inside = np.linalg.lstsq(power * shape, potential, rcond=None)[0]
-            outward, around = (n * power / radius[:, None] * shape) @ inside, (power * first_slope) @ inside / radius
-            rising = outward - turn / radius * around
-            curvature = (radius**2 + 2 * turn**2 - radius * bend) / (radius**2 + turn**2) ** 1.5
-            if dim == 3:  # about the axis
-                curvature = curvature + (1 - turn / radius / np.tan(angle)) / np.hypot(radius, turn)
-            pushed = -0.5 * (outward**2 + around**2) - curvature + (dim - 1) + outward * rising
-            return np.concatenate([kept * (to_series @ rising), kept * (to_series @ pushed)])
-
-        first = rayleigh(1.0, dim)
-        instants = np.linspace(0, 3 * math.pi / first, 600)
-        begin = np.concatenate([to_series @ start, np.zeros(len(n))])
-        found = solve_ivp(slope, (0, instants[-1]), begin, t_eval=instants, rtol=1e-8, atol=1e-10, method="DOP853")
-        weight = measure[:, None] * (shape @ found.y[: len(n)]) ** (dim + 2)
-        swing = (weight * share[0][:, None]).sum(0) / (weight * share[1][:, None]).sum(0)
-        rows.append(damped_cosine(instants, swing, first)["frequency"] / first)
-        context.progress((done + 1) / len(amplitudes))
-    return Result({"amplitudes": list(amplitudes), "ratios": rows})
-
-
-def surface_series(angle: np.ndarray, n: np.ndarray, dim: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """cos(n angle), or in space P_n(cos angle), and its first two slopes over the angle: each (angles, n)."""
-    if dim == 2:
-        cosine = np.cos(np.outer(angle, n))
-        return cosine, -n * np.sin(np.outer(angle, n)), -(cosine * n**2)
-    from numpy.polynomial import Legendre
-
-    x, y = np.cos(angle), np.sin(angle)
-    found = [Legendre.basis(int(k)) for k in n]
-    value, rise, bend = (np.stack([p.deriv(m)(x) for p in found], axis=1) for m in range(3))
-    return value, -y[:, None] * rise, (y**2)[:, None] * bend - x[:, None] * rise
+def potential_flow(context: Context, amplitudes: Sequence[float], dim: int) -> Result:
+    """Mode 2 of a drop of ideal liquid at finite amplitudes: frequency over Rayleigh's."""
+    return Result({"amplitudes": list(amplitudes), "ratios": [swing_of_ideal_drop(a, dim=dim) for a in amplitudes]})
 
 
 def collision(
@@ -838,33 +526,6 @@ def breathing(context: Context, cells: int, implicit: bool, periods: float = 2.0
     return Result({"lost": 1 - energy() / start, "steps": steps})
 
 
-def backward_euler(t: Transfers, ratio: np.ndarray, heavy: np.ndarray) -> np.ndarray:
-    """Velocities (m, 2) [m/s] of the nodes `heavy` after an implicit step; `t` holds those without pressure."""
-    n, table = len(ratio), node_table(t.values["grid"].blocks)
-    base, weight, slope = np.zeros((n, 3), np.int32), np.zeros((n, 9)), np.zeros((n, 9))
-    REGISTRY["mpm.weights"].program("cpu")(t.values["position"], t.values["background"], base, weight, slope)
-    number = {(int(x), int(y)): k for k, (x, y, _) in enumerate(table[heavy])}
-    rows, columns, entries = [], [], []
-    for i in range(3):
-        for j in range(3):
-            node = np.array([number.get((int(a) + i, int(b) + j), -1) for a, b, _ in base])
-            there = node >= 0
-            arm = CELL * (base[:, :2] + [i, j]) - t.values["position"][:, :2]
-            for c in range(2):  # tr A_p = (4/h^2) sum_j B_j (x_j - x_p).v_j
-                rows.append(np.flatnonzero(there))
-                columns.append(2 * node[there] + c)
-                entries.append((4 / CELL**2 * weight[:, i] * weight[:, 3 + j] * arm[:, c])[there])
-    trace = csr_array(
-        (np.concatenate(entries), (np.concatenate(rows), np.concatenate(columns))), shape=(n, 2 * len(heavy))
-    )
-    inertia = np.repeat(t.values["node_mass"][heavy], 2)
-    volume = t.mass / DENSITY
-    stiffness = trace.T @ diags_array(t.step**2 * volume * BULK_MODULUS * ratio**2) @ trace
-    push = t.step * trace.T @ (volume * BULK_MODULUS * (1 - ratio) * ratio)
-    known = inertia * t.values["node_velocity"][heavy, :2].ravel() + push
-    return spsolve((diags_array(inertia) + stiffness).tocsc(), known).reshape(-1, 2)
-
-
 def _steps(row: str) -> Callable[[Options], list[Run]]:
     """Cells of the stability map, so that they are computed once: without embedding, and with it."""
 
@@ -929,22 +590,15 @@ def lost_beyond(context: Context, seed: int, distance: float = math.sqrt(3), tri
         place = random.uniform(0, 1, 3)
         sample, particle = high * outward + place, particle + place
         node = np.floor(sample - 0.5) + corner
-        value, slope = _splines(sample - node)
+        value, slope = splines(sample - node)
         rows = [np.prod(np.where(np.arange(3) == k, slope, value), axis=1) for k in range(3)]
         along = np.stack(rows, axis=-1)
         force = np.linalg.norm(along - (along @ outward)[:, None] * outward, axis=1)
-        mass = np.prod(_splines(particle[:, None] - node)[0], axis=-1).sum(0)
-        embedded = mass + np.prod(_splines(sample - node)[0], axis=-1)
+        mass = np.prod(splines(particle[:, None] - node)[0], axis=-1).sum(0)
+        embedded = mass + np.prod(splines(sample - node)[0], axis=-1)
         shares.append([force[of < 1e-12].sum() / force.sum() for of in (mass, embedded)])
     lost, embedded = np.mean(shares, axis=0)
     return Result({"lost": float(lost), "embedded": float(embedded)})
-
-
-def _splines(u: NDArray) -> tuple[NDArray, NDArray]:
-    """(B, B') of the quadratic spline at u cells from a node."""
-    a = np.abs(u)
-    value = np.where(a < 0.5, 0.75 - a**2, np.where(a < 1.5, 0.5 * (1.5 - a) ** 2, 0.0))
-    return value, np.where(a < 0.5, -2 * u, np.where(a < 1.5, -np.sign(u) * (1.5 - a), 0.0))
 
 
 REACH = every(lost_beyond, {f"claim_reach_{seed}": {"seed": seed} for seed in SEEDS}, 5.0)
@@ -996,84 +650,15 @@ def liquid(
     )  # fmt: skip
 
 
-class HardLedger:
-    """What a free body must keep: seen along a run, checked at its end."""
-
-    def __init__(self) -> None:
-        self.rows: list[dict[str, float]] = []
-
-    def __call__(self, run: Simulation) -> None:
-        """Take down the state."""
-        x, v, m, ratio = (run.field(name) for name in ("position", "velocity", "mass", "volume_ratio"))
-        surface = run._shared.get("surface")
-        area = float(surface.sample_area.sum()) if surface is not None and surface.latest is not None else math.nan
-        centre = (m[:, None] * x).sum(0) / m.sum()
-        angular = _turning(m, (x, v, run.field("affine")), _spread(run))
-        liquid, tension = run.plan.effects["mpm_liquid"], run.plan.effects.get("surface_energy")
-        kinetic = 0.5 * float(m @ (v**2).sum(1))
-        bulk = 0.5 * liquid.bulk_modulus / liquid.rest_density * float(m @ (ratio - 1) ** 2)
-        self.rows.append({
-            "momentum": float(np.abs(m @ v).max()), "speed": float(np.sqrt((v**2).sum(1).max())),
-            "angular": angular, "kinetic": kinetic, "ratio": float(ratio.min()),
-            "energy": kinetic + bulk + (tension.surface_tension if tension else 0.0) * area,
-            "extent": float(np.ptp(x, axis=0).max()), "size": float(np.linalg.norm(x - centre, axis=1).max()),
-            "mass": float(m.sum()), "steps": run.steps,
-            "samples": float(surface.latest.samples.count.max()) if area == area else 0.0,
-        })  # fmt: skip
-
-    def last(self, name: str) -> float:
-        """The latest value."""
-        return self.rows[-1][name]
-
-    def drift(self, name: str = "momentum") -> float:
-        """Largest change of a momentum over m v_max (times the body's size for the angular one)."""
-        scale = self.scale(name)
-        return max(abs(row[name] - self.rows[0][name]) for row in self.rows) / scale if scale > 0 else 0.0
-
-    def scale(self, name: str) -> float:
-        """m v_max, times the body's size for the angular one."""
-        scale = self.last("mass") * max(row["speed"] for row in self.rows)
-        return scale * self.rows[0]["size"] if name == "angular" else scale
-
-
-class Turning:
-    """Angular momentum of a free body about its centre [kg m^2/s], and where it changes.
-
-    A cluster's second moment D is made anew with the surface, between two steps, and the affine matrix A stays, so that
-    affine fields are kept: what A D carries is another number then. Transfers and forces themselves keep it.
-
-    in_steps   what all steps have changed
-    remade     what all surfaces made anew have changed
-    """
-
-    def __init__(self) -> None:
-        self.in_steps = self.remade = self.total = 0.0
-        self.before: tuple[NDArray, NDArray, NDArray] | None = None
-        self.greatest = {"in_steps": 0.0, "remade": 0.0}
-
-    def __call__(self, run: Simulation) -> None:
-        """Look at the state after every step, and before the first."""
-        mass, now = run.field("mass"), tuple(run.field(name) for name in ("position", "velocity", "affine"))
-        spread = _spread(run)
-        total = _turning(mass, now, spread)
-        if self.before is not None:
-            began = _turning(mass, self.before, spread)
-            self.in_steps += total - began
-            self.remade += began - self.total
-            for name in self.greatest:
-                self.greatest[name] = max(self.greatest[name], abs(getattr(self, name)))
-        self.before, self.total = now, total
-
-
 def free_body(
     trial: Trial, scene: Scene, until: float, momentum: float = MOMENTUM, angular: float = ANGULAR, every: int = 10,
     in_steps: float = MOMENTUM,
-) -> HardLedger:  # fmt: skip
+) -> FreeLedger:  # fmt: skip
     """Run a body that nothing holds: no particle is lost, momenta stay, and J stays possible.
 
     angular   bound of the whole drift of angular momentum, over m v_max R; in_steps: of what steps change of it
     """
-    ledger, turning = HardLedger(), Turning()
+    ledger, turning = FreeLedger(), Turning()
 
     def watch(run: Simulation) -> None:
         turning(run)
@@ -1090,18 +675,6 @@ def free_body(
     trial.check("least J", min(row["ratio"] for row in ledger.rows), at_least=0.2)
     trial.show("steps", ledger.last("steps"))
     return ledger
-
-
-def _turning(mass: NDArray, state: tuple[NDArray, ...], spread: NDArray) -> float:
-    """Angular momentum about the centre of mass, about z [kg m^2/s]."""
-    return float(turning(mass, state, spread, (mass[:, None] * state[0]).sum(0) / mass.sum())[2])
-
-
-def _spread(run: Simulation) -> NDArray:
-    """D of each particle (n, 3, 3) [m^2]."""
-    if run.steps and "inverse_spread" in run.fields:
-        return spreads(run)
-    return np.broadcast_to(CELLS[run.plan.grid.dim] ** 2 / 4 * np.eye(3), (run.count, 3, 3))
 
 
 # Hard cases
@@ -1258,7 +831,7 @@ def step_cell(
     def trouble(number: float) -> str:
         run = context.simulation(unguarded(msgspec.structs.replace(made, step=number * unit)), backend)
         context.started[:-1] = []
-        ledger = HardLedger()
+        ledger = FreeLedger()
         try:
             run.step()
             ledger(run)

@@ -29,18 +29,17 @@ from refsim import (
 )
 from refsim.core.effect import Discretisation
 from refsim.core.walls import WallParticles
-from refsim.neighbours.reference import pair_blocks
-from refsim.smoothing import smoothing
-from refsim.smoothing.reference import kernel_slope
 from refsim.sph import reference as sph
 from refsim.study.panels.making import compressed
 from refsim.surface_tension.akinci_2013 import reference as akinci
 from refsim.surface_tension.contact_angle import ContactAngle
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, Run
-from validation.experiments.solutions import scene
 from validation.experiments.viscosity import runs as spinning
+from validation.metrics import solutions as scene
+from validation.metrics.solutions import standing_flow
 from validation.peers import missing, pysph_terms, splishsplash_terms, warp_terms
+from validation.peers.sums import SOUND, SPACING, TENSION, TERMS_DENSITY, VISCOSITY, Sums
 from validation.results import Result
 from validation.running import Context, advance
 
@@ -91,18 +90,6 @@ def _told(cells: int, spacing: float, particles: int, off: Sequence[str] = (), *
     return {"cells": cells, "spacing": spacing, "particles": particles, **values, **away}
 
 
-def _standing(k: float, top: float) -> Callable[[NDArray], NDArray]:
-    """Velocities (n, 3) at positions, of a standing wave in potential flow: 1 m/s upwards at the crest, depth `top`."""
-
-    def flow(x: NDArray) -> NDArray:
-        made = np.zeros_like(x)
-        made[:, 0] = -np.sin(k * x[:, 0]) * np.cosh(k * x[:, 1]) / math.sinh(k * top)
-        made[:, 1] = np.cos(k * x[:, 0]) * np.sinh(k * x[:, 1]) / math.sinh(k * top)
-        return made
-
-    return flow
-
-
 def _column(spacing: float, cells: tuple[int, int], sound: float) -> tuple[NDArray, float]:
     """(positions of a column of cells in hydrostatic balance, its height [m])."""
     position = Box(cells=(*cells, 1)).positions(Discretisation(2, "float64", spacing, SUPPORT * spacing, 0))
@@ -151,7 +138,7 @@ def wave(context: Context, cells: int, form: str, backend: str) -> Result:
     position, top = _column(spacing, (round(LENGTH / spacing), cells), sound)
     k = math.pi / LENGTH
     omega, _ = scene.wave(k, top, GRAVITY, WAVE_VISCOSITY, form)
-    flow = _standing(k, top)
+    flow = standing_flow(k, top)
     walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(LENGTH, 2 * DEPTH, 0.0), open_faces=("+y",))
     effects = (Gravity(acceleration=(0.0, -GRAVITY, 0.0)), walls)
     cloud = Cloud(position=position, velocity=CREST * omega * flow(position))
@@ -449,7 +436,7 @@ def capillary(context: Context, cells: int, backend: str, seed: int = 1) -> Resu
     x = rested.field("position")
     density = float(rested.field("density")[np.abs(x[:, 1] - 0.5 * cells) < 0.25 * cells].mean())
     top = len(x) / (density * cells)
-    flow = _standing(k, top)
+    flow = standing_flow(k, top)
     velocity = TENSION_CREST * cells * omega * flow(x)
     made = _tension_scene("capillary", found, x, velocity, viscosity, float(cells), 0.0)
     simulation = context.simulation(made, backend)
@@ -580,8 +567,6 @@ def jurin(context: Context, cells: int, backend: str, angle: float = 70.0, seed:
 # SPH example of NVIDIA Warp the kernels of Mueller et al. 2003 and p = c^2 (rho - rho0).
 
 
-TERMS_DENSITY, SOUND, VISCOSITY, SPACING = 1000.0, 10.0, 0.01, 0.1  # kg/m^3, m/s, m^2/s, m
-TENSION = 1.0  # gamma [m^4/(kg s^2)] of the cohesion, and eps [m/s^2] of the area term
 LIGHT = 1.0  # second rest density [kg/m^3], at which the area term outweighs the cohesion
 TERMS_SUPPORT, MASS = 2 * SPACING, TERMS_DENSITY * SPACING**3  # m, kg; SPlisHSPlasH chooses its own mass
 DENSE, SHAKEN = 0.85, 0.1  # distances over the lattice's; displacement over the spacing
@@ -748,81 +733,6 @@ class Liquid:
         simulation.evaluate()
         names = ("density", "acceleration", "surface_normal")
         return {name: simulation.field(name) for name in names[: 3 if area else 2]}
-
-
-@dataclass(frozen=True)
-class Sums:
-    """Sums of the other programs over all pairs, cubic spline; SI units. `support` is the radius h of the kernel."""
-
-    position: NDArray
-    velocity: NDArray
-    density: NDArray
-    mass: float
-    support: float
-
-    def pressure(self) -> NDArray:
-        """-sum_j m (p_i/rho_i^2 + p_j/rho_j^2) grad W."""
-        share = self._pressure() / self.density**2
-        return self._sum(lambda i, apart, square, slope: -self.mass * _along(share[i, None] + share, slope, apart))
-
-    def mixed_pressure(self) -> NDArray:
-        """-sum_j m (p_i + p_j)/(rho_i rho_j) grad W."""
-        p, rho = self._pressure(), self.density
-
-        def term(i: NDArray, apart: NDArray, square: NDArray, slope: NDArray) -> NDArray:
-            return -self.mass * _along((p[i, None] + p) / (rho[i, None] * rho), slope, apart)
-
-        return self._sum(term)
-
-    def cohesion(self) -> NDArray:
-        """-gamma sum_j m K_ij C(r) x_ij/r, where the factor 32/(pi h^9) of C(r) is missing at h^6/64 for r <= h/2."""
-        h, rho = self.support, self.density
-
-        def term(i: NDArray, apart: NDArray, square: NDArray, slope: NDArray) -> NDArray:
-            r = np.sqrt(square)
-            shape = 32 / (np.pi * h**9) * np.maximum(h - r, 0.0) ** 3 * r**3
-            spline = np.where(r > 0.5 * h, shape, 2 * shape - h**6 / 64)
-            factor = -TENSION * self.mass * 2 * TERMS_DENSITY / (rho[i, None] + rho) * spline
-            return _along(factor, np.divide(1.0, r, out=np.zeros_like(r), where=r > 0), apart)
-
-        return self._sum(term)
-
-    def central(self, softening: float) -> NDArray:
-        """2 (dim + 2) nu sum_j m/rho_j v_ij.x_ij/(r^2 + softening) grad W."""
-
-        def term(i: NDArray, apart: NDArray, square: NDArray, slope: NDArray) -> NDArray:
-            speed = ((self.velocity[i, None, :] - self.velocity) * apart).sum(-1)
-            share = 10 * VISCOSITY * self.mass / self.density
-            return _along(share * speed / (square + softening), slope, apart)
-
-        return self._sum(term)
-
-    def morris(self, softening: float) -> NDArray:
-        """4 nu sum_j m/(rho_i + rho_j) x_ij.grad W/(r^2 + softening) v_ij."""
-
-        def term(i: NDArray, apart: NDArray, square: NDArray, slope: NDArray) -> NDArray:
-            share = 4 * VISCOSITY * self.mass / (self.density[i, None] + self.density)
-            return _along(share * square / (square + softening), slope, self.velocity[i, None, :] - self.velocity)
-
-        return self._sum(term)
-
-    def _pressure(self) -> NDArray:
-        return SOUND**2 * np.maximum(self.density - TERMS_DENSITY, 0.0)
-
-    def _sum(self, term: Callable[[NDArray, NDArray, NDArray, NDArray], NDArray]) -> NDArray:
-        """Sum over j of term(i, x_i - x_j, r^2, W'/r), for blocks of particles i."""
-        kernel = smoothing("cubic_spline", self.support, 3)
-        found = np.zeros_like(self.position)
-        for i, apart, distance in pair_blocks(self.position, self.position):
-            met = distance > 0
-            slope = np.where(met, kernel_slope(distance, kernel) / np.where(met, distance, 1.0), 0.0)
-            found[i] = term(i, apart, distance**2, slope).sum(1)
-        return found
-
-
-def _along(factor: NDArray, slope: NDArray, direction: NDArray) -> NDArray:
-    """Vectors (block, n, 3)."""
-    return (factor * slope)[..., None] * direction
 
 
 COMPARED: dict[str, Callable[..., Result]] = {"splishsplash": splishsplash, "pysph": pysph, "warp": warp}

@@ -14,16 +14,14 @@ from refsim.backends.arrays import Backend, choose, unavailable
 from refsim.core.operation import REGISTRY
 from refsim.isosurface import Mesh
 from refsim.sparse_grid import nodes
-from refsim.study.panels import Point
-from refsim.study.runs import Reading
 from refsim.surface_energy import Tension
 from refsim.surface_energy.reconstruction import Reconstruction, Surface
 from validation.checks import Checks
 from validation.experiment import Experiment, Measure, Options, Results, Run, each, every
 from validation.experiments.surface_reconstruction import scene
 from validation.experiments.surface_reconstruction.scene import RADII
+from validation.metrics.meshes import edge_counts, eigenvalues, neighbouring_facets, smallest_angles
 from validation.peers import pysplashsurf
-from validation.reading import reading
 from validation.results import Result, real
 from validation.running import Context, on_threads
 
@@ -110,13 +108,6 @@ def fit_system(
     return csr_array((weight, (row, column)), shape=(len(points), len(active))), goal, active, surface
 
 
-def eigenvalues(matrix: Any) -> np.ndarray:
-    """Eigenvalues of Lambda B^T B in ascending order."""
-    dense = matrix.toarray()
-    root = np.sqrt(1 / dense.sum(0))
-    return np.linalg.eigvalsh(root[:, None] * (dense.T @ dense) * root[None, :])
-
-
 # Meshes
 
 
@@ -141,36 +132,6 @@ def meshes(context: Context, backend: str) -> Result:
             f"{shape}_normal": normal.astype(np.float32),
         }  # fmt: skip
     return Result({"rows": rows}, arrays)
-
-
-def smallest_angles(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
-    """Smallest angle of each triangle [degrees]; 0 where two corners coincide."""
-    corner = vertices[facets]
-    found = np.full(len(facets), 180.0)
-    for k in range(3):
-        u, v = corner[:, (k + 1) % 3] - corner[:, k], corner[:, (k + 2) % 3] - corner[:, k]
-        size = np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1)
-        cosine = (u * v).sum(1) / np.where(size > 0, size, 1.0)
-        found = np.minimum(found, np.where(size > 0, np.degrees(np.arccos(np.clip(cosine, -1, 1))), 0.0))
-    return found
-
-
-def neighbouring_facets(facets: np.ndarray) -> np.ndarray:
-    """Pairs of triangles that share an edge (edges, 2)."""
-    side = np.sort(np.concatenate([facets[:, [0, 1]], facets[:, [1, 2]], facets[:, [2, 0]]]), axis=1)
-    owner = np.tile(np.arange(len(facets)), 3)
-    order = np.lexsort(side.T)
-    return owner[order].reshape(-1, 2)
-
-
-def edge_counts(facets: np.ndarray) -> tuple[int, int]:
-    """(edges, edges that are not in exactly two triangles, once in each direction)."""
-    directed = np.concatenate([facets[:, [0, 1]], facets[:, [1, 2]], facets[:, [2, 0]]]).astype(np.int64)
-    code = directed[:, 0] * (facets.max(initial=0) + 1) + directed[:, 1]
-    back = directed[:, 1] * (facets.max(initial=0) + 1) + directed[:, 0]
-    known, times = np.unique(code, return_counts=True)
-    edges = len(np.unique(np.minimum(code, back)))
-    return edges, int((times != 1).sum() + (~np.isin(back, known)).sum())
 
 
 # Time
@@ -407,20 +368,6 @@ def against_pysplashsurf(context: Context, count: int, rounds: int, threads: int
         "refsim": spread(own), "peer": spread(other), "ratios": ratios, "ratio": float(np.median(ratios)),
         "facets": len(mesh.facets),
     })  # fmt: skip
-
-
-# What accuracy costs
-
-
-def peer_normals(point: Point, repeat: int, threads: int | None) -> Reading:
-    """pysplashsurf's normals on the same sphere of particles, its mesh included."""
-    position, given = CELL * scene.cloud("sphere", RADIUS), point.setting
-    found = pysplashsurf.run_normals(position, CELL, given["share"], given["smoothing"], threads)
-    if "missing" in found:
-        return reading(failed=f"missing: {found['missing']}")
-    place, normal = (np.asarray(found[name], dtype=float) for name in ("place", "normal"))
-    angle = scene.angles(normal, scene.true_normals(place / CELL, "sphere", RADIUS))
-    return reading(float(angle.mean()), found["seconds"], particles=len(position))
 
 
 # Starts are jitters of the cloud's lattice. Times come from the experiment's runs `solvers` and `normals_cost`.

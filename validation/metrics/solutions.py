@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from refsim.study.panels.observables import damped_cosine
 
 # work of the viscous forces in a flow without curl, over mu |grad v|^2
 FRICTION = {"laplacian": 1.0, "central": 2.0}
@@ -194,3 +198,155 @@ def meniscus(length: float, angle: float) -> tuple[float, float]:
     degrees; the wall carries the lifted weight, rho g area = sigma cos(angle) (Landau & Lifshitz 1987, section 61).
     """
     return math.copysign(math.sqrt(2 * (1 - math.sin(angle))), math.cos(angle)) * length, math.cos(angle) * length**2
+
+
+def standing_flow(k: float, top: float) -> Callable[[NDArray], NDArray]:
+    """Velocities (n, 3) at positions, of a standing wave in potential flow: 1 m/s upwards at the crest, depth `top`."""
+
+    def flow(x: NDArray) -> NDArray:
+        made = np.zeros_like(x)
+        made[:, 0] = -np.sin(k * x[:, 0]) * np.cosh(k * x[:, 1]) / math.sinh(k * top)
+        made[:, 1] = np.cos(k * x[:, 0]) * np.sinh(k * x[:, 1]) / math.sinh(k * top)
+        return made
+
+    return flow
+
+
+def swing_of_ideal_drop(amplitude: float, modes: int = 12, dim: int = 2) -> float:
+    """Frequency of mode 2 of a drop of ideal liquid at finite amplitude, over Rayleigh's.
+
+    The ellipses (spheroids) of MPM, by another method: r(angle) and the potential on the surface as series of cosines
+    (Legendre polynomials), the potential inside as sum c_n r^n Y_n by least squares, Bernoulli's equation and the
+    curvature, DOP853 of SciPy.
+    """
+    from scipy.integrate import solve_ivp
+
+    count = 4 * modes
+    angle = (np.arange(count) + 0.5) * math.pi / (2 * count)
+    n = np.arange(0, 2 * modes + 1, 2)
+    shape, first_slope, second_slope = surface_series(angle, n, dim)
+    to_series = np.linalg.pinv(shape)
+    kept = np.where(n > 1.4 * modes, 0, 1)  # products fold back onto the highest modes
+    measure = np.ones(count) if dim == 2 else np.sin(angle)
+    share = np.cos(angle) ** 2 - np.sin(angle) ** 2 / (dim - 1), np.cos(angle) ** 2 + np.sin(angle) ** 2 / (dim - 1)
+    long, short = 1 + amplitude, (1 + amplitude) ** (-1 / (dim - 1))
+    start = long * short / np.hypot(short * np.cos(angle), long * np.sin(angle))
+
+    def slope(_: float, state: np.ndarray) -> np.ndarray:
+        radius, potential = shape @ state[: len(n)], shape @ state[len(n) :]
+        turn, bend = first_slope @ state[: len(n)], second_slope @ state[: len(n)]
+        power = radius[:, None] ** n
+        inside = np.linalg.lstsq(power * shape, potential, rcond=None)[0]
+        outward, around = (n * power / radius[:, None] * shape) @ inside, (power * first_slope) @ inside / radius
+        rising = outward - turn / radius * around
+        curvature = (radius**2 + 2 * turn**2 - radius * bend) / (radius**2 + turn**2) ** 1.5
+        if dim == 3:  # about the axis
+            curvature = curvature + (1 - turn / radius / np.tan(angle)) / np.hypot(radius, turn)
+        pushed = -0.5 * (outward**2 + around**2) - curvature + (dim - 1) + outward * rising
+        return np.concatenate([kept * (to_series @ rising), kept * (to_series @ pushed)])
+
+    first = rayleigh(1.0, dim)
+    instants = np.linspace(0, 3 * math.pi / first, 600)
+    begin = np.concatenate([to_series @ start, np.zeros(len(n))])
+    found = solve_ivp(slope, (0, instants[-1]), begin, t_eval=instants, rtol=1e-8, atol=1e-10, method="DOP853")
+    weight = measure[:, None] * (shape @ found.y[: len(n)]) ** (dim + 2)
+    swing = (weight * share[0][:, None]).sum(0) / (weight * share[1][:, None]).sum(0)
+    return damped_cosine(instants, swing, first)["frequency"] / first
+
+
+def rayleigh(radius: float, dim: int, tension: float = 1.0, density: float = 1.0) -> float:
+    """Frequency of mode 2 [rad/s]: sqrt(6 k/(rho R^3)) in the plane, sqrt(8 k/(rho R^3)) in space (Rayleigh 1879)."""
+    return math.sqrt((6 if dim == 2 else 8) * tension / (density * radius**3))
+
+
+def compressible(radius: float, dim: int, modulus: float, tension: float = 1.0, density: float = 1.0) -> float:
+    """Frequency of mode 2 of a liquid with sound speed sqrt(lambda/rho), over Rayleigh's.
+
+    Inside, the pressure is a Bessel function of q r, q = w/c; with the outer condition of Rayleigh's drop the frequency
+    obeys w^2 = w_R^2 q R f'(q R)/(2 f(q R)), f = J_2 in the plane, j_2 in space.
+    """
+    from scipy.special import jv, jvp, spherical_jn
+
+    first = rayleigh(radius, dim, tension, density)
+    frequency, sound = first, math.sqrt(modulus / density)
+    for _ in range(50):
+        z = frequency * radius / sound
+        if dim == 2:
+            share = z * jvp(2, z) / (2 * jv(2, z))
+        else:
+            share = z * spherical_jn(2, z, derivative=True) / (2 * spherical_jn(2, z))
+        frequency = first * math.sqrt(share)
+    return frequency / first
+
+
+def surface_series(angle: np.ndarray, n: np.ndarray, dim: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """cos(n angle), or in space P_n(cos angle), and its first two slopes over the angle: each (angles, n)."""
+    if dim == 2:
+        cosine = np.cos(np.outer(angle, n))
+        return cosine, -n * np.sin(np.outer(angle, n)), -(cosine * n**2)
+    from numpy.polynomial import Legendre
+
+    x, y = np.cos(angle), np.sin(angle)
+    found = [Legendre.basis(int(k)) for k in n]
+    value, rise, bend = (np.stack([p.deriv(m)(x) for p in found], axis=1) for m in range(3))
+    return value, -y[:, None] * rise, (y**2)[:, None] * bend - x[:, None] * rise
+
+
+def swaying_linear(time: NDArray, amplitude: float, viscosity: float, modes: int = 20) -> NDArray:
+    """Level [m] over its rest at the probe by linear theory (Faltinsen, J. Ship Res. 22 (1978) 193), X = A cos(w t).
+
+    a'' + 4 nu k^2 a' + g k tanh(k h) a = 4 tanh(k h) X''/(L k) for the odd modes a cos(k x), at rest at the start.
+    """
+    omega, total = 2 * math.pi / PERIOD, np.zeros(len(time))
+    for n in range(1, 2 * modes, 2):
+        k = n * math.pi / LENGTH
+        pull = -4 * math.tanh(k * DEPTH) / (LENGTH * k) * amplitude * omega**2
+        brake, stiff = 4 * viscosity * k**2, GRAVITY * k * math.tanh(k * DEPTH)
+
+        def rate(t: float, y: NDArray) -> list[float]:
+            return [y[1], pull * math.cos(omega * t) - brake * y[1] - stiff * y[0]]  # noqa: B023  (used at once)
+
+        found = solve_ivp(rate, (0.0, float(time[-1])), (0.0, 0.0), t_eval=time, rtol=1e-8, atol=1e-12)
+        total += found.y[0] * math.cos(k * PROBE)
+    return total
+
+
+def swaying_potential(time: NDArray, amplitude: float, viscosity: float, modes: int = 48, order: int = 3) -> NDArray:
+    """Level [m] over its rest at the probe by nonlinear potential flow, X = A cos(w t), to an order in the level.
+
+    West et al., J. Geophys. Res. 92 (1987) 11803, in cosines between the walls; modes from the 14th on fade.
+    """
+    x, k = (np.arange(modes) + 0.5) * LENGTH / modes, np.arange(modes) * math.pi / LENGTH
+    cosine, sine, lift = np.cos(np.outer(x, k)), np.sin(np.outer(x, k)), np.tanh(k * DEPTH)
+    parts = 2 / modes * cosine.T
+    parts[0] *= 0.5
+    fade, brake = np.exp(-36 * (np.arange(modes) / 14) ** 8), 2 * viscosity * k**2
+    omega = 2 * math.pi / PERIOD
+
+    def rate(t: float, y: NDArray) -> NDArray:
+        e, p = fade * y.reshape(2, modes)
+        level, slope, speed = cosine @ e, -sine @ (k * e), -sine @ (k * p)
+
+        def taylor(m: int, first: int) -> NDArray:  # of the potential's derivatives at rest, up to the level
+            terms = range(first, m + 1)
+            rise = [cosine @ (phi[m - j] * k ** (j + 1 - first) * lift ** ((j + 1 - first) % 2)) for j in terms]
+            return sum((level**j / math.factorial(j) * part for j, part in zip(terms, rise)), np.zeros(modes))
+
+        phi = [p]
+        for m in range(1, order):
+            phi.append(-fade * (parts @ taylor(m, 1)))
+        up = sum((taylor(m, 0) for m in range(order)), np.zeros(modes))
+        push = -amplitude * omega**2 * math.cos(omega * t) * (x - 0.5 * LENGTH)
+        pull = -GRAVITY * level - 0.5 * speed**2 + 0.5 * up**2 * (1 + slope**2) - push
+        rise = parts @ (up * (1 + slope**2) - speed * slope)
+        return np.concatenate([fade * rise - brake * e, fade * (parts @ pull) - brake * p])
+
+    found = solve_ivp(rate, (0.0, float(time[-1])), np.zeros(2 * modes), t_eval=time, rtol=1e-6, atol=1e-9)
+    return np.cos(k * PROBE) @ found.y[:modes]
+
+
+# Faltinsen, Rognebakke, Lukovsky & Timokha, J. Fluid Mech. 407 (2000) 201, figure 7: crests and troughs [s, m] of the
+# level 0.05 m from the left wall of a tank 1.73 m long, 0.6 m deep, that sways as 0.032 m cos(2 pi t/1.3 s) (digitised
+# by the PySPH project)
+GRAVITY = 9.81  # m/s^2
+LENGTH, DEPTH, PERIOD, SWAY, PROBE = 1.73, 0.6, 1.3, 0.032, 0.05  # m, m, s, m, m

@@ -1,0 +1,320 @@
+"""What is measured of a body of MPM liquid with a surface: shape, pressure, ledgers, frequency, contact angle."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from refsim import Simulation
+from refsim.mpm.reference import SYMMETRIC
+from validation.metrics.droplet import inertia_anisotropy
+from validation.running import note
+
+Array = NDArray[np.float64]
+
+
+def mesh_size(
+    vertices: Array, facets: NDArray[np.integer], dim: int, origin: Array | None = None
+) -> tuple[float, float]:
+    """(area, volume) of a closed mesh with outward facets; length and area in the plane.
+
+    origin  (3,) a place in the plane that closes a mesh which ends on one
+    """
+    corner = np.asarray(vertices, dtype=float)[facets]
+    corner = corner - (corner[0, 0] if origin is None else origin)
+    if dim == 2:
+        a, b = corner[:, 0], corner[:, 1]
+        return float(np.linalg.norm(b - a, axis=1).sum()), float(abs((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()) / 2)
+    a, b, c = (corner[:, k] for k in range(3))
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
+    return float(area), float(abs((a * np.cross(b, c)).sum()) / 6)
+
+
+def sphericity(area: float, volume: float, dim: int) -> float:
+    """Wadell's: area of the ball (disc) of the same volume over the area."""
+    if dim == 2:
+        return 2 * math.sqrt(math.pi * volume) / area
+    return math.pi ** (1 / 3) * (6 * volume) ** (2 / 3) / area
+
+
+def body_anisotropy(vertices: Array, facets: NDArray[np.integer], dim: int) -> float:
+    """Range over mean of the principal second moments of the even body within a closed mesh.
+
+    Each facet makes a simplex with the first vertex: its moment is det/(d + 2)! (sum a a^T + s s^T), s = sum a.
+    """
+    corner = np.asarray(vertices, dtype=float)[facets][:, :, :dim]
+    corner = corner - corner[0, 0]
+    sign = np.linalg.det(corner)
+    total = corner.sum(1)
+    second = np.einsum("f,fka,fkb->ab", sign, corner, corner) + np.einsum("f,fa,fb->ab", sign, total, total)
+    volume, first = sign.sum() / math.factorial(dim), sign @ total / math.factorial(dim + 1)
+    moments = np.linalg.eigvalsh(second / math.factorial(dim + 2) - np.outer(first, first) / volume)
+    return float((moments.max() - moments.min()) / abs(moments.mean()))
+
+
+def surface_of(run: Simulation) -> Any:
+    """The surface that the latest step reconstructed, at its beginning."""
+    return run._shared["surface"].latest
+
+
+class Ledger:
+    """Series of all that is kept or lost, from the start of a run on."""
+
+    def __init__(self, run: Simulation) -> None:
+        self.run, self.dim = run, run.plan.grid.dim
+        liquid = run.plan.effects["mpm_liquid"]
+        self.h, self.modulus = liquid.cell(run.plan.grid), liquid.bulk_modulus
+        surface = run.plan.effects["surface_energy"]
+        self.tension = surface.surface_tension
+        self.wet = surface.wets(run.plan.effects)  # on a floor at y = 0
+        self.pull = surface.contact_pull()
+        self.mass = run.field("mass").astype(float)
+        self.volume = float(self.mass.sum() / liquid.rest_density)
+        flat = self.dim == 2
+        self.radius = math.sqrt(self.volume / math.pi) if flat else (3 * self.volume / (4 * math.pi)) ** (1 / 3)
+        self.round_area = 2 * math.pi * self.radius if flat else 4 * math.pi * self.radius**2
+        self.centre = self.run.field("position").astype(float).mean(0)
+        self.series: dict[str, list[float]] = {}
+        self.fastest = 0.0
+
+    def note(self) -> None:
+        """One more row. Energies in J, the rest relative; momenta over m v R with the fastest particle so far."""
+        run, dim, mass = self.run, self.dim, self.mass
+        x, v, ratio = (run.field(name).astype(float) for name in ("position", "velocity", "volume_ratio"))
+        affine = run.field("affine").astype(float)
+        spread = spreads(run) if "inverse_spread" in run.fields else np.zeros((1, 3, 3))
+        surface = surface_of(run)
+        there = run.backend
+        mesh = surface.inset_mesh
+        floor = np.zeros(3) if self.wet else None
+        area, volume = mesh_size(there.host(mesh.vertices), there.host(mesh.facets), dim, floor)
+        self.fastest = max(self.fastest, float(np.sqrt((v**2).sum(1).max())))
+        v0 = self.volume / len(x)
+        kinetic = 0.5 * float((mass * (v**2).sum(1)).sum())
+        bulk = 0.5 * self.modulus * v0 * float(((ratio - 1) ** 2).sum())
+        pulled = self.tension * float(there.host(surface.samples.area).sum(dtype=float))
+        if self.wet:  # k A - k cos(theta) A_wet; by the divergence theorem the edge's lines give (d - 1) A_wet
+            held = run._shared["surface"]
+            place, line = there.host(held.sample_position), there.host(held.sample_line)
+            pulled -= self.pull * float((place * line).sum(dtype=float)) / (dim - 1)
+        # volume-weighted: the plain mean of lambda (1 - J) is too large by lambda times the variance of J
+        pressure = -self.modulus * float(((ratio - 1) * ratio).sum() / ratio.sum())
+        row = {
+            "time": run.time, "kinetic": kinetic, "bulk": bulk, "surface": pulled, "energy": kinetic + bulk + pulled,
+            "area": area / self.round_area, "volume": volume / self.volume, "sphericity": sphericity(area, volume, dim),
+            "pressure": pressure * self.radius / ((dim - 1) * self.tension) if self.tension else 0.0,
+            "momentum": float(np.abs(mass @ v).max()),
+            "angular": float(np.abs(turning(mass, (x, v, affine), spread, self.centre)).max()),
+            "centre": float(np.abs(x.mean(0) - self.centre).max() / self.h),
+            "anisotropy": body_anisotropy(there.host(mesh.vertices), there.host(mesh.facets), dim),
+            "particle_anisotropy": inertia_anisotropy(x[:, :dim]), "least_ratio": float(ratio.min()),
+            "greatest_ratio": float(ratio.max()),
+        }  # fmt: skip
+        note(self.series, row)
+
+    def summary(self) -> dict[str, Any]:
+        """Drifts over the whole run, and the last values."""
+        s = self.series
+        scale = float(self.mass.sum()) * self.fastest or 1.0  # where nothing moves momenta are zero
+        late = len(s["time"]) // 2
+        return {
+            "momentum": max(s["momentum"]) / scale, "angular": max(s["angular"]) / (scale * self.radius),
+            "centre": max(s["centre"]), "energy_rise": max(s["energy"]) / s["energy"][0] - 1,
+            "least_ratio": min(s["least_ratio"]), "greatest_ratio": max(s["greatest_ratio"]),
+            "pressure": float(np.mean(s["pressure"][late:])), "area": float(np.mean(s["area"][late:])),
+            "kinetic": float(np.mean(s["kinetic"][late:])) / (self.tension * self.round_area),
+            "volume": s["volume"][-1], "sphericity": s["sphericity"][-1], "anisotropy": s["anisotropy"][-1],
+            "particle_anisotropy": s["particle_anisotropy"][-1],
+            "radius_in_cells": self.radius / self.h, "particles": len(self.mass),
+        }  # fmt: skip
+
+
+def evenness(run: Simulation, depth: float = 2.0) -> dict[str, float]:
+    """How evenly particles fill a round body, and whether J knows: rho J/rho0 of those `depth` cells and more below its
+    surface.
+
+    rho is the grid's: masses through the spline to the nodes, over the cell's volume, and back. mean and deviation over
+    the particles; range: of the means over the octants (quadrants)
+    """
+    dim, liquid = run.plan.grid.dim, run.plan.effects["mpm_liquid"]
+    h = liquid.cell(run.plan.grid)
+    x, mass, ratio = (run.field(name).astype(float) for name in ("position", "mass", "volume_ratio"))
+    place = x[:, :dim] / h
+    base = np.floor(place - 0.5).astype(int)
+    f = place - base
+    weight = np.stack([0.5 * (1.5 - f) ** 2, 0.75 - (f - 1) ** 2, 0.5 * (f - 0.5) ** 2])
+    base -= base.min(0)
+    nodes = np.zeros(base.max(0) + 3)
+    density = np.zeros(len(x))
+    stencil = [np.array(offset) for offset in np.ndindex(*[3] * dim)]
+    shares = [np.prod([weight[offset[c], :, c] for c in range(dim)], axis=0) for offset in stencil]
+    for offset, share in zip(stencil, shares):
+        np.add.at(nodes, tuple((base + offset).T), mass * share)
+    for offset, share in zip(stencil, shares):
+        density += share * nodes[tuple((base + offset).T)] / h**dim
+    away = (x - x.mean(0))[:, :dim]
+    volume = float((mass * ratio).sum()) / liquid.rest_density
+    radius = math.sqrt(volume / math.pi) if dim == 2 else (3 * volume / (4 * math.pi)) ** (1 / 3)
+    deep = np.linalg.norm(away, axis=1) < radius - depth * h
+    if not deep.any():
+        return dict.fromkeys(("mean", "deviation", "range"), float("nan"))
+    share = (density * ratio)[deep] / liquid.rest_density
+    side = (away[deep] > 0) @ (1 << np.arange(dim))
+    means = [share[side == k].mean() for k in range(2**dim) if (side == k).any()]
+    return {"mean": float(share.mean()), "deviation": float(share.std()), "range": float(np.ptp(means))}
+
+
+def spreads(run: Simulation) -> Array:
+    """D of each particle's cluster (n, 3, 3) [m^2], h^2/4 along an axis without embedded points."""
+    even = run.plan.effects["mpm_liquid"].cell(run.plan.grid) ** 2 / 4
+    if not run.steps or "inverse_spread" not in run.fields:
+        return np.broadcast_to(even * np.eye(3), (run.count, 3, 3))
+    return even * np.linalg.inv(run.field("inverse_spread").astype(float)[:, SYMMETRIC])
+
+
+def turning(mass: Array, state: tuple[Array, ...], spread: Array, centre: Array) -> Array:
+    """Angular momentum (3,) about a place [kg m^2/s], with what the affine matrices A carry: that of A D.
+
+    state  position, velocity (n, 3) and affine matrices; spread: D of each particle (n, 3, 3) [m^2]
+    """
+    position, velocity, affine = state
+    moment = affine.reshape(-1, 3, 3) @ spread
+    own = np.stack([moment[:, c - 1, c - 2] - moment[:, c - 2, c - 1] for c in range(3)], axis=1)
+    return (mass[:, None] * (np.cross(position - centre, velocity) + own)).sum(0)
+
+
+def inertia_share(run: Simulation) -> float:
+    """What the grid sees of the inertia of a linear field, over the particles': 1 + sum m tr D/sum m |x|^2.
+
+    A particle brings its spread D to the grid (h^2/4 along each axis, more in a cluster) beside its place.
+    """
+    dim = run.plan.grid.dim
+    spread = np.trace(spreads(run)[:, :dim, :dim], axis1=1, axis2=2)
+    offset = run.field("position").astype(float)
+    offset = (offset - offset.mean(0))[:, :dim]
+    mass = run.field("mass").astype(float)
+    return float(1 + (mass * spread).sum() / (mass * (offset**2).sum(1)).sum())
+
+
+def contact(position: Array, floor: float, h: float, dim: int) -> dict[str, float]:
+    """Ball (circle) through the free surface of a drop on a floor, and its angle with the floor [degrees].
+
+    position  (s, dim) of surface samples [m], y upwards; those nearer to the floor than 1.5 cells, where the
+              reconstruction rounds the edge, are left out
+    """
+    points = position[position[:, 1] > floor + 1.5 * h][:, :dim]
+    if len(points) < 8:
+        return dict.fromkeys(("angle", "radius", "roughness"), float("nan"))
+    matrix = np.column_stack([2 * points, np.ones(len(points))])
+    found, *_ = np.linalg.lstsq(matrix, (points**2).sum(1), rcond=None)
+    centre = found[:dim]
+    radius = math.sqrt(found[dim] + float(centre @ centre))
+    away = np.linalg.norm(points - centre, axis=1)
+    angle = math.degrees(math.acos(min(1.0, max(-1.0, (floor - centre[1]) / radius))))
+    return {"angle": angle, "radius": radius / h, "roughness": float(away.std() / radius)}
+
+
+def angle_of_mass(height: float, volume: float, dim: int) -> float:
+    """Contact angle [degrees] of the cap of this volume [m^dim] whose centre of mass stands so high over its floor [m].
+
+    Unlike `contact` it uses the particles, not the reconstructed surface.
+    """
+    from scipy.optimize import brentq
+
+    def above(angle: float) -> float:
+        c, s = math.cos(angle), math.sin(angle)
+        if dim == 2:  # segment of the unit circle
+            size, moment = angle - s * c, 2 * s**3 / 3
+        else:
+            size, moment = math.pi * (2 - 3 * c + c**3) / 3, math.pi * s**4 / 4
+        return (volume / size) ** (1 / dim) * (moment / size - c) - height
+
+    return math.degrees(brentq(above, math.radians(5), math.radians(175)))
+
+
+def late(series: Mapping[str, Sequence[float]], share: float = 0.25) -> dict[str, dict[str, float]]:
+    """Least, mean and largest of the shape's measures over the last quarter of a run."""
+    begin = int((1 - share) * len(series["time"]))
+    made = {}
+    for name in ("volume", "sphericity", "anisotropy", "particle_anisotropy", "pressure", "area"):
+        values = np.array(series[name][begin:])
+        made[name] = {"least": float(values.min()), "mean": float(values.mean()), "largest": float(values.max())}
+    return made
+
+
+class FreeLedger:
+    """What a free body must keep: seen along a run, checked at its end."""
+
+    def __init__(self) -> None:
+        self.rows: list[dict[str, float]] = []
+
+    def __call__(self, run: Simulation) -> None:
+        """Take down the state."""
+        x, v, m, ratio = (run.field(name) for name in ("position", "velocity", "mass", "volume_ratio"))
+        surface = run._shared.get("surface")
+        area = float(surface.sample_area.sum()) if surface is not None and surface.latest is not None else math.nan
+        centre = (m[:, None] * x).sum(0) / m.sum()
+        angular = turning_about_centre(m, (x, v, run.field("affine")), spreads(run))
+        liquid, tension = run.plan.effects["mpm_liquid"], run.plan.effects.get("surface_energy")
+        kinetic = 0.5 * float(m @ (v**2).sum(1))
+        bulk = 0.5 * liquid.bulk_modulus / liquid.rest_density * float(m @ (ratio - 1) ** 2)
+        self.rows.append({
+            "momentum": float(np.abs(m @ v).max()), "speed": float(np.sqrt((v**2).sum(1).max())),
+            "angular": angular, "kinetic": kinetic, "ratio": float(ratio.min()),
+            "energy": kinetic + bulk + (tension.surface_tension if tension else 0.0) * area,
+            "extent": float(np.ptp(x, axis=0).max()), "size": float(np.linalg.norm(x - centre, axis=1).max()),
+            "mass": float(m.sum()), "steps": run.steps,
+            "samples": float(surface.latest.samples.count.max()) if area == area else 0.0,
+        })  # fmt: skip
+
+    def last(self, name: str) -> float:
+        """The latest value."""
+        return self.rows[-1][name]
+
+    def drift(self, name: str = "momentum") -> float:
+        """Largest change of a momentum over m v_max (times the body's size for the angular one)."""
+        scale = self.scale(name)
+        return max(abs(row[name] - self.rows[0][name]) for row in self.rows) / scale if scale > 0 else 0.0
+
+    def scale(self, name: str) -> float:
+        """m v_max, times the body's size for the angular one."""
+        scale = self.last("mass") * max(row["speed"] for row in self.rows)
+        return scale * self.rows[0]["size"] if name == "angular" else scale
+
+
+class Turning:
+    """Angular momentum of a free body about its centre [kg m^2/s], and where it changes.
+
+    A cluster's second moment D is made anew with the surface, between two steps, and the affine matrix A stays, so that
+    affine fields are kept: what A D carries is another number then. Transfers and forces themselves keep it.
+
+    in_steps   what all steps have changed
+    remade     what all surfaces made anew have changed
+    """
+
+    def __init__(self) -> None:
+        self.in_steps = self.remade = self.total = 0.0
+        self.before: tuple[NDArray, NDArray, NDArray] | None = None
+        self.greatest = {"in_steps": 0.0, "remade": 0.0}
+
+    def __call__(self, run: Simulation) -> None:
+        """Look at the state after every step, and before the first."""
+        mass, now = run.field("mass"), tuple(run.field(name) for name in ("position", "velocity", "affine"))
+        spread = spreads(run)
+        total = turning_about_centre(mass, now, spread)
+        if self.before is not None:
+            began = turning_about_centre(mass, self.before, spread)
+            self.in_steps += total - began
+            self.remade += began - self.total
+            for name in self.greatest:
+                self.greatest[name] = max(self.greatest[name], abs(getattr(self, name)))
+        self.before, self.total = now, total
+
+
+def turning_about_centre(mass: Array, state: tuple[Array, ...], spread: Array) -> float:
+    """The same about the centre of mass, about z."""
+    return float(turning(mass, state, spread, (mass[:, None] * state[0]).sum(0) / mass.sum())[2])
