@@ -4,7 +4,6 @@ import errno
 import os
 import stat
 from io import BufferedReader
-from typing import Any
 
 GREATEST = 1e30  # largest magnitude, in SI units, that a number from a file may have: its powers stay in float64
 
@@ -25,11 +24,3 @@ def open_regular(path: str | os.PathLike[str]) -> BufferedReader:
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
         raise OSError(errno.EINVAL, "it is a pipe or a device, and not a file", str(path))
     return open(path, "rb", opener=lambda *_: descriptor)  # its name is the path
-
-
-def unpacks(item: Any, size: int) -> bool:
-    """Whether an item of an HDF5 file of `size` bytes is a dataset with a filter, or larger than the file.
-
-    A few kB of such a dataset can unpack to all memory.
-    """
-    return hasattr(item, "nbytes") and (item.id.get_create_plist().get_nfilters() > 0 or item.nbytes > size)

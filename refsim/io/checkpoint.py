@@ -27,7 +27,7 @@ import numpy as np
 
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.reading import open_regular
-from refsim.core.writing import replace_file, temporary_path, writing
+from refsim.core.writing import replace_file, writing
 
 VERSION = 3
 KEPT = "the last good checkpoint is untouched"
@@ -55,8 +55,7 @@ def write_checkpoint(
 
     arrays      any shape, boolean, integer, floating or complex; written bit for bit, units are the caller's
     attributes  text and plain numbers; numbers come back exactly, with their type
-    keep        whole checkpoints to hold: `path` itself, then `<stem>.previous<suffix>`,
-                `<stem>.previous2<suffix>`, ...
+    keep        whole checkpoints to hold: 1, `path` itself, or 2, `<stem>.previous<suffix>`, too
     what        the kind of file that is written in this way
 
     Raises RunStopped, and leaves the checkpoints that are there as they are:
@@ -134,12 +133,9 @@ def _newest_first(folder: Path) -> list[Path]:
     return damaged + [file for _, file in sorted(dated, reverse=True)]
 
 
-def previous_path(path: str | os.PathLike[str], generation: int = 1) -> Path:
-    """Where the checkpoint that stood at `path` goes when a newer one comes: `run.h5` ->
-    `run.previous.h5`."""
-    path = Path(path)
-    number = "" if generation == 1 else str(generation)
-    return path.with_name(f"{path.stem}.previous{number}{path.suffix}")
+def previous_path(path: str | os.PathLike[str]) -> Path:
+    """Where the checkpoint that stood at `path` goes when a newer one comes: `run.h5` -> `run.previous.h5`."""
+    return Path(path).with_stem(f"{Path(path).stem}.previous")
 
 
 # -- what is written ---------------------------------------------------------------------------------------
@@ -178,15 +174,12 @@ HEAD = re.compile(
 
 
 def _put_in_place(temporary: Path, path: Path, keep: int) -> None:
-    """Rename `temporary` to `path`, and each older checkpoint to the name of the next older one.
+    """Rename `temporary` to `path`, and with keep = 2 the checkpoint that stood there to that of the previous one.
 
     The old file gets a second name first and takes its new place last: a kill between any two calls leaves a
     whole checkpoint at `path`. Where the file system has no hard links, the old one is moved to its new place
     first.
     """
-    for generation in range(keep - 1, 1, -1):
-        with suppress(FileNotFoundError):
-            _copy_name(previous_path(path, generation - 1), previous_path(path, generation))
     old = temporary.with_suffix(".old.tmp")
     if keep > 1 and path.exists():
         try:
@@ -200,19 +193,6 @@ def _put_in_place(temporary: Path, path: Path, keep: int) -> None:
     finally:
         with suppress(OSError):
             old.unlink(missing_ok=True)
-
-
-def _copy_name(source: Path, target: Path) -> None:
-    """Let `target` name the file that `source` names; `target` exists at every instant."""
-    second = temporary_path(target)
-    try:
-        os.link(source, second)
-    except FileNotFoundError:
-        raise
-    except OSError:
-        os.replace(source, target)
-    else:
-        os.replace(second, target)
 
 
 # -- what is read ------------------------------------------------------------------------------------------

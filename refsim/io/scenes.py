@@ -23,9 +23,10 @@ def scene_to_checkpoint(plan: Plan) -> tuple[str, dict[str, np.ndarray]]:
     scene, solids = plan.scene, plan.grid.solids
     cells = np.rint(np.array(plan.grid.origin) / plan.grid.spacing).astype(np.int32)
     parts = list(zip((*scene.solid, *scene.fluid), plan.state.sizes))
-    cloud = np.repeat([isinstance(part, Cloud) for part, _ in parts], plan.state.sizes)
+    clouds = [isinstance(part, Cloud) for part, _ in parts]
+    cloud = np.repeat(clouds, plan.state.sizes)
     arrays = {}
-    if cloud.any():
+    if any(clouds):
         arrays = {f"start.{name}": getattr(plan.state, name)[cloud] for name in ("position", "velocity", "mass")}
         arrays["start.sizes"] = np.array([n for part, n in parts if isinstance(part, Cloud)])
     fluid = tuple(Cloud() if isinstance(part, Cloud) else part for part in scene.fluid)
@@ -53,41 +54,21 @@ def _found(effect: Effect, folder: Path) -> Effect:
 
 
 def scene_from_checkpoint(saved: Checkpoint, source: str) -> Scene:
-    """The scene of a checkpoint. Raises InputError where it lacks a part or cannot be read."""
-
-    def array(name: str) -> np.ndarray:
-        if name not in saved.arrays:
-            raise InputError(f"checkpoint {source} lacks {name!r}, so that it is none of a run; start the run again.")
-        return saved.arrays[name]
-
-    text = saved.attributes.get("scene")
-    if not isinstance(text, str):
-        raise InputError(f"checkpoint {source} has no scene, so that it is not of a run; start the run again.")
-    scene = parse_scene(text, f"the scene in {source}")
+    """The scene of a checkpoint. Raises InputError where it cannot be read."""
+    scene, arrays = parse_scene(str(saved.attributes["scene"]), f"the scene in {source}"), saved.arrays
     solid = tuple(
-        msgspec.structs.replace(part, cells=array(f"start.cells.{number}")) if isinstance(part, SolidCells) else part
+        msgspec.structs.replace(part, cells=arrays[f"start.cells.{number}"]) if isinstance(part, SolidCells) else part
         for number, part in enumerate(scene.solid)
     )
     beside = Path(source).parent.parent  # the folder in which a run's own folder lies
-    scene = msgspec.structs.replace(scene, solid=solid, effects=tuple(_found(e, beside) for e in scene.effects))
-    clouds = sum(isinstance(part, Cloud) for part in scene.fluid)
-    if not clouds:
-        return scene
-    sizes = array("start.sizes")
-    whole = {name: array(f"start.{name}") for name in ("position", "velocity", "mass")}
-    counted = sizes.dtype.kind in "iu" and sizes.shape == (clouds,) and (sizes >= 0).all()
-    if not counted or any(values.ndim == 0 or len(values) != int(sizes.sum()) for values in whole.values()):
-        raise InputError(f"checkpoint {source}: its {clouds} clouds do not fit their numbers; start the run again.")
-    pieces = {name: iter(np.split(values, np.cumsum(sizes)[:-1])) for name, values in whole.items()}
+    parts = ("position", "velocity", "mass") if "start.sizes" in arrays else ()
+    clouds = zip(*(np.split(arrays[f"start.{name}"], np.cumsum(arrays["start.sizes"])[:-1]) for name in parts))
     return msgspec.structs.replace(
-        scene,
+        scene, solid=solid, effects=tuple(_found(e, beside) for e in scene.effects),
         fluid=tuple(
-            Cloud(position=next(pieces["position"]), velocity=next(pieces["velocity"]), mass=next(pieces["mass"]))
-            if isinstance(part, Cloud)
-            else part
-            for part in scene.fluid
+            Cloud(**dict(zip(parts, next(clouds)))) if isinstance(part, Cloud) else part for part in scene.fluid
         ),
-    )
+    )  # fmt: skip
 
 
 MAY_CHANGE = ("end_time", "name")

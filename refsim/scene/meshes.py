@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from refsim.core.errors import InputError
-from refsim.core.reading import GREATEST, open_regular, unpacks
+from refsim.core.reading import GREATEST, open_regular
 
 ARCHIVES = ("zip", "gz", "bz2", "xz", "tar", "tgz", "7z", "3mf", "3dxml", "zae")  # a few MB can unpack to all memory
 TEXT = ("obj", "off", "ply", "stl", "xyz", "gltf")  # whose names and comments may be in any alphabet of one byte
@@ -36,12 +36,18 @@ def refuse_what_unpacks(path: str | os.PathLike[str], what: str = "mesh") -> Non
 
 
 def _unpacks(path: str | os.PathLike[str]) -> bool:
-    """Whether a dataset of an HDF5 file unpacks."""
+    """Whether an HDF5 file has a dataset with a filter, or one larger than the file."""
     import h5py
 
     size = os.path.getsize(path)
+
+    def grows(name: str, item: Any) -> bool | None:
+        return (
+            hasattr(item, "nbytes") and (item.id.get_create_plist().get_nfilters() > 0 or item.nbytes > size)
+        ) or None
+
     with contextlib.suppress(OSError, RuntimeError), h5py.File(path, "r") as root:  # reading the mesh reports it
-        return bool(root.visititems(lambda name, item: unpacks(item, size) or None))
+        return bool(root.visititems(grows))
     return False
 
 

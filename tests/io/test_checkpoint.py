@@ -52,14 +52,14 @@ def test_every_dtype_comes_back_bit_for_bit(tmp_path):
     }
 
 
-@pytest.mark.parametrize("keep", [1, 2, 3])
+@pytest.mark.parametrize("keep", [1, 2])
 def test_keeps_as_many_as_asked(tmp_path, keep):
     path = tmp_path / "run.h5"
     for step in range(5):
         write_checkpoint(path, state(step), {"step": step}, keep=keep)
-    files = [path, previous_path(path), previous_path(path, 2)][:keep]
+    files = [path, previous_path(path)][:keep]
     assert sorted(tmp_path.iterdir()) == sorted(files)
-    assert [read_checkpoint(file).attributes["step"] for file in files] == [4, 3, 2][:keep]
+    assert [read_checkpoint(file).attributes["step"] for file in files] == [4, 3][:keep]
     assert whole_checkpoint(tmp_path)[0] == path
 
 
@@ -68,7 +68,7 @@ def test_rotates_without_hard_links(tmp_path, monkeypatch):
         raise OSError(errno.EPERM, "no hard links here")
 
     monkeypatch.setattr(os, "link", no_links)
-    test_keeps_as_many_as_asked(tmp_path, 3)
+    test_keeps_as_many_as_asked(tmp_path, 2)
 
 
 def test_a_whole_checkpoint_lies_there_between_any_two_calls(tmp_path, monkeypatch):
