@@ -20,6 +20,7 @@ from refsim.core.tables import table as table
 from refsim.core.writing import replace_file, writing
 from refsim.scene.plan import Plan, make_plan
 from refsim.scene.scene import Scene
+from refsim.study.memory import check_memory
 
 
 @dataclass(frozen=True)
@@ -91,10 +92,12 @@ def discover() -> None:
         importlib.import_module(f"{__name__}.{module.name}")
 
 
-def planned(scene: Scene, source: str) -> Plan:
-    """The plan of a scene; an error names the file it comes from."""
+def planned(scene: Scene, source: str, backend: str = "cpu") -> Plan:
+    """The plan of a scene whose run the machine can hold; an error names the file it comes from."""
     try:
-        return make_plan(scene)
+        plan = make_plan(scene)
+        check_memory(plan, backend)
+        return plan
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
 

@@ -214,7 +214,7 @@ def execute(options: argparse.Namespace) -> CommandResult:
     """Plan a scene file."""
     if options.backend not in BACKENDS:
         raise InputError(f"there is no backend {options.backend!r}; choose one of {', '.join(BACKENDS)}.")
-    plan = planned(load_scene(options.scene), options.scene)
+    plan = planned(load_scene(options.scene), options.scene, options.backend)
     found = describe_plan(plan, options.backend)
     if not options.time:
         return CommandResult(found, _text(found))

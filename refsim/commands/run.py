@@ -94,7 +94,7 @@ def _begin(options: argparse.Namespace) -> tuple[Simulation, Path]:
         return simulation, Path(options.output or (source if os.path.isdir(source) else source.parent))
     if scene is None:
         raise InputError("there is nothing to run; give a scene file, or a checkpoint with --resume.")
-    plan = planned(scene, options.scene)
+    plan = planned(scene, options.scene, options.backend or "cpu")
     simulation = Simulation(plan, options.backend or "cpu", options.threads, options.profile, compiling)
     return simulation, Path(options.output or f"{Path(options.scene).stem}_run")
 

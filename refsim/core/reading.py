@@ -6,6 +6,7 @@ import stat
 from io import BufferedReader
 
 GREATEST = 1e30  # largest magnitude, in SI units, that a number from a file may have: its powers stay in float64
+LONGEST = 1e12  # [m] largest length or coordinate
 
 
 def open_regular(path: str | os.PathLike[str]) -> BufferedReader:

@@ -1,6 +1,7 @@
 """What a scene is refused for, or noted on: its numbers and effects, its particles, and what follows from both."""
 
 import dataclasses
+import functools
 import math
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -11,12 +12,13 @@ import numpy as np
 from refsim.core.capabilities import BringsWalls, HasPlanes, KnowsParticleMass, LimitsMassRatio, having, settled
 from refsim.core.effect import EFFECTS, Discretisation, Effect, Extremes, InitialState, Nodes
 from refsim.core.errors import InputError
-from refsim.core.reading import GREATEST
+from refsim.core.reading import GREATEST, LONGEST
 from refsim.core.walls import WallParticles
 from refsim.gauges.places import check_gauges
 from refsim.motion import check_motions
 from refsim.neighbours import MOST_NEIGHBOURS
 from refsim.scene.counting import Cells
+from refsim.scene.files import describe, unit_of
 from refsim.scene.scene import Scene
 from refsim.scene.shapes import Cloud
 
@@ -79,18 +81,26 @@ def _check_numbers(scene: Scene) -> None:
 
 
 def _check_magnitudes(place: str, part: Any, least: float = SMALLEST) -> None:
+    lengths = _lengths(type(part)) if isinstance(part, msgspec.Struct) else frozenset()
     for f in msgspec.structs.fields(part) if isinstance(part, msgspec.Struct) else ():
         values = getattr(part, f.name)
         if f.type is not Any:  # arrays of particles and cells are looked at where they are read
+            most = LONGEST if f.name in lengths else GREATEST
             several = isinstance(values, tuple)
             for axis, value in enumerate(values if several else (values,)):
                 name = f"{f.name} along {'xyz'[axis]}" if several and len(values) == 3 else f.name
-                _check_magnitude(place, name, value, 0.0 if "temperature" in f.name else least)
+                _check_magnitude(place, name, value, 0.0 if "temperature" in f.name else least, most)
 
 
-def _check_magnitude(place: str, name: str, value: Any, least: float = 0.0) -> None:
+@functools.cache
+def _lengths(kind: type) -> frozenset[str]:
+    """Names of the members whose unit is the metre."""
+    return frozenset(name for name, words in describe(kind).items() if unit_of(words) == "m")
+
+
+def _check_magnitude(place: str, name: str, value: Any, least: float = 0.0, most: float = GREATEST) -> None:
     """Raise InputError for a number that is not finite, or whose magnitude is outside the accepted range."""
-    if not isinstance(value, int | float) or value == 0 or least <= abs(value) <= GREATEST:
+    if not isinstance(value, int | float) or value == 0 or least <= abs(value) <= most:
         return
     words = f"{value:g}" if isinstance(value, float) else f"{str(value)[:12]}..."
     if isinstance(value, float) and not math.isfinite(value):
@@ -316,11 +326,12 @@ def check_values(place: str, name: str, values: np.ndarray, dim: int, dtype: str
     """Raise InputError, beginning with `place`, for values of a particle field that no scene can have."""
     with np.errstate(over="ignore"):  # reported below
         rounded = values.astype(dtype)
-        bad = np.flatnonzero(~(np.abs(rounded) <= GREATEST).reshape(len(values), -1).all(1))
+        most = LONGEST if name == "position" else GREATEST
+        bad = np.flatnonzero(~(np.abs(rounded) <= most).reshape(len(values), -1).all(1))
     if len(bad):
         raise InputError(
             f"{place}: the {name} of particle {bad[0]} is not a finite number, in {dtype} and below"
-            f" {GREATEST:g} ({len(bad)} such particles); correct the input."
+            f" {most:g} ({len(bad)} such particles); correct the input."
         )
     if name in POSITIVE and (values <= 0).any():
         first = int(np.flatnonzero(values <= 0)[0])

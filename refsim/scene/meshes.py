@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from refsim.core.errors import InputError
-from refsim.core.reading import GREATEST, open_regular
+from refsim.core.reading import LONGEST, open_regular
 
 ARCHIVES = ("zip", "gz", "bz2", "xz", "tar", "tgz", "7z", "3mf", "3dxml", "zae")  # a few MB can unpack to all memory
 TEXT = ("obj", "off", "ply", "stl", "xyz", "gltf")  # whose names and comments may be in any alphabet of one byte
@@ -183,5 +183,5 @@ def check_triangles(vertices: np.ndarray, faces: np.ndarray, source: str, what: 
         raise InputError(f"{what}: {source!r} has no triangles; give a closed triangle mesh.")
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise InputError(f"{what}: {source!r} has faces with vertices that are not there; export it again.")
-    if not (np.abs(vertices[np.unique(faces)]) <= GREATEST).all():
-        raise InputError(f"{what}: {source!r} has vertices that are not finite or beyond {GREATEST:g} m; correct them.")
+    if not (np.abs(vertices[np.unique(faces)]) <= LONGEST).all():
+        raise InputError(f"{what}: {source!r} has vertices that are not finite or beyond {LONGEST:g} m; correct them.")

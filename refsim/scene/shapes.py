@@ -11,7 +11,7 @@ from refsim.core.checked import Checked, Positive
 from refsim.core.effect import Discretisation
 from refsim.core.errors import InputError
 from refsim.core.reading import open_regular
-from refsim.scene.solids import countable
+from refsim.scene.solids import CELL, countable
 
 Vector = tuple[float, float, float]
 WIDEST = 1.1  # spacings between the particles of a box
@@ -39,7 +39,7 @@ class Box(Checked, tag="box", tag_field="shape", frozen=True, kw_only=True):
                 f"fluid box: cells = {list(self.cells)} is not possible in {grid.dim}D; give at least 1 along each"
                 " axis, and 1 along z in 2D."
             )
-        countable(f"fluid box: cells = {list(self.cells)}", self.cells)
+        countable(f"fluid box: cells = {list(self.cells)}", self.cells, grid=grid)
         shares = (*self.shares(grid), 1.0)[:3]
         axes = [(np.arange(n) + 0.5) * (f * grid.spacing) + low for n, f, low in zip(self.cells, shares, self.lower)]
         if grid.dim == 2:
@@ -78,7 +78,8 @@ class Ball(Checked, tag="ball", tag_field="shape", frozen=True, kw_only=True):
     def positions(self, grid: Discretisation) -> np.ndarray:
         """Positions (n, 3) [m]."""
         reach = math.ceil(self.radius / grid.spacing) + 1
-        countable(f"fluid ball: a radius of {self.radius} m at a spacing of {grid.spacing} m", [2 * reach] * grid.dim)
+        what = f"fluid ball: a radius of {self.radius} m at a spacing of {grid.spacing} m"
+        countable(what, [2 * reach] * grid.dim, CELL, grid=grid)
         steps = (np.arange(-reach, reach) + 0.5) * grid.spacing
         axes = [steps, steps, steps if grid.dim == 3 else np.zeros(1)]
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)

@@ -22,7 +22,8 @@ from refsim.sparse_grid.tables import OFFSET, keys_at
 
 Vector = tuple[float, float, float]
 MOST_CELLS = 2**31 - 1  # particles are numbered in 32 bits
-LAID_OUT = 100  # bytes of a particle while a scene is built, in float64
+CELL = 100  # bytes of a cell while a body is cut out of the lattice
+LAID_OUT = 280  # bytes of a particle while a scene is planned, in float64
 
 
 class Solid(Checked, tag_field="shape", frozen=True, kw_only=True):
@@ -216,20 +217,23 @@ def voxelised(solids: tuple[Solid, ...], grid: Discretisation) -> Nodes:
 
 
 def countable(
-    what: str, cells: Iterable[float], each: int = LAID_OUT, kind: str = "cells of the lattice",
-    advice: str = "give a smaller body or a larger spacing",
+    what: str, cells: Iterable[float], each: float = LAID_OUT, kind: str = "cells of the lattice",
+    advice: str = "give a smaller body or a larger spacing", grid: Discretisation | None = None,
 ) -> None:  # fmt: skip
     """Raises InputError where a block of so many cells along each axis has more than an index of 32 bits can number,
-    or, at so many bytes each, takes more memory than the machine has."""
-    number = math.prod(map(float, cells))
-    if not number <= MOST_CELLS:
-        raise InputError(f"{what} makes {number:.3g} {kind}, and {MOST_CELLS:,} can be numbered; {advice}.")
-    total = host_memory()["total"]
-    if total is not None and number * each > total:
+    or, at so many bytes each, takes more memory than the machine has. With a grid the advice is a spacing that fits."""
+    number, total = math.prod(map(float, cells)), host_memory()["total"]
+    most = MOST_CELLS if total is None else min(MOST_CELLS, total / each)
+    if number <= most:
+        return
+    if grid is not None and math.isfinite(number):
+        advice = f"a spacing of {1.05 * grid.spacing * (number / most) ** (1 / grid.dim):.2g} m fits"
+    if number <= MOST_CELLS and total is not None:
         raise InputError(
             f"{what} makes {number:.3g} {kind}, whose {number * each / 2**30:.3g} GiB this machine with"
             f" its {total / 2**30:.3g} GiB cannot hold; {advice}."
         )
+    raise InputError(f"{what} makes {number:.3g} {kind}, and {MOST_CELLS:,} can be numbered; {advice}.")
 
 
 def body_cells(body: Solid, place: str, spacing: float) -> np.ndarray:
@@ -239,7 +243,7 @@ def body_cells(body: Solid, place: str, spacing: float) -> np.ndarray:
     lower, upper = body.extent()
     if not (np.isfinite([lower, upper]).all() and (lower < upper).all()):
         raise InputError(f"{place}: its extent from {_words(lower)} to {_words(upper)} m is empty; give it a size.")
-    countable(f"{place}: its extent at a spacing of {spacing} m", np.ceil((upper - lower) / spacing))
+    countable(f"{place}: its extent at a spacing of {spacing} m", np.ceil((upper - lower) / spacing), CELL)
     if not (np.abs([lower, upper]) < OFFSET * spacing).all():
         raise InputError(
             f"{place}: it reaches farther than {OFFSET:,} cells of {spacing:g} m from the origin, from {_words(lower)}"

@@ -9,6 +9,7 @@ from refsim.core.capabilities import HoldsOtherMemory, having
 from refsim.engine.binding import fused
 from refsim.neighbours.limits import NEIGHBOUR_CAPACITY, PARTICLES_PER_CELL, WALL_CAPACITY, with_margin
 from refsim.scene.plan import Plan
+from refsim.scene.solids import countable
 
 
 def bytes_of(plan: Plan, backend: str) -> dict[str, int]:
@@ -31,6 +32,16 @@ def bytes_of(plan: Plan, backend: str) -> dict[str, int]:
     for effect in having(plan.effects, HoldsOtherMemory):
         found |= effect.bytes_at_start(grid, plan.grid.local(plan.state.position), plan.effects, backend)
     return found | {"total": sum(found.values())}
+
+
+def check_memory(plan: Plan, backend: str) -> None:
+    """Raises InputError where a run takes more memory than the machine has, with the spacing that fits.
+
+    On a GPU the host holds the fields alone: what the device has no room for stops the run.
+    """
+    found = bytes_of(plan, backend)
+    each = (found["fields"] if backend == "cuda" else found["total"]) / plan.grid.count
+    countable("scene: a run of it", [plan.grid.count], each, "particles", grid=plan.grid)
 
 
 def neighbour_list(plan: Plan, backend: str) -> dict[str, Any] | None:

@@ -3,6 +3,7 @@
 import json
 import os
 import pathlib
+import re
 import subprocess
 import sys
 
@@ -144,6 +145,9 @@ BAD = {
     "a far corner": (BOX, BOX + "\nlower = [1.7e308, 0.0, 0.0]", "lower along x = 1.7e+308 is too large"),
     "a great speed": (BOX, BOX + "\nvelocity = [1.7e308, 0.0, 0.0]", "velocity along x = 1.7e+308 is too large"),
     "a great length": (SIZES, "spacing = 1e308\nsupport_radius = 1.7e308", "too large"),
+    "a length beyond meaning": (SIZES, "spacing = 9e18\nsupport_radius = 1.8e19", "spacing = 9e+18 is too large"),
+    "a place beyond meaning": (BOX, BOX + "\nlower = [9e18, 0.0, 0.0]", "lower along x = 9e+18 is too large"),
+    "a point beyond meaning": (BOX, CLOUD.format("[[9e18, 0.0], [0.1, 0.1]]"), "the position of particle 0 is not"),
     "a tiny step": ("dim = 2", "dim = 2\nstep = 5e-324", "step = 4.94066e-324 is too small"),
     "great walls": ("upper = [0.3, 0.3, 0.0]", "upper = [1.7e308, 0.3, 0.0]", "upper along x = 1.7e+308 is too large"),
     "a great sound speed": ("sound_speed = 20.0", "sound_speed = 1.7e308", "sound_speed = 1.7e+308 is too large"),
@@ -289,10 +293,19 @@ def test_a_cloud_of_no_numbers_is_told(scene, capsys, content, words):
     assert words in one_sentence(capsys.readouterr().err)
 
 
-def test_more_than_memory_holds_is_refused_before_it_is_laid_out(scene, capsys, monkeypatch):
-    monkeypatch.setattr(solids, "host_memory", lambda: {"total": 5000, "free": 5000})
-    assert main(["plan", str(scene)]) == 2
-    assert "makes 60 cells of the lattice, whose 5.59e-06 GiB this machine" in one_sentence(capsys.readouterr().err)
+@pytest.mark.parametrize("total, words", [
+    (5000, "fluid box: cells = [6, 10, 1] makes 60 cells of the lattice, whose 1.56e-05 GiB this machine"),
+    (18000, "a run of it makes 60 particles, whose"),
+])  # fmt: skip
+@pytest.mark.parametrize("command", ["plan", "run"])
+def test_more_than_memory_is_refused_with_the_spacing_that_fits(scene, capsys, monkeypatch, total, words, command):
+    """Before particles are laid out, and where a run of them takes more than they do."""
+    monkeypatch.setattr(solids, "host_memory", lambda: {"total": total, "free": total})
+    assert main([command, str(scene)]) == 2
+    sentence = one_sentence(capsys.readouterr().err)
+    assert words in sentence
+    fits = float(re.search(r"a spacing of (\S+) m fits", sentence)[1])
+    assert 0.01 < fits < 0.03
 
 
 def test_a_byte_order_mark_is_read_over(scene, capsys):
