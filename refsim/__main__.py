@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any, NoReturn
 
+from refsim.backends.threads import check_number
 from refsim.commands import COMMANDS, CommandResult, discover, plain
 from refsim.core.checked import suggestion
 from refsim.core.clock import PROCESS, Seconds
@@ -89,6 +90,7 @@ def _leave_output() -> None:
 
 
 def _execute(arguments: Sequence[str], began: Seconds) -> CommandResult:
+    check_number()
     discover()
     parser = make_parser()
     word = next((a for a in arguments if not a.startswith("-")), None)

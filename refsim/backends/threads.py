@@ -1,26 +1,51 @@
 """CPU threads: the layer that starts them, how many a loop gains from, their places. No result depends on these."""
 
+import importlib
 import math
 import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
+from refsim.core.errors import InputError
+
+POOLS = {"workqueue": "workqueue", "omp": "omppool", "tbb": "tbbpool", "safe": "tbbpool"}  # modules of layers
+ANY = ("default", "forksafe", "threadsafe")  # of which Numba takes what there is
 ROWS_OF_A_THREAD = 1024
 LOOK = 0.2  # [s] between looks at what other programs take
 OTHERS = 0.25  # processors that they may take while each thread stays on its own
+
+
+def check_number() -> None:
+    """Raises InputError for a NUMBA_NUM_THREADS with which Numba cannot be imported."""
+    with suppress(ValueError):  # of no number: Numba takes all processors
+        if int(os.environ.get("NUMBA_NUM_THREADS", 1)) < 1:
+            raise InputError("NUMBA_NUM_THREADS is below 1; give at least 1, or leave the variable out.")
 
 
 def choose_layer() -> None:
     """Have Numba start its threads by its own work queue, unless NUMBA_THREADING_LAYER names another layer.
 
     Called before the first loop, after which Numba keeps its layer. OpenMP's threads wait in a busy loop: where cores
-    are shared, a barrier then takes milliseconds.
+    are shared, a barrier then takes milliseconds. Raises InputError for a layer that cannot be had.
     """
     import numba
 
-    if "NUMBA_THREADING_LAYER" not in os.environ:
+    name = os.environ.get("NUMBA_THREADING_LAYER")
+    if name is None:
         numba.config.THREADING_LAYER = "workqueue"
+    elif name in POOLS:
+        try:
+            importlib.import_module(f"numba.np.ufunc.{POOLS[name]}")
+        except ImportError as error:
+            raise InputError(
+                f"NUMBA_THREADING_LAYER = {name}: its library cannot be loaded ({error}); install it, or leave the"
+                " variable out."
+            ) from None
+    elif name not in ANY:
+        raise InputError(
+            f"NUMBA_THREADING_LAYER = {name}: there is no such layer; choose one of {', '.join((*POOLS, *ANY))}."
+        )
 
 
 class Places:

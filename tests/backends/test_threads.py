@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numba
 import numpy as np
@@ -10,8 +11,10 @@ import pytest
 
 from refsim import Cloud, Scene, Simulation, WeaklyCompressible
 from refsim.backends import threads
+from refsim.core.errors import InputError
 from tests.running import advanced
 
+ROOT = Path(__file__).parents[2]
 STARTS = {
     "threads first": "from refsim.backends.arrays import Backend, threads_of; threads_of(Backend('cpu'), 1)",
     "kernels first": "import refsim.backends.compile",
@@ -156,3 +159,25 @@ for number in (None, len(os.sched_getaffinity(0))):
     assert any(pinned) == (number is not None)
 """
     subprocess.run([sys.executable, "-W", "default", "-c", program], check=True, timeout=100)
+
+
+@pytest.mark.parametrize("command, variable, value, words", [
+    ("-m refsim doctor", "NUMBA_NUM_THREADS", "0", "NUMBA_NUM_THREADS is below 1; give at least 1"),
+    ("scripts/reproduce.py --help", "NUMBA_NUM_THREADS", "-1", "NUMBA_NUM_THREADS is below 1; give at least 1"),
+    ("-m validation list", "NUMBA_THREADING_LAYER", "x", "there is no such layer; choose one of workqueue, omp"),
+])  # fmt: skip
+def test_threads_that_numba_cannot_have_are_told_in_one_sentence(command, variable, value, words):
+    environment = os.environ | {variable: value}
+    found = subprocess.run(
+        [sys.executable, *command.split()], cwd=ROOT, env=environment, capture_output=True, text=True
+    )
+    assert found.returncode == 2
+    assert words in found.stderr
+    assert "Traceback" not in found.stderr
+
+
+def test_a_layer_without_its_library_is_told(monkeypatch):
+    monkeypatch.setenv("NUMBA_THREADING_LAYER", "tbb")
+    monkeypatch.setitem(sys.modules, "numba.np.ufunc.tbbpool", None)
+    with pytest.raises(InputError, match=r"NUMBA_THREADING_LAYER = tbb: its library cannot be loaded .*; install it"):
+        threads.choose_layer()
