@@ -59,6 +59,7 @@ SPLINE_SLOPE = Field("spline_slope", "-", "its slope times h at three nodes of e
 READINGS = ("none", "cluster", "thesis", "gradient_corrected")
 RULES = {"none": 0, "sticky": 1, "slip": 2, "separating": 3}
 OPEN = 1 << 30
+ALIGNED = 1e-3  # cells by which a face may lie before its node without a note
 # Share of a particle's mass up to which a node stands still. Towards the edge of a spline mass falls with the square of
 # the distance and the surface's force with the distance itself, so that 1e-12 drops an impulse of 1e-10 of m v now and
 # then; in float32, whose products underflow, that is far below a rounding.
@@ -431,6 +432,21 @@ class MpmWalls(Effect, HasPlanes, frozen=True, kw_only=True):
         inside = mpm_liquid_of(others).cell(grid) * 1e-6 if MpmLiquid.name in others else 0.0
         self.check_inside(grid, state.position, inside)
         return {}
+
+    def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
+        h = mpm_liquid_of(others).cell(grid)
+        at = self.nodes(grid, h)
+        faces = [
+            (FACES[2 * axis + side], given[axis], node[axis] * h)
+            for side, (given, node) in enumerate(((self.lower, at.lower), (self.upper, at.upper)))
+            for axis in range(grid.dim)
+            if at.rules[2 * axis + side] and abs(given[axis] - node[axis] * h) > ALIGNED * h
+        ]
+        return tuple(
+            f"{self.name}: its face {face} at {given:.6g} m acts at the node beyond it, at {node:.6g} m"
+            f" ({abs(given - node) / h:.2g} cells): give a multiple of the cell size, {h:.6g} m"
+            for face, given, node in faces
+        )
 
     def stand(self, grid: Discretisation) -> bool:
         """Whether any face has a wall."""

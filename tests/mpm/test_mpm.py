@@ -131,6 +131,16 @@ def test_walls_hold_the_liquid(rule):
         assert position[:, 0].mean() < 0.5
 
 
+def test_a_wall_between_nodes_is_told_where_it_acts():
+    """Each face of its own; an open one and one within a thousandth of a cell have no note."""
+    walls = rs.MpmWalls(lower=(-0.05, 0.0001, 0.0), upper=(1.2, 1.09, 0.0), open_faces=("-x",))
+    notes = rs.make_plan(scene(rs.MpmLiquid(bulk_modulus=1e5), walls, dim=2)).notes
+    assert [note for note in notes if "mpm_walls" in note] == [
+        "mpm_walls: its face +y at 1.09 m acts at the node beyond it, at 1.2 m (0.55 cells): give a multiple of the"
+        " cell size, 0.2 m"
+    ]
+
+
 @pytest.mark.parametrize("reading", ["none", "cluster", "thesis", "gradient_corrected"])
 def test_a_square_begins_to_round_off(reading):
     """Corners are drawn in; the cluster keeps the momentum to round-off and the thesis does not."""
