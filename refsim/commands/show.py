@@ -111,6 +111,7 @@ def describe(operation: Operation, program: str) -> dict[str, list[Source]]:
     called = called_by(module, name)
     found = {
         "formulas": [source_of(*place) for place in called if place[0].endswith(".formulas")],
+        "equations": [source_of(f.__module__, f.__name__) for f in operation.equations()],
         "reference": [source_of(f"{operation.folder}.{reference.module}", operation.function)],
         "program": [source_of(module, name)],
         "helpers": [
@@ -141,6 +142,7 @@ def execute(options: argparse.Namespace) -> CommandResult:
     found = describe(operation, options.backend)
     headings = {
         "formulas": "Formulas",
+        "equations": "Equations: the term of one pair, or what follows from the sums",
         "reference": "Reference: NumPy, all pairs, float64",
         "program": "What one row does, for both backends" if "loop" in found else f"Program on {options.backend}",
         "helpers": "Helpers",

@@ -177,6 +177,7 @@ def _function(operation: Operation, arrays: str) -> str:
         line = f"{name:{widths[0] + 2}}  {r.role:6}  {r.kind:{widths[2]}}  {r.meaning}{none}"
         told.append(line.rstrip())
     said = inspect.getdoc(operation.program("numpy")) or ""
+    said = "\n\n".join([said, *(f"{f.__name__}: {inspect.getdoc(f)}" for f in operation.equations())])
     outputs = ", ".join(operation.outputs)
     words = "add to" if operation.adds else "assign"
     taken = ", ".join(row.name for row in rows if row.role)

@@ -1,13 +1,13 @@
 """One equation, its programs, its hard inputs: the registry that makes the tests.
 
-An operation is registered on its reference, by the decorator `operation`. A program is named by its backend ("numpy",
-"cpu", "cuda") or, where a backend has another algorithm beside the plain one, by backend and algorithm ("cuda:fused").
-One reference judges them all.
+An operation is registered by the decorator `operation` on its NumPy program, its reference, which judges the others. A
+program is named by its backend ("numpy", "cpu", "cuda") or, where a backend has another algorithm beside the plain one,
+by backend and algorithm ("cuda:fused").
 
 Arguments are bound by name. A program names the arrays and parameter groups it takes; its outputs stand last. An
 argument of a function that is annotated as a named tuple stands for the tuple's members.
 The reference takes the same names, less the neighbour structures and the outputs, and returns
-`{output: (value, scale)}`, where `scale` is the sum of the absolute terms behind each value; for a flag it
+`{output: (value, scale)}` or Terms, where `scale` is the sum of the absolute terms behind each value; for a flag it
 is the margin: the relative distance of the decision from flipping.
 """
 
@@ -66,10 +66,10 @@ class Operation:
     """One equation of one paper and where its programs stand.
 
     name        "folder.operation", unique
-    folder      the package that holds reference.py and kernels.py
+    folder      the package that holds reference.py, operations.py and kernels.py
     paper       author and year, or "standard"
     equation    the paper's number, with the erratum and its source where the adopted reading differs
-    function    name of the function in both files
+    function    name of the function in operations.py and kernels.py
     programs    programs that stand elsewhere, or beside the plain ones, by name: "cpu", "cuda" or "backend:algorithm"
     outputs     kernel arguments that are written
     exact       outputs compared exactly wherever the margin exceeds tolerance * eps
@@ -160,6 +160,20 @@ class Operation:
     def arguments(self, name: str) -> tuple[str, ...]:
         """Names that the program called `name` takes, in order."""
         return _arguments(self.program(name))
+
+    def equations(self) -> list[Callable]:
+        """Functions of reference.py that the plain NumPy program in operations.py calls, directly or through others."""
+        waiting, found = [inspect.unwrap(self.program("numpy"))], dict[Callable, None]()
+        while waiting and self.entry("numpy").module == "operations":
+            function = waiting.pop(0)
+            if function not in found:
+                found[function] = None
+                known = function.__globals__
+                modules = [m for m in known.values() if inspect.ismodule(m) and m.__name__.endswith(".reference")]
+                for name in function.__code__.co_names:
+                    named = [known.get(name), *(getattr(module, name, None) for module in modules)]
+                    waiting += [f for f in named if inspect.isfunction(f) and f.__module__.endswith(".reference")]
+        return list(found)[1:]
 
     def bind(self, program: str, lookup: Callable[[str], Any]) -> Callable[[], None]:
         """A call without arguments: the program of that name on the values that `lookup` gives for its arguments."""
@@ -291,9 +305,10 @@ def operation(
     """
 
     def enter_on(reference: Reference) -> Reference:
-        folder = reference.__module__.rpartition(".")[0]
+        folder, _, module = reference.__module__.rpartition(".")
         written, flags, left_out = _names(outputs or adds), _names(exact), _names(optional)
         made = {**(programs or {}), **({"cuda:packed": Program("kernels", packed=packed)} if packed else {})}
+        made |= {} if module == PLAIN["numpy"].module else {"numpy": module}
         chosen = variants or ((dict.fromkeys(left_out), {}) if left_out else ({},))
         register(
             Operation(

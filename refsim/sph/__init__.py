@@ -36,7 +36,7 @@ from refsim.core.fields import Field
 from refsim.core.scalars import int32
 from refsim.core.walls import WallParticles
 from refsim.smoothing import lattice, smoothing
-from refsim.sph import reference as reference
+from refsim.sph import operations as operations
 from refsim.sph.flow import at_least, fast_flow
 
 LIQUID = "weakly_compressible"  # name of the effect that brings the liquid

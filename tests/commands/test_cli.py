@@ -356,7 +356,7 @@ def test_plan_names_the_backend_and_warns_of_a_step_that_is_too_large(scene, cap
     scene.write_text(SCENE.replace("end_time = 0.04", "step = 0.0005"))
     assert main(["plan", str(scene), "--backend", "numpy"]) == 0
     out = capsys.readouterr().out
-    assert "refsim.sph.reference.momentum" in out
+    assert "refsim.sph.operations.momentum" in out
     assert "1.2 times the stable one" in out
     assert "Neighbour list: none" in out
 

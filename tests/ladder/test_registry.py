@@ -27,9 +27,13 @@ LADDER = pathlib.Path(__file__).parent
 KERNELS = ("kernel", "cpu_kernel", "cuda_kernel", "reduction")
 COMPILED_ONLY = "test_cuda_typing.py"  # runs no kernel
 IMPORT_SECONDS = 0.3
-IMPORTED = ("numpy", "math", "typing", "refsim.core.operation")  # by references
+JUDGES = ("reference", "operations")  # modules: equations; what registers them and sums
+IMPORTED = {  # by them, beside each other, numpy and math
+    "reference": ("typing", "refsim.core.operation", "refsim.core.terms"),
+    "operations": ("refsim.core.operation", "refsim.core.terms", "refsim.neighbours.sums"),
+}
 UNIT = re.compile(r"\[[^\]]*\]|dimensionless|flags?\b", re.IGNORECASE)
-EQUATION = re.compile(r"=|<-|\b[A-Z]\(\d+\)")
+EQUATION = re.compile(r"=|<-|\bsum_|\b[A-Z]\(\d+\)")
 
 
 @functools.cache
@@ -234,7 +238,7 @@ def unequal_signatures(operations, root):
         beside = set(cpu) - set(reference)
         held = {"position"} if "liquid_near_walls" in cpu else set()  # in the list itself
         if not set(reference) - held <= set(cpu) or not beside <= {*LISTED, "scratch", *operation.outputs}:
-            yield f"{operation.name}: reference.py takes {reference}, the programs {cpu}"
+            yield f"{operation.name}: its reference takes {reference}, the programs {cpu}"
         if not {*operation.adds, *operation.exact} <= set(operation.outputs) or not set(operation.optional) <= set(cpu):
             yield f"{operation.name}: adds, exact or optional name what the programs do not have"
         for program, names in found.items():
@@ -248,12 +252,15 @@ def unequal_signatures(operations, root):
 def wordless(operations, root):
     """Formulas, references and programs whose docstring lacks an equation or a unit, operations that cite nothing."""
     owners = by_folder(operations, root)
-    for path in sorted([*root.rglob("formulas.py"), *root.rglob("reference.py")]):
+    for path in sorted([*root.rglob("formulas.py"), *root.rglob("reference.py"), *root.rglob("operations.py")]):
         listed = {operation.function for operation in owners.get(path.parent, ())}
+        apart = path.with_name("operations.py").exists()  # then a reference holds equations alone
+        asked = (("unit", UNIT),) if path.stem == "operations" else (("equation", EQUATION), ("unit", UNIT))
         for name, node in functions(path).items():
-            if decorator(node, "formula") or name in listed:
+            equation = path.stem == "reference" and apart and isinstance(node, ast.FunctionDef)
+            if decorator(node, "formula") or name in listed or equation:
                 words = ast.get_docstring(node) or ""
-                for what, pattern in (("equation", EQUATION), ("unit", UNIT)):
+                for what, pattern in asked:
                     if not pattern.search(words):
                         yield f"{path.relative_to(root)}: the docstring of {name} has no {what}"
     for path in sorted({path for _, program, path, _ in programs(operations, root) if program != "numpy"}):
@@ -270,16 +277,17 @@ def wordless(operations, root):
 
 
 def overreaching_references(operations, root):
-    """References that import more than numpy, math, other references and what registers them as operations."""
-    for path in sorted(root.rglob("reference.py")):
+    """References and operations that import more than numpy, math, each other, what sums and what registers."""
+    for path in sorted([*root.rglob("reference.py"), *root.rglob("operations.py")]):
         for node in ast.walk(ast.parse(path.read_text())):
             modules = []
             if isinstance(node, ast.Import):
                 modules = [alias.name for alias in node.names]
             elif isinstance(node, ast.ImportFrom):
-                modules = [node.module]
+                modules = [f"{node.module}.{n.name}" if n.name in JUDGES else node.module for n in node.names]
             for module in modules:
-                if module not in IMPORTED and not re.fullmatch(r"refsim\.[\w.]+\.reference", module or ""):
+                judge = (module or "").startswith("refsim.") and module.rpartition(".")[2] in JUDGES
+                if not judge and module not in ("numpy", "math", *IMPORTED[path.stem]):
                     yield f"{path.relative_to(root)} imports {module}"
 
 

@@ -5,7 +5,7 @@ import numpy as np
 from refsim.core.operation import SYMMETRY, operations
 from refsim.neighbours.reference import Sums, pair_blocks
 from refsim.smoothing.reference import kernel_gradient, kernel_value
-from refsim.sph.reference import symmetric
+from refsim.sph.operations import symmetric
 
 operation = operations(paper="Adami, Hu & Adams 2012")
 _CORRECTION = "correction_diagonal correction_mixed"

@@ -29,7 +29,7 @@ from refsim import (
 )
 from refsim.core.effect import Discretisation
 from refsim.core.walls import WallParticles
-from refsim.sph import reference as sph
+from refsim.sph import operations as sph
 from refsim.study.panels.making import compressed
 from refsim.surface_tension.akinci_2013 import reference as akinci
 from refsim.surface_tension.contact_angle import ContactAngle
@@ -549,7 +549,7 @@ def jurin(context: Context, cells: int, backend: str, angle: float = 70.0, seed:
         ]
         kernel, fluid = groups["gradient_smoothing"], groups["fluid"]
         near, without = (
-            sph.momentum(*state, walls, kernel, fluid, None)["acceleration"][0] for walls in (plates, None)
+            sph.momentum(*state, walls, kernel, fluid, None)["acceleration"].value for walls in (plates, None)
         )
         pull, _ = akinci.adhesion(position, plates, groups["smoothing"], fluid, groups["adhesion"])["acceleration"]
         upper = position[:, 1] > 1.5 * width

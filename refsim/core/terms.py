@@ -1,0 +1,179 @@
+"""Numbers that carry their size, the sum of the absolute terms behind them, and decisions that carry their margin.
+
+The size is what a bound of rounding needs: of a number from outside its absolute value, of a sum or difference the sum
+of the sizes, of a product their product, of a quotient a/b size(a) size(b)/b^2, of a power x^n |n x^(n-1)| size(x).
+`rank` is 0 for numbers, 1 for vectors, 2 for matrices, whose entries stand last: a number times a vector is a vector,
+`a @ b` the product of vectors or matrices. A comparison is a Decision; its margin is the difference over the larger
+size, positive where it holds: `&` takes the smaller margin, `|` the larger, `~` the negative.
+Both unpack as a reference returns them: `value, size = terms`, `flags, margin = decision`.
+"""
+
+import numpy as np
+
+TWICE = 1e-3  # share of what cancels in both factors of a product: rounding makes it of second order
+
+
+class Decision:
+    """Flags with the relative distance from flipping, `margin`, positive where they hold."""
+
+    __array_ufunc__ = None  # NumPy leaves mixed operations to the methods below
+
+    def __init__(self, margin, holds=None):
+        self.margin = np.asarray(margin, dtype=float)
+        self.holds = self.margin > 0 if holds is None else np.asarray(holds)
+
+    def __iter__(self):
+        return iter((self.holds.astype(np.uint8), np.abs(self.margin)))
+
+    def __and__(self, other):
+        return Decision(np.minimum(self.margin, other.margin), self.holds & other.holds)
+
+    def __or__(self, other):
+        return Decision(np.maximum(self.margin, other.margin), self.holds | other.holds)
+
+    def __invert__(self):
+        return Decision(-self.margin, ~self.holds)
+
+
+class Terms:
+    """Numbers, vectors or matrices with the sum of the absolute terms behind each entry."""
+
+    __array_ufunc__ = None
+    __slots__ = ("given", "rank", "value")
+
+    def __init__(self, value, size=None, rank=0):
+        self.value = np.asarray(value, dtype=float)
+        self.given, self.rank = size, rank  # a size that is not given is the absolute value
+
+    @property
+    def size(self):
+        return np.abs(self.value) if self.given is None else self.given
+
+    def __iter__(self):
+        return iter((self.value, self.size))
+
+    def at(self, rows):
+        """Those of some rows."""
+        return Terms(self.value[rows], None if self.given is None else self.given[rows], self.rank)
+
+    def __add__(self, other):
+        a, b = alike(self, other)
+        return Terms(a.value + b.value, a.size + b.size, a.rank)
+
+    def __sub__(self, other):
+        a, b = alike(self, other)
+        return Terms(a.value - b.value, a.size + b.size, a.rank)
+
+    def __mul__(self, other):
+        a, b = alike(self, other)
+        if a.given is b.given is None:
+            return Terms(a.value * b.value, None, a.rank)
+        size = a.size * b.size
+        if a.given is not None and b.given is not None:
+            size = size - (1 - TWICE) * (a.size - np.abs(a.value)) * (b.size - np.abs(b.value))
+        return Terms(a.value * b.value, size, a.rank)
+
+    def __truediv__(self, other):
+        a, b = alike(self, other)
+        if b.given is not None:
+            return a * Terms(1 / b.value, b.size / b.value**2, b.rank)
+        return Terms(a.value / b.value, None if a.given is None else a.size / b.size, a.rank)
+
+    def __matmul__(self, other):
+        a, b = self, terms(other)
+        products = {(1, 1): np.vecdot, (2, 2): np.matmul, (2, 1): lambda m, v: (m @ v[..., None])[..., 0]}
+        product = products[a.rank, b.rank]
+        return Terms(product(a.value, b.value), product(a.size, b.size), a.rank + b.rank - 2)
+
+    def __pow__(self, n):
+        return Terms(self.value**n, abs(n) * np.abs(self.value) ** (n - 1) * self.size, self.rank)
+
+    def __neg__(self):
+        return Terms(-self.value, self.given, self.rank)
+
+    def __rsub__(self, other):
+        return terms(other) - self
+
+    def __rtruediv__(self, other):
+        return terms(other) / self
+
+    __radd__, __rmul__ = __add__, __mul__
+
+    def __le__(self, other):
+        return _compared(self, other, np.less_equal)
+
+    def __lt__(self, other):
+        return _compared(self, other, np.less)
+
+    def __ge__(self, other):
+        return _compared(terms(other), self, np.less_equal)
+
+    def __gt__(self, other):
+        return _compared(terms(other), self, np.less)
+
+
+def terms(x):
+    """`x` as Terms: an array of one axis is a vector, of two a matrix; a decision is 1 where it holds."""
+    if isinstance(x, Decision):
+        return Terms(x.holds)
+    return x if isinstance(x, Terms) else Terms(x, rank=np.ndim(x))
+
+
+def alike(a, b):
+    """Both as Terms of the larger rank."""
+    a, b = terms(a), terms(b)
+    return (_raised(a, b.rank), b) if a.rank < b.rank else (a, _raised(b, a.rank))
+
+
+def _raised(x, rank):
+    axes = tuple(range(-1, x.rank - rank - 1, -1))
+    if not axes:
+        return x
+    size = None if x.given is None else np.expand_dims(x.given, axes)
+    return Terms(np.expand_dims(x.value, axes), size, rank)
+
+
+def _compared(a, b, holds):
+    a, b = terms(a), terms(b)
+    return Decision((b.value - a.value) / np.maximum(a.size, b.size), holds(a.value, b.value))
+
+
+def where(condition, a, b):
+    """a where the condition (flags as Terms, or a Decision) holds, else b."""
+    a, b = alike(a, b)
+    condition = np.expand_dims(terms(condition).value != 0, tuple(range(-a.rank, 0)))
+    return Terms(np.where(condition, a.value, b.value), np.where(condition, a.size, b.size), a.rank)
+
+
+def maximum(a, b):
+    """The larger one, with the larger size: a rounding may decide which it is."""
+    a, b = alike(a, b)
+    return Terms(np.maximum(a.value, b.value), np.maximum(a.size, b.size), a.rank)
+
+
+def clip(x, low, high):
+    """x held between two bounds, with the largest size of the three."""
+    return -maximum(-maximum(x, low), -terms(high))
+
+
+def length(x):
+    """|x| of vectors."""
+    return Terms(np.sqrt(np.vecdot(x.value, x.value)), np.sqrt(np.vecdot(x.size, x.size)))
+
+
+def outer(a, b):
+    """a b^T of vectors."""
+    return Terms(a.value[..., :, None] * b.value[..., None, :], a.size[..., :, None] * b.size[..., None, :], 2)
+
+
+def determinant(m):
+    """det m of matrices; its terms without their signs are its size."""
+    a, b, c = (np.roll(m.size, -k, axis=-1) for k in range(3))
+    size = sum(a[..., 0, k] * (b[..., 1, k] * c[..., 2, k] + c[..., 1, k] * b[..., 2, k]) for k in range(3))
+    return Terms(np.linalg.det(m.value), size)
+
+
+def inverse(m):
+    """m^-1 of matrices; an error E changes it by m^-1 E m^-1."""
+    found = np.linalg.inv(m.value)
+    return Terms(found, np.abs(found) @ m.size @ np.abs(found), 2)

@@ -1,0 +1,339 @@
+"""Operations of weakly compressible SPH: which equations make each, its kernels, variants, tolerance and why."""
+
+import numpy as np
+
+from refsim.core.operation import SYMMETRY, Program, operations, without
+from refsim.core.terms import Terms, length, maximum
+from refsim.neighbours.sums import Fields, neighbours, wall_particles
+from refsim.sph import reference as ref
+
+operation = operations(paper="Jiang & Zhu 2023")
+_PRESSURES = (
+    "one rounding in each of distance, kernel, product and sum, and a few in the kernel's polynomial; the size counts"
+    " |p_i| and |p_j|, not |p_i + p_j|"
+)
+_WARMTH = "temperature temperature_range exchange_rate"
+_CROWDING = "density rest_density density_bounds"
+
+
+def moving(walls, wall_motion):
+    """Velocities [m/s] of wall particles: 0, or that of `wall_motion` beyond its planes; None without walls."""
+    if walls is None:
+        return None
+    x = np.asarray(walls.position, dtype=float)
+    if wall_motion is None:
+        return np.zeros(x.shape)
+    lower, upper, velocity = (np.asarray(part, dtype=float) for part in wall_motion)
+    return np.where(((x < lower) | (x > upper)).any(1)[:, None], velocity, 0.0)
+
+
+def symmetric(diagonal, mixed):
+    """Matrices (n, 3, 3) from their diagonals (xx, yy, zz) and the rest (xy, xz, yz), (n, 3) each."""
+    entries = np.concatenate([np.asarray(diagonal, dtype=float), np.asarray(mixed, dtype=float)], axis=1)
+    return entries[:, [[0, 3, 4], [3, 1, 5], [4, 5, 2]]]
+
+
+@operation(
+    "summed density, J(7), J(8) and its first moment", outputs="number_density asymmetry density",
+    optional="number_density asymmetry walls period",
+    variants=("number_density asymmetry walls period", "period", "number_density asymmetry", "asymmetry period"),
+    invariants=SYMMETRY, broken={2: "rotation"}, packed="density_pair",
+)  # fmt: skip
+def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
+    """Densities J(7) [kg/m^dim], number densities J(8) [1/m^dim], asymmetries [m^(1 - dim)] of liquid and walls."""
+    i, b = Fields(position=position, mass=mass), wall_particles(walls, fluid)
+    around, at_walls = (neighbours(i, j, smoothing, period=period, rows=rows) for j in (i, b))
+    return {
+        "density": around(ref.summed_density) + at_walls(ref.summed_density),
+        "number_density": around(ref.number_density) + at_walls(ref.number_density_at_walls),
+        "asymmetry": length(around(ref.first_moment) + at_walls(ref.first_moment_at_walls)),
+    }
+
+
+@operation(
+    "continuity equation with diffusion and shifts",
+    paper="Colagrossi & Landrini 2003; Molteni & Colagrossi 2009; Fourtakas et al. 2019; Sun et al. 2019",
+    outputs="density_excess density",
+    optional="walls wall_strain wall_motion diffusion lean period rest_density phase shift",
+    variants=(
+        "walls wall_strain wall_motion diffusion lean period rest_density phase shift",
+        "walls wall_strain wall_motion period shift",
+        "period wall_motion rest_density phase", "period shift", "walls wall_strain wall_motion rest_density phase",
+    ),
+    tolerance=12.0, reason="one rounding in each of distance, slope, volume, velocity difference, projection,"
+    " quotients, product and sum; the size of the walls' share f counts both of its terms, 10 filled and 7.5",
+    invariants=f"{SYMMETRY} galilean",
+    broken={1: "rotation", 2: "rotation galilean", 3: "translation rotation galilean", 4: "rotation"},
+    programs={
+        "cuda:fused": Program(
+            "kernels", "continuity_and_sums", packed="continuity_and_sums_pair", also=("sph.density",),
+            names={
+                "smoothing": "gradient_smoothing", "sph.density.smoothing": "smoothing",
+                "sph.density.density": "summed_density",
+            },
+            variants=(
+                "walls wall_strain wall_motion period rest_density phase shift", "diffusion lean period number_density",
+            ),
+        )
+    },
+    packed="continuity_pair",
+)  # fmt: skip
+def continuity(
+    position, velocity, mass, rest_density, phase, advanced_excess, wall_strain, shift, walls, wall_motion, smoothing,
+    fluid, diffusion, lean, period, timestep, rows=None,
+):  # fmt: skip
+    """Density [kg/m^dim] a step after rho0 + advanced_excess, and its excess over rho0.
+
+    `timestep` [s] has the step's length second; walls rest, or move by `wall_motion` beyond its planes. Solids (`phase`
+    not 0) keep their rest density and take no part in the diffusion.
+    """
+    dt = float(timestep[1])
+    rest = np.asarray(fluid.rest_density if rest_density is None else rest_density, dtype=float)
+    density = rest + np.asarray(advanced_excess, dtype=float)
+    i = Fields(
+        position=position, velocity=velocity, excess=advanced_excess, density=density, rest=rest,
+        liquid=1.0 if phase is None else np.asarray(phase) == 0, volume=np.asarray(mass, dtype=float) / density,
+        shift=None if shift is None or dt == 0 else np.asarray(shift, dtype=float) / dt,
+    )  # fmt: skip
+    b = wall_particles(walls, velocity=moving(walls, wall_motion), strain=wall_strain)
+    around, at_walls = (neighbours(i, j, smoothing, period=period, rows=rows) for j in (i, b))
+    own, spread = around.i, 0.0
+    strain = around(ref.strain) + at_walls(ref.strain)
+    if shift is not None and dt != 0:
+        strain += around(ref.transport) + at_walls(ref.transport_at_walls)
+    if walls is not None and wall_strain is not None:
+        filled = (around(ref.filling) + at_walls(ref.filling)) / int(smoothing.dim)
+        strain += ref.interior(filled) * at_walls(ref.handed_on) / own.volume
+    if diffusion is not None:
+        slope = float(diffusion.stretch) * np.array([float(part) for part in lean])
+        spread = around(ref.diffusion, delta_h_c=diffusion.coefficient, lean=slope)
+    excess = ref.advanced(own, strain, spread, dt)
+    return {"density_excess": excess, "density": own.rest + excess}
+
+
+@operation(
+    "rho of the step before, restored", paper="Colagrossi & Landrini 2003", outputs="advanced_excess",
+    optional="number_density phase restoring",
+    variants=("number_density phase restoring", "number_density restoring", ""), tolerance=8.0,
+    reason="one rounding in each of the number density's share, its slope of 10, differences and products",
+    invariants="reordering",
+)  # fmt: skip
+def keep_density(density_excess, number_density, phase, fluid, restoring, timestep, rows=None):
+    """advanced_excess = e = rho - rho0 [kg/m^dim] when the next step begins, nearer to J(8) with `restoring`.
+
+    Solids (`phase` not 0) keep theirs.
+    """
+    liquid = 1.0 if phase is None else np.asarray(phase) == 0
+    i = Fields(excess=density_excess, number=number_density, liquid=liquid).at(rows)
+    if restoring is None:
+        return {"advanced_excess": i.excess}
+    rate, own, inverse, volume = (float(part) for part in restoring)
+    step = rate * float(timestep[1])
+    return {"advanced_excess": ref.restored(i, float(fluid.rest_density), step, own, inverse, volume)}
+
+
+@operation(
+    "J(9)", paper="Jiang & Zhu 2023; Tait", outputs="pressure",
+    reason="one rounding for each factor of the power, counted in the scale by the exponent", invariants="reordering",
+)  # fmt: skip
+def state(density, fluid, rows=None):
+    """Pressure [Pa] from density [kg/m^dim] by J(9) or Tait; what is negative then becomes 0 if `clamp`."""
+    i, rest = Fields(density=density).at(rows), float(fluid.rest_density)
+    p = ref.state(i, float(fluid.stiffness), rest, int(fluid.exponent))
+    p += ref.internal_pressure(i, float(fluid.internal_pressure), rest)
+    return {"pressure": maximum(p, 0) if fluid.clamp else p}
+
+
+@operation(
+    "J(10), J(11) with Jiang & Zhu E3", adds="acceleration", optional="walls viscosity period",
+    variants=("walls viscosity period", "period", "", "walls period"), tolerance=8.0, reason=_PRESSURES,
+    invariants=f"{SYMMETRY} linear_momentum galilean dissipation", broken={0: "dissipation", 2: "rotation"},
+    packed="momentum_pair",
+)  # fmt: skip
+@operation(
+    "J(10), averaged pressure force (p_i + p_j)/(rho_i rho_j)", "sph.pressure", adds="acceleration",
+    optional="walls viscosity period", variants=("viscosity walls period", "viscosity", "viscosity period"),
+    tolerance=8.0, reason=_PRESSURES, invariants=f"{SYMMETRY} linear_momentum angular_momentum",
+    broken={1: "rotation angular_momentum"},
+    packed="momentum_pair",
+)  # fmt: skip
+def momentum(position, velocity, mass, density, pressure, walls, smoothing, fluid, viscosity, period=None, rows=None):
+    """Acceleration [m/s^2] by pressure, that of walls (Akinci et al. 2012) and viscosity."""
+    i = Fields(position=position, velocity=velocity, mass=mass, density=density, pressure=pressure)
+    b, s = wall_particles(walls, fluid), float(fluid.gradient_share)
+    around, at_walls = (neighbours(i, j, smoothing, period=period, rows=rows) for j in (i, b))
+    a = around(ref.pressure_force, s=s) + at_walls(ref.wall_pressure_force, s=s, k=fluid.wall_share)
+    if viscosity is not None:
+        a += around.others(ref.viscous_force, mu=viscosity.coefficient)
+    return {"acceleration": a}
+
+
+@operation(
+    "renormalised gradient", paper="Bonet & Lok 1999", outputs="correction_diagonal correction_mixed",
+    optional="walls period", variants=("walls period", "period", ""),
+    tolerance=16.0, invariants="translation reordering", packed="filling_pair",
+    reason="one rounding in each of distance, slope, volume and products, and those of the determinant and its minors;"
+    " near det M = 0.5 the size counts all of M^-1",
+)  # fmt: skip
+def gradient_correction(position, mass, density, walls, smoothing, period=None, rows=None):
+    """Matrices B over liquid and walls, dimensionless: diagonal (xx, yy, zz) and the rest (xy, xz, yz)."""
+    i = Fields(position=position, volume=np.asarray(mass, dtype=float) / np.asarray(density, dtype=float))
+    around, at_walls = (neighbours(i, j, smoothing, period=period, rows=rows) for j in (i, wall_particles(walls)))
+    m = around(ref.filled_matrix) + at_walls(ref.filled_matrix)
+    if int(smoothing.dim) == 2:
+        m.value[:, 2, 2] = 1.0
+    b = ref.renormalised(m)
+    at = {"correction_diagonal": ((0, 1, 2), (0, 1, 2)), "correction_mixed": ((0, 0, 1), (1, 2, 2))}
+    return {name: (b.value[:, *entries], b.size[:, *entries]) for name, entries in at.items()}
+
+
+@operation("p_j - p_i where p_i < 0", paper="Sun et al. 2018", outputs="own_pressure", optional="near_surface",
+    invariants="reordering",
+)  # fmt: skip
+def own_pressure(pressure, near_surface, rows=None):
+    """Pressure of a particle in its own force [Pa], its absolute value away from the surface."""
+    flags = 0.0 if near_surface is None else near_surface
+    return {"own_pressure": ref.own_pressure(Fields(pressure=pressure, near_surface=flags).at(rows))}
+
+
+@operation(
+    "J(10) with renormalised gradients", paper="Jiang & Zhu 2023; Bonet & Lok 1999; Sun et al. 2018",
+    adds="acceleration", optional="correction_diagonal correction_mixed period", tolerance=12.0,
+    reason="one rounding in each of distance, slope, volume, pressures, two products with a matrix, mean and sum",
+    variants=("correction_diagonal correction_mixed period", "period", ""), invariants=SYMMETRY,
+    broken={1: "rotation", 2: "rotation"}, packed="corrected_pressure_pair",
+)  # fmt: skip
+def corrected_pressure(
+    position, mass, density, pressure, own_pressure, correction_diagonal, correction_mixed, smoothing, fluid,
+    period=None, rows=None,
+):  # fmt: skip
+    """Acceleration [m/s^2] by pressure with renormalised gradients; without a correction B = I."""
+    correction = np.broadcast_to(np.eye(3), (len(pressure), 3, 3))
+    if correction_diagonal is not None:
+        correction = symmetric(correction_diagonal, correction_mixed)
+    i = Fields(
+        position=position, mass=mass, density=density, pressure=pressure, own_pressure=own_pressure,
+        correction=correction,
+    )  # fmt: skip
+    around = neighbours(i, i, smoothing, period=period, rows=rows)
+    return {"acceleration": around(ref.corrected_pressure_force, s=fluid.gradient_share)}
+
+
+@operation(
+    "J(11) with Jiang & Zhu E3, viscosity by a Laplacian", "sph.viscosity", adds="acceleration", optional="period",
+    tolerance=8.0, invariants=f"{SYMMETRY} linear_momentum galilean dissipation", broken={1: "rotation"},
+    packed="viscous_pair",
+)  # fmt: skip
+def viscous(position, velocity, mass, density, smoothing, viscosity, period=None, rows=None):
+    """Acceleration [m/s^2] by viscosity alone."""
+    i = Fields(position=position, velocity=velocity, mass=mass, density=density)
+    around = neighbours(i, i, smoothing, period=period, rows=rows)
+    return {"acceleration": around.others(ref.viscous_force, mu=viscosity.coefficient)}
+
+
+@operation(
+    "momentum equation with zeta = 5 eta/3, viscous part", "sph.central_viscosity", paper="Espanol & Revenga 2003",
+    adds="acceleration", optional="period", tolerance=12.0,
+    reason="one rounding in each of squared distance (twice), Laplacian, volume, velocity difference, projection,"
+    " quotient, product and sum", invariants=f"{SYMMETRY} linear_momentum angular_momentum galilean dissipation",
+    broken={1: "rotation angular_momentum"},
+    packed="central_pair",
+)  # fmt: skip
+def central_viscous(position, velocity, mass, density, smoothing, central_viscosity, period=None, rows=None):
+    """Acceleration [m/s^2] by the viscosity along the line of centres."""
+    i = Fields(position=position, velocity=velocity, mass=mass, density=density)
+    around = neighbours(i, i, smoothing, period=period, rows=rows)
+    return {"acceleration": around.others(ref.central_viscous_force, k=central_viscosity.coefficient)}
+
+
+@operation(
+    "J(10), momentum equation with zeta = 5 eta/3", paper="Jiang & Zhu 2023; Espanol & Revenga 2003",
+    adds="acceleration", optional="period", tolerance=12.0, reason="those of sph.central_viscosity",
+    invariants=f"{SYMMETRY} linear_momentum angular_momentum galilean", broken={1: "rotation angular_momentum"},
+    packed="central_momentum_pair",
+)  # fmt: skip
+def central_momentum(
+    position, velocity, mass, density, pressure, smoothing, fluid, central_viscosity, period=None, rows=None
+):
+    """Acceleration [m/s^2] by J(10) and the viscosity along the line of centres, without walls."""
+    i = Fields(position=position, velocity=velocity, mass=mass, density=density, pressure=pressure)
+    around = neighbours(i, i, smoothing, period=period, rows=rows)
+    drag = around.others(ref.central_viscous_force, k=central_viscosity.coefficient)
+    return {"acceleration": around(ref.pressure_force, s=fluid.gradient_share) + drag}
+
+
+@operation("J(6), g", paper="standard", adds="acceleration", invariants="reordering")
+def gravity(field, rows=None):
+    """Uniform acceleration a_i = g [m/s^2], g of J(6); one row for all particles."""
+    return {"acceleration": Terms(np.asarray(field)[None, :], rank=1)}
+
+
+@operation(
+    "max |v|^2, max |a|^2, max s/dt, max (T - range), number of rho > b rho0", paper="standard", outputs="extremes",
+    optional=f"{_WARMTH} {_CROWDING}",
+    variants=(
+        f"{_WARMTH} {_CROWDING}", f"temperature_range exchange_rate {_CROWDING}", f"{_WARMTH} rest_density",
+        "exchange_rate", "",
+    ),
+)  # fmt: skip
+def extremes(
+    velocity, acceleration, temperature, temperature_range, exchange_rate, density, rest_density, density_bounds
+):
+    """E = (max |v|^2 [m^2/s^2], max |a|^2 [m^2/s^4], number of particles with a value that is not finite,
+    max rate [1/s], largest excess of a temperature over its range [K], number of particles with rho > a rho0, with
+    rho > b rho0), a and b of `density_bounds`, rho0 of the particle or else of the liquid.
+    """
+    speed = (np.asarray(velocity, dtype=float) ** 2).sum(1)
+    force = (np.asarray(acceleration, dtype=float) ** 2).sum(1)
+    broken = ~(np.isfinite(speed) & np.isfinite(force))
+    if temperature is not None:
+        broken |= ~np.isfinite(np.asarray(temperature, dtype=float))
+    rate, excess, size = 0.0, 0.0, 0.0
+    if exchange_rate is not None:
+        rates = np.asarray(exchange_rate, dtype=float)
+        broken |= ~np.isfinite(rates)
+        rate = np.nanmax(rates, initial=0)
+    if temperature_range is not None:
+        low, high = (float(v) for v in temperature_range)
+        excess = np.nanmax(ref.beyond(Terms(temperature), low, high).value, initial=0)
+        size = excess + abs(low) + abs(high)
+    counts = [0, 0]
+    if density_bounds is not None:
+        rest = density_bounds.rest_density if rest_density is None else rest_density
+        bounds = (np.asarray(rest) * times for times in (density_bounds.dense, density_bounds.crushed))  # in the dtype
+        counts = [int((np.asarray(density) > bound).sum()) for bound in bounds]
+    value = np.array([speed.max(initial=0), force.max(initial=0), broken.sum(), rate, excess, *counts], dtype=float)
+    return {"extremes": (value, np.array([*value[:4], size, *counts]))}
+
+
+@operation(
+    "leap-frog with a changing step", paper="standard", outputs="position_residual velocity position displacement",
+    optional="bounds position_residual shift",
+    variants=(
+        "bounds position_residual shift", "position_residual shift",
+        without("bounds shift", timestep="short_steps"), "shift", "",
+    ),
+    reason="one rounding in each product and sum", invariants="reordering", cases="slow_and_far",
+)  # fmt: skip
+def kick_drift(acceleration, build_position, bounds, timestep, shift, position_residual, velocity, position):
+    """Leap-frog for v [m/s] and x [m], stopped at the walls' planes `bounds` [m].
+
+    With a residual, x + residual is advanced, and the rest of its rounding is the new one; 0 at a plane.
+    displacement: [largest squared displacement since the list was built [m^2], number of stopped particles].
+    """
+    kick, drift = (float(t) for t in timestep)
+    i = Fields(velocity=velocity, acceleration=acceleration, shift=0.0 if shift is None else shift)
+    v = ref.kicked(i, kick)
+    change = ref.drifted(i, v, drift)
+    x, rest = Terms(position, rank=1) + change, None
+    if position_residual is not None:
+        total, rest = ref.carried(position, position_residual, *change)
+        x = Terms(*total, 1)
+    x_at, v_at, rest, stopped = ref.at_planes(bounds, x.value, v.value, rest)
+    x, v = Terms(x_at, x.size, 1), Terms(v_at, v.size, 1)
+    moved = x.value - np.asarray(build_position, dtype=float)
+    squares = (moved**2).sum(1), ((np.abs(moved) + x.size) ** 2).sum(1)
+    value, size = (s.max(initial=0) for s in squares)
+    displacement = np.array([value, stopped.sum()]), np.array([size, 0.0])
+    residual = {} if rest is None else {"position_residual": rest}
+    return {"velocity": v, "position": x, "displacement": displacement, **residual}
