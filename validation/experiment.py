@@ -214,11 +214,12 @@ class Experiment:
 
 
 def measures(module: ModuleType, families: Iterable[Family]) -> dict[str, Measure]:
-    """Every `Measure` of a module with its family, by its name in small letters, which is that of its claim.
+    """Every `Measure` of a module and of its table CLAIMS with its family, by the name of its claim in small letters.
 
     Raises ValueError for a family of what is no measure.
     """
-    found = {name.lower(): value for name, value in vars(module).items() if isinstance(value, Measure)}
+    named = vars(module) | getattr(module, "CLAIMS", {})
+    found = {name.lower(): value for name, value in named.items() if isinstance(value, Measure)}
     for family in families:
         if unknown := set(family.claims) - set(found):
             raise ValueError(f"{module.__name__}: families name {sorted(unknown)}, which are no measures")

@@ -2,8 +2,9 @@
 
 import pytest
 
-from validation.experiments.solutions import runs as case
-from validation.peers import missing
+from validation.experiments.solutions.runs import EXPERIMENT
+from validation.peers import in_turns, missing
+from validation.peers import terms as case
 from validation.running import Context
 
 SMALL = {"side": 6, "seed": 2}
@@ -15,7 +16,7 @@ DIFFER = {  # terms with other formulas, and the least difference that these mak
 
 def _judged(program):
     result = case.COMPARED[program](Context(), **SMALL)
-    made = case.EXPERIMENT.checked({f"terms_{program}": result})
+    made = EXPERIMENT.checked({f"terms_{program}": result})
     assert len(made) == 2 * len(case.TERMS[program])
     return result, {check.name for check in made if check.verdict == "fail"}
 
@@ -30,3 +31,13 @@ def test_terms_of_a_program(program):
         least = DIFFER.get(f"{program}.{name}", 0.0)
         assert (least > 0) == (name not in case.EQUAL[program])
         assert result.values[name] >= least
+
+
+def test_programs_take_turns():
+    """Ratios are those of a round; one program that is not there ends it."""
+    theirs, ours, done = iter([2.0, 6.0, 4.0]), iter([1.0, 2.0, 4.0]), []
+    found = in_turns(3, lambda: {"seconds": next(theirs), "version": "1"}, lambda: next(ours), done.append, 2)
+    assert (found["ratios"], found["ratio"], found["missing"]) == ([2.0, 3.0, 1.0], 2.0, "")
+    assert found["peer"] == {"median": 2.0, "low": 1.0, "high": 3.0}
+    assert done == [1 / 3, 2 / 3, 1.0]
+    assert in_turns(3, lambda: {"missing": "it is not there"}, float, print) == {"missing": "it is not there"}

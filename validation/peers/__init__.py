@@ -14,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +47,29 @@ def missing(module: str) -> str:
     _, name, package = PROGRAMS[module]
     there = importlib.util.find_spec(name) is not None
     return "" if there else f"{package} is not installed; run pip install {package}"
+
+
+def in_turns(
+    rounds: int, peer: Callable[[], Mapping[str, Any]], own: Callable[[], float], progress: Callable[[float], object],
+    particles: float = 1.0,
+) -> dict[str, Any]:  # fmt: skip
+    """Seconds of two programs in turn, over `particles`: the peer's "seconds", and what `own` returns, in each round.
+
+    {"missing": why}; or "" there, medians, least and largest of both, their ratios and the median of these.
+    """
+    spent: dict[str, list[float]] = {"refsim": [], "peer": []}
+    answer: Mapping[str, Any] = {}
+    for k in range(rounds):
+        answer = peer()
+        if "missing" in answer:
+            return {"missing": answer["missing"]}
+        spent["peer"].append(answer["seconds"] / particles)
+        spent["refsim"].append(own() / particles)
+        progress((k + 1) / rounds)
+    spread = {n: {"median": float(np.median(s)), "low": min(s), "high": max(s)} for n, s in spent.items()}
+    ratios = [b / a for a, b in zip(spent["refsim"], spent["peer"])]
+    found = {"missing": "", "version": answer["version"], "particles": particles, "rounds": rounds, **spread}
+    return found | {"ratios": ratios, "ratio": float(np.median(ratios))}
 
 
 def launch(

@@ -380,14 +380,10 @@ def momentum(term: str, part: str) -> Measure:
     return Measure(planned, each(lambda v: real(v[term][part])), quick=False)
 
 
-LINEAR_COHESION = momentum("cohesion", "linear")
-ANGULAR_COHESION = momentum("cohesion", "angular")
-LINEAR_CORRECTION = momentum("correction", "linear")
-ANGULAR_CORRECTION = momentum("correction", "angular")
-LINEAR_PRINTED = momentum("printed", "linear")
-ANGULAR_PRINTED = momentum("printed", "angular")
-LINEAR_CSF = momentum("csf", "linear")
-ANGULAR_CSF = momentum("csf", "angular")
+CLAIMS = {
+    f"{part}_{term}": momentum(term, part)
+    for term in ("cohesion", "correction", "printed", "csf") for part in ("linear", "angular")
+}  # fmt: skip
 
 # Seconds a frame, in five rounds on one thread and five on all: what is shared between threads differs by model.
 

@@ -198,17 +198,10 @@ def momentum(mode: str, force: str, part: str) -> Measure:
     return Measure(every(area_force, runs, 2.0, count=SMALL, mode=mode), each(lambda v: v[force][part]))
 
 
-LINEAR_MOMENTUM_ALL = momentum("all", "area", "linear")
-ANGULAR_MOMENTUM_ALL = momentum("all", "area", "angular")
-LINEAR_MOMENTUM_SOFT = momentum("soft", "area", "linear")
-ANGULAR_MOMENTUM_SOFT = momentum("soft", "area", "angular")
-LINEAR_MOMENTUM_EITHER = momentum("either", "area", "linear")
-ANGULAR_MOMENTUM_EITHER = momentum("either", "area", "angular")
-LINEAR_MOMENTUM_BOTH = momentum("both", "area", "linear")
-ANGULAR_MOMENTUM_BOTH = momentum("both", "area", "angular")
-LINEAR_MOMENTUM_ONE_SIDED = momentum("one_sided", "area", "linear")
-ANGULAR_MOMENTUM_ONE_SIDED = momentum("one_sided", "area", "angular")
-ANGULAR_MOMENTUM_WITHOUT_AREA = momentum("all", "without", "angular")
+MODES = ("all", "soft", "either", "both", "one_sided")
+CLAIMS = {
+    f"{part}_momentum_{mode}": momentum(mode, "area", part) for part in ("linear", "angular") for mode in MODES
+} | {"angular_momentum_without_area": momentum("all", "without", "angular")}
 
 # The area term and its normals.
 
@@ -322,14 +315,10 @@ def force_extremes(context: Context, dim: int, alpha: float, beta: float) -> Res
     return Result({"ratio": float(curve.max() / -curve.min()), "moment": moment})
 
 
-def repulsion(dim: int) -> Measure:
-    """Greatest repulsion over greatest attraction with the printed coefficients."""
-    runs = {f"claim_curve_{dim}d": {"dim": dim}}
-    return Measure(every(force_extremes, runs, 0.1, alpha=0.6, beta=0.9), each("ratio"))
-
-
-REPULSION_3D = repulsion(3)
-REPULSION_2D = repulsion(2)
+for _dim in (2, 3):  # with the printed coefficients
+    CLAIMS[f"repulsion_{_dim}d"] = Measure(
+        every(force_extremes, {f"claim_curve_{_dim}d": {"dim": _dim}}, 0.1, alpha=0.6, beta=0.9), each("ratio")
+    )
 
 # Null models
 
@@ -346,10 +335,6 @@ def _only_attraction(measure: Measure) -> list[float]:
     q = np.linspace(0.0, 1.0, 1001)
     curve = (0.6 - 0.9) * (1 - q**2) ** 3
     return measure.of({"": {"ratio": float(curve.max() / -curve.min())}})
-
-
-MODES = ("all", "soft", "either", "both", "one_sided")
-MOMENTA = tuple(f"{part}_momentum_{mode}" for part in ("linear", "angular") for mode in MODES)
 
 
 # Hard cases of a drop, and the largest stable step, tension and area coefficient in every pair mode.

@@ -446,12 +446,10 @@ def _reversed(scheme: str, passes: int) -> Measure:
     return Measure(runs, each(lambda v: real(v["reversed"][at]) / real(v["forward"][at])))
 
 
-HEAT_REVERSED_PAIRS_2 = _reversed("pair_exchange", 2)
-HEAT_REVERSED_PAIRS_4 = _reversed("pair_exchange", 4)
-HEAT_REVERSED_PAIRS_8 = _reversed("pair_exchange", 8)
-HEAT_REVERSED_SINGLE_2 = _reversed("one_sided", 2)
-HEAT_REVERSED_SINGLE_4 = _reversed("one_sided", 4)
-HEAT_REVERSED_SINGLE_8 = _reversed("one_sided", 8)
+CLAIMS = {
+    f"heat_reversed_{words}_{passes}": _reversed(scheme, passes)
+    for words, scheme in (("pairs", "pair_exchange"), ("single", "one_sided")) for passes in PASSES[1:]
+}  # fmt: skip
 HEAT_LONG_STEPS_HOLD = Measure(
     _runs("long", long_steps, [
         {"scheme": scheme, "number": number} for scheme in ("one_sided", "pair_exchange") for number in (8.75, 1e3, 3e6)

@@ -39,7 +39,7 @@ from validation.metrics.bodies import (
 from validation.metrics.mpm import CELL, DENSITY, Transfers, backward_euler, round_trip, splines
 from validation.metrics.mpm import MODULUS as BULK_MODULUS
 from validation.metrics.solutions import compressible, rayleigh, swing_of_ideal_drop
-from validation.peers import taichi_mpm
+from validation.peers import in_turns, taichi_mpm
 from validation.results import Result, real
 from validation.running import Context
 from validation.trials import Cell, Trial, hard_case, largest_stable, unguarded
@@ -65,31 +65,27 @@ def against_taichi(
     order  in which the particles stand in memory, see `taichi_mpm.places`
     """
     block = {**BLOCK, "cells": cells, "room": cells + 24, "steps": steps, "order": order}
-    own: list[float] = []
-    other: list[float] = []
-    for turn in range(rounds):
-        peer = taichi_mpm.run(block, threads, "cuda" if backend == "cuda" else "cpu")
-        if "missing" in peer:
-            return Result({"missing": peer["missing"]})
-        other.append(peer["seconds"])
-        run, seconds = plain_block(context, block, threads, backend)
-        own.append(seconds)
-        context.progress((turn + 1) / rounds)
-    velocity = run.field("velocity").astype(float)
-    here = {
-        "centre": run.field("position").astype(float).mean(0).tolist(),
-        "speed": float(np.sqrt((velocity**2).sum(1).mean())),
-        "ratio": float(run.field("volume_ratio").astype(float).std()),
-    }
-    ratios = [a / b for a, b in zip(other, own, strict=True)]
-    return Result({
-        "missing": "", "particles": run.count, "threads": threads, "version": peer["version"], "order": order,
-        "own": own, "peer": other, "ratios": ratios, "ratio": statistics.median(ratios),
-        "difference": max(
-            float(np.abs(np.subtract(here["centre"], peer["centre"])).max() / BLOCK["spacing"]),
-            abs(here["speed"] / peer["speed"] - 1), abs(here["ratio"] / peer["ratio"] - 1),
-        ),
-    })  # fmt: skip
+    said: dict[str, Any] = {}
+
+    def peer() -> dict[str, Any]:
+        said.update(taichi_mpm.run(block, threads, "cuda" if backend == "cuda" else "cpu"))
+        return said
+
+    def own() -> float:
+        said["run"], seconds = plain_block(context, block, threads, backend)
+        return seconds
+
+    found = in_turns(rounds, peer, own, context.progress)
+    if found["missing"]:
+        return Result(found)
+    run = said["run"]
+    position, velocity = (run.field(name).astype(float) for name in ("position", "velocity"))
+    speed, ratio = float(np.sqrt((velocity**2).sum(1).mean())), float(run.field("volume_ratio").astype(float).std())
+    difference = max(
+        float(np.abs(position.mean(0) - said["centre"]).max() / BLOCK["spacing"]),
+        abs(speed / said["speed"] - 1), abs(ratio / said["ratio"] - 1),
+    )  # fmt: skip
+    return Result({**found, "particles": run.count, "threads": threads, "order": order, "difference": difference})
 
 
 def plain_block(context: Context, block: dict[str, Any], threads: int, backend: str) -> tuple[Simulation, float]:
@@ -549,10 +545,7 @@ def _pairs(name: str) -> Callable[[Results], list[float]]:
 
 
 MOMENTA = every(momentum, {f"claim_momentum_{seed}": {"seed": seed} for seed in SEEDS}, 3.0)
-MPM_MOMENTUM_NONE = Measure(MOMENTA, each("none"))
-MPM_MOMENTUM_CLUSTER = Measure(MOMENTA, each("cluster"))
-MPM_MOMENTUM_THESIS = Measure(MOMENTA, each("thesis"))
-MPM_MOMENTUM_GRADIENT_CORRECTED = Measure(MOMENTA, each("gradient_corrected"))
+CLAIMS = {f"mpm_momentum_{reading}": Measure(MOMENTA, each(reading)) for reading in READINGS}
 VORTICES = {
     f"claim_vortices_{cells}_{'apic' if affine else 'pic'}": {"cells": cells, "affine": affine}
     for cells in ROOMS for affine in (True, False)

@@ -21,7 +21,7 @@ from validation.experiment import Experiment, Measure, Options, Results, Run, ea
 from validation.experiments.surface_reconstruction import scene
 from validation.experiments.surface_reconstruction.scene import RADII
 from validation.metrics.meshes import edge_counts, eigenvalues, neighbouring_facets, smallest_angles
-from validation.peers import pysplashsurf
+from validation.peers import in_turns, pysplashsurf
 from validation.results import Result, real
 from validation.running import Context, on_threads
 
@@ -347,27 +347,14 @@ def against_pysplashsurf(context: Context, count: int, rounds: int, threads: int
     refsim's part is what makes the mesh: cells, node states, facets and exit points.
     """
     position = (CELL * scene.lattice_block(count)).astype(np.float32)
-    own, other = [], []
     with on_threads("cpu", threads) as there:
         made = Reconstruction(there, 3, "float32", CELL, Tension(surface_tension=1.0))
         mesh = made.mesh(position)
-        for k in range(rounds):
-            peer = pysplashsurf.run(position, CELL, threads)
-            if "missing" in peer:
-                return Result({"missing": peer["missing"]})
-            other.append(peer["seconds"] / len(position))
-            own.append(medians(lambda: made.mesh(position), there, 3)[0] / len(position))
-            context.progress((k + 1) / rounds)
-    ratios = [b / a for a, b in zip(own, other, strict=True)]
-
-    def spread(values: list[float]) -> dict[str, float]:
-        return {"median": float(np.median(values)), "low": min(values), "high": max(values)}
-
-    return Result({
-        "missing": "", "version": peer["version"], "particles": len(position), "threads": threads,
-        "refsim": spread(own), "peer": spread(other), "ratios": ratios, "ratio": float(np.median(ratios)),
-        "facets": len(mesh.facets),
-    })  # fmt: skip
+        found = in_turns(
+            rounds, lambda: pysplashsurf.run(position, CELL, threads),
+            lambda: medians(lambda: made.mesh(position), there, 3)[0], context.progress, len(position),
+        )  # fmt: skip
+    return Result({**found, "threads": threads, "facets": len(mesh.facets)})
 
 
 # Starts are jitters of the cloud's lattice. Times come from the experiment's runs `solvers` and `normals_cost`.

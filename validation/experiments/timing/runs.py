@@ -7,7 +7,7 @@ import numpy as np
 from refsim import Akinci2013, Cloud, Scene, WeaklyCompressible
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, Run
-from validation.peers import splishsplash
+from validation.peers import in_turns, splishsplash
 from validation.results import Result
 from validation.running import Context, take_steps
 
@@ -36,31 +36,19 @@ def against_splishsplash(
     context: Context, side: int, steps: int, rounds: int, threads: int, tension: float = 0.0
 ) -> Result:
     """Seconds per particle and step of both programs on the spinning block, in turn, medians over all rounds."""
-    own, other, version, rebuilds = [], [], "", []
-    for k in range(rounds):
-        peer = splishsplash.run(side, steps, threads, tension)
-        if "missing" in peer:
-            return Result({"missing": peer["missing"]})
+    rebuilds = []
+
+    def own() -> float:
         simulation = context.simulation(spinning_block(side, tension), "cpu", threads)
         assert simulation.search is not None
         take_steps(simulation, 3)
         before = simulation.search.log.rebuilds
-        own.append(take_steps(simulation, steps) / steps / side**3)
+        seconds = take_steps(simulation, steps) / steps
         rebuilds.append(simulation.search.log.rebuilds - before)
-        other.append(peer["seconds"] / peer["particles"])
-        version = peer["version"]
-        context.progress((k + 1) / rounds)
-    ratios = [b / a for a, b in zip(own, other)]
+        return seconds
 
-    def spread(values: list[float]) -> dict[str, float]:
-        return {"median": float(np.median(values)), "low": min(values), "high": max(values)}
-
-    values = {
-        "missing": "", "version": version, "particles": side**3, "threads": threads, "rounds": rounds, "steps": steps,
-        "refsim": spread(own), "peer": spread(other), "ratios": ratios, "ratio": float(np.median(ratios)),
-        "rebuilds": rebuilds,
-    }  # fmt: skip
-    return Result(values)
+    found = in_turns(rounds, lambda: splishsplash.run(side, steps, threads, tension), own, context.progress, side**3)
+    return Result({**found, "threads": threads, "steps": steps, "rebuilds": rebuilds})
 
 
 PEER_TENSION = 0.05  # of Akinci et al. 2013 beside SPlisHSPlasH: present, and too weak to break the block up
