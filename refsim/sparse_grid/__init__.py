@@ -39,7 +39,7 @@ class SparseGrid:
         return self.programs.cover(position, below, above)
 
     def holding(self, coordinates: Any) -> Blocks:
-        """Blocks that hold the nodes with integer `coordinates` (n, 3) and the nodes next to them."""
+        """Blocks on the CPU that hold the nodes with integer `coordinates` (n, 3) and the nodes next to them."""
         return self.programs.holding(coordinates)
 
     def by_cell(self, position: Any, blocks: Blocks, shift: float = 0.0) -> PointList:

@@ -7,10 +7,9 @@ import numpy as np
 from refsim.backends import device
 from refsim.backends.compile import SIMULATED_THREADS, cuda, cuda_kernel, formula
 from refsim.backends.runtime import simulated
-from refsim.neighbours.formulas import lower_bound
 from refsim.sparse_grid.block_table_cuda import enter_keys, make_table
 from refsim.sparse_grid.formulas import BLOCK, block_key, cell_coordinate, find_node
-from refsim.sparse_grid.tables import PointList, key_steps, keys_at
+from refsim.sparse_grid.tables import PointList, key_steps
 
 SUMMING = SIMULATED_THREADS if simulated() else 1024
 
@@ -42,16 +41,6 @@ def point_nodes(position, inverse_cell, shift, blocks, node):
         jy = cell_coordinate(position[i, 1], inverse_cell, shift)
         jz = cell_coordinate(position[i, 2], inverse_cell, shift) if blocks.neighbour.shape[1] == 27 else 0
         node[i] = find_node(blocks, jx, jy, jz)
-
-
-@cuda_kernel
-def count_uncovered(keys, made, sure, missing):
-    """missing[0] <- 1 if a block of `keys` is not among `made`, or a block in its reach does not exist (`sure`)."""
-    i = cuda.grid(1)
-    if i < keys.shape[0]:
-        b = lower_bound(made, keys[i])
-        if b == made.shape[0] or made[b] != keys[i] or sure[b] == 0:
-            missing[0] = 1
 
 
 # Points are sorted by counting, without the host. The order in which they reach a counter differs from run to run, so
@@ -141,40 +130,26 @@ class BlockSearch:
         self.dim, self.inverse_cell = dim, inverse_cell
         self.bits = 2 if dim == 3 else 3
         self.width = 1 << self.bits
-        self._covered = None  # (below, above, blocks, whether all blocks in reach of each exist)
 
     def cover(self, position, below, above):
-        """The blocks of the call before if they suffice; surplus blocks are harmless."""
-        keys = device.empty(position.shape[0], np.int64)
-        block_keys(position, self.inverse_cell, self.dim, keys)
-        if self._covered is not None and self._covered[:2] == (below, above) and position.shape[0]:
-            _, _, blocks, sure = self._covered
-            missing = device.empty(1, np.int32)
-            device.fill(missing, 0)
-            count_uncovered(keys, blocks.keys, sure, missing)
-            if not device.largest(missing):
-                return blocks
-        blocks = self._blocks(keys, below, above)
-        if not blocks.keys.shape[0]:
-            self._covered = None
-            return blocks
-        self._covered = below, above, blocks, self._sure(blocks, below, above)
-        return blocks
+        return self.with_margin(position, below, above, 0)[0]
 
-    def with_margin(self, position, below, above):
-        """(blocks that reach a block farther than `cover`, whether all in reach of each exist (blocks,) uint8).
+    def with_margin(self, position, below, above, margin):
+        """(blocks that reach `margin` nodes farther than `cover`, whether all in reach of each exist (blocks,) uint8).
 
-        They suffice until a particle has moved by the width of a block.
+        They suffice until a particle has moved as far.
         """
         keys = device.empty(position.shape[0], np.int64)
         block_keys(position, self.inverse_cell, self.dim, keys)
-        blocks = self._blocks(keys, below + self.width, above + self.width)
+        blocks = self._blocks(keys, below + margin, above + margin)
         return blocks, self._sure(blocks, below, above)
 
     def _sure(self, blocks, below, above):
         """Whether all blocks in reach of each exist (blocks,) uint8."""
         xp = device.library()
         made = device.seen(blocks.keys)
+        if not len(made):
+            return device.empty(0, np.uint8)
         wanted = made[:, None] + xp.asarray(key_steps(self.dim, self._axis(below, above)))[None, :]
         place = xp.minimum(xp.searchsorted(made, wanted.ravel()).reshape(wanted.shape), len(made) - 1)
         return device.wrapped((made[place] == wanted).all(1).astype(np.uint8))
@@ -182,12 +157,6 @@ class BlockSearch:
     def _axis(self, below, above):
         """Blocks along an axis in reach of a point's, from `below` nodes under to `above` over its cell."""
         return range((-below) >> self.bits, ((self.width - 1 + above) >> self.bits) + 1)
-
-    def holding(self, coordinates):
-        xp = device.library()
-        block = xp.asarray(device.seen(coordinates)).astype(np.int64)
-        block = xp.stack([block[:, c] >> self.bits if c < self.dim else 0 * block[:, c] for c in range(3)], axis=1)
-        return self._blocks(device.wrapped(keys_at(block)), 1, 1)
 
     def _blocks(self, keys, below, above):
         axis = self._axis(below, above)

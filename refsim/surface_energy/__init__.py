@@ -50,7 +50,7 @@ class Tension(Effect, HasErrata, frozen=True, kw_only=True):
 
     surface_tension   k [N/m] (in the plane N, per metre of depth)
     level_set_radius  r of the spheres around the particles, in cells; by default sqrt(dim)
-    quadrature        "facets": a sample to each facet; "poisson": Poisson-disk samples
+    quadrature        "facets": a sample to each facet; "poisson": Poisson-disk samples, not on a GPU
     disk_radius       least distance of Poisson-disk samples, in cells, at most 1
     seed              of the Poisson-disk samples
     offset            epsilon of the fit, in cells
@@ -96,11 +96,6 @@ class Tension(Effect, HasErrata, frozen=True, kw_only=True):
         """delta/h, None where the surface stays at r."""
         return None if "M31" in self.printed() or self.inset < 0 else self.inset
 
-    def recorded(self) -> bool:
-        """Whether a GPU reconstructs the surface as a recorded graph: the host needs no intermediate result."""
-        kinds = self.quadrature == "facets" and self.normals in ("mls", "gradient")
-        return kinds and self.inset_distance() is not None and not self.enclose_volume
-
     def check_parameters(self, dim: int) -> None:
         """Raise InputError if a parameter is out of its range."""
         owner = self.name or "surface_energy"
@@ -141,4 +136,4 @@ def surface_term(tension: Tension, dim: int, dtype: str, cell_size: float) -> Su
 
 
 for _name in ("classify", "facets"):
-    add_program(f"isosurface.{_name}", "cuda:recorded", Program("recorded.programs", folder="refsim.surface_energy"))
+    add_program(f"isosurface.{_name}", "cuda:recorded", Program("kernels_cuda", folder="refsim.surface_energy"))

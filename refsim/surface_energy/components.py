@@ -1,9 +1,10 @@
-"""Components of inside nodes on a CPU: within blocks, then across their faces; `components_cuda` does it on a GPU."""
+"""Components of inside nodes on a CPU, within blocks, then across their faces; and what is counted there."""
 
 import numpy as np
 
 from refsim.backends.compile import formula, kernel
 from refsim.sparse_grid.formulas import block_bits
+from refsim.surface_energy.kernels import look_up_members
 
 NONE, SOME, ALL = 0, 1, 2  # nodes of a block that are inside
 
@@ -85,3 +86,23 @@ def shorten_labels(b, inside, node_label):
         for i in range(64 * b, 64 * b + 64):
             if node_label[i] >= 0:
                 node_label[i] = lowest(node_label, i)
+
+
+def sample_counts(nearest, sample_count):
+    """C_p (dimensionless): samples of each particle."""
+    sample_count[:] = np.bincount(nearest[nearest >= 0], minlength=len(sample_count))
+
+
+def component_sizes(cells, node_label, component_size):
+    """Number (dimensionless) of particles in the component of each particle."""
+    members = np.zeros(len(node_label), np.int32)
+    count_members(cells.first, node_label, members, np.empty(1, np.uint8))
+    look_up_members(cells.cell, node_label, members, component_size)
+
+
+@kernel(rows_of="one")
+def count_members(_, first, node_label, members, one):
+    """Particles of each component, at its lowest node, by one thread."""
+    for i in range(node_label.shape[0]):
+        if node_label[i] >= 0:
+            members[node_label[i]] += first[i + 1] - first[i]

@@ -76,12 +76,12 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
 
     @property
     def host_in_step(self) -> bool:  # type: ignore[override]
-        """Whether the host is needed beside the reconstruction: it looks at samples, or mirrors particles."""
-        return self.acts() and not (self.recorded() and self.contact_angle == 180)
+        """Whether the host is needed beside the reconstruction: it mirrors particles."""
+        return self.acts() and self.contact_angle != 180
 
     @property
     def host_passes(self) -> tuple[str, ...]:  # type: ignore[override]
-        return ("surface_energy.reconstruct",) if self.acts() else ()
+        return tuple(p.operation for p in self.passes({}) if p.stage == "motion")
 
     @property
     def watched(self) -> tuple[str, ...]:  # type: ignore[override]

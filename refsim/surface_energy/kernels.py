@@ -530,3 +530,10 @@ def extents(p, interior_position, cells, blocks, surface_term, extent):
         xx * yy - xy * xy + (xx * zz - xz * xz) + (yy * zz - yz * yz),
         xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz),
     )
+
+
+@kernel
+def look_up_members(p, cell, node_label, members, component_size):
+    """Particles in the component of each particle."""
+    i = cell[p]
+    component_size[p] = members[node_label[i]] if i >= 0 and node_label[i] >= 0 else 0

@@ -1,7 +1,7 @@
 """The reconstruction of a surface, step after step: from particles to samples with normals, areas and particles.
 
 Figure 4.7 of the thesis up to the transfers: level set, marching cubes, samples, offsets, fit, normals, inset, and
-which components have tension. All arrays stay on the backend.
+which components have tension. `recorded` does it on a GPU, `reference_reconstruction` in NumPy.
 """
 
 import math
@@ -29,16 +29,14 @@ class Reconstruction:
     """Reconstructs surfaces with one set of parameters.
 
     cell_size  h [m]
-    timed      measure each stage, waiting for the device after it
-    reused     the next surface overwrites the arrays of the last one: on a GPU it is then one recorded graph
+    timed      measure each stage
 
     Raises InputError where the parameters are not possible.
     """
 
     def __init__(
-        self, backend: Backend, dim: int, dtype: str, cell_size: float, tension: Tension, timed: bool = False,
-        reused: bool = False,
-    ) -> None:  # fmt: skip
+        self, backend: Backend, dim: int, dtype: str, cell_size: float, tension: Tension, timed: bool = False
+    ) -> None:
         tension.check_parameters(dim)
         self.backend, self.dim, self.dtype, self.tension, self.timed = backend, dim, np.dtype(dtype), tension, timed
         self.grid = SparseGrid(backend, dim, dtype, cell_size)
@@ -48,8 +46,6 @@ class Reconstruction:
         reach = tension.radius(dim) + tension.offset + 0.5
         self.below, self.above = math.ceil(reach), math.floor(reach) + 2
         self._seconds: dict[str, float] = {}
-        self._reused = reused
-        self._recorded: Any = None
         self._rows: Any = None  # numbers of the rows
 
     def surface(self, position: Any, step: int = 0, volume: float | None = None, number: Any = None) -> Surface:
@@ -58,15 +54,7 @@ class Reconstruction:
         volume  enclosed by the surface after the inset [m^dim]; with None the inset's distance is given
         number  (n,) int32 of each particle, by which equally near ones are told apart; by default that of its row
         """
-        if number is None:
-            if self._rows is None or self._rows.shape[0] != position.shape[0]:
-                self._rows = self.backend.asarray(np.arange(position.shape[0], dtype=np.int32))
-            number = self._rows
-        by_graph = self._reused and self.tension.recorded() and position.shape[0]
-        if by_graph and volume is None and not self.timed and self.backend.name == "cuda":
-            found = self._recorded_surface(position, number)
-            if found is not None:
-                return found
+        number = self._numbers(position, number)
         self._seconds = {}
         blocks, cells = self._stage("cells", self._cells, position)
         liquid = Liquid(position, number, blocks, cells)
@@ -92,29 +80,8 @@ class Reconstruction:
         blocks, cells = self._cells(position)
         return self._mesh(position, blocks, cells)
 
-    def _recorded_surface(self, position: Any, number: Any) -> Surface | None:
-        """The surface by a recorded graph; None if there is no facet."""
-        from refsim.surface_energy import recorded
-
-        for _ in range(3):  # blocks for particles that have left theirs, then capacity for vertices and facets
-            graph = self._recorded
-            if graph is not None and graph.particles == position.shape[0]:
-                found = graph.surface(position, number)
-                if found is not None or graph.sufficed:
-                    return found
-            if graph is None:
-                mesh = self.mesh(position)
-                capacity = mesh.vertices.shape[0], mesh.facets.shape[0]
-            else:
-                capacity = graph.capacity()
-            blocks, sure = self.grid.programs.with_margin(position, self.below, self.above)
-            self._recorded = recorded.SurfaceGraph(self, blocks, sure, position.shape[0], *capacity, graph is not None)
-        return self._recorded.surface(position, number)
-
     def force(self, samples: Samples, blocks: Blocks) -> Any:
         """Force of the surface's tension on the nodes of `blocks` (nodes, 3) [N], (4.18*)."""
-        if self._recorded is not None and samples is self._recorded.samples and blocks is self._recorded.blocks:
-            return self._recorded.force()
         force = self._empty((nodes(blocks), 3))
         bases = self.grid.by_cell(samples.position, blocks, 0.5)
         self._run("surface_force", samples.position, samples.area, samples.normal, bases, blocks, self.term, force)
@@ -135,19 +102,21 @@ class Reconstruction:
 
     def most_in_a_cell(self, surface: Surface) -> int:
         """Largest number of particles in one cell."""
-        if surface.most_in_a_cell is not None:
-            return surface.most_in_a_cell
-        first = self.backend.library()[1](surface.cells.first)
-        return int((first[1:] - first[:-1]).max()) if len(first) > 1 else 0
+        return int(np.diff(surface.cells.first).max(initial=0))
 
     def finds_all(self, surface: Surface) -> bool:
         """Whether every sample has a particle."""
-        if surface.unfound is not None:
-            return not surface.unfound
-        numbers = self.backend.library()[1](surface.samples.nearest)
-        return not len(numbers) or int(numbers.min()) >= 0
+        return bool((surface.samples.nearest >= 0).all())
 
     # Stages
+
+    def _numbers(self, position: Any, number: Any) -> Any:
+        """Numbers of particles as given, or those of the rows."""
+        if number is not None:
+            return number
+        if self._rows is None or self._rows.shape[0] != position.shape[0]:
+            self._rows = self.backend.asarray(np.arange(position.shape[0], dtype=np.int32))
+        return self._rows
 
     def _cells(self, position: Any) -> tuple[Blocks, PointList]:
         blocks = self.grid.cover(position, self.below, self.above)
@@ -174,13 +143,10 @@ class Reconstruction:
         self._run("candidates", mesh.vertices, mesh.facets, before, dice, facet, candidate)
         accepted = self._empty(count, np.uint8)
         self._run("poisson_disk", candidate, self.grid.by_cell(candidate, blocks), blocks, dice, self.term, accepted)
-        taken = self._places(accepted)
-        place = self._gathered(candidate, taken)
+        place, facet = candidate[accepted == 1], facet[accepted == 1]
         h = float(self.term.cell_size)
         each = units * h ** (self.dim - 1) / max(place.shape[0], 1)  # (4.5)
-        area = self.backend.empty(place.shape[0], self.dtype)
-        self.backend.assign(area, self.dtype.type(each))
-        return place, area, normal, self._gathered(facet, taken)
+        return place, np.full(len(place), each, self.dtype), normal, facet
 
     def _facet_samples(self, mesh: Mesh) -> tuple[Any, Any, Any]:
         count = mesh.facets.shape[0]
@@ -200,14 +166,13 @@ class Reconstruction:
 
     def _fit(self, blocks: Blocks, points: Any) -> Any:
         count = nodes(blocks)
-        coefficients = self._empty(count)
         if self.tension.normals in ("facets", "offsets"):
-            self.backend.assign(coefficients, 0)
-            return coefficients
+            return np.zeros(count, self.dtype)
+        coefficients = self._empty(count)
         weight, residual, splines = self._empty(count), self._empty(points.shape[0]), self._empty((points.shape[0], 9))
         bases = self.grid.by_cell(points, blocks, 0.5)
         self._run("fit_weights", points, bases, blocks, self.term, splines, weight)
-        active = self._places(weight)
+        active = np.flatnonzero(weight).astype(np.int32)
         self._run("fit", splines, bases, blocks, self.term, weight, active, residual, coefficients)
         return coefficients
 
@@ -216,7 +181,7 @@ class Reconstruction:
         if kind == "offsets":
             return away
         if kind == "facets":
-            return facet_normal if facet is None else self._gathered(facet_normal, facet)
+            return facet_normal if facet is None else facet_normal[facet]
         return self._smooth_normals(blocks, coefficients, place, away)
 
     def _smooth_normals(self, blocks: Blocks, coefficients: Any, place: Any, outward: Any) -> Any:
@@ -239,7 +204,7 @@ class Reconstruction:
         vertices = self._empty(mesh.vertices.shape)
         term = self.term
         if volume is not None:
-            term = term._replace(inset=self.dtype.type(self._enclosing(mesh, vertex_normal, volume)))
+            term = term._replace(inset=self.dtype.type(self.enclosing(mesh, vertex_normal, volume)))
         self._run("inset", mesh.vertices, vertex_normal, term, vertices)
         inset_mesh = Mesh(vertices, mesh.facets)
         if facet is None:
@@ -252,7 +217,7 @@ class Reconstruction:
         nearest, _, _ = self.offsets(liquid, place, False)
         return inset_mesh, place, area, nearest
 
-    def _enclosing(self, mesh: Mesh, vertex_normal: Any, volume: float) -> float:
+    def enclosing(self, mesh: Mesh, vertex_normal: Any, volume: float) -> float:
         """(r - delta)/h with which the surface encloses `volume` [m^dim]; delta is 0 to LARGEST_INSET cells.
 
         The volume within facets whose corners move along straight lines is a polynomial of degree dim in the distance.
@@ -287,12 +252,9 @@ class Reconstruction:
         self._run("components", blocks, self._state, label)
         self._run("component_sizes", cells, label, size)
         least = self.tension.least_component(self.dim)
-        xp, seen, wrapped = self.backend.library()
-        p = seen(nearest)
-        if not len(p):
-            return size, area
-        kept = (p >= 0) & (seen(size)[xp.maximum(p, 0)] >= least)
-        return size, wrapped(xp.where(kept, seen(area), self.dtype.type(0)))
+        if len(nearest):
+            area = np.where((nearest >= 0) & (size[np.maximum(nearest, 0)] >= least), area, self.dtype.type(0))
+        return size, area
 
     # Arrays
 
@@ -311,29 +273,16 @@ class Reconstruction:
         self._seconds[name] = self._seconds.get(name, 0.0) + time.perf_counter() - began
         return result
 
-    def _places(self, flags: Any) -> Any:
-        """Where `flags` are not zero, int32."""
-        xp, seen, wrapped = self.backend.library()
-        return wrapped(xp.flatnonzero(seen(flags)).astype(np.int32))
-
-    def _gathered(self, values: Any, places: Any) -> Any:
-        _, seen, wrapped = self.backend.library()
-        return wrapped(seen(values)[seen(places)])
-
     def _area_before(self, area: Any) -> tuple[Any, float]:
         """(running sum of areas in whole units, their sum in units of h^(dim-1))."""
         per_unit = AREA_UNITS / float(self.term.cell_size) ** (self.dim - 1)
-        xp, seen, wrapped = self.backend.library()
-        before = xp.zeros(area.shape[0] + 1, np.int64)
-        before[1:] = xp.cumsum(xp.rint(seen(area).astype(float) * per_unit).astype(np.int64))
-        return wrapped(before), float(before[-1]) / AREA_UNITS
+        units = np.rint(area.astype(float) * per_unit).astype(np.int64)
+        before = np.concatenate([np.zeros(1, np.int64), np.cumsum(units)])
+        return before, float(before[-1]) / AREA_UNITS
 
     def _rescaled(self, area: Any, facet: Any, mesh: Mesh, inset_mesh: Mesh) -> Any:
         """Areas of Poisson-disk samples times the change of their facet's area."""
         _, old, _ = self._facet_samples(mesh)
         _, new, _ = self._facet_samples(inset_mesh)
-        xp, seen, wrapped = self.backend.library()
-        own = seen(facet)
-        before, after = seen(old)[own], seen(new)[own]
-        change = xp.where(before > 0, after / xp.where(before > 0, before, self.dtype.type(1)), self.dtype.type(1))
-        return wrapped((seen(area) * change).astype(self.dtype))
+        change = np.divide(new, old, out=np.ones_like(old), where=old > 0)
+        return area * change[facet]

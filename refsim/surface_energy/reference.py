@@ -14,14 +14,14 @@ from refsim.sparse_grid.reference import Lookup, dimension
 
 operation = operations(paper="thesis on surface tension in MPM, 2019")
 _SHAPES = "drop disc filament_row two_rows on_nodes block_of_lattice sheet_of_lattice close_drops narrow_cavity spray"
-_RECORDED = {"cuda:recorded": "recorded.programs"}
-_COUNTED = {"cpu": "counts", "cuda": "counts_cuda", **_RECORDED}
+_ON_GPU = {"cuda": "kernels_cuda"}
+_COUNTED = {"cpu": "components", **_ON_GPU}
 _FITS = {}, {"surface_term": "without_sweeps"}, {"surface_term": "relaxed_further"}
 _normals_of = operations(
     paper="thesis on surface tension in MPM, 2019", outputs="surface_value surface_gradient sample_normal",
     entrywise=True, optional="surface_value surface_gradient", tolerance=16.0,
     reason="splines, products, a sum of 27, and the quotient by the length",
-    programs={"cuda:recorded": Program("recorded.programs", variants=("surface_value surface_gradient",))},
+    programs={"cuda": Program("kernels_cuda", variants=("surface_value surface_gradient",))},
 )  # fmt: skip
 
 LEAST_SUM = 1e-12  # of a node's splines; a node with a smaller sum is not active
@@ -58,7 +58,7 @@ def _stencil(place, surface_term, dim, width):
 
 @operation(
     "Algorithm 1, lines 5 to 9", outputs="node_state", exact="node_state", tolerance=16.0,
-    reason="three differences and their squares; compared exactly beyond it", cases=_SHAPES, programs=_RECORDED,
+    reason="three differences and their squares; compared exactly beyond it", cases=_SHAPES, programs=_ON_GPU,
 )  # fmt: skip
 def node_states(interior_position, cells, blocks, surface_term):
     """Algorithm 1, lines 5 to 9, a flag: s_g = 1 where |x_g - x_v| < r for some particle v; each marks its nodes."""
@@ -91,7 +91,7 @@ def _edge_ends(blocks, node_state, vertex_edge):
 @operation(
     "Algorithm 1, lines 10 to 17", outputs="vertex_position", entrywise=True, tolerance=8.0,
     reason="three differences, squares, root and sum; the root's conditioning stands in the scale", cases=_SHAPES,
-    programs=_RECORDED,
+    programs=_ON_GPU,
 )  # fmt: skip
 def exit_points(interior_position, cells, blocks, node_state, surface_term, vertex_edge):
     """Algorithm 1, lines 10 to 17: x = x_g1 + s h max_v(a + sqrt(r^2/h^2 - q^2)) e_a [m] over |x_g1 - x_v| < r."""
@@ -122,7 +122,7 @@ def exit_points(interior_position, cells, blocks, node_state, surface_term, vert
 
 @operation(
     "centroid and area of a facet, before (4.5)", outputs="sample_position sample_area facet_normal", entrywise=True,
-    tolerance=8.0, reason="differences of vertices, products, sum of three squares and root", programs=_RECORDED,
+    tolerance=8.0, reason="differences of vertices, products, sum of three squares and root", programs=_ON_GPU,
 )  # fmt: skip
 def facet_samples(vertex_position, facets):
     """Centroid x_s = mean of the corners [m], area A_s = |u x v|/2 (length in the plane) and normal of each facet."""
@@ -216,7 +216,7 @@ def poisson_disk(candidate_position, candidate_cells, blocks, dice, surface_term
     "section 4.3.1: p_s, n_s and the points of (3.4)", outputs="nearest offset_direction fit_position", exact="nearest",
     entrywise=True, optional="fit_position", tolerance=16.0,
     reason="two positions in float64, their difference, root, quotient, product and sum", cases=_SHAPES,
-    programs=_RECORDED,
+    programs=_ON_GPU,
 )  # fmt: skip
 def offsets(interior_position, interior_number, cells, blocks, surface_term, sample_position, sample_cells):
     """Section 4.3.1: p_s = argmin_v |x_s - x_v| < 2 h, else -1; n_s = (x_s - x_p)/|x_s - x_p|; q_s = x_s + epsilon n_s.
@@ -306,7 +306,7 @@ def _matrix(place, blocks, surface_term):
 
 @operation(
     "(3.7)", outputs="fit_splines node_weight", entrywise=True, tolerance=8.0,
-    reason="three splines of three roundings each, products, sum and quotient", programs=_RECORDED,
+    reason="three splines of three roundings each, products, sum and quotient", programs=_ON_GPU,
 )  # fmt: skip
 def fit_weights(fit_position, fit_cells, blocks, surface_term):
     """B(x_r/h - j - k) for k = 0, 1, 2 along each axis; (3.7): Lambda_j = 1/sum_r B_j(x_r); dimensionless.
@@ -339,7 +339,7 @@ def fit_weights(fit_position, fit_cells, blocks, surface_term):
 @operation(
     "(3.5), (3.6), Algorithm 2 with thesis M14", outputs="residual coefficients", entrywise=True, variants=_FITS,
     tolerance=16.0, reason="splines, products and sums of two matrix products in each sweep",
-    programs={"cuda:recorded": Program("recorded.programs", variants=tuple(f | without("residual") for f in _FITS))},
+    programs={"cuda": Program("kernels_cuda", variants=tuple(f | without("residual") for f in _FITS))},
 )  # fmt: skip
 def fit(fit_splines, fit_cells, blocks, surface_term, node_weight, active):
     """(3.6), Algorithm 2: C <- C + w Lambda B^T (b - B C) from C = 0, C and b in units of h, dimensionless.
@@ -433,7 +433,7 @@ def _normals(query_position, blocks, surface_term, coefficients, outward, least_
     }
 
 
-@operation("thesis M31", outputs="inset_position", entrywise=True, reason="two products and a sum", programs=_RECORDED)
+@operation("thesis M31", outputs="inset_position", entrywise=True, reason="two products and a sum")
 def inset(vertex_position, vertex_normal, surface_term):
     """x <- x - (r - delta) n [m] of every vertex (thesis M31)."""
     x, n = np.asarray(vertex_position, dtype=float), np.asarray(vertex_normal, dtype=float)
@@ -443,7 +443,7 @@ def inset(vertex_position, vertex_normal, surface_term):
 
 @operation(
     "(4.18) with thesis M1", outputs="node_force", entrywise=True, variants=("", {"surface_term": "printed_sign"}),
-    tolerance=8.0, reason="splines, projection, products and sum", cases=_SHAPES, programs=_RECORDED,
+    tolerance=8.0, reason="splines, projection, products and sum", cases=_SHAPES, programs=_ON_GPU,
 )  # fmt: skip
 def surface_force(sample_position, sample_area, sample_normal, spline_cells, blocks, surface_term):
     """(4.18*): f_j = -k sum_s A_s (I - n n^T) grad B_j(x_s) [N]; thesis M1 turns the sign of k."""
@@ -467,7 +467,7 @@ def surface_force(sample_position, sample_area, sample_normal, spline_cells, blo
 
 @operation(
     "connected inside nodes", outputs="node_label", exact="node_label", tolerance=0.0, reason="integers", cases=_SHAPES,
-    programs={"cpu": "components", "cuda": "components_cuda", "cuda:recorded": "recorded.programs"},
+    programs=_COUNTED,
 )  # fmt: skip
 def components(blocks, node_state):
     """l_i = lowest number (dimensionless) of the inside nodes that edges between inside nodes join to i; -1 outside."""

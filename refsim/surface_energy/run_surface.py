@@ -24,6 +24,24 @@ GATHERED = (
 )
 
 
+def reconstruction_on(
+    backend: Backend, dim: int, dtype: str, cell_size: float, tension: Tension, timed: bool = False,
+    reused: bool = False,
+) -> Any:  # fmt: skip
+    """A `Reconstruction` on backend "cpu", its counterparts on "numpy" and "cuda".
+
+    timed   measure each stage, waiting for the device after it; not on "numpy"
+    reused  the next surface overwrites the arrays of the last one: on a GPU it is then one recorded graph
+    """
+    if backend.name == "numpy":
+        return ReferenceReconstruction(dim, dtype, cell_size, tension)
+    if backend.name == "cuda":
+        from refsim.surface_energy.recorded import DeviceReconstruction
+
+        return DeviceReconstruction(backend, dim, dtype, cell_size, tension, timed, reused and not timed)
+    return Reconstruction(backend, dim, dtype, cell_size, tension, timed)
+
+
 class Face(NamedTuple):
     """A wall in which the liquid is mirrored, a plane of nodes."""
 
@@ -116,11 +134,8 @@ class SurfaceOfRun(SurfaceSamples):
         """The same, ready to work, on another backend."""
         made = copy.copy(self)
         SurfaceSamples.__init__(made, self.count, self.dtype, backend)
-        if backend.name == "numpy":
-            made.reconstruction = ReferenceReconstruction(self.dim, self.dtype, self.cell_size, self.tension)
-            return made
         # with images the number of particles is another one in each step
-        made.reconstruction = Reconstruction(
+        made.reconstruction = reconstruction_on(
             backend, self.dim, self.dtype, self.cell_size, self.tension, reused=not self.faces
         )
         return made

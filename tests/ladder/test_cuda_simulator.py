@@ -197,11 +197,9 @@ def test_sparse_grid_is_the_cpus(cuda, dim):
     for where in (position, position[:0]):
         host, there = (sparse_grid.SparseGrid(b, dim, "float64", 0.2) for b in (backend.choose("cpu"), cuda))
         blocks, covered = host.cover(where, 3, 4), there.cover(cuda.asarray(where), 3, 4)
-        nodes = np.array([[0, 0, 0], [7, -9, 0]])
-        held, holding = host.holding(nodes), there.holding(cuda.asarray(nodes))
         lists = [host.by_cell(where, blocks, s) for s in (0, 0.5)]
         listed = [there.by_cell(cuda.asarray(where), covered, s) for s in (0, 0.5)]
-        for own, other in zip((blocks, held, *lists), (covered, holding, *listed), strict=True):
+        for own, other in zip((blocks, *lists), (covered, *listed), strict=True):
             for a, b in zip(own, other, strict=True):
                 assert np.array_equal(a, cuda.host(b)[: len(a)])
                 assert a.dtype == b.dtype
@@ -238,28 +236,29 @@ def test_particles_of_mpm_are_sorted_without_the_host(cuda):
     assert stopped.value.reason == "out_of_grid"
 
 
-def test_recorded_surface_is_the_cpus(cuda, monkeypatch):
+@pytest.mark.parametrize(("reused", "volume", "parameters"), [
+    (True, None, {}), (False, None, {"normals": "facets"}), (True, None, {"normals": "offsets", "inset": -1.0}),
+    (True, 0.06, {"normals": "gradient"}),
+])  # fmt: skip
+def test_surface_is_the_cpus(cuda, monkeypatch, reused, volume, parameters):
     """A lone particle beside a drop, in few blocks: each of their 64 threads is one of Python's here."""
     from refsim.sparse_grid.block_search_cuda import BlockSearch
     from refsim.surface_energy import Tension
-    from refsim.surface_energy.reconstruction import Reconstruction
     from refsim.surface_energy.recorded import RecordedSurface
+    from refsim.surface_energy.run_surface import reconstruction_on
 
-    def close(search, *reach):
-        blocks = search.cover(*reach)
-        return blocks, search._sure(blocks, *reach[1:])
-
-    monkeypatch.setattr(BlockSearch, "with_margin", close)
+    whole = BlockSearch.with_margin
+    monkeypatch.setattr(BlockSearch, "with_margin", lambda search, *reach: whole(search, *reach[:3], 0))
     drop = 0.05 * np.array([[i + 3, j + 3, 0.0] for i in range(4) for j in range(3)]) + 0.01 * cloud(12, 2)
     position = np.vstack([drop, [[0.65, 0.2, 0.0]]])
-    tension = Tension(surface_tension=1.0, smallest=5, iterations=2)
+    tension = Tension(surface_tension=1.0, smallest=5, iterations=2, **parameters)
     found = []
     for place in (backend.choose("cpu"), cuda):
-        made = Reconstruction(place, 2, "float64", 0.1, tension, reused=True)
+        made = reconstruction_on(place, 2, "float64", 0.1, tension, reused=reused)
         there = place.asarray(position)
         number = place.asarray(np.arange(13, dtype=np.int32)[::-1].copy())
-        surface = made.surface(there, number=number)
-        assert isinstance(surface, RecordedSurface) == (place is cuda)
+        surface = made.surface(there, volume=volume, number=number)
+        assert isinstance(surface, RecordedSurface) == (place is cuda and reused)
         force, extents = made.force(surface.samples, surface.blocks), made.extents(there)
         arrays = (
             *surface.samples, *surface.mesh, *surface.inset_mesh, surface.component_size, surface.coefficients,
@@ -273,7 +272,16 @@ def test_recorded_surface_is_the_cpus(cuda, monkeypatch):
         assert own.shape == other.shape
         assert np.abs(own.astype(float) - other).max() < 1e-12
     away = cuda.asarray(position[:1] + 0.8 * np.arange(13)[:, None])
-    assert made._recorded.surface(away, number) is None  # particles that leave the blocks need another graph
+    made._graph.surface(away, number)
+    assert not made._graph.sufficed  # particles that leave the blocks need another graph
+
+
+def test_poisson_disk_samples_are_refused_on_a_gpu(cuda):
+    from refsim.surface_energy import Tension
+    from refsim.surface_energy.run_surface import reconstruction_on
+
+    with pytest.raises(rs.InputError, match="runs on backends cpu and numpy only; take quadrature = 'facets'"):
+        reconstruction_on(cuda, 2, "float64", 0.1, Tension(surface_tension=1.0, quadrature="poisson"))
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -282,7 +290,7 @@ def test_blocks_with_a_margin_suffice_a_block_farther(cuda, dim):
 
     grid = SparseGrid(cuda, dim, "float64", 0.1)
     position = np.array([[0.05, 0.05, 0.0]])
-    blocks, sure = grid.programs.with_margin(cuda.asarray(position), 1, 2)
+    blocks, sure = grid.programs.with_margin(cuda.asarray(position), 1, 2, grid.programs.width)
     way = np.array([0.1 * grid.programs.width, 0.0, 0.0])
     for steps, suffice in ((0, True), (1, True), (-1, True), (2, False)):
         block = cuda.host(grid.programs.cell_of(cuda.asarray(position + steps * way), blocks, 0.0))[0] // 64
@@ -412,21 +420,24 @@ def test_operation_agrees_with_its_reference(name, program, variant):
     assert outcome.passed, str(outcome)
 
 
-RECORDED = [name for name, operation in REGISTRY.items() if "cuda:recorded" in operation.programs]
+STAGES = [  # of the reconstruction of a surface
+    (name, program) for name, operation in REGISTRY.items() for program, entry in operation.programs.items()
+    if entry.module == "kernels_cuda"
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("name", RECORDED)
-def test_recorded_stage_gives_its_closed_forms(name):
+@pytest.mark.parametrize(("name", "program"), STAGES)
+def test_stage_of_a_reconstruction_gives_its_closed_forms(name, program):
     """In double precision, in the plane and in space, where the hard inputs have too many blocks for Python."""
-    outcomes = contract.climb(contract.Target(REGISTRY[name], "cuda:recorded", "float64"), ("T1",))
+    outcomes = contract.climb(contract.Target(REGISTRY[name], program, "float64"), ("T1",))
     assert outcomes
     assert all(outcome.passed for outcome in outcomes), "\n".join(map(str, outcomes))
 
 
 @pytest.mark.parametrize("variant", [0, 2])
-def test_recorded_fit_finds_the_weights_that_it_is_not_given(variant):
+def test_fit_on_a_gpu_finds_the_weights_that_it_is_not_given(variant):
     """In a case with points on the border of two cells, whose splines and weights must be those of one cell."""
-    outcome = contract.run("surface_energy.fit", "cuda:recorded", "float64", "very_far_away", variant)
+    outcome = contract.run("surface_energy.fit", "cuda", "float64", "very_far_away", variant)
     assert outcome.passed, str(outcome)
 
 
@@ -607,6 +618,29 @@ def test_run_of_mpm_under_tension_watches_its_crowding():
         assert np.abs(run.field(name) - expected).max() <= 1e-12 * np.abs(expected).max(), name
     assert run.notes == oracle.notes
     assert "from step 1 on" in run.notes[0]
+
+
+@pytest.mark.parametrize("parameters", [
+    {"contact_angle": 60.0}, {"literal": ("M31",), "embedding": "thesis"}, {"enclose_volume": True},
+], ids=str)  # fmt: skip
+def test_run_of_mpm_under_tension_in_every_way_is_the_cpus(parameters):
+    """Images of particles in a wall come and go, a surface at r, and one that encloses the liquid's volume."""
+    place = np.stack(np.meshgrid(range(5), range(4), [0.0]), axis=-1).reshape(-1, 3) + [0.5, 0.4, 0.0]
+    place[:, :2] += np.random.default_rng(4).uniform(-0.1, 0.1, (20, 2))
+    effects = (
+        rs.MpmLiquid(bulk_modulus=1e3), rs.SurfaceEnergy(surface_tension=1.0, iterations=2, **parameters),
+        rs.MpmWalls(lower=(-2.0, 0.0, 0.0), upper=(2.0, 2.0, 0.0)),
+    )  # fmt: skip
+    scene = rs.Scene(
+        dim=2, spacing=0.1, support_radius=0.3, dtype="float64", step=1e-3, fluid=(rs.Cloud(position=0.1 * place),),
+        effects=effects,
+    )  # fmt: skip
+    oracle, run = rs.Simulation(scene, "numpy"), rs.Simulation(scene, "cuda")
+    for s in (oracle, run):
+        advance(s, 2)
+    for name in ("position", "volume_ratio", "crowding"):
+        expected = oracle.field(name)
+        assert np.abs(run.field(name) - expected).max() <= 1e-12 * np.abs(expected).max(), name
 
 
 def test_device_chooses_the_step_as_the_host_does(cuda):

@@ -224,7 +224,7 @@ def support_launches(dtype):
         (search.count_missed, (vectors, vectors, scalars, None, period, listed, 1, 8, one, integers)),
         (search.count_missed, (vectors, vectors, scalars, Bounds(scalars, scalars), None, listed, 1, 8, one, integers)),
         (sparse.block_keys, (vectors, 1.0, 3, keys)), (sparse.point_nodes, (vectors, 1.0, 0.5, blocks, integers)),
-        (sparse.count_uncovered, (keys, keys, np.zeros(n, np.uint8), integers)), (sparse.count_points, 3 * (integers,)),
+        (sparse.count_points, 3 * (integers,)),
         (table.clear_table, (integers, keys)), (table.enter_keys, (keys, keys, integers, keys)),
         (table.enter_reached, (keys, -1, 4, 4, integers, keys, keys)),
         (table.find_neighbours, (keys, blocks.neighbour)),

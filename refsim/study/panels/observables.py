@@ -208,11 +208,11 @@ def boundary_sampling(simulation: Simulation) -> tuple[float, float]:
 @timed
 def surface_normals(simulation: Simulation) -> tuple[float, float]:
     """Seconds of the fit and the normals, for facets of the facets; mean angle to the ball's normals [degrees]."""
-    from refsim.surface_energy.reconstruction import Reconstruction
+    from refsim.surface_energy.run_surface import reconstruction_on
 
     grid, there = simulation.plan.grid, simulation.backend
     tension: Any = simulation.plan.effects["surface_energy"]
-    program = Reconstruction(there, 3, grid.dtype, 2 * grid.spacing, tension, timed=True)
+    program = reconstruction_on(there, 3, grid.dtype, 2 * grid.spacing, tension, timed=True)
     surface = program.surface(there.asarray(simulation.field("position")))
     sample, normal = (there.host(a).astype(float) for a in (surface.samples.position, surface.samples.normal))
     true = sample / np.linalg.norm(sample, axis=1, keepdims=True)

@@ -1,19 +1,26 @@
-"""A reconstruction on a CUDA device as one recorded graph, in arrays with capacities above what was found last.
+"""A reconstruction on a CUDA device, in arrays with capacities above what was found last.
 
-The host launches it as a whole, learns how many vertices and facets there are while the device goes on, and waits once
-at the end. If a capacity is exceeded, or a particle stands in no block, the host enlarges the arrays and records the
-graph again. Its stages are programs `cuda:recorded` of the operations whose outputs they compute (`programs.py`).
+A run's surface is one recorded graph: the host launches it as a whole, learns how many vertices and facets there are
+while the device goes on, and waits once at the end. If a capacity is exceeded, or a particle stands in no block, the
+host enlarges the arrays and records the graph again. The stages are the programs "cuda" of the operations whose outputs
+they compute (`refsim.surface_energy.kernels_cuda`). A surface that is not reused, because images of particles in walls
+come and go or because its arrays are kept, is made by the same stages, launched one by one.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from refsim.backends import device
+from refsim.backends.arrays import Backend
+from refsim.core.errors import InputError, RunStopped
 from refsim.isosurface import Mesh, case_tables
 from refsim.sparse_grid import Blocks, PointList, nodes
-from refsim.surface_energy.counts import look_up_members
+from refsim.surface_energy import Tension
+from refsim.surface_energy.kernels import look_up_members
+from refsim.surface_energy.reconstruction import Reconstruction
 from refsim.surface_energy.recorded import stages
 from refsim.surface_energy.recorded.cells_cuda import EDGES, FACETS, MADE, MISSING, MOST, UNFOUND, VERTICES
 from refsim.surface_energy.surface import Samples, Surface
@@ -41,6 +48,70 @@ class RecordedSurface(Surface):
         value = self.__dict__[name] = later[name]()
         return value
 
+    def kept(self) -> Surface:
+        """The same with all of its arrays, which are overwritten no more."""
+        made = {name: call() for name, call in self._later.items()}
+        return Surface(
+            self.samples, blocks=self.blocks, cells=self.cells, seconds=self.seconds, padded=None,
+            most_in_a_cell=self.most_in_a_cell, unfound=self.unfound, **made,
+        )  # fmt: skip
+
+
+class DeviceReconstruction(Reconstruction):
+    """As `Reconstruction`, on a CUDA device.
+
+    reused  the next surface overwrites the arrays of the last one, and is a recorded graph
+    """
+
+    def __init__(
+        self, backend: Backend, dim: int, dtype: str, cell_size: float, tension: Tension, timed: bool, reused: bool
+    ) -> None:
+        super().__init__(backend, dim, dtype, cell_size, tension, timed)
+        if tension.quadrature != "facets":
+            raise InputError(
+                f"{tension.name or 'surface_energy'}: quadrature = {tension.quadrature!r} runs on backends cpu and"
+                " numpy only; take quadrature = 'facets', or another backend."
+            )
+        self.reused = reused
+        self._graph: SurfaceGraph | None = None
+
+    def surface(self, position: Any, step: int = 0, volume: float | None = None, number: Any = None) -> Surface:
+        number, graph = self._numbers(position, number), self._graph if self.reused else None
+        for _ in range(3):  # blocks for particles that have left theirs, then capacity for vertices and facets
+            if graph is not None and graph.particles == position.shape[0]:
+                found = graph.surface(position, number, volume)
+                if graph.sufficed:
+                    return found if self.reused else found.kept()
+            last, margin = self._graph, self.grid.programs.width if self.reused else 0
+            blocks, sure = self.grid.programs.with_margin(position, self.below, self.above, margin)
+            capacity = (0, 0) if last is None else last.capacity()
+            compiled = self.reused and last is not None
+            graph = self._graph = SurfaceGraph(self, blocks, sure, position.shape[0], *capacity, compiled)
+        raise RunStopped(
+            "out_of_grid",
+            "A particle left the background grid of the surface, or is at no finite place: take a smaller step, or put"
+            " walls around the liquid.",
+        )
+
+    def force(self, samples: Samples, blocks: Blocks) -> Any:
+        graph = self._graph
+        if self.reused and graph is not None and samples is graph.samples and blocks is graph.blocks:
+            return graph.force()
+        force = self._empty((nodes(blocks), 3))
+        self._run("surface_force", samples.position, samples.area, samples.normal, blocks, self.term, force)
+        return force
+
+    def sample_counts(self, nearest: Any, count: int) -> Any:
+        xp, seen, wrapped = self.backend.library()
+        own = seen(nearest)
+        return wrapped(xp.bincount(own[own >= 0], minlength=count).astype(np.int32))
+
+    def most_in_a_cell(self, surface: Surface) -> int:
+        return surface.most_in_a_cell or 0
+
+    def finds_all(self, surface: Surface) -> bool:
+        return not surface.unfound
+
 
 class SurfaceGraph:
     """The surface of `particles` particles in given blocks, with capacities above so many vertices and facets.
@@ -57,13 +128,14 @@ class SurfaceGraph:
         self.owner, self.blocks, self.sure = reconstruction, blocks, sure
         self.particles, self.compiled, self.sufficed = particles, compiled, True
         self.table = case_tables(reconstruction.backend, reconstruction.dim, reconstruction.table_merged)[0]
-        self.mls = np.int32(1) if reconstruction.tension.normals == "mls" else None
+        self.kind = reconstruction.tension.normals
         self.least = np.int32(reconstruction.tension.least_component(reconstruction.dim))
         v, f = vertices + vertices // MARGIN + 8, facets + facets // MARGIN + 8
         self.arrays = stages.work_arrays(
             reconstruction.backend.empty, reconstruction.dim, reconstruction.dtype, nodes(blocks), particles, v, f
         )
         device.fill(self.arrays["cell"], -1)  # of each particle, where it was last
+        device.fill(self.arrays["coefficients"], 0)  # which is not fitted for all kinds of normals
         self.found, self.ended = (device.Mirror(self.arrays["counts"]) for _ in range(2))
         self.mark = device.Mark()
         self.graphs: dict[Any, tuple[device.Recorded, ...]] = {}
@@ -79,27 +151,35 @@ class SurfaceGraph:
             return made[0] * MARGIN // (MARGIN + 1), made[1] * MARGIN // (MARGIN + 1)
         return int(found[EDGES]), int(found[FACETS])
 
-    def surface(self, position: Any, number: Any) -> RecordedSurface | None:
-        """The surface of particles `number` (n,) at `position` (n, 3) [m]; None where it does not fit."""
-        key = device.address(position), device.address(number)
+    def surface(self, position: Any, number: Any, volume: float | None = None) -> RecordedSurface:
+        """The surface of particles `number` (n,) at `position` (n, 3) [m], where it fits (`sufficed`).
+
+        volume  that it encloses [m^dim], for which the host looks at its normals; None where the inset is given
+        """
+        key = device.address(position), device.address(number), volume is None
+        self.owner._seconds = {}
         if key not in self.graphs:
             while len(self.graphs) >= GRAPHS:
                 del self.graphs[next(iter(self.graphs))]
-            parts = (lambda: self._level_set(position)), (lambda: self._samples(position, number))
+            parts = [partial(self._level_set, position), partial(self._fit, position, number, volume is None)]
+            if volume is not None:
+                parts.append(partial(self._samples, position, number))
             self.graphs[key] = tuple(map(self._recorded, parts))
-        cut, fit = self.graphs[key]
+        cut, fit, *samples = self.graphs[key]
         cut()
         self.mark.set()
         fit()
-        self.compiled = True
         self.mark.wait()
-        counts = self.found.values
+        a, view, counts = self.arrays, self._view, self.found.values
         vertices, facets = int(counts[VERTICES]), int(counts[MADE])
         self.sufficed = not counts[MISSING] and facets == counts[FACETS]
-        if not facets:
-            self.ended.read()
-            return None
-        a, view = self.arrays, self._view
+        if volume is not None:
+            mesh = Mesh(view("vertex_position", vertices), view("facets", facets))
+            normal, moved = view("vertex_normal", vertices), view("inset_position", vertices)
+            inset = self.owner.dtype.type(self.owner.enclosing(mesh, normal, volume))
+            self.owner._run("inset", mesh.vertices, normal, self.owner.term._replace(inset=inset), moved)
+            samples[0]()
+        self.compiled = True
         names = ("sample_position", "sample_normal", "sample_area", "nearest")
         place, normal, area, nearest = (view(name, facets) for name in names)  # `position` belongs to the graphs
         self.samples = Samples(place, normal, area, nearest, a["sample_count"])
@@ -117,6 +197,7 @@ class SurfaceGraph:
         }
         ended = self.ended.read()
         made = RecordedSurface(self.samples, padded, self.blocks, cells, later)
+        made.seconds = self.owner._seconds
         made.most_in_a_cell, made.unfound = int(ended[MOST]), bool(ended[UNFOUND])
         return made
 
@@ -142,22 +223,31 @@ class SurfaceGraph:
 
     def _level_set(self, position: Any) -> None:
         """Cells, node states, and how many vertices and facets there are."""
-        a, blocks, term = self.arrays, self.blocks, self.owner.term
-        stages.sort_particles(a, position, blocks, term, self.sure)
-        stages.mark_nodes(a, blocks, term)
-        stages.count_cuts(a, blocks, self.table)
+        a, blocks, term, stage = self.arrays, self.blocks, self.owner.term, self.owner._stage
+        stage("cells", stages.sort_particles, a, position, blocks, term, self.sure)
+        stage("level set and facets", stages.mark_nodes, a, blocks, term)
+        stage("level set and facets", stages.count_cuts, a, blocks, self.table)
         self.found.send()
 
+    def _fit(self, position: Any, number: Any, whole: bool) -> None:
+        """From vertices and facets to normals, fitted or those of facets or offsets; as a `whole` the samples, too."""
+        a, blocks, term, stage = self.arrays, self.blocks, self.owner.term, self.owner._stage
+        stage("level set and facets", stages.write_cuts, a, blocks, self.table)
+        stage("level set and facets", stages.place_vertices, a, position, number, blocks, term)
+        stage("offsets", stages.place_points, a, position, number, blocks, term)
+        if self.kind in ("mls", "gradient"):
+            stage("fit", stages.sort_points, a, blocks, term)
+            stage("fit", stages.sweep, a, blocks, term)
+        elif self.kind == "facets":  # without a gradient the normal is the direction handed in
+            a = a | {"outward": a["facet_normal"]}
+        stage("normals", stages.find_normals, a, blocks, term, None if self.kind == "gradient" else np.int32(1))
+        if whole:
+            self._samples(position, number)
+
     def _samples(self, position: Any, number: Any) -> None:
-        """Everything from vertices and facets to the samples."""
+        """The samples after the inset."""
         a, blocks, term = self.arrays, self.blocks, self.owner.term
-        stages.write_cuts(a, blocks, self.table)
-        stages.place_vertices(a, position, number, blocks, term)
-        stages.place_points(a, position, number, blocks, term)
-        stages.sort_points(a, blocks, term)
-        stages.sweep(a, blocks, term)
-        stages.find_normals(a, blocks, term, self.mls)
-        stages.place_samples(a, position, number, blocks, term, self.least)
+        self.owner._stage("inset", stages.place_samples, a, position, number, blocks, term, self.least)
         self.ended.send()
 
     def _component_size(self) -> Any:

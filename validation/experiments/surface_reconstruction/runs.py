@@ -16,6 +16,7 @@ from refsim.isosurface import Mesh
 from refsim.sparse_grid import nodes
 from refsim.surface_energy import Tension
 from refsim.surface_energy.reconstruction import Reconstruction, Surface
+from refsim.surface_energy.run_surface import reconstruction_on
 from validation.checks import Checks
 from validation.experiment import Experiment, Measure, Options, Results, Run, each, every
 from validation.experiments.surface_reconstruction import scene
@@ -58,7 +59,7 @@ def reconstruct(
 ) -> tuple[Reconstruction, Surface, Any]:
     """(reconstruction, surface, positions on the backend) of particles at `place`, in cells."""
     there = choose(backend)
-    made = Reconstruction(there, dim, dtype, CELL, Tension(surface_tension=1.0, **parameters), timed)
+    made = reconstruction_on(there, dim, dtype, CELL, Tension(surface_tension=1.0, **parameters), timed)
     position = there.asarray((CELL * place).astype(dtype))
     return made, made.surface(position), position
 
@@ -165,8 +166,9 @@ def middle(spent: list[float]) -> tuple[float, float]:
 def stages(context: Context, backend: str, counts: list[int], threads: int | None, repeats: int = 5) -> Result:
     """Seconds of each stage of a reconstruction and of the force, by number of particles."""
     rows = []
+    quadratures = ("facets",) if backend == "cuda" else ("facets", "poisson")
     with on_threads(backend, threads) as there:
-        for k, (count, quadrature) in enumerate(itertools.product(counts, ("facets", "poisson"))):
+        for k, (count, quadrature) in enumerate(itertools.product(counts, quadratures)):
             place = scene.lattice_block(count)
             made, surface, position = reconstruct(place, backend, "float32", timed=True, quadrature=quadrature)
             spent: dict[str, list[float]] = {}
@@ -182,7 +184,7 @@ def stages(context: Context, backend: str, counts: list[int], threads: int | Non
                 "samples": int(surface.samples.area.shape[0]), "nodes": nodes(surface.blocks),
                 "stages": {name: float(np.median(values)) for name, values in spent.items()},
             })  # fmt: skip
-            context.progress((k + 1) / (2 * len(counts)))
+            context.progress((k + 1) / (len(quadratures) * len(counts)))
     return Result({"backend": backend, "threads": threads, "rows": rows})
 
 
@@ -196,7 +198,7 @@ def beside_transfers(context: Context, backend: str, cells: int, rounds: int, re
     there = choose(backend)
     place = scene.lattice_block(8 * cells**3)
     position = there.asarray((CELL * place).astype(np.float32))
-    made = Reconstruction(there, 3, "float32", CELL, Tension(surface_tension=1.0), reused=True)
+    made = reconstruction_on(there, 3, "float32", CELL, Tension(surface_tension=1.0), reused=True)
     found = []
 
     def whole() -> None:
@@ -233,29 +235,40 @@ def normals_cost(
                 there.asarray(np.tile(there.host(a), (copies, 1)))
                 for a in (surface.sample_place, surface.offset_direction)
             )
-            bases, out = made.grid.by_cell(sample, surface.blocks, 0.5), there.empty(sample.shape, np.dtype(dtype))
-            given = (sample, bases, surface.blocks, made.term, surface.coefficients, away, None, None, out)
-            names = {"mls": "mls_normals", "gradient": "spline_normals"}
-            programs = {kind: REGISTRY[f"surface_energy.{name}"].program(backend) for kind, name in names.items()}
-            calls = {kind: partial(program, *given) for kind, program in programs.items()}
+            calls = normal_calls(made, surface, sample, away)
             for kind, spent in beside(calls, there, repeats).items():
                 seconds, spread = middle(spent)
                 rows.append({
                     "dtype": dtype, "kind": kind, "normals": int(sample.shape[0]),
                     "nanoseconds": 1e9 * seconds / sample.shape[0], "spread": 1e9 * spread / sample.shape[0],
-                    "turns": spent, "registers": registers(programs[kind]),
+                    "turns": spent, "registers": registers(kind) if backend == "cuda" else None,
                 })  # fmt: skip
             context.progress(len(rows) / 4)
     return Result({"backend": backend, "threads": threads, "rows": rows})
 
 
-def registers(program: Any) -> int | None:
-    """Most registers that a compiled CUDA kernel takes; None on the CPU."""
-    dispatcher = getattr(program, "dispatcher", None)
-    if dispatcher is None or not hasattr(dispatcher, "get_regs_per_thread"):
-        return None
-    found = dispatcher.get_regs_per_thread()
-    return max(found.values()) if isinstance(found, dict) else int(found)
+def normal_calls(made: Reconstruction, surface: Surface, sample: Any, away: Any) -> dict[str, Callable[[], None]]:
+    """Calls that compute the normals at `sample` (s, 3) [m], by kind; `away` (s, 3) where there is no gradient."""
+    there, out = made.backend, made.backend.empty(sample.shape, made.dtype)
+    if there.name == "cuda":
+        from refsim.surface_energy import kernels_cuda
+        from refsim.surface_energy.recorded import stages
+
+        a = kernels_cuda.normal_arrays(sample, surface.blocks, surface.coefficients, away, out)
+        find = partial(stages.find_normals, a, surface.blocks, made.term)
+        return {"mls": partial(find, np.int32(1)), "gradient": partial(find, None)}
+    bases = made.grid.by_cell(sample, surface.blocks, 0.5)
+    given = (sample, bases, surface.blocks, made.term, surface.coefficients, away, None, None, out)
+    names = {"mls": "mls_normals", "gradient": "spline_normals"}
+    return {kind: partial(REGISTRY[f"surface_energy.{name}"].program("cpu"), *given) for kind, name in names.items()}
+
+
+def registers(kind: str) -> int:
+    """Most registers that the CUDA kernel of the normals of a kind takes, as compiled so far."""
+    from refsim.surface_energy.recorded.samples_cuda import find_normals
+
+    found = find_normals.dispatcher.get_regs_per_thread()
+    return max(count for types, count in found.items() if ("none" in str(types)) == (kind == "gradient"))
 
 
 def solvers(context: Context, threads: int | None, repeats: int = 9, radius: float = RADIUS) -> Result:
@@ -267,7 +280,7 @@ def solvers(context: Context, threads: int | None, repeats: int = 9, radius: flo
     matrix, goal, active, surface = fit_system(3, radius, offset=0.5)
     side = matrix.T @ goal
     true = scene.true_normals(surface.sample_place / CELL, "sphere", radius)
-    made = Reconstruction(there, 3, "float64", CELL, Tension(surface_tension=1.0, normals="gradient"))
+    made = reconstruction_on(there, 3, "float64", CELL, Tension(surface_tension=1.0, normals="gradient"))
     h = float(made.term.cell_size)
     points = np.vstack([surface.sample_place, surface.sample_place + 0.5 * h * surface.offset_direction])
     ridge = 1e-10 * eye_array(len(active))
@@ -317,20 +330,19 @@ def fit_scaling(
 
     threads  numbers of CPU threads to time; one row without a number on a GPU
     """
-    there = choose(backend)
     tension = {**DEFAULT, "iterations": sweeps}
-    made, surface, _ = reconstruct(scene.lattice_block(count), backend, "float32", inset=-1.0, **tension)
-    place, away = (there.host(a) for a in (surface.sample_place, surface.offset_direction))
-    shift = np.float32(float(made.term.offset) * CELL)
-    points = there.asarray(np.vstack([place, place + shift * away]).astype(np.float32))
+    made, surface, position = reconstruct(
+        scene.lattice_block(count), backend, "float32", timed=True, inset=-1.0, **tension
+    )
     rows = []
     for used in threads or [0]:
         with on_threads(backend, used or None):
-            seconds, spread = medians(lambda: made._fit(surface.blocks, points), there, repeats)
+            seconds, spread = middle([made.surface(position).seconds["fit"] for _ in range(repeats)])
         rows.append({"threads": used, "seconds": seconds, "spread": spread})
         context.progress(len(rows) / len(threads or [0]))
     return Result({
-        "backend": backend, "rows": rows, "points": len(place) * 2, "nodes": nodes(surface.blocks), "sweeps": sweeps
+        "backend": backend, "rows": rows, "points": 2 * int(surface.samples.area.shape[0]),
+        "nodes": nodes(surface.blocks), "sweeps": sweeps,
     })  # fmt: skip
 
 
@@ -348,7 +360,7 @@ def against_pysplashsurf(context: Context, count: int, rounds: int, threads: int
     """
     position = (CELL * scene.lattice_block(count)).astype(np.float32)
     with on_threads("cpu", threads) as there:
-        made = Reconstruction(there, 3, "float32", CELL, Tension(surface_tension=1.0))
+        made = reconstruction_on(there, 3, "float32", CELL, Tension(surface_tension=1.0))
         mesh = made.mesh(position)
         found = in_turns(
             rounds, lambda: pysplashsurf.run(position, CELL, threads),

@@ -1,4 +1,4 @@
-"""The stages of a recorded reconstruction as programs of the operations whose outputs they compute.
+"""The programs of a CUDA device: stages of the reconstruction, each of the operation whose outputs it computes.
 
 Each program allocates what its stage needs, launches the stage's kernels and writes the operation's outputs. Particles
 are sorted by the graph's own counting, so that the `cells` of the arguments are not used. No operation has areas that
@@ -11,6 +11,7 @@ import numpy as np
 from refsim.backends import device
 from refsim.sparse_grid import nodes
 from refsim.sparse_grid.block_search_cuda import count_points
+from refsim.surface_energy.kernels import look_up_members
 from refsim.surface_energy.recorded import stages
 from refsim.surface_energy.recorded.cells_cuda import COUNTS, MADE, VERTICES
 
@@ -62,8 +63,6 @@ def components(blocks, node_state, node_label):
 
 def component_sizes(cells, node_label, blocks, component_size):
     """Particles in the component of each particle."""
-    from refsim.surface_energy.counts import look_up_members
-
     a = arrays(blocks, np.float32)
     label = device.empty(node_label.shape, np.int32)
     device.copy(node_label, label)
@@ -197,17 +196,13 @@ def spline_normals(
 
 
 def _normals(position, blocks, term, coefficients, outward, normal, mls):
+    stages.find_normals(normal_arrays(position, blocks, coefficients, outward, normal), blocks, term, mls)
+
+
+def normal_arrays(position, blocks, coefficients, outward, normal):
+    """Arrays of a reconstruction whose samples stand at `position` (s, 3) [m], for their normals alone."""
     a = arrays(blocks, position.dtype, facets=position.shape[0])
-    a |= {"sample_place": position, "outward": outward, "coefficients": coefficients, "sample_normal": normal}
-    stages.find_normals(a, blocks, term, mls)
-
-
-def inset(vertex_position, vertex_normal, surface_term, blocks, inset_position):
-    """Vertices after the inset: without a gradient (C = 0) the normal at a vertex is the direction handed in."""
-    a = arrays(blocks, vertex_position.dtype, vertices=vertex_position.shape[0])
-    device.fill(a["coefficients"], 0)
-    a |= {"vertex_position": vertex_position, "vertex_outward": vertex_normal, "inset_position": inset_position}
-    stages.find_normals(a, blocks, surface_term, np.int32(1))
+    return a | {"sample_place": position, "outward": outward, "coefficients": coefficients, "sample_normal": normal}
 
 
 def surface_force(sample_position, sample_area, sample_normal, blocks, surface_term, node_force):
