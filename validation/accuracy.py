@@ -6,22 +6,33 @@ A panel is measured as `refsim study PANEL --points` does, on one thread; other 
 
 from __future__ import annotations
 
+import io
+import zipfile
 from collections.abc import Sequence
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
+import msgspec
+import numpy as np
+
 from refsim.core.errors import InputError
 from refsim.core.writing import write_file
+from refsim.scene.files import scene_to_toml
+from refsim.scene.scene import Scene
+from refsim.scene.shapes import Cloud
 from refsim.study.advice import READINGS
-from refsim.study.panels import OWN, Panel, Place, abouts, as_text, panel
-from refsim.study.panels.making import STIRRED
-from refsim.study.panels.measured import Read, broken, measured, merged, text
-from refsim.study.panels.scenes import stirred
+from refsim.study.panels import OWN, Panel, Place, Point, abouts, as_text, panel
+from refsim.study.panels.measured import Read, broken, measured, merged, reading_of, text
+from refsim.study.panels.scenes import PACKED, packed
+from refsim.study.runs import Reading
 from validation import accuracy_page
+from validation.measure import drops, wetting
 from validation.reading import environment
 from validation.running import on_threads
 
 STORED = Path(__file__).resolve().parent.parent / "refsim" / "study" / "panels"
+DIGITS = 6  # of the places and velocities of stirred drops, whose spacing is 1
 PEERS = {  # the function of `panel_runs` that gives a reading of another program's point, of its number and threads
     "front": "front_by_splishsplash", "droplet": "drop_by_splishsplash", "implicit_pressure": "tank_by_pysph",
     "vortex_decay": "vortices_by_pysph", "surface_normals": "peer_normals",
@@ -44,7 +55,7 @@ def perform(
             failed = True
         if write:
             write_file(STORED / f"{name}.json", as_text(judged))
-            if name in STIRRED and not peers:
+            if name in PACKED and not peers:
                 write_file(STORED / f"{name}.zip", stirred(judged))
     if write:
         panel.cache_clear()
@@ -54,13 +65,38 @@ def perform(
 
 def measure(of: Panel, backend: str, readings: int, peers: bool = False) -> Panel:
     """All settings of a panel on a backend; with `peers` those of other programs instead."""
-    read = reader(PEERS[of.name]) if peers and of.name in PEERS else None
+    read = partial(_stirred, of) if of.name in PACKED else None
+    if peers:
+        read = reader(PEERS[of.name]) if of.name in PEERS else None
     if peers and read is None:
         raise InputError(f"panel {of.name!r} has no points of other programs; leave --peers out.")
     points = (p for p in of.points.values() if (p.program != OWN) == peers)
     keys = [p.key for p in points if p.knobs["backend"] == backend]
     with on_threads(backend, 1):
         return measured(of, keys, backend=backend, readings=readings, read=read, place=_place(backend))
+
+
+def _stirred(of: Panel, point: Point, number: int) -> Reading:
+    """The reading of a point of stirred drops, from a start of its number."""
+    return reading_of(of, point, stirred_scene(of, point, number))
+
+
+def stirred_scene(of: Panel, point: Point, number: int = 0) -> Scene:
+    """The scene of a drop that is stirred anew."""
+    made = getattr(wetting if of.name == "contact_angle" else drops, of.name)
+    return made({**point.knobs, **point.setting}, number)  # type: ignore[no-any-return]
+
+
+def stirred(of: Panel) -> bytes:
+    """NAME.zip of a panel of stirred drops: the scene of each setting that runs on a CPU, made anew."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as scenes:
+        for point in (point for point in of.points.values() if not point.gpu):
+            scene = stirred_scene(of, point)
+            short = {name: np.round(getattr(scene.fluid[0], name), DIGITS) for name in ("position", "velocity")}
+            scene = msgspec.structs.replace(scene, name=of.name, fluid=(Cloud(**short),))
+            scenes.writestr(zipfile.ZipInfo(packed(point)), scene_to_toml(scene), zipfile.ZIP_DEFLATED)
+    return file.getvalue()
 
 
 def reader(name: str) -> Read:

@@ -141,3 +141,9 @@ def momenta(simulation: Simulation) -> dict[str, Any]:
         "momentum_scale": float((mass[:, 0] * speed).sum()),
         "angular_scale": float((mass[:, 0] * speed * np.linalg.norm(position, axis=1)).sum()),
     }
+
+
+def run_to(simulation: Simulation, time: float) -> None:
+    """Step until this time is reached."""
+    while simulation.time < time:
+        simulation.step()

@@ -19,7 +19,7 @@ from refsim.study.methods import METHODS
 from refsim.study.panels import abouts, panel
 from refsim.study.panels import measured as measuring
 from refsim.study.panels.making import MADE
-from refsim.study.panels.scenes import packaged
+from refsim.study.panels.scenes import PACKED, packaged
 
 DESCRIPTION = """Run a scene at several spacings, and with every other setting changed alone, and say how accurate the
 observable is, where its error comes from, and which setting is the cheapest for an error. Each run's result is kept in
@@ -56,7 +56,7 @@ def execute(options: argparse.Namespace) -> CommandResult:
     scene: Scene | str = options.scene
     reference = None
     if options.scene in abouts() and not Path(options.scene).is_file():
-        if options.points is not None or options.scene in MADE:
+        if options.points is not None or options.scene in PACKED.union(MADE):
             return _points(options)
         scene = _packaged(options)
         reference = Reference(*panel(options.scene).reference(), panel(options.scene).about.reference)

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from refsim import InputError, calibrate, load_scene
+from refsim.study.panels.drops import fit_oscillation
 from refsim.surface_tension.calibration import MAP, SETTINGS, sigma_map
 from validation.experiments.laplace import runs as laplace
 from validation.measure import sigma_map as condensing
-from validation.measure.drops import fit_laplace, fit_oscillation, points
+from validation.measure.drops import fit_laplace, points
 
 EXAMPLE = Path(__file__).parents[2] / "refsim" / "examples" / "water_drop.toml"
 WATER = {"spacing": 1e-3, "rest_density": 1000.0}

@@ -10,11 +10,12 @@ import refsim as rs
 from refsim import make_plan
 from refsim.core.effect import Discretisation
 from refsim.smoothing.reference import kernel_value
-from refsim.study.panels.drops import BALLS, CALM, shifted_ball
+from refsim.study.panels.drops import BALLS
 from refsim.study.panels.virial import inner_pressure
 from refsim.surface_tension.calibration import BESIDE, SETTINGS
 from refsim.surface_tension.cohesion import compression
 from tests.running import run_to
+from validation.measure.stirring import CALM, shifted_ball
 
 COHESIVE = (rs.JiangZhu2023, rs.Akinci2013, rs.Dong2016, rs.BeckerTeschner2007, rs.TartakovskyMeakin2005)
 cohesive = pytest.mark.parametrize("model", COHESIVE, ids=lambda model: model.name)

@@ -1,16 +1,20 @@
 """Panels in the repository: the page that their points make, their runs without a packaged scene, and readings."""
 
+import io
 import tomllib
+import zipfile
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from refsim import Simulation
+from refsim.scene.files import parse_scene
 from refsim.study.panels import FOLDER, OWN, Point, abouts, panel, parse
 from refsim.study.panels.making import DENSITY, GRAVITY, MADE, implicit_pressure
 from refsim.study.panels.measured import measured, text
 from refsim.study.panels.observables import FALL
+from refsim.study.panels.scenes import PACKED
 from validation import accuracy, accuracy_page
 from validation import panel_runs as accuracy_runs
 from validation.__main__ import main
@@ -25,9 +29,8 @@ def test_the_page_is_what_the_stored_points_make():
 @pytest.mark.parametrize("name", abouts())
 def test_every_panel_can_be_measured_anew(name):
     """By its packaged scene, or by one that a function makes; other programs' points by a run that is there."""
-    assert ("fluid" in tomllib.loads((FOLDER / f"{name}.toml").read_text()) or name == "spinning_body") == (
-        name not in MADE
-    )
+    written = "fluid" in tomllib.loads((FOLDER / f"{name}.toml").read_text()) or name == "spinning_body"
+    assert [written, name in MADE, name in PACKED].count(True) == 1
     programs = {p.program for p in panel(name).points.values()} - {OWN}
     assert bool(programs) == (name in accuracy.PEERS)
     assert name not in accuracy.PEERS or callable(accuracy.reader(accuracy.PEERS[name]))
@@ -73,6 +76,19 @@ def test_the_smallest_panel_is_measured_and_stored(tmp_path, monkeypatch, capsys
         assert point.error == pytest.approx(few.points[key].error, rel=1e-2)
         assert len(point.seconds) == 2
         assert stored.places[point.place].commit
+
+
+def test_a_drop_is_stirred_and_packaged():
+    """Each reading begins from another start; the first one's is the packaged scene."""
+    of = panel("contact_angle")
+    small = of.points["r5"]
+    scenes = zipfile.ZipFile(io.BytesIO(accuracy.stirred(replace(of, points={small.key: small}))))
+    assert scenes.namelist() == ["r5.toml"]
+    first, other = parse_scene(scenes.read("r5.toml").decode(), "it"), accuracy.stirred_scene(of, small, 1)
+    places = [scene.fluid[0].position for scene in (first, other)]
+    assert [len(place) for place in places] == [small.particles] * 2
+    assert first.end_time == other.end_time
+    assert np.abs(places[0] - places[1]).max() > 0.01
 
 
 @pytest.mark.slow

@@ -16,37 +16,40 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from refsim import InputError, RunStopped, Simulation
+from refsim.scene.scene import Scene
 from refsim.study.panels.drops import (
-    AVERAGED,
     BALLS,
-    CALM,
-    FLOW,
     INNER,
-    KICK,
-    LAMB,
     PER_PERIOD,
     PERIODS,
     RAYLEIGH,
-    RELAXED,
-    SETTLED,
     SNAPSHOTS,
-    STIRRED,
     THIN,
     fit_oscillation,
+    inside,
+)
+from refsim.study.panels.virial import inner_pressure
+from refsim.surface_tension.calibration import BASE, BESIDE, SETTINGS
+from validation.measure.stirring import (
+    AVERAGED,
+    CALM,
+    FLOW,
+    KICK,
+    LAMB,
+    RELAXED,
+    SETTLED,
     followed,
     free_drop,
-    inner_pressure,
-    inside,
     lasting_amplitude,
-    run_to,
+    relaxed,
     shifted_ball,
-    stir,
 )
-from refsim.surface_tension.calibration import BASE, BESIDE, SETTINGS
+from validation.running import run_to
 
 FITTED_FROM = 3.0  # support radii: drops that are smaller are not fitted against 1/R
 SOFTENING = {2: 0.0, 3: 34409 / 58800}  # omega = omega_0 (1 - s A^2) at amplitude A (Tsamopoulos & Brown 1983)
@@ -201,24 +204,39 @@ class Dispersed(Exception):
     """Nothing is left where the drop was."""
 
 
-def _measure(point: Point, row: dict[str, Any], backend: str) -> None:
-    capillary_time = math.sqrt(point.radius**3)
-    position = start(point)
-    row["particles"] = len(position)
-    calm = Simulation(free_drop(point, position, None, CALM), backend)
-    if point.model not in UNSTIRRED:
-        stir(calm, point, STIRRED * capillary_time, lambda: _together(calm, point))
-    run_to(calm, RELAXED * capillary_time)
-    _together(calm, point)
-    thin = Simulation(free_drop(point, calm.field("position").astype(float), None, THIN), backend)
-    run_to(thin, SETTLED * capillary_time)
-    samples = []
-    snapshots = SNAPSHOTS if point.radius < 2 * LARGE else SNAPSHOTS // 4  # a large drop has more pairs to average
+def at_rest(point: Point, backend: str) -> tuple[Scene, Simulation]:
+    """(the drop with the viscosity of a measurement, the run in which it was stirred and has relaxed)."""
+    made, look = free_drop(point, start(point), None, CALM), partial(_together, point=point)
+    calm = relaxed(point, made, RELAXED, backend, point.model not in UNSTIRRED, look)
+    return free_drop(point, calm.field("position").astype(float), None, THIN), calm
+
+
+def averaged(thin: Simulation, point: Point, snapshots: int = SNAPSHOTS) -> dict[str, float]:
+    """Means of what is seen of a drop at rest."""
+    unit, samples = math.sqrt(point.radius**3), []
+    run_to(thin, SETTLED * unit)
     for k in range(snapshots):
-        run_to(thin, (SETTLED + AVERAGED * (k + 1) / snapshots) * capillary_time)
+        run_to(thin, (SETTLED + AVERAGED * (k + 1) / snapshots) * unit)
         thin.evaluate()
         samples.append(_rest(thin, point))
-    mean = {name: float(np.mean([s[name] for s in samples])) for name in samples[0]}
+    return {name: float(np.mean([s[name] for s in samples])) for name in samples[0]}
+
+
+def swinging(point: Point, thin: Simulation, radius: float, laplace: float) -> tuple[Scene, float]:
+    """(the drop kicked into its mode n = 2, the frequency that is expected of it [1/s])."""
+    nominal = math.sqrt(RAYLEIGH[point.dim] / radius**3)
+    x, v = thin.field("position").astype(float), thin.field("velocity").astype(float)
+    x = x - x.mean(0)
+    made = free_drop(point, x, v - v.mean(0) + KICK * nominal * FLOW[point.dim] * x, THIN)
+    return made, nominal * math.sqrt(max(laplace, 0.25) if math.isfinite(laplace) else 1.0)
+
+
+def _measure(point: Point, row: dict[str, Any], backend: str) -> None:
+    made, calm = at_rest(point, backend)
+    row["particles"] = calm.count
+    thin = Simulation(made, backend)
+    # a large drop has more pairs to average
+    mean = averaged(thin, point, SNAPSHOTS if point.radius < 2 * LARGE else SNAPSHOTS // 4)
     radius = mean["radius"]
     row |= {
         "steps": calm.steps + thin.steps, "effective_radius": radius, "pressure": mean["pressure"],
@@ -249,12 +267,8 @@ def _rest(simulation: Simulation, point: Point) -> dict[str, float]:
 
 def _oscillate(point: Point, thin: Simulation, radius: float, row: dict[str, Any], backend: str) -> None:
     """Kick the mode n = 2 and fit its damped frequency."""
-    nominal = math.sqrt(RAYLEIGH[point.dim] / radius**3)
-    x, v = thin.field("position").astype(float), thin.field("velocity").astype(float)
-    x = x - x.mean(0)
-    kicked = Simulation(free_drop(point, x, v - v.mean(0) + KICK * nominal * FLOW[point.dim] * x, THIN), backend)
-    sigma = max(row["laplace"], 0.25) if math.isfinite(row["laplace"]) else 1.0
-    expected = nominal * math.sqrt(sigma)
+    made, expected = swinging(point, thin, radius, row["laplace"])
+    kicked = Simulation(made, backend)
     until, count = PERIODS * 2 * math.pi / expected, round(PERIODS * PER_PERIOD)
     times, moments = followed(kicked, point.dim, (until * (k + 1) / count for k in range(count)))
     omega, damping, misfit, amplitude = fit_oscillation(times, moments, expected)
@@ -280,3 +294,27 @@ def fit_laplace(rows: Sequence[Mapping[str, Any]]) -> tuple[float, float, float]
         return math.nan, math.nan, math.nan
     (slope, intercept), covariance = np.polyfit(curvature, [r["pressure"] for r in use], 1, cov=True)
     return float(slope), float(math.sqrt(covariance[0, 0])), float(intercept)
+
+
+# Scenes of panels, by what a setting is and the number of a reading
+
+SEED = 10  # of the first drop of a panel: the maps of tension and adhesion hold seeds 1 to 3
+
+
+def _of_panel(given: Mapping[str, Any], seed: int) -> Point:
+    return Point(given["model"], 2, radius=given["radius"], seed=SEED + seed, dtype=given["dtype"])
+
+
+def surface_tension_jump(given: Mapping[str, Any], seed: int) -> Scene:
+    """A disc that was stirred and has relaxed, and comes to rest with less viscosity."""
+    point = _of_panel(given, seed)
+    made, _ = at_rest(point, given["backend"])
+    return msgspec.structs.replace(made, end_time=(SETTLED + AVERAGED) * math.sqrt(point.radius**3))
+
+
+def surface_tension_frequency(given: Mapping[str, Any], seed: int) -> Scene:
+    """The same disc at rest, kicked into its mode 2."""
+    point, thin = _of_panel(given, seed), Simulation(surface_tension_jump(given, seed), given["backend"])
+    mean = averaged(thin, point)
+    made, expected = swinging(point, thin, mean["radius"], mean["pressure"] * mean["radius"])
+    return msgspec.structs.replace(made, end_time=PERIODS * 2 * math.pi / expected)

@@ -15,17 +15,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim import Simulation
-from refsim.study.panels.drops import ON_PLANE, STIRRED, angle_by_lift, cap, run_to, sessile, stir
+from refsim.scene.scene import Scene
+from refsim.scene.shapes import Cloud
+from refsim.study.panels.drops import SNAPSHOTS_ON_PLANE as SNAPSHOTS
+from refsim.study.panels.drops import angle_by_lift
 from refsim.surface_tension.contact_angle import WETTING_MAP as PACKAGED
-from validation.measure.drops import liquid_key, row_of
+from refsim.surface_tension.contact_angle import calibrate_contact_angle
+from validation.measure.drops import SEED, liquid_key, row_of
 from validation.measure.sigma_map import setting_of, write_settings
+from validation.measure.stirring import ON_PLANE, STIRRED, cap, relaxed, sessile
+from validation.running import run_to
 
 ROWS = Path(__file__).resolve().parent.parent / "data" / "wetting.json"
-RELAXED, AVERAGED, SNAPSHOTS = ON_PLANE
+RELAXED, AVERAGED = ON_PLANE
 NEAR_PLANE, NARROW = 1.5, 2.5  # [d] slices below the one, or with smaller radii than the other, are not fitted
 DETACHED, FILM = 170.0, 15.0  # degrees beyond which there is no cap to speak of
 SHAPELESS = 15.0  # degrees by which the two angles of a cap differ at most
@@ -135,11 +141,8 @@ def measure(point: Point, backend: str = "cpu") -> dict[str, Any]:
 
 def _measure(point: Point, row: dict[str, Any], backend: str) -> None:
     capillary_time, up = math.sqrt(point.radius**3), point.dim - 1
-    position = cap(point)
-    row["particles"] = len(position)
-    simulation = Simulation(sessile(point, position), backend)
-    stir(simulation, point, STIRRED * capillary_time)
-    run_to(simulation, (STIRRED + RELAXED) * capillary_time)
+    simulation = relaxed(point, sessile(point, cap(point)), STIRRED + RELAXED, backend)
+    row["particles"] = simulation.count
     heights, densities, angles, lowest = [], [], [], []
     for k in range(SNAPSHOTS):
         run_to(simulation, (STIRRED + RELAXED + AVERAGED * (k + 1) / SNAPSHOTS) * capillary_time)
@@ -161,6 +164,17 @@ def _measure(point: Point, row: dict[str, Any], backend: str) -> None:
         "profile": slices(height, density, len(heights), point.dim)[1].round(2).tolist(),
         "through": int((simulation.field("position")[:, up] < 0).sum()),
     }  # fmt: skip
+
+
+def contact_angle(given: Mapping[str, Any], seed: int) -> Scene:
+    """Of a panel: a half disc on a plane that asks for 90 degrees; it was stirred and rests."""
+    share = calibrate_contact_angle(90.0, 1.0, spacing=1.0, rest_density=1.0, dim=2).share
+    point = Point(share, 2, radius=given["radius"], seed=SEED + seed)
+    calm = relaxed(point, sessile(point, cap(point)), STIRRED + RELAXED, given["backend"])
+    place, velocity = (calm.field(name).astype(float) for name in ("position", "velocity"))
+    made = sessile(point, place)
+    fluid = (Cloud(position=place, velocity=velocity),)
+    return msgspec.structs.replace(made, fluid=fluid, end_time=AVERAGED * math.sqrt(point.radius**3))
 
 
 # The map

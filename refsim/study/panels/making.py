@@ -25,7 +25,7 @@ from refsim.scene.scene import Scene
 from refsim.scene.shapes import Box, Cloud
 from refsim.sph import Gravity, WeaklyCompressible
 from refsim.sph.iisph import ImplicitPressure
-from refsim.study.panels import FOLDER, drops
+from refsim.study.panels import FOLDER
 from refsim.surface_detection import SurfaceDetection
 from refsim.surface_energy.effect import SurfaceEnergy
 
@@ -271,12 +271,9 @@ def surface_normals(given: Given, seed: int = 0) -> Scene:
     )  # fmt: skip
 
 
-STIRRED = {
-    made.__name__: made for made in (drops.contact_angle, drops.surface_tension_jump, drops.surface_tension_frequency)
-}
 MADE: Mapping[str, Callable[..., Scene]] = {
     "implicit_pressure": implicit_pressure, "tank_pressure": tank_pressure, "vortex_decay": vortex_decay,
     "heat": heat, "melting": melting, "mpm_pressure": mpm_pressure, "mpm_frequency": mpm_frequency,
     "signed_distance": signed_distance, "boundary_sampling": boundary_sampling, "surface_normals": surface_normals,
-    **{state: partial(detection, state) for state in CLOUDS}, **STIRRED,
+    **{state: partial(detection, state) for state in CLOUDS},
 }  # fmt: skip

@@ -4,7 +4,6 @@ import datetime
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import msgspec
@@ -15,6 +14,7 @@ from refsim.core.errors import InputError
 from refsim.core.tables import in_bytes, table
 from refsim.core.versions import versions
 from refsim.scene.plan import make_plan
+from refsim.scene.scene import Scene
 from refsim.study.advice import READINGS, duration, percent
 from refsim.study.observables import observable_of
 from refsim.study.panels import GIVEN, OWN, Panel, Place, Point
@@ -40,7 +40,7 @@ def measured(
     chosen = list(keys) or [p.key for p in own if p.knobs["backend"] == backend]
     if unknown := [key for key in chosen if key not in panel.points]:
         raise InputError(f"panel {panel.name!r} has no setting {unknown[0]!r}; it has {', '.join(panel.points)}.")
-    read = read or partial(_reading, panel)
+    read = read or (lambda point, number: reading_of(panel, point, scene_of(panel, point, number)))
     runs: dict[str, list[Reading]] = {key: [] for key in chosen}
     order, waiting = np.random.default_rng(0), list(runs)
     for number in range(readings):
@@ -62,8 +62,8 @@ def merged(stored: Panel, found: Panel) -> Panel:
     return replace(stored, places=found.places, points={**stored.points, **found.points})
 
 
-def _reading(panel: Panel, point: Point, number: int) -> Reading:
-    scene = scene_of(panel, point, number)
+def reading_of(panel: Panel, point: Point, scene: Scene) -> Reading:
+    """What the panel's observable reads in one run of a point's scene."""
     setting = Setting("panel", point.words, 1.0, scene, point.knobs["backend"])
     try:
         reads = observable_of(f"panel:{panel.name}", make_plan(scene))

@@ -18,6 +18,7 @@ from refsim.sph.resting import column_of
 from refsim.study.observables import observable_of
 from refsim.study.panels import FOLDER, drops
 from refsim.study.panels.making import DENSITY, GRAVITY, MODULUS, REYNOLDS, frequency, radius, solid
+from refsim.study.panels.virial import inner_pressure
 from refsim.surface_tension.calibration import BASE, sigma_map
 
 DIRECTIONS, CONE = 200, np.radians(10)
@@ -339,7 +340,7 @@ def surface_tension_jump(simulation: Simulation) -> Any:
     """Pressure of the pair forces within a disc, its radius, and the flat tension: R P over the last."""
     simulation.evaluate()
     _, size = drops.inside(simulation, _nominal(simulation))
-    return drops.inner_pressure(simulation, drops.BALLS * size), size, flat_tension(simulation)
+    return inner_pressure(simulation, drops.BALLS * size), size, flat_tension(simulation)
 
 
 def _swing(times: np.ndarray, values: list[Any]) -> float:
@@ -359,7 +360,7 @@ def surface_tension_frequency(simulation: Simulation) -> Any:
     return drops.second_moment(simulation, 2), known
 
 
-@watched(lambda scene: scene.end_time * np.linspace(0, 1, drops.ON_PLANE[2] + 1)[1:], mean)
+@watched(lambda scene: scene.end_time * np.linspace(0, 1, drops.SNAPSHOTS_ON_PLANE + 1)[1:], mean)
 def contact_angle(simulation: Simulation) -> float:
     """Angle of the cap with the drop's volume and centre of mass [degrees]."""
     simulation.evaluate()

@@ -1,7 +1,7 @@
 """Scenes of panels: NAME.toml beside this module has that of the panel's base setting, and others follow from it.
 
-Where no box or ball gives the particles, a function of `making` gives the scene of every setting. Drops that are
-stirred for seconds lie in NAME.zip, one scene a setting.
+Where no box or ball gives the particles, a function of `making` gives the scene of every setting, or NAME.zip holds it:
+of drops that were stirred for seconds.
 """
 
 import io
@@ -12,15 +12,15 @@ from fractions import Fraction
 import msgspec
 import numpy as np
 
-from refsim.scene.files import parse_scene, put, scene_from_dict, scene_to_dict, scene_to_toml, tables_of
+from refsim.scene.files import parse_scene, put, scene_from_dict, scene_to_dict, tables_of
 from refsim.scene.plan import make_plan
 from refsim.scene.refine import refined
 from refsim.scene.scene import Scene
 from refsim.scene.shapes import Cloud
 from refsim.study.panels import FOLDER, Panel, Point, panel
-from refsim.study.panels.making import MADE, STIRRED
+from refsim.study.panels.making import MADE
 
-DIGITS = 6  # of the places and velocities of stirred drops, whose spacing is 1
+PACKED = frozenset(file.name.removesuffix(".zip") for file in FOLDER.iterdir() if file.name.endswith(".zip"))
 
 
 def packaged(name: str) -> Scene:
@@ -30,22 +30,21 @@ def packaged(name: str) -> Scene:
 
 
 def written(of: Panel, point: Point) -> Scene:
-    """The scene of a setting as its first reading was measured; of a stirred drop the packaged one."""
+    """The scene of a setting as its first reading was measured."""
     return scene_of(of, point, 0 if of.about.shaken else None)
 
 
 def scene_of(of: Panel, point: Point, reading: int | None = None) -> Scene:
     """The scene of a setting of refsim's.
 
-    reading  its number, where starts differ: of panels that are `shaken`, and of some of `MADE`; without one a stirred
-             drop is the packaged one
+    reading  its number, where starts differ: of panels that are `shaken`, and of some of `MADE`
 
     Against the base the spacing is refined, steps are shortened in proportion to the knob `step`, and `point.setting`
     holds other parameters of the scene file by name, as in sweeps.
     """
-    if of.name in STIRRED and reading is None:
+    if of.name in PACKED:
         with zipfile.ZipFile(io.BytesIO((FOLDER / f"{of.name}.zip").read_bytes())) as scenes:
-            return parse_scene(scenes.read(_stirred(point)).decode(), _stirred(point))
+            return parse_scene(scenes.read(packed(point)).decode(), packed(point))
     if of.name in MADE:
         made = MADE[of.name]({**point.knobs, **point.setting}, reading or 0)
         return msgspec.structs.replace(made, name=of.name)
@@ -62,23 +61,9 @@ def scene_of(of: Panel, point: Point, reading: int | None = None) -> Scene:
     return shaken(scene, reading) if of.about.shaken and reading is not None else scene
 
 
-def _stirred(point: Point) -> str:
-    """Name of the packaged scene of a stirred drop, whatever it ran on."""
+def packed(point: Point) -> str:
+    """Name of a setting's scene in NAME.zip, whatever it ran on."""
     return f"{point.key.removeprefix('cuda_')}.toml"
-
-
-def stirred(of: Panel) -> bytes:
-    """NAME.zip of a panel of stirred drops: the scene of each setting that runs on a CPU, made anew."""
-    packed = io.BytesIO()
-    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as scenes:
-        for point in of.points.values():
-            if not point.gpu:
-                scene = scene_of(of, point, 0)
-                (cloud,) = scene.fluid
-                short = {name: np.round(getattr(cloud, name), DIGITS) for name in ("position", "velocity")}
-                scene = msgspec.structs.replace(scene, fluid=(Cloud(**short),))
-                scenes.writestr(zipfile.ZipInfo(_stirred(point)), scene_to_toml(scene), zipfile.ZIP_DEFLATED)
-    return packed.getvalue()
 
 
 def shaken(scene: Scene, seed: int, share: float = 0.01) -> Scene:

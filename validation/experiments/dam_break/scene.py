@@ -22,10 +22,10 @@ TANK = 4.0  # column widths
 def perform(given: Any) -> None:
     """Compute and store every moment."""
     from refsim import Simulation
-    from refsim.study.panels.drops import run_to
     from validation.experiments.dam_break.runs import TRUTH_RADIUS, column_scene
     from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface
     from validation.reading import environment
+    from validation.running import run_to
 
     for name, (columns, depth, moment) in STORED.items():
         simulation = Simulation(column_scene(columns, depth, TANK), backend="cpu", threads=1)

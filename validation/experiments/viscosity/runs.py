@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim import Akinci2013, Cloud, Scene, Simulation, WeaklyCompressible
-from refsim.study.panels.drops import FLOW, LAMB, kicks, radius_of, run_to, shifted_ball
+from refsim.study.panels.drops import radius_of
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, Run
+from validation.measure.stirring import FLOW, LAMB, kicks, shifted_ball
 from validation.results import Result
-from validation.running import Context
+from validation.running import Context, run_to
 
 FORMS = ("laplacian", "central")
 SUPPORT, STIFFNESS = 2.6, 0.01  # h/d; S = sigma/(rho0 c^2 d)
