@@ -34,7 +34,8 @@ DESCRIPTION = (
             " all that the backend has by default")  # fmt: skip
 @takes("--dtype", action="append", default=[], help="float32 or float64; both by default")
 @takes("--variant", action="append", default=[], type=int, help="number of a variant; all by default")
-@takes("--step", action="append", default=[], help="T1 to T7, T9 or T10; all by default")
+@takes("--step", action="append", default=[], help="T1 to T7, T9 to T11; all by default")
+@takes("--seed", type=int, metavar="N", help="of the inputs that are drawn at random, T11 (0)")
 @takes("--time-limit", type=float, default=120.0, metavar="S",
        help="seconds for the import of the programs and for each call of one (120)")  # fmt: skip
 @takes("--allow-untried", action="store_true",
@@ -57,8 +58,8 @@ DESCRIPTION = (
 @takes("--template", action="store_true",
        help="judge nothing; print a Python file with a stub for each of the operations named")  # fmt: skip
 @takes("--replay", metavar="TRIAL",
-       help="run one trial by the name that a report gives, and write its inputs and answers into"
-            f" {REPLAYED}")  # fmt: skip
+       help="run one trial by the name that a report gives, or by the file of a drawn input that failed, and write"
+            f" its inputs and answers into {REPLAYED}")  # fmt: skip
 @takes("--junit", metavar="FILE", help="write the outcomes as JUnit's XML, too, for CI servers")
 @takes("--guide", action="store_true", help="judge nothing; print how to bring your own code")
 def execute(options: argparse.Namespace) -> CommandResult:
@@ -90,7 +91,7 @@ def execute(options: argparse.Namespace) -> CommandResult:
     check_names(operations, options.dtype, options.variant, options.step)
     request = apart.Request(
         source, tuple(operations), tuple(options.dtype), tuple(options.variant), tuple(options.step),
-        options.time_limit, options.allow_untried,
+        options.time_limit, options.allow_untried, seed=options.seed,
     )  # fmt: skip
     if options.replay is not None:
         request = _replayed(request, options.replay)
@@ -124,15 +125,21 @@ def _judged(request: Any, options: argparse.Namespace) -> CommandResult:
 
 def _replayed(request: Any, name: str) -> Any:
     """The request for one trial by its name, OPERATION:DTYPE:VARIANT:KERNEL:STEP:TRIAL."""
+    from refsim.contract.drawn import read
     from refsim.contract.programs import check_names
 
+    seed, file = request.seed, name
+    if name.endswith(".json"):
+        seed, name = name, read(Path(name))[0]
     parts = name.split(":", 5)
     if len(parts) != 6 or not parts[2].isdecimal():
         raise InputError(f"--replay {name} is no trial; take a name that the report gives: {EXAMPLE}.")
-    operation, dtype, variant, _, step, _ = parts
+    operation, dtype, variant, _, step, trial = parts
+    if step == "T11" and file == name and trial[6:].partition(".")[0].isdecimal():
+        seed = int(trial[6:].partition(".")[0])
     check_names((operation,), (dtype,), (int(variant),), (step,))
     chosen = {"operations": (operation,), "dtypes": (dtype,), "variants": (int(variant),), "steps": (step,)}
-    return dataclasses.replace(request, replay=name, **chosen)
+    return dataclasses.replace(request, replay=name, seed=seed, **chosen)
 
 
 MODES = ("run", "export", "template", "arguments", "replay", "guide")
@@ -143,6 +150,7 @@ OF_MODES: dict[str, tuple[str, ...]] = {
     "chaos_only": ("run",),
     "backend": ("run", "arguments", "template"),
     "step": ("",),
+    "seed": ("",),
     "allow_untried": ("",),
 }
 OF_MODES |= {"dtype": ("", "export"), "variant": ("", "export"), "junit": ("",)}

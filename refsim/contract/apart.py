@@ -44,6 +44,7 @@ class Request:
     allow_untried  whether an operation holds of which a declared trial was not tried
     first   number of the first operation's first trial
     replay  name of the one trial that is run, whose inputs are written into the current folder
+    seed    of drawn inputs, or the file of one; see `refsim.contract.programs.ladder`
     """
 
     source: str
@@ -55,6 +56,7 @@ class Request:
     allow_untried: bool = False
     first: int = 0
     replay: str = ""
+    seed: int | str | None = None
 
 
 @dataclass(frozen=True)
@@ -266,6 +268,7 @@ def _ending(code: int | None) -> str:
 
 def _work(pipe: Any, request: Request, path: list[str]) -> None:
     """Import and judge. What programs print goes to standard error, which is no report; nothing is typed into them."""
+    from refsim.contract import drawn
     from refsim.contract import programs as library
     from refsim.contract.binding import told
     from refsim.contract.climb import ladder
@@ -308,7 +311,8 @@ def _work(pipe: Any, request: Request, path: list[str]) -> None:
             def calling(case: str | None) -> None:
                 tell("returned" if case is None else "call", case)
 
-            for step in ladder(found, operation, request.dtypes, request.variants, request.steps, calling):
+            steps = ladder(found, operation, request.dtypes, request.variants, request.steps, calling, request.seed)
+            for step in steps:
                 if operation == about.names[0] and step.number < request.first:
                     continue
                 trial, target = step.outcome(), step.target
@@ -320,6 +324,8 @@ def _work(pipe: Any, request: Request, path: list[str]) -> None:
                     tell("outcome", dataclasses.asdict(outcome))
                 if request.replay:
                     write_replay(target)
+                elif target.sought.smallest:
+                    drawn.write(target)
             tell("done", operation)
         code = 0
     except BaseException as error:

@@ -48,10 +48,12 @@ def ladder(
     variants: Sequence[int] = (),
     steps: Sequence[str] = (),
     calling: Callable[[str | None], None] = lambda case: None,
+    seed: int | str | None = None,
 ) -> Iterator[Step]:
     """The trials of one operation, in order; no program is called before `perform`.
 
     calling  is told the case's name before each call of the program, and None after it
+    seed     of drawn inputs (T11), or the file of one; 0 by default, and none of refsim's own programs
 
     All dtypes, variants and steps by default. Raises InputError for what does not exist or cannot run here.
     """
@@ -66,6 +68,7 @@ def ladder(
     target = Target(
         found, names[0], loader=programs.loader(), calling=calling, excludes=programs.excludes, dims=dims,
         same_bits=programs.same_bits, readings=programs.readings,
+        seed=0 if seed is None and programs.programs is not None else seed,
     )  # fmt: skip
     counter = itertools.count()
     for name, dtype, variant, kernel in itertools.product(names, dtypes or DTYPES, chosen, programs.ladders(found)):
@@ -89,12 +92,13 @@ def trials(
     dtypes: Sequence[str] = (),
     variants: Sequence[int] = (),
     steps: Sequence[str] = (),
+    seed: int | None = None,
 ) -> Iterator[Outcome]:
     """Outcomes of the ladder for one operation as they come; all dtypes of the backend, variants and steps by default.
 
     Raises InputError for what does not exist or cannot run here.
     """
-    for step in ladder(programs, operation, dtypes or programs.dtypes, variants, steps):
+    for step in ladder(programs, operation, dtypes or programs.dtypes, variants, steps, seed=seed):
         outcome = step.perform()
         if outcome is not None:
             yield outcome

@@ -7,7 +7,7 @@ from refsim.contract.features import extended, present
 from refsim.contract.parameters import shape_acts
 from refsim.contract.target import Outcome
 
-JUDGING = ("T1", "T2", "T3")  # steps that hold the answer itself to a right one
+JUDGING = ("T1", "T2", "T3", "T11")  # steps that hold the answer itself to a right one
 
 
 def gaps(name: str, declared: Mapping[str, Sequence[Any]], request: Any, outcomes: Sequence[Outcome]) -> list[str]:

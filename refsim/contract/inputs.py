@@ -288,3 +288,20 @@ def bindings(
     inputs, place = with_variant(made, chosen), backend_for(backend_of(backend))
     wanted = names or operation.arguments(backend)
     return {name: value_of(operation, name, inputs, neighbours, walls, place) for name in wanted}
+
+
+# Altered inputs
+
+
+def subset(operation: Operation, inputs: Inputs, keep: np.ndarray) -> Inputs:
+    """The same with some of the particles, in this order."""
+    names = {*operation.arguments("numpy"), *operation.outputs}
+    kept = [n for n in names if inputs.per_particle(n) and not inputs.dropped(n)]
+    return inputs.replaced(**{n: inputs[n][keep] for n in kept})
+
+
+def without_walls(inputs: Inputs) -> Inputs:
+    """The same without wall particles; where they are left out, as they are."""
+    if inputs.dropped("walls"):
+        return inputs
+    return inputs.replaced(walls=WallParticles(np.zeros((0, 3), inputs.dtype), np.zeros(0, inputs.dtype)))

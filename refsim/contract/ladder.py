@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from refsim.contract.answers import closed_forms, hard_inputs, large_case, on_case, parameters
+from refsim.contract.drawn import drawn_inputs
 from refsim.contract.properties import additivity, bad_input, invariants, repeats, symmetries
 from refsim.contract.target import NotJudged, Outcome, Target, Trial
 from refsim.core.operation import REGISTRY, Operation
@@ -21,8 +22,9 @@ STEPS: dict[str, Callable[[Target], Iterator[Trial]]] = {
     "T7": additivity,
     "T9": bad_input,
     "T10": parameters,
+    "T11": drawn_inputs,
 }
-AGAINST_ORACLE = ("T2", "T3", "T9")  # say nothing about the oracle itself
+AGAINST_ORACLE = ("T2", "T3", "T9", "T11")  # say nothing about the oracle itself
 
 
 def run(operation: Operation | str, backend: str, dtype: str, case: str, variant: int = 0) -> Outcome:

@@ -8,7 +8,7 @@ import numpy as np
 from refsim.contract.inputs import Inputs
 from refsim.core.cases import TAKES, VARIATIONS, Variation
 from refsim.core.operation import Fused, Operation
-from refsim.smoothing import smoothing
+from refsim.smoothing import SHAPES, smoothing
 
 KERNELS = ("smoothing", "gradient_smoothing")  # arguments that are smoothing kernels
 
@@ -82,6 +82,18 @@ def with_kernel(operation: Operation, inputs: Inputs, kernel: str) -> Inputs:
             own = inputs[name]
             made[name] = smoothing(shape, float(own.support_radius), int(own.dim), inputs.dtype)
     return followed(operation, inputs.replaced(**made)) if made else inputs
+
+
+def scaled(operation: Any, inputs: Inputs, share: float) -> Inputs:
+    """The same with a support radius of `share` times its own in every group that has one."""
+    made: dict[str, Any] = {}
+    for name, group in groups_of(operation, inputs).items():
+        if name in KERNELS:
+            shape = next(s for s, number in SHAPES.items() if number == group.shape)
+            made[name] = smoothing(shape, share * float(group.support_radius), int(group.dim))
+        elif "support_radius" in group._fields:
+            made[name] = group._replace(support_radius=share * float(group.support_radius))
+    return followed(operation, inputs.replaced(**made))
 
 
 def _other(rule: Variation, member: str, value: Any) -> Any:

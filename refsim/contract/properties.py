@@ -9,9 +9,8 @@ import numpy as np
 from refsim.backends.arrays import on_threads, threads_of
 from refsim.contract.answers import CLOUDS, LARGE
 from refsim.contract.bounds import errors, neighbour_counts, oracle, size
-from refsim.contract.causes import on_one_core, subset, without_walls
-from refsim.contract.inputs import Inputs, distances, period_of, unwritten
-from refsim.contract.target import Outcome, Target, Trial, named_worst, worst
+from refsim.contract.inputs import Inputs, distances, period_of, subset, unwritten, without_walls
+from refsim.contract.target import Outcome, Target, Trial, named_worst, on_one_core, worst
 from refsim.core import cases
 from refsim.core.operation import Operation
 from refsim.neighbours.reference import nearest_image
@@ -142,7 +141,7 @@ def symmetries(target: Target) -> Iterator[Trial]:
         for name, other in descriptions(usual).items():
             yield Trial(f"{name} of {case}", functools.partial(_compared, usual, name, other))
         for ranks in RANKS if target.by_ranks and target.operation.reach == 1 else ():
-            yield Trial(f"{ranks} ranks with {case}", functools.partial(_by_ranks, usual, ranks))
+            yield Trial(f"{ranks} ranks with {case}", functools.partial(by_ranks, usual, ranks))
 
 
 def descriptions(usual: "Usual") -> dict[str, Callable[[], Description]]:
@@ -206,7 +205,7 @@ def _told(target: Target, found: dict[str, np.ndarray], wrong: str) -> Outcome:
     return target.outcome(error, words if error <= 1 else f"{wrong}: {words}")
 
 
-def _by_ranks(usual: Usual, ranks: int) -> Outcome:
+def by_ranks(usual: Usual, ranks: int) -> Outcome:
     """Each rank gets its share and, behind it, the particles within reach as ghosts; the answers are gathered."""
     target, inputs, operation = usual.target, usual.inputs, usual.target.operation
     reach = inputs.case.list_radius * (1 + inputs.case.skin)

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from refsim.contract.apart import About, Request
+from refsim.contract.causes import first_cause
 from refsim.contract.coverage import gaps
 from refsim.contract.ladder import STEPS
 from refsim.contract.target import Outcome, told_values
@@ -50,6 +51,7 @@ def _judged(every: Sequence[Outcome], lacking: list[str], allowed: bool) -> dict
         "trials": len(outcomes),
         "failed": len(failed),
         "gaps": lacking,
+        "cause": first_cause(every),
         "untried": untried,
         "not_judged": dict(collections.Counter(o.not_judged for o in every if o.not_judged and not o.untried)),
         "largest_error": max((o.error for o in outcomes), default=0.0),
@@ -60,7 +62,9 @@ def _judged(every: Sequence[Outcome], lacking: list[str], allowed: bool) -> dict
 
 def _plain(outcome: Outcome) -> dict[str, Any]:
     told = dataclasses.asdict(outcome)
-    return {k: v for k, v in told.items() if k not in ("operation", "backend", "telling")} | {"replay": outcome.replay}
+    return {k: v for k, v in told.items() if k not in ("operation", "backend", "telling", "signs", "traits")} | {
+        "replay": outcome.replay
+    }
 
 
 def text(data: Mapping[str, Any], found: Found) -> str:
@@ -75,7 +79,7 @@ def text(data: Mapping[str, Any], found: Found) -> str:
     lines = [f"{data['programs']}, arrays of {data['arrays']}: trials passed, by step of the ladder", ""]
     lines.append(table(rows, ("operation", *used, "largest error", "verdict"), tuple(range(1, len(used) + 2))))
     for name, outcomes in found.items():
-        lines += _failures(name, outcomes)
+        lines += _failures(name, operations[name]["cause"], outcomes)
     for name, o in operations.items():
         if o["gaps"]:
             lines += ["", f"{name} is declared, and not judged: {', '.join(o['gaps'])}."]
@@ -108,7 +112,7 @@ def verdict(operation: Mapping[str, Any]) -> str:
     return "no trial" if not operation["trials"] else "not judged" if operation["gaps"] else "not tried"
 
 
-def _failures(name: str, outcomes: Sequence[Outcome]) -> list[str]:
+def _failures(name: str, cause: str, outcomes: Sequence[Outcome]) -> list[str]:
     """Failed trials by what is wrong, the most frequent first."""
     groups: dict[str, list[Outcome]] = {}
     for o in outcomes:
@@ -117,7 +121,7 @@ def _failures(name: str, outcomes: Sequence[Outcome]) -> list[str]:
     if not groups:
         return []
     frequent = sorted(groups.values(), key=len, reverse=True)
-    lines = ["", f"{name} fails:"] + [_told(alike) for alike in frequent[:TOLD]]
+    lines = ["", f"{name} fails: {cause}"] + [_told(alike) for alike in frequent[:TOLD]]
     rest = sum(map(len, frequent[TOLD:]))
     return [*lines, f"  and {rest} more failed trials; --json has all"] if rest else lines
 

@@ -1,9 +1,11 @@
 """What is judged: one operation's program with one dtype, variant and kernel; its calls, and the outcomes of trials."""
 
+import contextlib
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Iterable, Mapping
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -30,7 +32,8 @@ from refsim.core.operation import Operation, backend_of
 
 Answer = Mapping[str, tuple[Any, Any]]
 LISTED = {"neighbours", "walls", "liquid_near_walls"}  # arguments with lists of the neighbour search
-MOST_SEEKING = 20.0  # s of the processor for which causes of one operation's failed trials are sought by further calls
+MOST_SOUGHT = 12  # wrong answers of one operation whose signs are sought by further calls
+MOST_SEEKING = 5.0  # s of the processor for which they are
 
 
 class ProgramFailed(Exception):
@@ -46,9 +49,13 @@ class NotJudged(Exception):
 
 @dataclass
 class Sought:
-    """What was found out about an operation's program: seconds of seeking causes, words if its answers vary."""
+    """What was found out about an operation's program: answers whose signs were sought, seconds for that, words if its
+    answers vary.
+    """
 
+    answers: int = 0
     seconds: float = 0.0
+    smallest: Any = None  # drawn input that fails: its trial's name, and what `refsim.contract.drawn` makes again
     unsteady: str = ""
 
 
@@ -61,6 +68,7 @@ class Outcome:
     kernel      smoothing kernel of the inputs, "" for that of the case; `dim` their dimension
     telling     whether the right answer differs from zero, so that the trial could fail
     values      of a wrong answer: output, row, got, expected, error, bound, neighbours, and the pair that matters
+    signs       of a wrong answer, from which a cause is voted; `traits` of the inputs, see `refsim.contract.causes`
     """
 
     operation: str
@@ -77,6 +85,8 @@ class Outcome:
     dim: int = 0
     telling: bool = False
     values: Mapping[str, Any] = field(default_factory=dict)
+    signs: tuple[str, ...] = ()
+    traits: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def untried(self) -> bool:
@@ -157,6 +167,7 @@ class Target:
     dims      dimensions in which steps with one cloud are climbed
     same_bits whether the program is held to give the same bits again
     readings  whether members of groups that stand for a reading of a paper are varied
+    seed      of drawn inputs, or the file of one; None: none are drawn
     """
 
     operation: Operation
@@ -171,6 +182,7 @@ class Target:
     dims: tuple[int, ...] = (3,)
     same_bits: bool = True
     readings: bool = True
+    seed: int | str | None = None
     sought: Sought = field(default_factory=Sought, compare=False, repr=False)
     last: dict[str, Any] = field(default_factory=dict, compare=False, repr=False)
 
@@ -339,3 +351,17 @@ def named_worst(found: Mapping[str, np.ndarray], rows: np.ndarray | None = None)
         return ""
     place = int(np.argmax(found[name]))
     return f"{name} of particle {place if rows is None or len(rows) != len(found[name]) else int(rows[place])}"
+
+
+@contextlib.contextmanager
+def on_one_core(wanted: bool) -> Iterator[None]:
+    """Threads that a program starts share one core, if `wanted` and on Linux: those that race meet in another order."""
+    if not wanted or not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    cores = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(cores)})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, cores)

@@ -1,82 +1,294 @@
-"""Densities by summation with one planted fault each, in NumPy."""
+"""Densities and pressure forces in NumPy with one planted fault each, and the first cause that is right for it.
+
+`python -m tests.contract.faulty` prints the table: fault, noticed, first cause.
+"""
 
 import math
+import threading
 
 import numpy as np
 
-from refsim.contract import Programs
+from refsim.contract import Programs, trials
+from refsim.contract.causes import first_cause
 
 NORMS = {
     "cubic_spline": {2: 40 / (7 * math.pi), 3: 8 / math.pi}, "wendland_c2": {2: 7 / math.pi, 3: 21 / (2 * math.pi)},
 }  # fmt: skip
+SHAPES = {2: "cubic_spline", 3: "wendland_c2"}  # by number
+LAPLACIANS = {2: 40 / math.pi, 3: 45 / math.pi}
 
 
-def programs(function, kernel):
-    """A library that declares one kernel, walls and periods."""
-    return Programs(
-        {"sph.density": function}, kernels=(kernel,), without=("number_density", "asymmetry"), name="faulty"
-    )
+class Pairs:
+    """Values and slopes of one kernel for all pairs."""
+
+    def __init__(self, fault, smoothing, x, y, period):
+        self.dim, h = int(smoothing.dim), float(smoothing.support_radius)
+        self.h = h * {"half h": 0.5, "twice h": 2}.get(fault, 1)
+        self.kernel = SHAPES[int(smoothing.shape)]
+        if fault == "other kernel" and self.kernel == "wendland_c2":
+            self.kernel = "cubic_spline"
+        norm = NORMS[self.kernel]
+        wrong = {"constant of the plane": 2, "constant of space": 3}.get(fault, self.dim)
+        self.scale = norm[wrong] / self.h**self.dim
+        self.scale *= 1.0005 if fault == "constant off" or (fault == "constant off in 2D" and self.dim == 2) else 1
+        x, y = (v.astype(np.float32).astype(v.dtype) if fault == "float32 positions" else v for v in (x, y))
+        d = x[:, None] - y[None]
+        for c in range(3 if period is not None and fault != "no period" else 0):
+            if period[c] > 0:
+                d[..., c] -= period[c] * (
+                    d[..., c] > period[c] / 2 if fault == "one image" else np.round(d[..., c] / period[c])
+                )
+        if fault == "no z":
+            d[..., 2] = 0
+        self.d, self.r = d, np.sqrt((d * d).sum(2))
+        self.q, self.cut = self.r / self.h, fault != "no cut"
+        if fault == "at r = h/2":
+            self.q = np.where(self.q > 0.5, self.q, 0.5)
+        self.near = self.r < self.h
+        self.six = 6.003 if fault == "coefficient of one kernel" else 6
+
+    def value(self):
+        q, a = self.q, 1 - self.q
+        w = (
+            a**4 * (1 + 4 * q)
+            if self.kernel == "wendland_c2"
+            else np.where(q <= 0.5, 1 - self.six * q * q * a, 2 * a**3)
+        )
+        return self.scale * (np.where(q < 1, w, 0) if self.cut else w)
+
+    def slope_over_r(self, guarded=True):
+        q, a = self.q, 1 - self.q
+        s = -20 * a**3 / self.h if self.kernel == "wendland_c2" else np.where(
+            q <= 0.5, (-12 + 18 * q) / self.h, -6 * a**2 / np.where(q > 0, q, 1) / self.h
+        )  # fmt: skip
+        s = s if guarded else s * (self.r / self.r)
+        return self.scale / self.h * np.where(q < 1, s, 0)
 
 
-def kernel_of(kernel, h, dim, dtype, cut=True):
-    scale = NORMS[kernel][dim] / h**dim
-
-    def value(r):
-        q = np.asarray(r / h, dtype)
-        a = 1 - q
-        w = a**4 * (1 + 4 * q) if kernel == "wendland_c2" else np.where(q <= 0.5, 1 - 6 * q * q * a, 2 * a**3)
-        return (scale * (np.where(q < 1, w, 0) if cut else w)).astype(dtype)
-
-    return value
-
-
-def distances(x, place, period, both=True):
-    d = place - x
-    for c in range(3 if period is not None else 0):
-        length = period[c]
-        if length > 0:
-            d[:, c] -= length * (np.round(d[:, c] / length) if both else d[:, c] > length / 2)
-    return np.sqrt((d * d).sum(1))
-
-
-def in_numpy(fault, kernel):
-    if fault == "prefix":
-        return programs(_prefix(kernel), kernel)
-    lost = np.random.default_rng()  # whether another thread has written over a particle's sum
+def density_with(fault):
+    kept, state = {}, np.random.default_rng()
 
     def density(position, mass, walls, smoothing, fluid, period, density):
-        dim, dtype = int(smoothing.dim), density.dtype
-        h = float(smoothing.support_radius) / (2 if fault == "half" else 1)
-        w = kernel_of(kernel, h, 3 if fault == "norm" else dim, dtype, cut=fault != "edge")
-        for i in range(len(mass)):
-            r = distances(position[i], position, period, both=fault != "image")
-            terms = mass * w(r)
-            if fault == "self":
-                terms[i] = 0
-            if fault == "cap":
-                terms = terms[np.flatnonzero(r < h)[:65]]
-            total = terms.sum()
-            if walls is not None and len(walls.position):
-                side = [1, 1, -1] if dim == 3 else [1, -1, 1]
-                place = walls.position * (side if fault == "mirror" else 1)
-                total += (fluid.rest_density * walls.volume * w(distances(position[i], place, period))).sum()
-            if fault == "race" and lost.random() < 0.5:
-                total = terms[i]
-            density[i] = density[i] + total if fault == "unset" else total
-
-    return programs(density, kernel)
-
-
-def _prefix(kernel):
-    def density(position, mass, neighbours, smoothing, density):
-        w = kernel_of(kernel, float(smoothing.support_radius), int(smoothing.dim), density.dtype)
-        own = np.repeat(np.arange(len(mass)), neighbours.count)
-        end = np.cumsum(neighbours.count, dtype=np.int64)
-        place = np.arange(len(own)) + np.repeat(neighbours.start - (end - neighbours.count), neighbours.count)
-        index = neighbours.entries[place].astype(int)
-        d = position[own] - position[index]
-        terms = mass[index] * w(np.sqrt((d * d).sum(1)))
-        running = np.concatenate([[0], np.cumsum(terms, dtype=np.float32)])
-        density[:] = mass * w(np.zeros(1)) + (running[end] - running[end - neighbours.count])
+        n = len(mass)
+        if fault == "raises" and n == 1:
+            raise IndexError("list index out of range")
+        if fault == "not written":
+            return
+        x = position
+        if fault in ("stale by number", "stale list") and n > 3:
+            if n not in kept:
+                kept.clear() if fault == "stale list" else None
+                kept[n] = position.copy()
+            x = kept[n]
+        p = Pairs(fault, smoothing, position, position, period)
+        terms = (mass[:, None] if fault == "m_i" else mass[None]) * p.value()
+        if x is not position:
+            terms *= Pairs("", smoothing, x, x, period).near
+        if fault == "float32 sum":
+            terms = terms.astype(np.float32)
+        own = np.diag(np.diag(terms))
+        others = p.near & ~np.eye(n, dtype=bool)
+        if fault == "no self":
+            terms = terms - own
+        if fault == "self twice":
+            terms = terms + own
+        if fault == "r = 0 left out":
+            terms = np.where((p.r > 0) | np.eye(n, dtype=bool), terms, 0)
+        if fault in ("last missing", "last twice", "first missing"):
+            for i in range(n):
+                j = np.flatnonzero(others[i])
+                if len(j):
+                    terms[i, j[0 if fault == "first missing" else -1]] *= 2 if fault == "last twice" else 0
+        if fault in ("64 neighbours", "32 neighbours"):
+            terms = np.where(np.cumsum(others, 1) <= int(fault[:2]), terms, own)
+        if fault == "index of 8 bits":
+            terms = np.where(np.arange(n)[None] < 256, terms, own)
+        total = terms.sum(1)
+        if walls is not None and len(walls.position) and fault != "no walls":
+            y = walls.position * np.array(
+                {"mirrored walls": [1, 1, -1] if p.dim == 3 else [1, -1, 1]}.get(fault, [1, 1, 1])
+            )
+            w = Pairs(fault, smoothing, position, y.astype(position.dtype), period)
+            filled = (fluid.rest_density * walls.volume)[None] * w.value()
+            total = total + filled.sum(1) * {"half walls": 0.5, "walls off": 1.01}.get(fault, 1)
+        if fault == "above 128 particles" and n > 128:
+            total = 0.99 * total
+        if fault == "rows from 128 on":
+            total[128:] = total[128:] * 0.5 + 1
+        if fault == "last block":
+            total[n // 64 * 64 :] = total[n // 64 * 64 :] * 0.9
+        if fault == "last of four lanes" and n % 4:
+            total[n // 4 * 4 :] = 0
+        if fault == "last row" and n > 1:
+            total[-1] *= 0.5
+        if fault == "reversed":
+            total = total[::-1]
+        if fault == "a race" and state.random() < 0.5:
+            total = total * (1 - 0.1 * state.random(n))
+        if fault == "two threads":
+            total = by_threads(total)
+        if fault == "adds":
+            total = total + density
+        if fault == "float32 factor" and n:
+            total = total * np.float32(1 / 3) * 3
+        if fault == "same amount":
+            total = total + 0.01 * mass.max(initial=0) * p.scale
+        if fault == "changes an input" and n:
+            mass[0] *= 2
+        if fault == "writes behind":
+            np.lib.stride_tricks.as_strided(density, (n + 1,), density.strides)[n] = 1
+        density[:] = total
 
     return density
+
+
+def by_threads(total):
+    """Halves by two threads; the second's share is lost where it runs on a core of its own."""
+    import os
+
+    result = total.copy()
+    if len(os.sched_getaffinity(0)) > 1:
+        second = threading.Thread(
+            target=lambda: result.__setitem__(slice(len(result) // 2, None), 0.9 * total[len(result) // 2 :])
+        )
+        second.start()
+        second.join()
+    return result
+
+
+def listed_density(fault):
+    """Over lists: prefix sums in single precision, or an index of 16 bits."""
+
+    def density(position, mass, neighbours, smoothing, density):
+        count = neighbours.count.astype(np.int64)
+        own = np.repeat(np.arange(len(mass)), count)
+        end = np.cumsum(count)
+        place = np.arange(len(own)) + np.repeat(neighbours.start - (end - count), count)
+        index = neighbours.entries[place].astype(np.uint16 if fault == "index of 16 bits" else np.int64)
+        d = position[own] - position[index]
+        q = np.minimum(np.sqrt((d * d).sum(1)) / float(smoothing.support_radius), 1)
+        scale = NORMS["wendland_c2"][int(smoothing.dim)] / float(smoothing.support_radius) ** int(smoothing.dim)
+        terms = mass[index] * scale * (1 - q) ** 4 * (1 + 4 * q)
+        if fault == "prefix sums":
+            running = np.concatenate([[0], np.cumsum(terms, dtype=np.float32)])
+            density[:] = mass * scale + (running[end] - running[end - count])
+        else:
+            density[:] = mass * scale + np.bincount(own, terms, len(mass))
+
+    return density
+
+
+def momentum_with(fault):
+    def momentum(position, velocity, mass, density, pressure, walls, smoothing, fluid, viscosity, period, acceleration):
+        p = Pairs(fault, smoothing, position, position, period)
+        m, rho, pr, v = (np.asarray(a, float) for a in (mass, density, pressure, velocity))
+        volume = m / (rho[:, None] if fault == "rho_i for rho_j" else rho[None])
+        volume = volume * {"m for V": rho[None], "V squared": m / rho}.get(fault, 1)
+        both = {"p_i for p_j": 2 * pr[:, None], "p_i - p_j": pr[:, None] - pr[None]}.get(fault, pr[:, None] + pr[None])
+        share = float(fluid.gradient_share) * {"opposite": -1, "half": 0.5}.get(fault, 1)
+        slope = p.slope_over_r(fault != "0 by 0")
+        total = (-share * volume * both / rho[:, None] * slope)[..., None] * p.d
+        total = total.sum(1)
+        if viscosity is not None and fault != "no viscosity":
+            mu = float(viscosity.coefficient) * {"twice mu": 2, "minus mu": -1}.get(fault, 1)
+            lap = LAPLACIANS[2 if fault == "Laplacian of the plane" else p.dim] / p.h ** (p.dim + 2)
+            lap = lap * np.where(p.q < 1, 1 - p.q, 0) * (1.001 if fault == "Laplacian off" else 1)
+            apart = v[None] - v[:, None] if fault != "v_j alone" else np.broadcast_to(v[None], p.d.shape)
+            total += (mu * volume * lap / rho[:, None])[..., None].__mul__(apart).sum(1)
+        if walls is not None and len(walls.position):
+            w = Pairs(fault, smoothing, position, walls.position, period)
+            part = 1.0 if fault == "wall share" else float(fluid.wall_share)
+            factor = (
+                part
+                * share
+                * float(fluid.rest_density)
+                * np.asarray(walls.volume, float)[None]
+                * (pr / rho**2)[:, None]
+            )
+            total -= ((factor * w.slope_over_r())[..., None] * w.d).sum(1)
+        if fault == "z missing":
+            total[:, 2] = 0
+        if fault == "overwrites":
+            acceleration[:] = total
+        else:
+            acceleration += total
+
+    return momentum
+
+
+ONE = {"kernels": ("wendland_c2",), "without": ("number_density", "asymmetry")}
+ALL_PAIRS = ONE | {"most_particles": 1100}
+TWO = ALL_PAIRS | {"kernels": ("wendland_c2", "cubic_spline")}
+LISTS = {"kernels": ("wendland_c2",), "without": ("number_density", "asymmetry", "period"), "walls": False}
+CAUSES = {  # {fault: words of the right first cause}
+    "no self": "leaves out the particle itself", "self twice": "counts the particle itself twice",
+    "constant of the plane": "normalisation for 2 dimensions", "constant of space": "normalisation for 3 dimensions",
+    "constant off": "1.0005 times",
+    "constant off in 2D": "1.0005 times as large as right, in all rows; wrong only in 2",
+    "coefficient of one kernel": "wrong only with the kernel cubic_spline", "half h": "h/2 in place of h",
+    "twice h": "2 h in place of h", "other kernel": "that of the kernel cubic_spline",
+    "m_i": "mass_i in place of mass_j", "last missing": "one neighbour is missing",
+    "first missing": "one neighbour is missing", "last twice": "one neighbour is counted twice",
+    "64 neighbours": "with up to 59 neighbours, wrong from 309",
+    "32 neighbours": "right with up to 32 neighbours, wrong from 33", "no cut": "no cut at r = h",
+    "no period": "that without period", "one image": "wrong only with period", "no walls": "that without walls",
+    "mirrored walls": "wall particles are mirrored", "half walls": "wrong only with walls",
+    "walls off": "wrong only with walls", "no z": "without z",
+    "adds": "holds no number before the call; it must assign it", "not written": "does not write density",
+    "float32 sum": "single precision", "float32 factor": "single precision", "float32 positions": "single precision",
+    "prefix sums": "float32", "a race": "a race between threads", "two threads": "a race between threads",
+    "stale by number": "kept from other positions", "stale list": "kept from other positions",
+    "last block": "last rows", "last of four lanes": "last rows", "last row": "last rows",
+    "above 128 particles": "right with up to", "rows from 128 on": "up to row 127",
+    "index of 8 bits": "wrong from 309", "index of 16 bits": "held in 16 bits", "reversed": "in other rows",
+    "same amount": "the same amount", "r = 0 left out": "one neighbour is missing", "raises": "it raised IndexError",
+    "changes an input": "it changed its input mass", "writes behind": "it wrote behind the end of density",
+    "m for V": "m_j in place of m_j/rho_j", "p_i for p_j": "pressure_i in place of pressure_j",
+    "rho_i for rho_j": "density_i in place of density_j", "p_i - p_j": "p_i - p_j has another sign",
+    "opposite": "with the opposite sign", "half": "0.5 times as large", "no viscosity": "that without viscosity",
+    "twice mu": "twice viscosity.coefficient", "minus mu": "opposite sign of viscosity.coefficient",
+    "Laplacian of the plane": "wrong only with viscosity", "Laplacian off": "wrong only with viscosity",
+    "v_j alone": "wrong only with viscosity", "z missing": "wrong in z alone", "wall share": "wrong only with walls",
+    "overwrites": "it must add", "0 by 0": "that is NaN or infinite",
+}  # fmt: skip
+FORCES = list(CAUSES)[list(CAUSES).index("m for V") :]
+VARIANTS = {"walls": (0, 6), "period": (0, 7), "image": (0, 7), "viscosity": (0, 3), "mu": (0, 3), "Laplacian": (0, 3)}
+VARIANTS |= {"v_j alone": (0, 3), "wall share": (0, 4)}  # by a word of the fault; else the plain one
+
+
+def programs(fault, **declared):
+    """The library with a fault; "" for the right one."""
+    if fault in FORCES or fault == "right forces":
+        return Programs(
+            {"sph.momentum": momentum_with(fault)}, name="faulty", **(ALL_PAIRS | {"without": ()} | declared)
+        )
+    if fault in ("prefix sums", "index of 16 bits", "right lists"):
+        return Programs({"sph.density": listed_density(fault)}, name="faulty", **(LISTS | declared))
+    kernels = TWO if fault == "coefficient of one kernel" else ALL_PAIRS
+    return Programs({"sph.density": density_with(fault)}, name="faulty", **(kernels | declared))
+
+
+def judged(fault, dtype="float64", steps=None, **declared):
+    """(outcomes, first cause) of the ladder."""
+    made = programs(fault, **declared)
+    (operation,) = made.programs
+    beyond = fault in ("prefix sums", "index of 16 bits")
+    variants = next((chosen for word, chosen in VARIANTS.items() if word in fault), (0,))
+    dtype = "float32" if fault == "prefix sums" else dtype
+    outcomes = list(trials(made, operation, (dtype,), variants, steps or (("T2", "T3") if beyond else ("T1", "T2"))))
+    return outcomes, first_cause(outcomes)
+
+
+if __name__ == "__main__":
+    import sys
+
+    right = noticed = 0
+    for fault, words in CAUSES.items():
+        if len(sys.argv) > 1 and fault not in sys.argv[1:]:
+            continue
+        outcomes, cause = judged(fault)
+        failed, found = sum(not (o.passed or o.not_judged) for o in outcomes), words in cause
+        right, noticed = right + found, noticed + bool(failed)
+        tried = sum(not o.not_judged for o in outcomes)
+        print(f"{fault:26}{failed:5} of {tried:4}  {'right' if found else 'WRONG'}  {cause}", flush=True)
+    print(f"{noticed} of {len(CAUSES)} noticed, the first cause right for {right}")

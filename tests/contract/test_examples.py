@@ -22,7 +22,7 @@ from refsim.core.operation import REGISTRY
 FOLDER = pathlib.Path(__file__).parents[2] / "docs" / "contract"
 OPERATIONS = ["sph.density", "sph.momentum", "becker_teschner_2007.cohesion"]
 LEFT_OUT = ("number_density", "asymmetry", "period", "walls")
-STEPS = {"T1", "T2", "T3", "T4", "T5", "T6", "T7", "T9", "T10"}
+STEPS = {"T1", "T2", "T3", "T4", "T5", "T6", "T7", "T9", "T10", "T11"}
 
 
 @pytest.fixture
