@@ -23,7 +23,8 @@ from refsim.core.energy import EnergyAudit
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.versions import VERSION as __version__
 from refsim.engine.driver import RunReport, simulate
-from refsim.engine.simulation import Simulation, StepResult
+from refsim.engine.simulation import Simulation
+from refsim.engine.state import StepResult
 from refsim.gauges import Gauge, GaugeSeries
 from refsim.heat import HeatConduction
 from refsim.io.results import Run, RunFrame, open_run

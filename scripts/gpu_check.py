@@ -234,7 +234,7 @@ def plan_task(arguments: list[str]) -> list[Row]:
         simulation.step()
         wrong = timed.differences(simulation, timed.launched(simulation))
         rows.append(judged(f"launches and bytes off the plan: {rung.words}", len(wrong), 0, words="; ".join(wrong)))
-        said, liquid = bytes_of(simulation.plan, "cuda"), simulation._parameters.get("mpm_liquid")
+        said, liquid = bytes_of(simulation.plan, "cuda"), simulation.parameters.get("mpm_liquid")
         if liquid is not None and "surface_energy" not in simulation.plan.effects:
             off = abs(liquid["grid"].bytes() - said["background_grid"])
             rows.append(judged(f"bytes of the background grid off the plan: {rung.words}", off, 0, "B"))

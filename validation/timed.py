@@ -225,6 +225,7 @@ def launched(simulation: refsim.Simulation) -> list[str]:
     simulation.timings.launches.clear()
     if simulation.backend.name == "cuda":
         stepper = simulation.stepper
+        assert stepper is not None
         named, stepper.profiled = stepper.profiled, True  # what is called has its name, and is the same
         try:
             stepper.recorded.call()
@@ -272,7 +273,7 @@ def neighbourhood(simulation: refsim.Simulation) -> tuple[int, float, float]:
     """(particles, mean neighbours within h of sampled particles, mean entries of the list) on backend "cuda"."""
     from refsim.backends import device
 
-    n, h, listed = simulation.count, simulation.plan.grid.support_radius, simulation._shared["neighbours"]
+    n, h, listed = simulation.count, simulation.plan.grid.support_radius, simulation.shared["neighbours"]
     counts = simulation.backend.host(listed.count)
     rows = np.random.default_rng(0).choice(n, min(n, 2000), replace=False)
     position = simulation.backend.host(simulation.fields["position"]).astype(float)

@@ -16,7 +16,7 @@ from refsim.core.effect import Effect, Extremes
 from refsim.core.errors import InputError
 from refsim.core.fields import BASE
 from refsim.core.operation import BACKENDS, PROCEDURES, REGISTRY
-from refsim.engine.stepping import stable_steps, step_limits
+from refsim.engine.limits import stable_steps, step_limits
 from refsim.scene.files import load_scene
 from refsim.scene.passes import accounts
 from refsim.scene.plan import Plan

@@ -41,7 +41,7 @@ class EnergyState:
 
     def field(self, name: str) -> NDArray:
         """A field's values, in SI units."""
-        return self._run._host(name).astype(float)
+        return self._run.host(name).astype(float)
 
     def array(self, name: str) -> Any:
         """A field's array on the backend; read only."""
@@ -49,19 +49,15 @@ class EnergyState:
 
     def flags(self, name: str) -> NDArray:
         """A field of whole numbers."""
-        return self._run._host(name)
+        return self._run.host(name)
 
     def shared(self, name: str) -> Any:
         """What an effect shares with all passes, on this backend."""
-        return self._run._shared[name]
+        return self._run.shared[name]
 
     def host(self, array: Any) -> NDArray:
         """An array of this backend in float64."""
         return np.asarray(self._run.backend.host(array), dtype=float)
-
-    def evaluate(self) -> None:
-        """Bring every field up to the present positions."""
-        self._run.refresh()
 
     def pair_sum(self, potential: Callable[[NDArray, NDArray, NDArray], NDArray], reach: float) -> Amount:
         """Sum of potential(r, i, j) [J] over all pairs nearer than `reach` [m], each counted once."""

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from refsim.core.energy import Amount, EnergyState, amount
 from refsim.core.errors import RunStopped
 from refsim.engine.driving import PUSH, Driving
-from refsim.engine.run import Run
+from refsim.engine.launching import refresh
+from refsim.engine.state import State
 from refsim.scene.passes import accounts
 
 LEAP_FROGS = ("sph.kick_drift", "penetration.kick_drift")
@@ -37,10 +38,10 @@ class AuditState(msgspec.Struct, frozen=True):
 class Auditor:
     """The audit of a run: its energies now, at their start, their lowest sum and what was turned over so far."""
 
-    def __init__(self, simulation: Run) -> None:
-        plan = simulation.plan
+    def __init__(self, run: State) -> None:
+        plan = run.plan
         assert plan.scene.energy_audit is not None
-        self.simulation, self.rule = simulation, plan.scene.energy_audit
+        self.rule = plan.scene.energy_audit
         self.accounts = accounts(plan.grid, plan.effects)
         motion = plan.motion
         # Forces that follow the choice of the step are not known between two steps: what they act on is not advanced.
@@ -49,7 +50,7 @@ class Auditor:
         self.solids = bool(late)
         driven = bool(plan.scene.motion) or "wall_motion" in plan.shared
         driven = driven or any(p.operation == PUSH for _, p in plan.passes)
-        self.driving = Driving(simulation) if driven else None
+        self.driving = Driving(run) if driven else None
         self.renew()
 
     def renew(self) -> None:
@@ -62,63 +63,52 @@ class Auditor:
         """What follows from no energy, by effect."""
         return tuple(f"{name}: {words}" for name, account in self.accounts.items() for words in account.uncounted)
 
-    def energies(self) -> dict[str, Amount]:
+    def energies(self, run: State) -> dict[str, Amount]:
         """All parts of the energy [J; J/m in 2D] in the present state, velocities at the positions' time.
 
         What drives the run brings a part of its own, less the work that it has done.
         """
-        state = EnergyState(self.simulation)
-        state.evaluate()
+        refresh(run)
+        state = EnergyState(run)
         mass, velocity = state.field("mass"), state.field("velocity")
         if self.staggered:
-            kick = 0.5 * self.simulation.previous_length * state.field("acceleration")
+            kick = 0.5 * run.previous_length * state.field("acceleration")
             if self.solids:
                 from refsim.shape_matching.phases import FLUID
 
                 kick[state.flags("phase") != FLUID] = 0.0
             velocity += kick
         kinetic = amount(0.5 * mass * (velocity**2).sum(1))
-        parts = {KINETIC: kinetic._replace(size=kinetic.size + self._unsure(state, mass))}
+        parts = {KINETIC: kinetic._replace(size=kinetic.size + unsure(run, state, mass))}
         for account in self.accounts.values():
             parts |= {name: count(state) for name, count in account.parts.items()}
         if self.driving is not None:
             parts[DRIVEN] = amount(np.array(-self.driving.work))
         return parts
 
-    def _unsure(self, state: EnergyState, mass: NDArray) -> float:
-        """Energy [J] over eps that solids get from the rounding of places to which they are pulled within a step."""
-        s = self.simulation
-        if "shape_matching" not in s.plan.effects or not s.previous_length > 0:
-            return 0.0
-        from refsim.shape_matching.phases import FLUID
-
-        held = state.flags("phase") != FLUID
-        speed = state.field("position")[held] / s.previous_length  # times eps: a rounding of the place in one step
-        return float(np.finfo(s.plan.grid.dtype).eps) * float(0.5 * (mass[held] * (speed**2).sum(1)).sum())
-
-    def begin(self) -> None:
+    def begin(self, run: State) -> None:
         """Note the energies that the run begins with, where they are not noted yet, and what drives the step."""
         if self.driving is not None:
-            self.driving.begin()
+            self.driving.begin(run)
         if self.state.start is None:
-            self.look()
+            self.look(run)
 
-    def after_step(self) -> None:
+    def after_step(self, run: State) -> None:
         """Audit where it is due."""
         if self.driving is not None:
-            self.driving.after_step()
-        if self.simulation.steps % self.rule.every == 0:
-            self.look()
+            self.driving.after_step(run)
+        if run.steps % self.rule.every == 0:
+            self.look(run)
 
-    def look(self, note: bool = True) -> None:
+    def look(self, run: State, note: bool = True) -> None:
         """Audit now. Raises RunStopped where the energy has grown; without `note` the audit's state is not changed."""
-        s, before = self.simulation, self.state
+        before = self.state
         if before.start is None and not note:
             return
-        with s.timings.of_host("energy_audit"):
-            parts = self.energies()
+        with run.timings.of_host("energy_audit"):
+            parts = self.energies(run)
         total = math.fsum(part.value for part in parts.values())
-        where = f"In step {s.steps} at {s.time:.6g} s"
+        where = f"In step {run.steps} at {run.time:.6g} s"
         values = {name: part.value for name, part in parts.items()}
         if not math.isfinite(total):
             raise RunStopped("non_finite", f"{where} the energy is not finite: {_words(values)}.")
@@ -128,7 +118,9 @@ class Auditor:
         turned = math.fsum(abs(v - begun[name]) for name, v in values.items() if name != DRIVEN)
         turned = max(before.turned_over, turned)
         lowest = total if before.lowest is None else min(before.lowest, total)
-        rounding = ROUNDINGS * float(np.finfo(s.plan.grid.dtype).eps) * math.fsum(part.size for part in parts.values())
+        rounding = (
+            ROUNDINGS * float(np.finfo(run.plan.grid.dtype).eps) * math.fsum(part.size for part in parts.values())
+        )
         rise = max(total - lowest - rounding, 0.0)
         share = rise / turned if turned > 0 else 0.0
         if note:
@@ -158,6 +150,17 @@ class Auditor:
         self.state = state
         if self.driving is not None:
             self.driving.work = state.work
+
+
+def unsure(run: State, state: EnergyState, mass: NDArray) -> float:
+    """Energy [J] over eps that solids get from the rounding of places to which they are pulled within a step."""
+    if "shape_matching" not in run.plan.effects or not run.previous_length > 0:
+        return 0.0
+    from refsim.shape_matching.phases import FLUID
+
+    held = state.flags("phase") != FLUID
+    speed = state.field("position")[held] / run.previous_length  # times eps: a rounding of the place in one step
+    return float(np.finfo(run.plan.grid.dtype).eps) * float(0.5 * (mass[held] * (speed**2).sum(1)).sum())
 
 
 def _words(values: Mapping[str, float]) -> str:

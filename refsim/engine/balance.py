@@ -10,7 +10,7 @@ import numpy as np
 
 from refsim.core.capabilities import Inspects, KeepsBalance, having
 from refsim.core.errors import RunStopped
-from refsim.engine.run import Run
+from refsim.engine.state import State
 
 EVERY = 256  # steps between two looks, and at 1, 2, 4, ... steps
 ROUNDINGS = 8.0  # roundings of a step that add up as a random walk; a smaller drift is rounding
@@ -22,58 +22,51 @@ class Balances:
     The start is the present state after resuming, and after a field was set.
     """
 
-    def __init__(self, simulation: Run) -> None:
-        self.simulation = simulation
-        effects = simulation.plan.effects
-        self.keeping: list[Any] = [
-            e for e in having(effects, KeepsBalance) if e.is_closed(simulation.plan.grid, effects)
-        ]
+    def __init__(self, run: State) -> None:
+        effects = run.plan.effects
+        self.keeping: list[Any] = [e for e in having(effects, KeepsBalance) if e.is_closed(run.plan.grid, effects)]
         self.inspecting: list[Any] = having(effects, Inspects)
-        self.renew()
+        self.renew(run)
 
-    def renew(self) -> None:
+    def renew(self, run: State) -> None:
         """Count from the present state on."""
-        self.begun = self.simulation.steps
-        self.start = [effect.balance(self.simulation._host) for effect in self.keeping]
+        self.begun = run.steps
+        self.start = [effect.balance(run.host) for effect in self.keeping]
 
-    def after_step(self) -> None:
+    def after_step(self, run: State) -> None:
         """Look from time to time. Raises RunStopped where a total has drifted by more than the effect allows, or for
         what an effect inspects.
         """
-        taken = self.simulation.steps - self.begun
+        taken = run.steps - self.begun
         if taken % EVERY == 0 or taken & (taken - 1) == 0:
-            self.inspect()
-            self.look()
+            self.inspect(run)
+            self.look(run)
 
-    def inspect(self) -> None:
+    def inspect(self, run: State) -> None:
         """Let the effects look now. Raises RunStopped as `after_step`."""
-        s = self.simulation
         for effect in self.inspecting:
-            found = effect.inspected(s.plan.grid, s._host)
+            found = effect.inspected(run.plan.grid, run.host)
             if found is None:
                 continue
             reason, words = found
             if reason:
-                raise RunStopped(reason, f"In step {s.steps} to {s.time:.6g} s {words}.")
-            if f"{effect.name} inspection" not in s.remarks:
-                s.remark(f"{effect.name} inspection", f"{effect.name}: in step {s.steps}, at {s.time:.6g} s, {words}")
+                raise RunStopped(reason, f"In step {run.steps} to {run.time:.6g} s {words}.")
+            run.remark(f"{effect.name} inspection", f"{effect.name}: in step {run.steps}, at {run.time:.6g} s, {words}")
 
-    def look(self) -> None:
+    def look(self, run: State) -> None:
         """Compare the totals now. Raises RunStopped as `after_step`."""
-        s = self.simulation
         for effect, start in zip(self.keeping, self.start):
-            now = effect.balance(s._host)
+            now = effect.balance(run.host)
             drift = now.total - start.total
-            eps = float(np.finfo(s.plan.grid.dtype).eps)
-            rounding = ROUNDINGS * eps * math.sqrt(max(s.steps - self.begun, 1)) * max(start.size, now.size)
+            eps = float(np.finfo(run.plan.grid.dtype).eps)
+            rounding = ROUNDINGS * eps * math.sqrt(max(run.steps - self.begun, 1)) * max(start.size, now.size)
             if not abs(drift) > rounding:
                 continue
             share = abs(drift) / start.exchangeable if start.exchangeable > 0 else math.inf
             words = (
-                f"{effect.name}: in step {s.steps} at {s.time:.6g} s the {effect.balanced} has changed by"
+                f"{effect.name}: in step {run.steps} at {run.time:.6g} s the {effect.balanced} has changed by"
                 f" {drift:.3g} J, {100 * share:.2g} % of what can be exchanged, although nothing enters or leaves"
             )
             if 0 < effect.largest_drift < share:
                 raise RunStopped(effect.stops_as, f"{words}: {effect.remedy}.")
-            if f"{effect.name} balance" not in s.remarks:
-                s.remark(f"{effect.name} balance", f"{words}; rounding explains {rounding:.2g} J: {effect.remedy}.")
+            run.remark(f"{effect.name} balance", f"{words}; rounding explains {rounding:.2g} J: {effect.remedy}.")

@@ -4,6 +4,7 @@ import dataclasses
 import json
 import math
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast
@@ -14,7 +15,9 @@ import numpy as np
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.versions import versions
 from refsim.engine.audit import AuditState
-from refsim.engine.run import Run
+from refsim.engine.launching import bind, start
+from refsim.engine.neighbour_lists import rebuild, renumber
+from refsim.engine.state import State
 from refsim.io.checkpoint import KEPT, Checkpoint, whole_checkpoint
 from refsim.io.scenes import scene_from_checkpoint, scene_to_checkpoint
 from refsim.scene.plan import Plan, make_plan
@@ -102,13 +105,17 @@ def load_checkpoint(path: str | os.PathLike[str]) -> SavedRun:
     return SavedRun(file, plan, clock, state, build_position, gauges, notes)  # type: ignore[arg-type]
 
 
-def snapshot(run: Run) -> Checkpoint:
-    """All of a run that outlives a step, on the host: what a checkpoint file holds."""
+def snapshot(
+    run: State, tables: Mapping[str, np.ndarray], audit: AuditState | None, miscount: float | None
+) -> Checkpoint:
+    """All of a run that outlives a step, on the host: what a checkpoint file holds.
+
+    tables  what each gauge has measured, by name; `audit` is that of the energy, `miscount` the greatest of the density
+    """
     text, arrays = scene_to_checkpoint(run.plan)
-    arrays |= {f"field.{name}": run._host(name) for name, f in run.plan.fields.items() if f.state}
+    arrays |= {f"field.{name}": run.host(name) for name, f in run.plan.fields.items() if f.state}
     arrays["build_position"] = np.array(run.backend.host(run.build_position))
-    for k, gauge in enumerate(run.plan.scene.gauge):
-        arrays[f"gauge.{gauge.name}"] = run.gauges.table(k)
+    arrays |= {f"gauge.{name}": table for name, table in tables.items()}
     lists = run.lists
     clock = Clock(
         backend=cast(Literal["numpy", "cpu", "cuda"], run.backend.name),
@@ -125,9 +132,9 @@ def snapshot(run: Run) -> Checkpoint:
         versions=versions(),
         first_length=run.first_length,
         search_log={} if lists.search is None else dataclasses.asdict(lists.search.log),
-        energy_audit=None if run.auditor is None else run.auditor.saved(),
+        energy_audit=audit,
         remarks=run.remarks,
-        greatest_miscount=run.counting.greatest,
+        greatest_miscount=miscount,
         origin=run.plan.grid.origin,
     )
     try:
@@ -138,7 +145,7 @@ def snapshot(run: Run) -> Checkpoint:
     return Checkpoint(arrays, {"scene": text, "clock": numbers})
 
 
-def restore(run: Run, saved: SavedRun) -> None:
+def restore(run: State, saved: SavedRun) -> None:
     """Put a new run of the same scene into the saved state; its notes say where it will not go on bit for bit."""
     clock, lists = saved.clock, run.lists
     run.source = saved.file
@@ -150,25 +157,20 @@ def restore(run: Run, saved: SavedRun) -> None:
     run.previous_length, run.first_length = clock.previous_length, clock.first_length
     if run.motions is not None:
         run.motions.move(run.time)
-    run.order.renumber()
-    run.start()
+    renumber(run)
+    start(run)
     untaken = 0.0 if clock.density_taken else run.previous_length
     run.backend.assign(run.timestep, np.array([0.0, untaken], dtype=run.plan.grid.dtype))
     run.limiters = dict(clock.limiters)
     run.stopped_at_walls = clock.stopped_at_walls
     lists.velocities_set = clock.velocities_set
-    if run.auditor is not None and clock.energy_audit is not None:
-        run.auditor.restore(clock.energy_audit)
-    if run.gauges is not None:
-        run.gauges.restore(saved.gauges)
-    run.balances.renew()
-    run.counting.greatest = clock.greatest_miscount
     for effect, note in clock.remarks.items():
         run.remark(effect, note)
     if lists.search is not None and clock.list_built:
-        lists.rebuild()
-        known = clock.squared_displacement is not None
-        lists.policy.squared_displacement = clock.squared_displacement if known else math.inf
+        rebuild(run)
+        bind(run)
+        displacement = clock.squared_displacement
+        lists.policy.squared_displacement = math.inf if displacement is None else displacement
         lists.policy.margin = clock.margin
         log = lists.search.log
         for name in clock.search_log.keys() - {"list_bytes"}:  # the size that the list has grown to changes no result

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from refsim.core.errors import RunStopped
-from refsim.engine.run import Run
+from refsim.engine.state import State
 from refsim.scene.counting import Cells
 from refsim.shape_matching.phases import FLUID
 from refsim.sph import LIQUID, liquid_of
@@ -49,29 +49,27 @@ class Counting:
     latest    what the latest look has found
     """
 
-    def __init__(self, run: Run) -> None:
-        self.run = run
+    def __init__(self, run: State) -> None:
         self.acts = "advanced_excess" in run.fields
         self.every = EVERY * (min(SELDOM, 1 + run.plan.grid.count // 512) if run.backend.name == "cuda" else 1)
         self.greatest: float | None = None
         self.latest: Counted | None = None
 
-    def after_step(self) -> None:
+    def after_step(self, run: State) -> None:
         """Look where it is due. Raises RunStopped where told and counted density are far apart."""
-        if self.acts and self.run.steps % self.every == 0:
-            words = self.judged()
+        if self.acts and run.steps % self.every == 0:
+            words = self.judged(run)
             if self.latest is not None and abs(self.latest.difference) > abs(self.greatest or 0.0):
                 self.greatest = self.latest.difference
-            if words and LOOKED not in self.run.remarks:
-                self.run.remark(LOOKED, words)
+            if words:
+                run.remark(LOOKED, words)
 
-    def judged(self) -> str:
+    def judged(self, run: State) -> str:
         """Look now: a note, or "". Raises RunStopped as `after_step`; nothing that a checkpoint holds is changed."""
         if not self.acts:
             return ""
-        run = self.run
         with run.timings.of_host("counting"):
-            found = self.latest = self.look()
+            found = self.latest = counted(run)
         if found is None or not abs(found.difference) > NOTED:
             return ""
         side = "above" if found.difference > 0 else "below"
@@ -92,35 +90,36 @@ class Counting:
         known = [d for d in (self.greatest, latest.get("difference")) if d is not None]
         return latest | {"greatest_difference": max(known, key=abs, default=None)}
 
-    def look(self) -> Counted | None:
-        """Told and counted density now; None where no density is advanced, or too little liquid has none but liquid
-        around."""
-        if not self.acts:
-            return None
-        run, grid = self.run, self.run.plan.grid
-        place, mass, excess = (run._host(name).astype(float) for name in ("position", "mass", "advanced_excess"))
-        rest: Any = liquid_of(run.plan.effects).rest_density
-        rest = run._host("rest_density").astype(float) if "rest_density" in run.fields else rest
-        volume = mass / (rest + excess)
-        wet = run._host("phase") == FLUID if "phase" in run.fields else np.ones(grid.count, bool)
-        walls = run.plan.walls
-        if walls is not None:
-            place = np.concatenate([place, grid.local(walls.position)])
-        cells = Cells(place, grid)
-        left = 1 - (0.0 if walls is None else cells.filled(walls.volume, grid.count))
-        if not wet.all():
-            left = left - cells.filled(np.where(wet, 0.0, volume))
-        told = cells.filled(np.where(wet, volume, 0.0))
-        left = np.broadcast_to(left, told.shape)
-        inside = cells.inside(np.flatnonzero(wet), left <= 0.5)
-        kept, of = np.flatnonzero(inside), wet & inside[cells.own[: grid.count]]
-        if len(kept) < LEAST or not of.any():
-            return None
-        density, shares = mass[of].sum() / volume[of].sum(), told[kept] / left[kept] - 1
-        few = max(1, len(kept) // 100)
-        ordered = np.sort(shares)
-        difference = float(told[kept].sum() / left[kept].sum() - 1)
-        return Counted(
-            float(density), float(density * (1 + difference)), difference, float(ordered[:few].mean()),
-            float(ordered[-few:].mean()), len(kept),
-        )  # fmt: skip
+
+def counted(run: State) -> Counted | None:
+    """Told and counted density now; None where no density is advanced, or too little liquid has none but liquid
+    around."""
+    if "advanced_excess" not in run.fields:
+        return None
+    grid = run.plan.grid
+    place, mass, excess = (run.host(name).astype(float) for name in ("position", "mass", "advanced_excess"))
+    rest: Any = liquid_of(run.plan.effects).rest_density
+    rest = run.host("rest_density").astype(float) if "rest_density" in run.fields else rest
+    volume = mass / (rest + excess)
+    wet = run.host("phase") == FLUID if "phase" in run.fields else np.ones(grid.count, bool)
+    walls = run.plan.walls
+    if walls is not None:
+        place = np.concatenate([place, grid.local(walls.position)])
+    cells = Cells(place, grid)
+    left = 1 - (0.0 if walls is None else cells.filled(walls.volume, grid.count))
+    if not wet.all():
+        left = left - cells.filled(np.where(wet, 0.0, volume))
+    told = cells.filled(np.where(wet, volume, 0.0))
+    left = np.broadcast_to(left, told.shape)
+    inside = cells.inside(np.flatnonzero(wet), left <= 0.5)
+    kept, of = np.flatnonzero(inside), wet & inside[cells.own[: grid.count]]
+    if len(kept) < LEAST or not of.any():
+        return None
+    density, shares = mass[of].sum() / volume[of].sum(), told[kept] / left[kept] - 1
+    few = max(1, len(kept) // 100)
+    ordered = np.sort(shares)
+    difference = float(told[kept].sum() / left[kept].sum() - 1)
+    return Counted(
+        float(density), float(density * (1 + difference)), difference, float(ordered[:few].mean()),
+        float(ordered[-few:].mean()), len(kept),
+    )  # fmt: skip

@@ -29,6 +29,7 @@ from refsim.core.terminal import wanted
 from refsim.core.versions import versions
 from refsim.core.writing import write_file, writing
 from refsim.engine.counting import LOOKED
+from refsim.engine.launching import refresh
 from refsim.engine.postmortem import AFTER_THESE, POSTMORTEM, POSTMORTEM_FIELDS, write_postmortem
 from refsim.engine.progress import Progress, compiling_bar
 from refsim.engine.simulation import Simulation
@@ -281,10 +282,10 @@ class _Run:
                     "interrupted", f"The run was interrupted after step {simulation.steps} at {simulation.time:.6g} s."
                 )
         check_particles(simulation)
-        simulation.balances.inspect()
+        simulation.balances.inspect(simulation)
         if simulation.auditor is not None:
-            simulation.auditor.look(note=False)
-        words = simulation.counting.judged()
+            simulation.auditor.look(simulation, note=False)
+        words = simulation.counting.judged(simulation)
         if words and LOOKED not in simulation.remarks:
             simulation.notes.append(words)
             self._log_notes()
@@ -318,7 +319,7 @@ class _Run:
         simulation = self.simulation
         check_particles(simulation)
         with simulation.timings.of_host("frames"):
-            simulation.refresh(on_demand=True)
+            refresh(simulation, on_demand=True)
             names = (name for name in simulation.plan.particle_fields if name != POSITION_RESIDUAL.name)
             values = {name: simulation.stored(name) for name in names}
             values = {name: v.view(np.uint8) if v.dtype.kind == "b" else v for name, v in values.items()}

@@ -14,12 +14,13 @@ from refsim.core.checked import suggestion
 from refsim.core.effect import Effect, Pass
 from refsim.core.errors import InputError
 from refsim.core.walls import WallParticles, liquid_with_list
-from refsim.engine.binding import bound
-from refsim.engine.run import Run
-from refsim.engine.wall_forces import FRICTION, WallForces
+from refsim.engine.launching import bring, launch_pass, ready
+from refsim.engine.state import State
+from refsim.engine.wall_forces import FRICTION, WallForces, taken
 from refsim.gauges import Gauge, GaugeSeries, due
 from refsim.gauges.places import Points, crossing, points_of, shares_of_faces
 from refsim.neighbours.reference import pair_blocks
+from refsim.scene.plan import Plan
 from refsim.smoothing.reference import kernel_value
 from refsim.sph import Lean, acceleration_of, gravity_of, liquid_of
 
@@ -37,9 +38,10 @@ class Share(NamedTuple):
 class Gauges:
     """The gauges of a run and what they have measured."""
 
-    def __init__(self, run: Run) -> None:
-        self.run, plan = run, run.plan
+    def __init__(self, run: State) -> None:
+        plan = run.plan
         self.gauges: tuple[Gauge, ...] = plan.scene.gauge
+        self.dim = plan.grid.dim
         self.rows: list[list[list[float]]] = [[] for _ in self.gauges]
         self.points: dict[int, Points] = {}
         self.slices: dict[int, slice] = {}
@@ -61,23 +63,22 @@ class Gauges:
 
     # When
 
-    def begin(self) -> None:
+    def begin(self, run: State) -> None:
         """Measure the start."""
         if not all(self.rows):
-            self.after_step()
+            self.after_step(run)
 
-    def after_step(self) -> None:
+    def after_step(self, run: State) -> None:
         """Measure what is due."""
         wanted = [
             k for k, gauge in enumerate(self.gauges)
-            if due(gauge.every, self.run.time, self.rows[k][-1][0] if self.rows[k] else None)
+            if due(gauge.every, run.time, self.rows[k][-1][0] if self.rows[k] else None)
         ]  # fmt: skip
         if wanted:
-            with self.run.timings.of_host("gauges"):
-                self._measure(wanted)
+            with run.timings.of_host("gauges"):
+                self._measure(run, wanted)
 
-    def _measure(self, wanted: list[int]) -> None:
-        run = self.run
+    def _measure(self, run: State, wanted: list[int]) -> None:
         kinds = {self.gauges[k].kind for k in wanted}
         bodies = [k for k in wanted if self.gauges[k].on.startswith("solid")]
         needed: set[str] = {"position"}
@@ -85,18 +86,17 @@ class Gauges:
             needed |= {"density", "pressure"}
         for k in wanted:
             if self.gauges[k].kind == "force" and k not in bodies:
-                needed |= {name for share in self._shares(k) for _, p in share.passes for name in p.reads}
+                needed |= {name for share in self._shares(run, k) for _, p in share.passes for name in p.reads}
         if bodies:
             needed.add("acceleration")
-        run.lists.update()
-        run.order.attend()
-        run.bring(sorted(needed))
-        pressure = self._pressure() if "pressure" in kinds else np.zeros(0)
-        fill, flow = self._sample() if kinds & {"level", "flux"} else (np.zeros(0), np.zeros((0, 3)))
+        ready(run)
+        bring(run, needed)
+        pressure = self._pressure(run) if "pressure" in kinds else np.zeros(0)
+        fill, flow = self._sample(run) if kinds & {"level", "flux"} else (np.zeros(0), np.zeros((0, 3)))
         for k in wanted:
             gauge, own = self.gauges[k], self.slices.get(k)
             if gauge.kind == "force":
-                values = self._body(gauge) if k in bodies else self._wall(k)
+                values = self._body(run, gauge) if k in bodies else self._wall(run, k)
             elif gauge.kind == "pressure":
                 values = [float(pressure[own].mean())]
             elif gauge.kind == "level":
@@ -108,11 +108,11 @@ class Gauges:
 
     # At points
 
-    def _near_points(self) -> dict[str, Any]:
+    def _near_points(self, run: State) -> dict[str, Any]:
         """The points and the liquid near each, as the operations take them."""
-        run, grid = self.run, self.run.plan.grid
+        grid = run.plan.grid
         place, dtype = grid.local(self.places), np.dtype(grid.dtype)
-        search = run.lists.search
+        search = run.search
         if search is None:
             return {"walls": WallParticles(place.astype(dtype), np.zeros(len(place), dtype))}
         if self._static is None:
@@ -123,40 +123,37 @@ class Gauges:
         around = WallParticles(self._static.position, self._static.position)  # of which only the places are read
         return {"walls": around, "liquid_near_walls": liquid_with_list(run.fields["position"], self._near)}
 
-    def _in_first_order(self, values: Any) -> NDArray[np.float64]:
-        found = np.asarray(self.run.backend.host(values), dtype=float)
+    def _in_first_order(self, run: State, values: Any) -> NDArray[np.float64]:
+        found = np.asarray(run.backend.host(values), dtype=float)
         return found if self._static is None else self._static.in_first_order(found)
 
-    def _launch(self, p: Pass, *sources: dict[str, Any]) -> None:
-        run = self.run
-        run.timings.run(p.operation, bound(p, run.backend, (*sources, run._shared, run.fields)))
-
-    def _pressure(self) -> NDArray[np.float64]:
+    def _pressure(self, run: State) -> NDArray[np.float64]:
         """Pressure [Pa] at all points, extrapolated from the liquid near them; 0 where there is none."""
-        run, grid = self.run, self.run.plan.grid
+        grid = run.plan.grid
         found = run.backend.zeros((len(self.places),), grid.dtype)
-        lean = Lean(*map(grid.real, self._gravity()))
-        self._launch(Pass("adami_2012.extrapolation"), self._near_points(), {"lean": lean, "wall_pressure": found})
-        return self._in_first_order(found)
+        lean = Lean(*map(grid.real, _gravity(run)))
+        launch_pass(
+            run, Pass("adami_2012.extrapolation"), self._near_points(run), {"lean": lean, "wall_pressure": found}
+        )
+        return self._in_first_order(run, found)
 
-    def _sample(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _sample(self, run: State) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Share of the space that the liquid fills (m,) and its flow (m, 3) [m/s] at all points.
 
         Both are relative to the space that walls leave.
         """
-        run, count, dtype = self.run, len(self.places), self.run.plan.grid.dtype
+        count, dtype = len(self.places), run.plan.grid.dtype
         fill, flow = run.backend.zeros((count,), dtype), run.backend.zeros((count, 3), dtype)
         own = {"fill": fill, "flow": flow}
         if "rest_density" not in run.fields:  # of one substance
             own["rest_density"] = self._rest_density
-        self._launch(Pass("gauges.sample", names={"density": "rest_density"}), self._near_points(), own)
-        share = self._liquid_share()
-        return self._in_first_order(fill) / share, self._in_first_order(flow) / share[:, None]
+        launch_pass(run, Pass("gauges.sample", names={"density": "rest_density"}), self._near_points(run), own)
+        share = self._liquid_share(run.plan)
+        return self._in_first_order(run, fill) / share, self._in_first_order(run, flow) / share[:, None]
 
-    def _liquid_share(self) -> NDArray[np.float64]:
+    def _liquid_share(self, plan: Plan) -> NDArray[np.float64]:
         """Share of the space around each point that walls leave to the liquid; infinite where it is nearly none."""
         if self._open is None:
-            plan = self.run.plan
             filled = np.zeros(len(self.places))
             if plan.walls is not None and len(self.places):
                 reach, free = plan.scene.support_radius, [axis for axis in range(3) if plan.scene.period[axis] == 0]
@@ -169,21 +166,16 @@ class Gauges:
             self._open = np.where(left > LEAST_OPEN, left, np.inf)
         return self._open
 
-    def _gravity(self) -> Sequence[float]:
-        """Acceleration of gravity now, (3,) [m/s^2]."""
-        run = self.run
-        return acceleration_of(run.plan.effects) if run.motions is None else run.motions.gravity.tolist()
-
     # On walls and solids
 
-    def _shares(self, k: int) -> tuple[Share, ...]:
+    def _shares(self, run: State, k: int) -> tuple[Share, ...]:
         if k not in self.shares:
-            self.shares[k] = tuple(self._split(self.gauges[k]))
+            self.shares[k] = tuple(self._split(run, self.gauges[k]))
         return self.shares[k]
 
-    def _split(self, gauge: Gauge) -> Iterable[Share]:
+    def _split(self, run: State, gauge: Gauge) -> Iterable[Share]:
         """The launches that make a force: equal shares of components together."""
-        plan = self.run.plan
+        plan = run.plan
         grid, dim = plan.grid, plan.grid.dim
         of_friction = tuple(part for part in self.walls.passes if part[1].operation == FRICTION)
         of_pressure = tuple(part for part in self.walls.passes if part[1].operation != FRICTION)
@@ -203,49 +195,42 @@ class Gauges:
                 if passes and share[:, axes[0]].any():
                     volume = np.zeros(len(plan.walls.volume))
                     volume[first:last] = plan.walls.volume[first:last] * share[:, axes[0]]
-                    yield Share(self.walls.volumes(volume), tuple(axes), passes)
+                    yield Share(self.walls.volumes(run, volume), tuple(axes), passes)
 
-    def _wall(self, k: int) -> list[float]:
+    def _wall(self, run: State, k: int) -> list[float]:
         """Force and torque of the liquid on a wall: the reaction to the forces of the wall on the liquid."""
-        gauge, run, forces = self.gauges[k], self.run, self.walls
-        rows = forces.rows()
-        mass, place = (forces.taken(run.fields[name], rows) for name in ("mass", "position"))
+        gauge, forces = self.gauges[k], self.walls
+        rows = forces.rows(run)
+        mass, place = (taken(run, run.fields[name], rows) for name in ("mass", "position"))
         place = run.plan.grid.absolute(place)
         push = np.zeros((len(mass), 3))
-        for share in self._shares(k):
+        for share in self._shares(run, k):
             axes = list(share.components)
-            push[:, axes] -= mass[:, None] * forces.acceleration(share.passes, share.volume, rows)[:, axes]
+            push[:, axes] -= mass[:, None] * forces.acceleration(run, share.passes, share.volume, rows)[:, axes]
         about = np.array(gauge.about or (0.0, 0.0, 0.0))
-        return self._row(push, place - about)
+        return _row(push, place - about, run.plan.grid.dim)
 
-    def _body(self, gauge: Gauge) -> list[float]:
+    def _body(self, run: State, gauge: Gauge) -> list[float]:
         """Force and torque on a solid of all that acts on its particles but gravity and the solid itself."""
-        run, number = self.run, int(gauge.on.split()[1]) - 1
+        number = int(gauge.on.split()[1]) - 1
         first = int(np.sum(run.plan.state.sizes[:number]))
-        identity = run._host("identity")
+        identity = run.host("identity")
         held = (identity >= first) & (identity < first + run.plan.state.sizes[number])
         if "phase" in run.fields:
             from refsim.shape_matching.phases import FLUID
 
-            held &= run._host("phase") != FLUID
+            held &= run.host("phase") != FLUID
         own = np.flatnonzero(held)
         own = own[np.argsort(identity[own])]
-        acceleration = run._host("acceleration")[own].astype(float)
+        acceleration = run.host("acceleration")[own].astype(float)
         if gravity_of(run.plan.effects) is not None:
-            acceleration -= np.array(self._gravity(), run.plan.grid.dtype).astype(float)
-        mass = run._host("mass")[own].astype(float)
-        place = run.plan.grid.absolute(run._host("position")[own].astype(float))
+            acceleration -= np.array(_gravity(run), run.plan.grid.dtype).astype(float)
+        mass = run.host("mass")[own].astype(float)
+        place = run.plan.grid.absolute(run.host("position")[own].astype(float))
         push = mass[:, None] * acceleration
         centre = mass @ place / mass.sum() if len(own) else np.zeros(3)
         about = centre if gauge.about is None else np.array(gauge.about)
-        return self._row(push, place - about)
-
-    def _row(self, push: NDArray[np.float64], arm: NDArray[np.float64]) -> list[float]:
-        """The values of a force's columns from forces (n, 3) [N] with arms (n, 3) [m]."""
-        force, torque = push.sum(0), np.cross(arm, push).sum(0)
-        if self.run.plan.grid.dim == 2:
-            return [float(force[0]), float(force[1]), float(torque[2])]
-        return [*map(float, force), *map(float, torque)]
+        return _row(push, place - about, run.plan.grid.dim)
 
     # Reading, stopping and going on
 
@@ -256,7 +241,7 @@ class Gauges:
             raise InputError(f"gauge: the scene has no gauge {name!r}; {suggestion(name, names)}")
         k = names.index(name)
         gauge, table = self.gauges[k], self.table(k)
-        columns, units = zip(*gauge.columns(self.run.plan.grid.dim))
+        columns, units = zip(*gauge.columns(self.dim))
         return GaugeSeries(name, gauge.kind, table[:, 0], table[:, 1:], columns, units)
 
     def all_series(self) -> list[GaugeSeries]:
@@ -265,9 +250,26 @@ class Gauges:
 
     def table(self, k: int) -> NDArray[np.float64]:
         """Time and values of gauge `k`, (rows, 1 + columns)."""
-        width = 1 + len(self.gauges[k].columns(self.run.plan.grid.dim))
+        width = 1 + len(self.gauges[k].columns(self.dim))
         return np.array(self.rows[k], dtype=float).reshape(-1, width)
+
+    def tables(self) -> dict[str, NDArray[np.float64]]:
+        """Time and values of every gauge, by its name."""
+        return {gauge.name: self.table(k) for k, gauge in enumerate(self.gauges)}
 
     def restore(self, tables: dict[str, NDArray[np.float64]]) -> None:
         """Go on after these tables, by the gauges' names."""
         self.rows = [tables[gauge.name].tolist() for gauge in self.gauges]
+
+
+def _gravity(run: State) -> Sequence[float]:
+    """Acceleration of gravity now, (3,) [m/s^2]."""
+    return acceleration_of(run.plan.effects) if run.motions is None else run.motions.gravity.tolist()
+
+
+def _row(push: NDArray[np.float64], arm: NDArray[np.float64], dim: int) -> list[float]:
+    """The values of a force's columns from forces (n, 3) [N] with arms (n, 3) [m]."""
+    force, torque = push.sum(0), np.cross(arm, push).sum(0)
+    if dim == 2:
+        return [float(force[0]), float(force[1]), float(torque[2])]
+    return [*map(float, force), *map(float, torque)]

@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from refsim.backends.arrays import Backend
 from refsim.core.errors import RunStopped
-from refsim.engine.run import Run
+from refsim.scene.plan import Plan
 from refsim.sph import acceleration_of
 
 PULLS = ("field", "lean", "wall_gravity")  # parameter groups that are the acceleration of gravity (3,) [m/s^2]
@@ -37,23 +38,25 @@ class Motions:
     drive    what they add to gravity at rest then
     """
 
-    def __init__(self, run: Run) -> None:
-        self.run, plan = run, run.plan
+    def __init__(
+        self, plan: Plan, backend: Backend, parameters: dict[str, dict[str, Any]], shared: dict[str, Any]
+    ) -> None:
+        self.plan, self.backend = plan, backend
         self.moving = plan.scene.motion
         self.rest = np.array(acceleration_of(plan.effects))
         self.gravity = self.rest
         self.pulls: list[Any] = []
         self.faces: Any = None
         kinds = {motion.of for motion in self.moving}
-        self.turning: Any = run._parameters["gravity"]["turning"] if "turn" in kinds else None
+        self.turning: Any = parameters["gravity"]["turning"] if "turn" in kinds else None
         if kinds & {"gravity", "turn"}:
-            for groups in run._parameters.values():
+            for groups in parameters.values():
                 for name in PULLS:
                     if groups.get(name) is not None:
-                        groups[name] = run.backend.asarray(self.rest.astype(plan.grid.dtype))
+                        groups[name] = backend.asarray(self.rest.astype(plan.grid.dtype))
                         self.pulls.append(groups[name])
         if "moving_faces" in kinds:
-            self.faces = run._shared["wall_motion"].velocity
+            self.faces = shared["wall_motion"].velocity
             self.face_velocity = np.asarray(plan.shared["wall_motion"].velocity, dtype=float)
         self.move(0.0)
 
@@ -73,7 +76,7 @@ class Motions:
             if motion.of == "gravity":
                 pull -= moved.acceleration * motion.unit()
             elif motion.of == "turn":
-                axis, place = motion.unit(), self.run.plan.grid.local(np.array(motion.pivot or (0.0, 0.0, 0.0)))
+                axis, place = motion.unit(), self.plan.grid.local(np.array(motion.pivot or (0.0, 0.0, 0.0)))
                 rest = turned(self.rest, axis, -moved.place)
                 turning = np.array([moved.velocity * axis, moved.acceleration * axis, place])
                 self._assign(self.turning, turning.ravel())
@@ -87,7 +90,7 @@ class Motions:
             self._assign(self.faces, self.face_velocity + drag)
 
     def _assign(self, array: Any, values: NDArray[np.float64]) -> None:
-        self.run.backend.assign(array, values.astype(self.run.plan.grid.dtype))
+        self.backend.assign(array, values.astype(self.plan.grid.dtype))
 
 
 def turned(vector: NDArray[np.float64], axis: NDArray[np.float64], angle: float) -> NDArray[np.float64]:

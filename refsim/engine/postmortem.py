@@ -16,8 +16,9 @@ from refsim.core.effect import Extremes
 from refsim.core.errors import RunStopped
 from refsim.core.plain import plain
 from refsim.core.writing import made_by, write_file
-from refsim.engine.run import Run
-from refsim.engine.stepping import stable_steps
+from refsim.engine.launching import replay
+from refsim.engine.limits import stable_steps
+from refsim.engine.state import State
 from refsim.io.checkpoint import KEPT
 from refsim.neighbours.reference import nearest_image
 
@@ -42,7 +43,7 @@ GREATEST = {
 SHOWN = 500  # particles at most in the neighbourhood
 
 
-def write_postmortem(simulation: Run, stop: RunStopped, folder: Path, replay: str, checkpoint: Path | None) -> Path:
+def write_postmortem(simulation: State, stop: RunStopped, folder: Path, replay: str, checkpoint: Path | None) -> Path:
     """Write both files into `folder`; the path of the JSON. Raises RunStopped or InputError where that fails."""
     found = examine(simulation, stop)
     row = found.pop("row")
@@ -58,7 +59,7 @@ def write_postmortem(simulation: Run, stop: RunStopped, folder: Path, replay: st
     return path
 
 
-def examine(simulation: Run, stop: RunStopped) -> dict[str, Any]:
+def examine(simulation: State, stop: RunStopped) -> dict[str, Any]:
     """What went wrong where, from the state at the stop; `row` is the particle's place in the arrays."""
     cause, row, count = _cause(simulation, stop)
     fields = {name: _host(simulation, name) for name in simulation.plan.particle_fields}
@@ -84,7 +85,7 @@ def examine(simulation: Run, stop: RunStopped) -> dict[str, Any]:
     return result
 
 
-def _cause(simulation: Run, stop: RunStopped) -> tuple[str, int | None, int]:
+def _cause(simulation: State, stop: RunStopped) -> tuple[str, int | None, int]:
     """(pass and field that broke first, row of the first bad particle, number of bad particles)."""
     for name in ("position", "velocity", "mass"):
         bad = _not_finite(_host(simulation, name))
@@ -109,7 +110,7 @@ def _cause(simulation: Run, stop: RunStopped) -> tuple[str, int | None, int]:
         sizes = np.nan_to_num(np.linalg.norm(_host(simulation, name).astype(float), axis=1), nan=np.inf)
         return f"greatest {name}", int(sizes.argmax()), 1
     try:
-        with contextlib.closing(simulation.replay_passes()) as passes:
+        with contextlib.closing(replay(simulation)) as passes:
             for operation, written in passes:
                 for name in written:
                     if name in simulation.fields:
@@ -121,12 +122,12 @@ def _cause(simulation: Run, stop: RunStopped) -> tuple[str, int | None, int]:
     return "no pass writes a value that is not finite", None, 0
 
 
-def _first(simulation: Run, rows: np.ndarray) -> int:
+def _first(simulation: State, rows: np.ndarray) -> int:
     """Of these rows, that of the particle with the lowest number: the same one whatever the order."""
     return int(rows[_host(simulation, "identity")[rows].argmin()])
 
 
-def _most_crowded(simulation: Run) -> tuple[int, int]:
+def _most_crowded(simulation: State) -> tuple[int, int]:
     from scipy.spatial import cKDTree
 
     position = _host(simulation, "position").astype(float)
@@ -135,7 +136,7 @@ def _most_crowded(simulation: Run) -> tuple[int, int]:
     return int(count.argmax()), int(count.max()) - 1
 
 
-def _limits_now(simulation: Run, fields: dict[str, np.ndarray]) -> dict[str, float] | None:
+def _limits_now(simulation: State, fields: dict[str, np.ndarray]) -> dict[str, float] | None:
     with np.errstate(all="ignore"):
         speed, force = (
             float(np.sqrt((fields[name].astype(float) ** 2).sum(1).max())) for name in ("velocity", "acceleration")
@@ -146,7 +147,7 @@ def _limits_now(simulation: Run, fields: dict[str, np.ndarray]) -> dict[str, flo
     return stable_steps(simulation.limits, Extremes(speed, force, rate if math.isfinite(rate) else 0.0))
 
 
-def _neighbourhood(simulation: Run, row: int | None) -> dict[str, np.ndarray]:
+def _neighbourhood(simulation: State, row: int | None) -> dict[str, np.ndarray]:
     """All fields of the particles around one, nearest first: within two support radii of its last finite place."""
     if row is None:
         return {}
@@ -170,11 +171,11 @@ def _not_finite(values: np.ndarray) -> np.ndarray:
     return np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(1))
 
 
-def _host(simulation: Run, name: str) -> np.ndarray:
+def _host(simulation: State, name: str) -> np.ndarray:
     """A field's values; positions as places in the scene."""
-    values = np.array(simulation.backend.host(simulation.fields[name]))
+    values = simulation.host(name)
     return simulation.plan.grid.absolute(values) if name == "position" else values
 
 
-def _build_position(simulation: Run) -> np.ndarray:
+def _build_position(simulation: State) -> np.ndarray:
     return simulation.plan.grid.absolute(np.array(simulation.backend.host(simulation.build_position)))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from refsim.core.tables import in_time
 from refsim.core.terminal import Bar, say
-from refsim.engine.run import Run
+from refsim.engine.state import State
 
 
 def compiling_bar(kernels: int, processes: int) -> Callable[[], None]:
@@ -37,7 +37,7 @@ class Progress:
         self.bar: Bar | None = None
         self.told = 0
 
-    def __call__(self, simulation: Run) -> None:
+    def __call__(self, simulation: State) -> None:
         """Show the state of the simulation."""
         for note in simulation.notes[self.told :]:
             say(f"note: {note}")
@@ -54,7 +54,7 @@ class Progress:
         words = f"{self.time:.4g} of {self.until:.4g} s, step {simulation.steps:,}, {limiter} limit"
         self.bar.to(self.time, words)
 
-    def _head(self, simulation: Run) -> None:
+    def _head(self, simulation: State) -> None:
         self.time = simulation.time
         if self.quiet:
             return
@@ -66,7 +66,7 @@ class Progress:
             f" {simulation.backend.name}{at}, to {self.until:g} s{into}"
         )
 
-    def _open(self, simulation: Run) -> None:
+    def _open(self, simulation: State) -> None:
         seconds = simulation.timings.account()["compiling"]
         if seconds > 1:
             from refsim.backends.cache import is_writable

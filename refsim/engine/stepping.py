@@ -3,164 +3,114 @@
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import Any, NoReturn
 
 import numpy as np
 
 from refsim.core.capabilities import Watches, having
-from refsim.core.effect import Extremes, Pass, StepLimit
+from refsim.core.effect import Extremes, Pass
 from refsim.core.errors import RunStopped
+from refsim.engine import launching
 from refsim.engine.branches import Touched, needed_before, touched
-from refsim.engine.run import Calls, Run
-from refsim.motion import pace
-from refsim.scene.plan import Plan
+from refsim.engine.limits import Advance, stable_steps
+from refsim.engine.neighbour_lists import look_ahead
+from refsim.engine.state import Calls, State
 from refsim.sph import CROWD, LARGEST_SHIFT
 
 SMALLEST_STEP = 1e-6  # share of the first step below which the run is taken to have diverged
 
 
-@dataclass(frozen=True)
-class Advance:
-    """What a step did: its length [s], the limit that set it, and how far particles have moved.
+def advance(state: State) -> Advance:
+    """Launch the passes of a step one by one, choose its length, and move the particles.
 
-    limits                all largest stable steps [s]
-    step_displacement     [m] that no particle exceeds in this step
-    velocity_change       [m/s] by accelerations, which no particle exceeds in this step
-    squared_displacement  largest since the neighbour list was built [m^2]
-    stopped               number of particles that a wall's plane stopped
-    dense                 number of particles above the first bound of the liquid's density, before the step
+    Raises RunStopped, with the state as it was, where that is impossible.
     """
-
-    length: float
-    limiter: str
-    limits: dict[str, float]
-    step_displacement: float
-    velocity_change: float
-    squared_displacement: float
-    stopped: int
-    dense: int
-
-
-def step_limits(plan: Plan) -> dict[str, StepLimit]:
-    """Largest stable steps of a plan by what limits them.
-
-    Some limit sees the particles' speed, and particles at rest have one: the run's time, and that of what moves them.
-    """
-    grid, effects = plan.grid, plan.effects
-    limits = {"force": StepLimit.falling(grid.support_radius / 32)}  # 0.25 sqrt((h/2)/|a|)
-    for effect in effects.values():
-        limits |= effect.step_limits(grid, effects)
-    if not any(limit.speed_share > 0 for limit in limits.values()):
-        limits["motion"] = StepLimit.crossing(grid.spacing / 2)
-    end = plan.scene.end_time or 1.0
-    longest = min([end, *(0.25 * pace(motion, end) for motion in plan.scene.motion)])
-    if not min(stable_steps(limits, Extremes(0.0, 0.0)).values(), default=math.inf) <= longest:
-        limits["resting"] = StepLimit.constant(longest)
-    return limits
+    for name, call in state.begin_calls:
+        state.timings.run(name, call)
+    for _ in launching.launch(state):
+        pass
+    extremes = checked_extremes(state)
+    limits = stable_steps(state.limits, extremes)
+    limiter = min(limits, key=lambda name: limits[name])
+    length = float(limits[limiter] * state.plan.scene.step_factor)
+    if state.plan.scene.step > 0:
+        length, limiter = state.plan.scene.step, "fixed"
+    if state.first_length is None:
+        state.first_length = length
+    if not length > SMALLEST_STEP * state.first_length:
+        _too_small(state, limiter, length)
+    steps = [0.5 * (state.previous_length + length), length]
+    state.backend.assign(state.timestep, np.array(steps, dtype=state.plan.grid.dtype))
+    for name, call in state.motion_calls:
+        state.timings.run(name, call)
+    return _advanced(state, length, limiter, limits, extremes, *map(float, state.backend.host(state.displacement)))
 
 
-def stable_steps(limits: dict[str, StepLimit], extremes: Extremes) -> dict[str, float]:
-    """Largest stable steps [s] at these extremes, by what limits them."""
-    at = {name: limit.at(extremes) for name, limit in limits.items()}
-    return {name: step for name, step in at.items() if math.isfinite(step)}
+def checked_extremes(state: State) -> Extremes:
+    """Largest speed and acceleration. Raises RunStopped where one is not finite or the run has diverged."""
+    state.timings.run("sph.extremes", state.extremes_call)
+    speed2, force2, broken, *others = (float(x) for x in state.backend.host(state.extremes))
+    extremes = Extremes(math.sqrt(speed2), math.sqrt(force2), *others)
+    check_extremes(state, int(broken), extremes)
+    return extremes
 
 
-def check_extremes(simulation: Run, broken: int, extremes: Extremes) -> None:
+def check_extremes(state: State, broken: int, extremes: Extremes) -> None:
     """Raise RunStopped where `broken` particles have no finite speed or acceleration, or one is too fast."""
-    where = f"In step {simulation.steps} at {simulation.time:.6g} s"
+    where = f"In step {state.steps} at {state.time:.6g} s"
     if broken:
         what = "a velocity or an acceleration"
-        if "temperature" in simulation.fields:
+        if "temperature" in state.fields:
             what = "a velocity, an acceleration or a temperature"
         raise RunStopped("non_finite", f"{where} {broken} particles have {what} that is not finite.")
-    if extremes.speed > simulation.greatest_speed:
+    if extremes.speed > state.greatest_speed:
         raise RunStopped(
             "diverged",
-            f"{where} a particle moves with {extremes.speed:.4g} m/s, beyond the {simulation.greatest_speed:.4g} m/s up"
+            f"{where} a particle moves with {extremes.speed:.4g} m/s, beyond the {state.greatest_speed:.4g} m/s up"
             " to which the scene's equations hold: take a smaller step or a larger sound speed.",
         )
     if extremes.excess > 0:
-        low, high = simulation._host("temperature_range")
+        low, high = state.host("temperature_range")
         raise RunStopped(
             "temperature_out_of_range",
             f"{where} a temperature is {extremes.excess:.3g} K beyond the {low:.6g} to {high:.6g} deg C that conduction"
             " from the start's temperatures can reach: take a shorter step or another scheme of heat_conduction.",
         )
-    if extremes.crushed > most_dense(simulation):
-        bound = simulation.plan.shared["density_bounds"].crushed
+    if extremes.crushed > most_dense(state):
+        bound = state.plan.shared["density_bounds"].crushed
         raise RunStopped(
             "compressed",
-            f"{where} {extremes.crushed:.0f} of {simulation.plan.grid.count} particles are denser than {bound:g} times"
+            f"{where} {extremes.crushed:.0f} of {state.plan.grid.count} particles are denser than {bound:g} times"
             " the rest density, where the equation of state does not hold: take a larger sound_speed, a shorter step"
             " or weaker forces, or raise density_bound of weakly_compressible.",
         )
 
 
-def most_dense(simulation: Run) -> float:
+def most_dense(state: State) -> float:
     """Number of particles that may exceed a bound of the density."""
-    return CROWD * simulation.plan.grid.count
+    return CROWD * state.plan.grid.count
 
 
-def too_small(simulation: Run, limiter: str, length: float) -> NoReturn:
+def _too_small(state: State, limiter: str, length: float) -> NoReturn:
     """Raise RunStopped for a step below SMALLEST_STEP of the first one."""
     raise RunStopped(
         "step_too_small",
-        f"In step {simulation.steps} at {simulation.time:.6g} s the {limiter} limit allows a step of {length:.3g} s,"
+        f"In step {state.steps} at {state.time:.6g} s the {limiter} limit allows a step of {length:.3g} s,"
         f" below {SMALLEST_STEP:g} of the first one: the run diverges.",
     )
 
 
-def advanced(
-    simulation: Run, length: float, limiter: str, limits: dict[str, float], extremes: Extremes, squared: float,
+def _advanced(
+    state: State, length: float, limiter: str, limits: dict[str, float], extremes: Extremes, squared: float,
     stopped: float,
 ) -> Advance:  # fmt: skip
     """What a step of this length did; `squared` and `stopped` as operation sph.kick_drift gives them."""
-    gained = 0.5 * (simulation.previous_length + length) * extremes.acceleration
+    gained = 0.5 * (state.previous_length + length) * extremes.acceleration
     moved = (extremes.speed + gained) * length
-    if "shift" in simulation.fields:  # beside dt v
+    if "shift" in state.fields:  # beside dt v
         moved += LARGEST_SHIFT * (extremes.speed * length)
     return Advance(length, limiter, limits, moved, gained, squared, int(stopped), int(extremes.dense))
-
-
-class HostStepper:
-    """Launches the passes one by one and chooses the step in between."""
-
-    known = False  # whether the forces of the next step are launched
-
-    def __init__(self, simulation: Run) -> None:
-        self.simulation = simulation
-
-    def rebind(self) -> None:
-        """Nothing to do: it holds no arrays."""
-
-    def watched(self, name: str) -> np.ndarray:
-        """A watched field after the step."""
-        return self.simulation._host(name)
-
-    def advance(self) -> Advance:
-        """One step. Raises RunStopped, with the state as it was, where that is impossible."""
-        s = self.simulation
-        for name, call in s.begin_calls:
-            s.timings.run(name, call)
-        for _ in s.launch():
-            pass
-        extremes = s.checked_extremes()
-        limits = stable_steps(s.limits, extremes)
-        limiter = min(limits, key=lambda name: limits[name])
-        length = float(limits[limiter] * s.plan.scene.step_factor)
-        if s.plan.scene.step > 0:
-            length, limiter = s.plan.scene.step, "fixed"
-        if s.first_length is None:
-            s.first_length = length
-        if not length > SMALLEST_STEP * s.first_length:
-            too_small(s, limiter, length)
-        steps = [0.5 * (s.previous_length + length), length]
-        s.backend.assign(s.timestep, np.array(steps, dtype=s.plan.grid.dtype))
-        for name, call in s.motion_calls:
-            s.timings.run(name, call)
-        return advanced(s, length, limiter, limits, extremes, *map(float, s.backend.host(s.displacement)))
 
 
 class DeviceStepper:
@@ -173,10 +123,10 @@ class DeviceStepper:
     In a run that is profiled they are launched one by one, each with a wait behind it; the programs are the same.
     """
 
-    def __init__(self, simulation: Run) -> None:
+    def __init__(self, state: State) -> None:
         from refsim.backends import device
 
-        s = self.simulation = simulation
+        s = self.state = state
         self.device = device
         self.names = list(s.limits)
         self.limits = s.backend.asarray(np.array(list(s.limits.values()), dtype=np.float64))
@@ -191,11 +141,11 @@ class DeviceStepper:
         self.pushed = any("acceleration" in (*p.writes, *p.updates) for _, p in passes)  # else it stays zero
         self.calls, self.touches = self._sequence()
         choice = [name for name, _ in self.calls].index("choose_step")
-        self.known = False  # whether the forces of the next step are launched
+        self.bindings = s.bindings  # for which the calls were recorded
         self.hosted = {name for e in s.plan.effects.values() for name in e.host_passes} if whole else set()
         written = {name for _, p in s.force_passes for name in p.written}
         kept = any(f.state for name, f in s.plan.fields.items() if name in written)  # what outlives a step changes
-        apart = self.hosted or s.plan.begin or s.motions or s.order.attends or kept
+        apart = self.hosted or s.plan.begin or s.motions or s.order.attended or kept
         self.foresees = whole and not apart
         self.recorded, self.forces, self.motion = (
             device.Recorded(partial(self._launch, part), whole)
@@ -204,12 +154,12 @@ class DeviceStepper:
         self.parts = self._parts()
         self.version: Any = None  # of the arrays that the graphs behind a pass of the host take
 
-    def rebind(self) -> None:
+    def _renew(self) -> None:
         """The arrays have changed: record the step anew."""
+        self.bindings, self.state.foreseen = self.state.bindings, False
         self.calls, self.touches = self._sequence()
         self.recorded, self.forces, self.motion = (r.renewed() for r in (self.recorded, self.forces, self.motion))
         self.parts = self._parts()
-        self.known = False
 
     def _parts(self) -> list[Callable[[], Any]]:
         """A step with passes of the host: these, and graphs of what stands between them."""
@@ -234,7 +184,9 @@ class DeviceStepper:
 
     def advance(self) -> Advance:
         """One step. Raises RunStopped, with the state as it was, where that is impossible."""
-        s, device = self.simulation, self.device
+        s, device = self.state, self.device
+        if self.bindings != s.bindings:
+            self._renew()
         if self.in_step_with != s.steps:
             self._set_clock()
         began = time.perf_counter()
@@ -243,12 +195,12 @@ class DeviceStepper:
             self.recorded.called = True
         elif self.parts:
             self._launch_parts()
-        elif self.known:
+        elif s.foreseen:
             self.motion()
         else:
             self.recorded()
         self.mark.set()
-        foresees = not s.lists.look_ahead() and self.foresees
+        foresees = not look_ahead(s) and self.foresees
         if foresees:
             self.forces()  # of the next step, while the host looks at this one
         self.mark.wait()
@@ -260,19 +212,19 @@ class DeviceStepper:
         length, limiter = float(clock[device.LENGTH]), int(clock[device.LIMITER])
         name = "fixed" if limiter < 0 else self.names[limiter]
         reason = int(clock[device.REASON])
-        self.known = foresees
+        s.foreseen = foresees
         if reason:
             self.in_step_with = -1
             check_extremes(s, int(s.backend.host(s.extremes)[2]), extremes)
-            too_small(s, name, length)
+            _too_small(s, name, length)
         s.first_length = float(clock[device.FIRST])
         self.in_step_with = s.steps + 1
         limits = stable_steps(s.limits, extremes)
-        return advanced(s, length, name, limits, extremes, float(clock[device.WAY]), clock[device.STOPPED])
+        return _advanced(s, length, name, limits, extremes, float(clock[device.WAY]), clock[device.STOPPED])
 
     def _set_clock(self) -> None:
         """Give the device the host's clock: at the start, and after resuming."""
-        s, device = self.simulation, self.device
+        s, device = self.state, self.device
         values = np.zeros(device.CLOCK_ROWS)
         values[[device.TIME, device.PREVIOUS, device.FIRST]] = s.time, s.previous_length, s.first_length or 0.0
         s.backend.assign(self.clock, values)
@@ -282,19 +234,19 @@ class DeviceStepper:
             self._launch_each()
         else:
             self.device.launch_after([call for _, call in self.calls[part]], needed_before(self.touches[part]))
-        self.simulation.scratch.unchanged(False)
+        self.state.scratch.unchanged(False)
 
     def _launch_each(self) -> None:
         for name, call in self.calls:
             if name:
-                self.simulation.timings.run(name, call)
+                self.state.timings.run(name, call)
             else:  # no operation of the step
                 call()
-        self.simulation.scratch.unchanged(False)
+        self.state.scratch.unchanged(False)
 
     def _sequence(self) -> tuple[Calls, list[Touched | None]]:
         """All that a step launches, in order, and what each launch touches."""
-        s, plan, backend = self.simulation, self.simulation.plan, self.simulation.backend.name
+        s, plan, backend = self.state, self.state.plan, self.state.backend.name
         forces = [(name, call, p) for (name, rare, call), (_, p) in zip(s.force_calls, s.force_passes) if not rare]
         own = frozenset({"acceleration", "extremes", "displacement"})
         motion = [(name, _cleared(call)) for name, call in s.motion_calls]
@@ -310,7 +262,7 @@ class DeviceStepper:
         return [(name, call) for name, call, _ in steps], [what for *_, what in steps]
 
     def _clear(self) -> None:
-        s = self.simulation
+        s = self.state
         s.scratch.unchanged(True)  # in what is launched behind this, up to the motion
         if self.pushed:
             self.device.fill(s.fields["acceleration"], 0)
@@ -319,14 +271,14 @@ class DeviceStepper:
             self.device.fill(array, 0)
 
     def _choose(self) -> None:
-        s, scene = self.simulation, self.simulation.plan.scene
+        s, scene = self.state, self.state.plan.scene
         self.device.choose_step(
             s.extremes, self.limits, scene.step_factor, scene.step, SMALLEST_STEP, s.greatest_speed,
             most_dense(s), s.timestep, self.clock,
         )  # fmt: skip
 
     def _send(self) -> None:
-        self.device.send_clock(self.simulation.displacement, self.clock, self.mirror.there)
+        self.device.send_clock(self.state.displacement, self.clock, self.mirror.there)
         for mirror in self.mirrors.values():
             mirror.send()
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from refsim.core.effect import Effect, Pass
 from refsim.core.operation import REGISTRY
-from refsim.engine.binding import bound
-from refsim.engine.run import Run
+from refsim.engine.launching import launch_pass
+from refsim.engine.state import State
 
 OF_LIQUID = ("one_way_coupling.wall_pressure",)  # forces of walls whose own pressure is a sum over the liquid
 FRICTION = "one_way_coupling.wall_viscosity"
@@ -22,61 +22,56 @@ class WallForces:
     passes  of the forces, with their effects
     """
 
-    def __init__(self, run: Run) -> None:
-        self.run = run
+    def __init__(self, run: State) -> None:
         self.passes: tuple[tuple[Effect, Pass], ...] = tuple(part for part in run.plan.passes if _of_walls(part[1]))
         self._rows_of = -1
         self._rows: Any = None
 
-    def volumes(self, values: NDArray[np.float64]) -> Any:
+    def volumes(self, run: State, values: NDArray[np.float64]) -> Any:
         """Volumes (m,) [m^dim] of wall particles in the order of the plan, as `acceleration` takes them."""
-        run = self.run
         return run.backend.asarray(run.lists.in_list_order(values).astype(run.plan.grid.dtype))
 
-    def rows(self) -> Any:
+    def rows(self, run: State) -> Any:
         """Rows (m,) of the particles that have wall particles within reach, on the backend."""
-        run = self.run
-        search = run.lists.search
+        search = run.search
         if self._rows is None or (search is not None and self._rows_of != search.log.rebuilds):
-            near = np.ones(run.plan.grid.count) if search is None else run.backend.host(run._shared["walls"].count)
+            near = np.ones(run.plan.grid.count) if search is None else run.backend.host(run.shared["walls"].count)
             self._rows = run.backend.asarray(np.flatnonzero(near).astype(np.int32))
             self._rows_of = 0 if search is None else search.log.rebuilds
         return self._rows
 
-    def taken(self, array: Any, rows: Any) -> NDArray[np.float64]:
-        """Rows of an array of the backend, on the host in float64."""
-        return self.run.backend.taken(array, rows).astype(float)
-
     def acceleration(
-        self, passes: Iterable[tuple[Effect, Pass]], volume: Any, rows: Any, **given: Any
+        self, run: State, passes: Iterable[tuple[Effect, Pass]], volume: Any, rows: Any, **given: Any
     ) -> NDArray[np.float64]:
         """Acceleration (m, 3) [m/s^2] of these rows of the liquid by wall particles of these volumes.
 
         given  arrays by which fields are replaced
         """
-        run = self.run
         found = run.backend.zeros((run.plan.grid.count, 3), run.plan.grid.dtype)
-        walls = run._shared["walls"]
-        self._push(passes, found, walls._replace(volume=volume), given)
-        total = self.taken(found, rows)
+        walls = run.shared["walls"]
+        _push(run, passes, found, walls._replace(volume=volume), given)
+        total = taken(run, found, rows)
         if run.backend.name != "numpy":
             return total
         run.backend.assign(found, 0.0)  # the oracles sum over the liquid, too
-        self._push(passes, found, walls._replace(volume=np.zeros_like(volume)), given)
+        _push(run, passes, found, walls._replace(volume=np.zeros_like(volume)), given)
         return total - found
 
-    def _push(
-        self, passes: Iterable[tuple[Effect, Pass]], acceleration: Any, walls: Any, given: dict[str, Any]
-    ) -> None:
-        run = self.run
-        for effect, p in passes:
-            own: dict[str, Any] = {"acceleration": acceleration, "walls": walls, **given}
-            near = run._shared["neighbours"]
-            if near is not None and p.operation not in OF_LIQUID:
-                own["neighbours"] = near._replace(count=run.backend.zeros(near.count.shape, near.count.dtype))
-            plain = dataclasses.replace(p, algorithm="plain")
-            sources = (own, run._parameters[effect.name], run._shared, run.fields)
-            run.timings.run(p.operation, bound(plain, run.backend, sources))
+
+def taken(run: State, array: Any, rows: Any) -> NDArray[np.float64]:
+    """Rows of an array of the backend, on the host in float64."""
+    return run.backend.taken(array, rows).astype(float)
+
+
+def _push(
+    run: State, passes: Iterable[tuple[Effect, Pass]], acceleration: Any, walls: Any, given: dict[str, Any]
+) -> None:
+    for effect, p in passes:
+        own: dict[str, Any] = {"acceleration": acceleration, "walls": walls, **given}
+        near = run.shared["neighbours"]
+        if near is not None and p.operation not in OF_LIQUID:
+            own["neighbours"] = near._replace(count=run.backend.zeros(near.count.shape, near.count.dtype))
+        launch_pass(run, dataclasses.replace(p, algorithm="plain"), own, run.parameters[effect.name])
 
 
 def _of_walls(p: Pass) -> bool:

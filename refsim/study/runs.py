@@ -267,7 +267,7 @@ def held_bytes(simulation: Simulation) -> int:
     seen: dict[int, int] = {}
     _count(
         (
-            simulation.fields, simulation._shared, simulation._parameters, simulation.extremes, simulation.displacement,
+            simulation.fields, simulation.shared, simulation.parameters, simulation.extremes, simulation.displacement,
             simulation.timestep, simulation.build_position, simulation.search, simulation.scratch,
         ),
         seen,

@@ -118,8 +118,8 @@ def held_by_grid(simulation):
     if "mpm_liquid" not in plan.effects:
         return {}
     real = plan.grid
-    grid = simulation._parameters["mpm_liquid"]["grid"]
-    surface = simulation._shared.get("surface")
+    grid = simulation.parameters["mpm_liquid"]["grid"]
+    surface = simulation.shared.get("surface")
     tension = plan.effects["mpm_liquid"].step(plan.effects).tension
     blocks = grid.nodes // 64
     if surface is None:

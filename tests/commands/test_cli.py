@@ -348,7 +348,7 @@ def test_plan_shows_what_the_run_allocates_and_launches(scene, capsys):
     assert set(found["step"]["limits"]) == set(simulation.last.limits)
     assert found["effects"]["weakly_compressible"]["fields"] == ["density", "pressure"]
     assert found["effects"]["box_walls"]["wall_particles"] == found["wall_particles"]
-    kept = sum(a.nbytes for a in simulation._shared["neighbours"] if isinstance(a, np.ndarray))
+    kept = sum(a.nbytes for a in simulation.shared["neighbours"] if isinstance(a, np.ndarray))
     assert kept == pytest.approx(found["bytes"]["neighbour_list"], rel=0.02)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from refsim import BoxWalls, Cloud, Gravity, RunStopped, Scene, Simulation, WeaklyCompressible, simulate
 from refsim.engine import counting
-from refsim.engine.counting import LARGEST, NOTED
+from refsim.engine.counting import LARGEST, NOTED, counted
 
 D, SOUND = 0.05, 20.0
 
@@ -42,7 +42,7 @@ def displaced(made, factor):
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 @pytest.mark.parametrize(("dim", "n"), [(2, 16), (3, 12)])
 def test_a_lattice_counts_what_it_is_told(dim, n, dtype):
-    found = Simulation(block(dim, n, dtype), "numpy").counting.look()
+    found = counted(Simulation(block(dim, n, dtype), "numpy"))
     assert found.told == pytest.approx(1000.0)
     assert found.counted == pytest.approx(1000.0, rel=1e-6)
     assert abs(found.least) < 1e-6 > abs(found.most)
@@ -52,20 +52,20 @@ def test_a_lattice_counts_what_it_is_told(dim, n, dtype):
 @pytest.mark.parametrize(("dim", "n"), [(2, 16), (3, 12)])
 @pytest.mark.parametrize("factor", [0.97, 1.01, 1.05])
 def test_places_that_are_stretched_are_counted(dim, n, factor):
-    found = displaced(block(dim, n), factor).counting.look()
+    found = counted(displaced(block(dim, n), factor))
     assert found.told == pytest.approx(1000.0)
     assert found.counted == pytest.approx(1000.0 / factor**dim, rel=2e-3)
 
 
 def test_only_what_has_liquid_around_it_is_counted():
     """A sheet, a drop and a film have no inside; a tank has, up to its walls."""
-    assert Simulation(block(n=6), "numpy").counting.look() is None
-    assert Simulation(block(density="summation"), "numpy").counting.look() is None
+    assert counted(Simulation(block(n=6), "numpy")) is None
+    assert counted(Simulation(block(density="summation"), "numpy")) is None
     walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(16 * D, 40 * D, 0.0))
-    free, held = (Simulation(block(effects=more), "numpy").counting.look() for more in ((), (walls,)))
+    free, held = (counted(Simulation(block(effects=more), "numpy")) for more in ((), (walls,)))
     assert held.cells > 1.4 * free.cells
     assert abs(held.difference) < 1e-9
-    round_about = Simulation(block(period=(16 * D, 16 * D, 0.0)), "numpy").counting.look()
+    round_about = counted(Simulation(block(period=(16 * D, 16 * D, 0.0)), "numpy"))
     assert round_about.cells == 64
     assert abs(round_about.difference) < 1e-9
 
@@ -154,4 +154,4 @@ def test_dry_places_between_walls_are_no_liquid(tmp_path):
         dim=2, spacing=D, support_radius=2.6 * D, fluid=(Cloud(position=np.concatenate([film, drops])),),
         effects=(water, walls),
     )  # fmt: skip
-    assert Simulation(made, "numpy").counting.look() is None
+    assert counted(Simulation(made, "numpy")) is None

@@ -88,7 +88,7 @@ def test_cohesion_is_the_potential_of_its_force(name):
         place = lattice()
         place[100] += shift
         simulation = rs.Simulation(scene(fluid, *effects, fluid=rs.Cloud(position=place)), "numpy")
-        found = {n: p.value for n, p in simulation.auditor.energies().items()}
+        found = {n: p.value for n, p in simulation.auditor.energies(simulation).items()}
         return found, simulation.field("acceleration")[100] * simulation.field("mass")[100]
 
     ahead, behind = (at((sign * shift, 0, 0), PAIRS[name])[0]["cohesion"] for sign in (1, -1))
@@ -177,7 +177,7 @@ def test_a_face_gives_its_velocity_times_the_momentum(backend):
     )
     simulation = rs.Simulation(scene, backend)
     advanced(simulation, 40)
-    simulation.auditor.look()
+    simulation.auditor.look(simulation)
     half = 0.5 * simulation.previous_length * simulation.field("acceleration")
     gained = simulation.field("mass") @ (simulation.field("velocity") + half)[:, 0]
     assert gained > 1.0
@@ -257,9 +257,9 @@ def test_dust_in_a_driven_frame_has_the_energy_of_the_work(of):
     )  # fmt: skip
     simulation = rs.Simulation(dust, "numpy")
     simulation.step()
-    begun = math.fsum(part.value for part in simulation.auditor.energies().values())
+    begun = math.fsum(part.value for part in simulation.auditor.energies(simulation).values())
     advanced(simulation, 900)
-    found = {name: part.value for name, part in simulation.auditor.energies().items()}
+    found = {name: part.value for name, part in simulation.auditor.energies(simulation).items()}
     assert abs(found["driving"]) > 1.0
     assert math.fsum(found.values()) == pytest.approx(begun, abs=2e-3 * abs(found["driving"]))
 

@@ -6,7 +6,9 @@ import pytest
 import refsim as rs
 from refsim import simulate
 from refsim.core.errors import InputError
+from refsim.engine import launching
 from refsim.engine.checkpoints import load_checkpoint
+from refsim.engine.launching import refresh
 from tests.running import advanced
 
 D = 0.05
@@ -72,8 +74,8 @@ def test_a_reading_launches_what_its_field_needs_and_once():
     assert launches(run, lambda: run.field("density")) == []
     scan = ["sph.density", "surface_detection.candidates", "surface_normal.color_gradient"]
     assert launches(run, lambda: run.field("surface")) == [*scan, "surface_detection.fan_scan"]
-    assert (launches(run, run.refresh).count("sph.density"), launches(run, run.refresh)) == (1, [])
-    assert launches(run, lambda: run.refresh(on_demand=True)) == []
+    assert (launches(run, lambda: refresh(run)).count("sph.density"), launches(run, lambda: refresh(run))) == (1, [])
+    assert launches(run, lambda: refresh(run, on_demand=True)) == []
     assert launches(run, run.evaluate).count("sph.density") == 1
     run.step()
     assert launches(run, lambda: run.field("density")) == ["sph.density"]
@@ -81,13 +83,13 @@ def test_a_reading_launches_what_its_field_needs_and_once():
 
 def test_an_audit_a_frame_and_a_checkpoint_of_one_state_take_one_evaluation(tmp_path, monkeypatch):
     passes = []
-    original = rs.Simulation.launch
+    original = launching.launch
 
     def launch(run, only=None):
         passes.append(only)
         return original(run, only)
 
-    monkeypatch.setattr(rs.Simulation, "launch", launch)
+    monkeypatch.setattr(launching, "launch", launch)
     scene = dam(step=1e-3, energy_audit=rs.EnergyAudit(every=1, bound=10.0))
     simulate(scene, 2e-3, backend="cpu", output=tmp_path, every=1e-3, checkpoint_every=0.0)
     steps, evaluations = passes.count(None), len(passes) - passes.count(None)

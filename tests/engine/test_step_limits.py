@@ -6,7 +6,7 @@ import pytest
 import refsim as rs
 from refsim import make_plan
 from refsim.core.effect import Extremes
-from refsim.engine.stepping import stable_steps, step_limits
+from refsim.engine.limits import stable_steps, step_limits
 from validation import pairs
 
 D, H = 0.1, 0.25

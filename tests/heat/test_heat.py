@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from refsim import Box, Cloud, HeatConduction, InputError, RunStopped, Scene, Simulation, load_scene, make_plan
+from refsim.engine import launching
 from refsim.engine.stock import stock
 from refsim.heat import reference
 from tests.running import advanced
@@ -217,13 +218,13 @@ def test_runge_kutta_legendre_keeps_heat_in_float32(number):
 
 def lossy(monkeypatch, share):
     """A scheme that cools every particle by a share of its temperature in each step."""
-    real = Simulation.launch
+    real = launching.launch
 
-    def launch(self, only=None):
-        yield from real(self, only)
-        self.fields["temperature"] *= 1 - share
+    def launch(state, only=None):
+        yield from real(state, only)
+        state.fields["temperature"] *= 1 - share
 
-    monkeypatch.setattr(Simulation, "launch", launch)
+    monkeypatch.setattr(launching, "launch", launch)
 
 
 def test_heat_that_drifts_beyond_rounding_is_a_note_and_above_one_percent_a_reason_to_stop(monkeypatch):

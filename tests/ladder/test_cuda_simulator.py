@@ -583,7 +583,7 @@ def test_run_of_a_crushed_liquid_is_noted_and_stops_as_on_the_host():
 
 
 def test_run_of_mpm_sorts_its_particles_and_finds_those_that_were_moved(monkeypatch):
-    monkeypatch.setattr("refsim.engine.sorting.SORT_EVERY", 2)
+    monkeypatch.setattr("refsim.engine.neighbour_lists.SORT_EVERY", 2)
     effects = rs.MpmLiquid(bulk_modulus=100.0, initial_ratio=0.9), rs.Gravity(acceleration=(0.0, -9.81, 0.0))
     scene = rs.Scene(
         dim=2, spacing=0.1, support_radius=0.3, dtype="float64", fluid=(rs.Box(cells=(5, 4, 1)),), effects=effects
@@ -647,7 +647,7 @@ def test_device_chooses_the_step_as_the_host_does(cuda):
     """Every limit in turn, a fixed step, and all reasons to stop."""
     from refsim.backends import device
     from refsim.core.effect import Extremes, StepLimit
-    from refsim.engine.stepping import stable_steps
+    from refsim.engine.limits import stable_steps
 
     limits = {
         "a": StepLimit.constant(0.5), "b": StepLimit.crossing(2.0, speed=3.0), "c": StepLimit.falling(1.0),
@@ -721,7 +721,7 @@ def test_forces_launched_before_the_host_looks_give_the_same_bits():
                 run.evaluate()
             if step == 5:
                 run.set_field("velocity", 20 * run.field("position"))
-        known.append(ahead.stepper.known)
+        known.append(ahead.foreseen)
     assert ahead.search.log.rebuilds > 1
     assert True in known
     assert False in known

@@ -101,15 +101,15 @@ def test_grid_follows_the_liquid(dim):
     """Two blobs a million cells apart cost twice one blob, and a blob that flies on leaves no blocks behind."""
     one = rs.Simulation(scene(LIQUID, dim=dim))
     one.step()
-    grid = one._parameters["mpm_liquid"]["grid"]
+    grid = one.parameters["mpm_liquid"]["grid"]
     alone = grid.nodes
     far = rs.Box(lower=(0.03 + 0.2 * (2**19), 0.05, 0.07), cells=CUBES[dim])
     two = rs.Simulation(scene(LIQUID, dim=dim, fluid=(rs.Box(lower=(0.03, 0.05, 0.07), cells=CUBES[dim]), far)))
     two.step()
-    assert two._parameters["mpm_liquid"]["grid"].nodes == 2 * alone
+    assert two.parameters["mpm_liquid"]["grid"].nodes == 2 * alone
     flying = rs.Simulation(scene(LIQUID, dim=dim, velocity=(40.0, 0.0, 0.0)))
     advanced(flying, 150)
-    grid = flying._parameters["mpm_liquid"]["grid"]
+    grid = flying.parameters["mpm_liquid"]["grid"]
     assert grid.rebuilds > 3
     assert grid.nodes <= 3 * alone
 
@@ -169,7 +169,7 @@ def test_contact_angle_of_180_is_no_contact():
         run = rs.Simulation(scene(rs.MpmLiquid(bulk_modulus=1e4), walls, surface, dim=2, fluid=box))
         assert ("mpm.contact" in run.plan.launches()) == (angle == 0.0)
         run.step()
-        areas[angle] = run._shared["surface"].sample_area.sum()
+        areas[angle] = run.shared["surface"].sample_area.sum()
     assert 0.5 < areas[180.0] - areas[90.0] < 1.2
     assert areas[90.0] == areas[0.0]
 
@@ -213,7 +213,7 @@ def test_wall_pulls_at_the_edge_of_the_wetted_area(dim):
     walls = {"lower": (-9.0, 0.0, -9.0), "upper": (9.0, 9.0, 9.0), "rule": "slip"}
     run = rs.Simulation(drop_scene(place[place[:, 1] > 0], dim, tension={"contact_angle": 60.0}, walls=walls), "cpu")
     run.step()
-    h, held = 1 / (64 if dim == 2 else 32), run._shared["surface"]
+    h, held = 1 / (64 if dim == 2 else 32), run.shared["surface"]
     edge = (held.sample_line != 0).any(1)
     line, at = held.sample_line[edge] / h ** (dim - 2), held.sample_position[edge] / h
     assert (held.sample_area[edge] == 0).all()

@@ -12,6 +12,7 @@ from refsim.backends.arrays import choose, on_threads
 from refsim.core import cases
 from refsim.core.period import period_group
 from refsim.core.walls import Bounds
+from refsim.engine.neighbour_lists import update
 from refsim.neighbours import AUDITED_ROWS, MOST_NEIGHBOURS, AuditedRows, NeighbourSearch, Particles, coincident_pairs
 from refsim.neighbours.reference import neighbour_list, pair_blocks
 from refsim.neighbours.rows import NeighbourRows
@@ -303,7 +304,7 @@ def test_a_state_set_between_steps_keeps_the_list_and_the_audit_right():
     assert simulation.search.log.missed_neighbours == 0
     simulation.set_field("position", position[::-1])
     simulation.evaluate()
-    listed = simulation._shared["neighbours"]
+    listed = simulation.shared["neighbours"]
     expected = neighbour_list(simulation.fields["position"], simulation.search.radius)
     assert all(set(near) <= set(row) for row, near in zip(rows(listed), expected))
     assert np.array_equal(simulation.field("position"), position[::-1])
@@ -361,13 +362,13 @@ def test_list_stays_complete_while_it_is_kept(dim, motion, share):
         effects=(WeaklyCompressible(sound_speed=8.0, density="summation"),),
     )  # fmt: skip
     simulation = Simulation(scene, "cpu")
-    simulation._set("velocity", whirl(motion, simulation.plan.state.position))
+    simulation.put("velocity", whirl(motion, simulation.plan.state.position))
     way = 0.0
     for _ in range(50):
         simulation.step()
         way += simulation.last.length * np.linalg.norm(simulation.field("velocity"), axis=1).max()
-        simulation.lists.update()
-        near = simulation._shared["neighbours"]
+        update(simulation)
+        near = simulation.shared["neighbours"]
         listed = np.zeros((simulation.count,) * 2, dtype=bool)
         for row, (start, count) in enumerate(zip(near.start, near.count)):
             listed[row, near.entries[start : start + count]] = True

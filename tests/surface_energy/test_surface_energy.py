@@ -304,10 +304,10 @@ def test_run_of_the_references_is_the_cpus(dim, parameters):
     runs = [Simulation(shaken_block(dim, **parameters), backend) for backend in ("numpy", "cpu")]
     for simulation in runs:
         advanced(simulation, 5 if dim == 2 else 2)
-    oracle, own = (simulation._shared["surface"].latest for simulation in runs)
+    oracle, own = (simulation.shared["surface"].latest for simulation in runs)
     assert len(oracle.samples.area) > 10
     assert np.array_equal(oracle.mesh.facets, own.mesh.facets)
-    order = runs[1]._host("identity")  # the CPU sorts its particles
+    order = runs[1].host("identity")  # the CPU sorts its particles
     assert np.array_equal(oracle.samples.nearest, order[own.samples.nearest])
     assert np.array_equal(oracle.samples.count[order], own.samples.count)
     assert np.array_equal(oracle.component_size[order], own.component_size)
@@ -337,8 +337,8 @@ def test_a_lattice_moves_alike_on_both_backends(dim, dtype, parameters):
         made = shaken_block(dim, **parameters).with_(dtype=dtype, fluid=(Cloud(position=place),))
         runs.append(Simulation(made, backend))
         runs[-1].step()
-    oracle, own = (simulation._shared["surface"] for simulation in runs)
-    assert np.array_equal(oracle.sample_nearest, runs[1]._host("identity")[own.sample_nearest])
+    oracle, own = (simulation.shared["surface"] for simulation in runs)
+    assert np.array_equal(oracle.sample_nearest, runs[1].host("identity")[own.sample_nearest])
     a, b = (simulation.field("velocity") for simulation in runs)
     assert np.abs(a - b).max() < 1e-4 * np.abs(a).max()
 

@@ -5,6 +5,7 @@ import pytest
 
 import refsim as rs
 from refsim.core.effect import Discretisation
+from refsim.engine.launching import launch
 from refsim.study.panels.virial import pair_virials
 from refsim.surface_tension.cohesion import PairCohesion
 from validation import pairs
@@ -56,7 +57,7 @@ def pull_across(effect, width):
     passes = enumerate(simulation.force_passes)
     own = [k for k, (of, p) in passes if of[0].name == effect.name and "acceleration" in p.updates]
     simulation.fields["acceleration"][:] = 0
-    assert list(simulation.launch(own))
+    assert list(launch(simulation, own))
     right = simulation.field("position")[:, 0] > 1.0
     force = simulation.field("mass") * simulation.fields["acceleration"][:, 0]
     return -force[right].sum(), np.abs(force).sum(), simulation.plan

@@ -119,7 +119,7 @@ def test_kernel(on_device, tiny, size, kernel, backend):
 )
 def test_step(reading, benchmark, tiny, size, effects, backend):
     simulation = Simulation(timed.spinning_cube(3 if tiny else SIZES[size], effects), backend)
-    simulation._set("velocity", timed.spinning(simulation.plan.state.position))
+    simulation.put("velocity", timed.spinning(simulation.plan.state.position))
     more = {"particles": simulation.count, "steps": 1 if tiny else 100}
 
     def steps():
@@ -173,7 +173,7 @@ def test_table(on_device, tiny, backend):
     cloud = Cloud(position=places(1 if tiny else 64, spacing, "lattice"))
     effects = (MpmLiquid(bulk_modulus=1e5),)
     run = Simulation(Scene(spacing=spacing, support_radius=3 * spacing, fluid=(cloud,), effects=effects), backend)
-    grid, position = run._parameters["mpm_liquid"]["grid"], run.fields["position"]
+    grid, position = run.parameters["mpm_liquid"]["grid"], run.fields["position"]
     renew = functools.partial(grid.attend, position, moved=True)
     on_device("table", renew, repeats=1, particles=run.count, blocks=grid.nodes // 64)
 

@@ -58,7 +58,7 @@ def body_anisotropy(vertices: Array, facets: NDArray[np.integer], dim: int) -> f
 
 def surface_of(run: Simulation) -> Any:
     """The surface that the latest step reconstructed, at its beginning."""
-    return run._shared["surface"].latest
+    return run.shared["surface"].latest
 
 
 class Ledger:
@@ -98,7 +98,7 @@ class Ledger:
         bulk = 0.5 * self.modulus * v0 * float(((ratio - 1) ** 2).sum())
         pulled = self.tension * float(there.host(surface.samples.area).sum(dtype=float))
         if self.wet:  # k A - k cos(theta) A_wet; by the divergence theorem the edge's lines give (d - 1) A_wet
-            held = run._shared["surface"]
+            held = run.shared["surface"]
             place, line = there.host(held.sample_position), there.host(held.sample_line)
             pulled -= self.pull * float((place * line).sum(dtype=float)) / (dim - 1)
         # volume-weighted: the plain mean of lambda (1 - J) is too large by lambda times the variance of J
@@ -255,7 +255,7 @@ class FreeLedger:
     def __call__(self, run: Simulation) -> None:
         """Take down the state."""
         x, v, m, ratio = (run.field(name) for name in ("position", "velocity", "mass", "volume_ratio"))
-        surface = run._shared.get("surface")
+        surface = run.shared.get("surface")
         area = float(surface.sample_area.sum()) if surface is not None and surface.latest is not None else math.nan
         centre = (m[:, None] * x).sum(0) / m.sum()
         angular = turning_about_centre(m, (x, v, run.field("affine")), spreads(run))

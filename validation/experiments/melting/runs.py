@@ -16,6 +16,7 @@ import refsim
 from refsim.backends import runtime
 from refsim.backends.arrays import unavailable
 from refsim.core.operation import REGISTRY
+from refsim.engine.launching import ready
 from refsim.scene.solids import lattice_of
 from refsim.shape_matching.phases import EMPTY, FLUID, INTERIOR, SURFACE
 from validation.checks import Checks
@@ -370,7 +371,7 @@ def stages(simulation: refsim.Simulation, rebuilt: float, repeats: int = 20) -> 
             simulation.backend.assign(simulation.fields[field], values)
     began = time.perf_counter()
     simulation.lists.policy.invalidate()
-    simulation.lists.update()
+    ready(simulation)
     simulation.backend.synchronize()
     found["neighbours"] = rebuilt * (time.perf_counter() - began)
     return found

@@ -466,9 +466,9 @@ def vortices(context: Context, cells: int, affine: bool, backend: str, until: fl
     slope[:, 0, 0] = 2 * math.pi * np.cos(x[:, 0]) * np.cos(x[:, 1])
     slope[:, 0, 1] = -2 * math.pi * np.sin(x[:, 0]) * np.sin(x[:, 1])
     slope[:, 1, 0], slope[:, 1, 1] = -slope[:, 0, 1], -slope[:, 0, 0]
-    order = run._host("identity")
-    run._set("velocity", velocity[order])
-    run._set("affine", slope.reshape(-1, 9)[order])
+    order = run.host("identity")
+    run.put("velocity", velocity[order])
+    run.put("affine", slope.reshape(-1, 9)[order])
     energy = [0.5 * float(mass @ (velocity**2).sum(1))]
     while run.time < until:
         if not affine:
@@ -684,7 +684,7 @@ def isolated(trial: Trial, smallest: int) -> None:
     trial.advance(run, until=0.01)
     displacement = np.abs(run.field("position") - start - run.time * velocity).max()
     trial.check("displacement less v t [h]", displacement / CELLS[2], at_most=1e-9)
-    trial.check("area under tension", float(run._shared["surface"].sample_area.sum()), equals=0)
+    trial.check("area under tension", float(run.shared["surface"].sample_area.sum()), equals=0)
 
 
 @hard_case
@@ -712,7 +712,7 @@ def close_drops(trial: Trial, gap: float) -> None:
     one = disc(6.0)
     place = np.vstack([one, one + [12.0 + gap, 0.37, 0.0]])
     ledger = free_body(trial, liquid(place), 0.2, angular=REMADE)
-    size = trial.context.started[-1]._shared["surface"].latest.component_size
+    size = trial.context.started[-1].shared["surface"].latest.component_size
     trial.check("particles in one component", float(np.asarray(size).min()), equals=len(place))
     trial.check("extent over the start's", ledger.last("extent") / ledger.rows[0]["extent"], at_most=0.98)
 
@@ -723,7 +723,7 @@ def cavity(trial: Trial) -> None:
     place = disc(9.0)
     place = place[np.linalg.norm(place, axis=1) > 1.1]
     free_body(trial, liquid(place), 0.1)
-    sample = trial.context.started[-1]._shared["surface"].sample_position / CELLS[2]
+    sample = trial.context.started[-1].shared["surface"].sample_position / CELLS[2]
     trial.check("samples in the hole", int((np.linalg.norm(sample, axis=1) < 3).sum()), equals=0)
 
 

@@ -1,4 +1,4 @@
-"""When the neighbour list is rebuilt.
+"""The neighbour lists of a run, when they are rebuilt, and the order of its particles.
 
 The list holds every pair nearer than radius + skin at the moment it is built. Until some particle has moved by half the
 skin it is used without a further check. From then on relative displacements decide: the list is kept while no pair can
@@ -6,13 +6,17 @@ have come within the radius; each step reduces the margin that is left.
 """
 
 import math
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
+
+from refsim.backends.arrays import Backend
+from refsim.core.capabilities import BringsWalls, CorrectsPositions, NeedsCellOrder, having
+from refsim.core.walls import WallParticles
+from refsim.engine.limits import Advance
 from refsim.neighbours import NeighbourSearch, Particles
 from refsim.scene.plan import Plan
-
-if TYPE_CHECKING:
-    from refsim.engine.stepping import Advance
 
 WORTH_KEEPING = 0.2  # of the allowed displacement; with less left, rebuilding costs less than checks
 
@@ -68,7 +72,7 @@ class ListPolicy:
         largest = math.sqrt(self.squared_displacement) + self.step_displacement
         return largest > self.search.allowed_displacement and self._left(self.length, self.gained) <= 0
 
-    def after_step(self, done: "Advance") -> None:
+    def after_step(self, done: Advance) -> None:
         """Note a step."""
         self.squared_displacement, self.step_displacement = done.squared_displacement, done.step_displacement
         self.length = done.length
@@ -103,3 +107,86 @@ class ListPolicy:
     def _forget(self) -> None:
         """Have displacements compared anew, once a particle has moved by half the skin."""
         self.margin, self.rate = 0.0, None
+
+
+@dataclass
+class Lists:
+    """The lists of a run: of the particles, and of the wall particles near each of them.
+
+    search          of the particles; None where no effect needs neighbours, and on backend "numpy", which sums over all
+                    pairs
+    auditable       whether a step moves every particle by dt v, so that the audit can compute its previous position
+    around_walls    whether there is a list of the particles near each wall particle, too
+    velocities_set  whether velocities are others than those that led to the positions, which excludes an audit
+    static, walls   wall particles in cell order: their set; their positions and volumes on the backend. Or None
+    latest          the lists that passes take: of particles, of walls, around walls
+    """
+
+    search: NeighbourSearch | None
+    policy: ListPolicy
+    auditable: bool
+    around_walls: bool
+    velocities_set: bool = False
+    static: Any = None
+    walls: tuple[Any, Any] | None = None
+    latest: tuple[Any, Any, Any] | None = None
+
+    @property
+    def built(self) -> bool:
+        """Whether there is a list."""
+        return self.latest is not None
+
+    def in_first_order(self, values: np.ndarray) -> np.ndarray:
+        """A table of the wall particles in the order in which the effects gave them."""
+        return values if self.static is None else self.static.in_first_order(values)
+
+    def in_list_order(self, values: np.ndarray) -> np.ndarray:
+        """A table of the wall particles in the order of the lists: the inverse of `in_first_order`."""
+        return values if self.static is None else values[self.static.order]
+
+
+def lists_of(plan: Plan, backend: Backend, shared: dict[str, Any]) -> Lists:
+    """Lists that are not built yet; `shared` gets the names under which passes take them."""
+    grid, search = plan.grid, None
+    if plan.list_radius > 0 and backend.name != "numpy":
+        search = NeighbourSearch(
+            backend, grid.dim, grid.dtype, plan.list_radius, plan.scene.skin, plan.shared["period"]
+        )
+    auditable = not any(effect.corrects_positions() for effect in having(plan.effects, CorrectsPositions))
+    around_walls = any(effect.extrapolates() for effect in having(plan.effects, BringsWalls))
+    lists = Lists(search, ListPolicy(plan, search), auditable, around_walls)
+    shared |= {"neighbours": None, "liquid_near_walls": None}
+    if plan.walls is not None:
+        position, dtype = grid.local(plan.walls.position), np.dtype(grid.dtype)
+        if search is None:
+            shared["walls"] = WallParticles(position.astype(dtype), plan.walls.volume.astype(dtype))
+        else:
+            lists.static = search.static_set(position)
+            lists.walls = lists.static.position, backend.asarray(plan.walls.volume[lists.static.order].astype(dtype))
+    return lists
+
+
+@dataclass
+class Order:
+    """What gives the particles their order in memory where no neighbour list sorts them.
+
+    cells     the search whose cells they are sorted by now and then; None where none is needed
+    attended  groups that update their own arrays before a step that is one CUDA graph, and give an order (`order`)
+    rows      moves the particles into such an order
+    """
+
+    cells: NeighbourSearch | None
+    attended: list[Any]
+    rows: Any = None
+
+
+def order_of(plan: Plan, backend: Backend, parameters: dict[str, dict[str, Any]]) -> Order:
+    """The order of a run's particles."""
+    grid, cells = plan.grid, None
+    size = max((effect.sorting_cell(grid) for effect in having(plan.effects, NeedsCellOrder)), default=0.0)
+    if plan.list_radius == 0 and size > 0 and backend.name != "numpy":
+        cells = NeighbourSearch(backend, grid.dim, grid.dtype, size, 0.0)
+    attended = []
+    if backend.name == "cuda" and not any(effect.host_in_step for effect in plan.effects.values()):
+        attended = [value for groups in parameters.values() for value in groups.values() if hasattr(value, "attend")]
+    return Order(cells, attended)

@@ -1,0 +1,68 @@
+"""What is looked at after every step: the liquid's density, what walls hold, and what effects watch."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from refsim.core.capabilities import Watches, having
+from refsim.core.errors import RunStopped
+from refsim.engine.limits import Advance
+from refsim.engine.state import State
+from refsim.engine.stepping import most_dense
+from refsim.sph import CROWD, DENSE, LIQUID
+
+STOPPED, ENOUGH = 2e-3, 100  # stops by planes over steps times particles that get a note, and least number of both
+HELD = 0.3  # the same that stop the run
+
+
+def watch(state: State, done: Advance, field: Callable[[str], np.ndarray]) -> None:
+    """Look at what a step did, and add notes to the run. Raises RunStopped where it cannot go on.
+
+    field  values of a watched field after the step
+    """
+    if not math.isfinite(done.squared_displacement):
+        raise RunStopped(
+            "non_finite",
+            f"Step {state.steps} to {state.time:.6g} s moved a particle to a place that is not finite.",
+        )
+    _note_density(state, done.dense)
+    _note_stops(state)
+    grid = state.plan.grid
+    watching: list[Any] = [effect for effect in having(state.plan.effects, Watches) if effect.watched]
+    for effect in watching:
+        seen = {name: field(name) for name in effect.watched}
+        stop = effect.verdict(grid, seen, done.length)
+        if stop is not None:
+            raise RunStopped(stop[0], f"In step {state.steps} to {state.time:.6g} s {stop[1]}")
+        said = effect.remark(grid, seen)
+        if said is not None:
+            state.remark(effect.name, f"{effect.name}: from step {state.steps} on, at {state.time:.6g} s, {said}")
+
+
+def _note_density(state: State, dense: int) -> None:
+    """Add a note to the run where more particles than may be are above the first bound of the liquid's density."""
+    if dense > most_dense(state):
+        words = f"{LIQUID}: from step {state.steps} on, at {state.time:.6g} s, {dense} of {state.count} particles"
+        bound = f"more than {100 * CROWD:g} %, are denser than {DENSE:g} times the rest density"
+        state.remark(LIQUID, f"{words}, {bound}: take a larger sound_speed, or a shorter step with iisph")
+
+
+def _note_stops(state: State) -> None:
+    """Add a note where planes stop more particles than spray does; raise RunStopped where they hold the liquid.
+
+    Between mirrored walls a film lies on planes, and so do solids: their runs are not stopped.
+    """
+    share = state.stopped_at_walls / (state.steps * state.count)
+    if share <= STOPPED or min(state.steps, state.count) < ENOUGH:
+        return
+    extrapolated = state.lists.around_walls
+    advice = "a smaller spacing" if extrapolated else "box_walls with model = 'extrapolated'"
+    words = (
+        f"up to step {state.steps}, at {state.time:.6g} s, planes have stopped {100 * share:.2g} % of the particles"
+        f" in a step: the walls do not hold the liquid; take {advice}, or a smaller support_radius"
+    )
+    state.remark("planes", words)
+    if share > HELD and extrapolated and state.plan.grid.solids is None:
+        raise RunStopped("held_by_planes", f"{words[0].upper()}{words[1:]}.")
