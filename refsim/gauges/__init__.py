@@ -19,7 +19,7 @@ from refsim.core.errors import InputError
 from refsim.core.extras import extra
 from refsim.core.fields import Field
 from refsim.core.writing import write_file
-from refsim.gauges import reference as reference
+from refsim.gauges import operations as operations
 
 Vector = tuple[float, float, float]
 FILL = Field("fill", "-", "share of the space around a point that the liquid fills", rows="walls")

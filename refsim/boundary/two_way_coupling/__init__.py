@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from refsim.boundary.two_way_coupling import reference as reference
+from refsim.boundary.two_way_coupling import operations as operations
 from refsim.core.capabilities import HasErrata, LimitsMassRatio, SumsDensity
 from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit

@@ -1,0 +1,167 @@
+"""Operations of two-way coupling: which equations make each, its kernels, variants, tolerance and why.
+
+Arrays: position, velocity (n, 3); mass, density, pressure, volume, rest_density (n,) in SI units; phase (n,): 0 liquid,
+1 solid at its body's surface, 2 solid inside. `rows` picks particles.
+"""
+
+import numpy as np
+
+from refsim.boundary.two_way_coupling import reference as ref
+from refsim.core.operation import SYMMETRY, operations
+from refsim.core.terms import maximum, where
+from refsim.gauges.operations import in_each
+from refsim.neighbours.sums import Fields, neighbours, wall_particles
+from refsim.smoothing.reference import kernel_value
+
+operation = operations(paper="Shao & Song 2017")
+_FORCES = (
+    "one rounding in each of distance, kernel, product and sum, and a few in the kernel's polynomial; the size counts"
+    " both pressures, not their sum"
+)
+
+FLUID, SURFACE, INTERIOR = 0, 1, 2
+
+
+def kinds(phase):
+    """Flags of the liquid and of solids."""
+    liquid = np.asarray(phase) == FLUID
+    return {"liquid": liquid, "solid": ~liquid}
+
+
+@operation(
+    "Shao & Song (1), phi, with M4", outputs="relative_contribution",
+    reason="one rounding in each of distance, kernel, sum and quotient", invariants=SYMMETRY,
+    packed="contribution_pair",
+)  # fmt: skip
+def contribution(position, phase, smoothing, coupling, rows=None):
+    """Weights in Shao & Song (1), dimensionless: 1 in the liquid, 0 inside solids, phi_k at their surfaces.
+
+    With Shao & Song M4 the sum runs over all solid particles; as printed, over those at surfaces alone.
+    """
+    surface = np.asarray(phase) == SURFACE
+    counted = surface if coupling.printed_volume else np.asarray(phase) != FLUID
+    i = Fields(position=position, counted=counted, surface=surface, **kinds(phase))
+    around = neighbours(i, i, smoothing, rows=rows)
+    with np.errstate(divide="ignore"):
+        phi = ref.share(around(ref.filled_by_solids), float(coupling.least_volume))
+    return {"relative_contribution": where(around.i.surface, phi, around.i.liquid)}
+
+
+@operation(
+    "Shao & Song (1), p = B ((rho/rho0)^7 - 1), V = m/rho", outputs="density pressure volume", optional="walls",
+    tolerance=8.0, reason="one rounding in each of distance, kernel, product and sum; the scale counts the power's",
+    invariants=SYMMETRY, packed="density_pair",
+)  # fmt: skip
+def density(position, mass, rest_density, phase, relative_contribution, walls, smoothing, coupling, rows=None):
+    """Density [kg/m^dim], self and walls included, pressure [Pa] and volume [m^dim]; solids keep rho0_i, with p = 0."""
+    i = Fields(position=position, mass=mass, rest=rest_density, phi=relative_contribution, **kinds(phase))
+    around, at_walls = (neighbours(i, j, smoothing, rows=rows) for j in (i, wall_particles(walls)))
+    own = around.i
+    rho = where(own.liquid, around(ref.summed_density) + at_walls(ref.density_at_walls), own.rest)
+    p = ref.state(Fields(density=rho), own.rest * float(coupling.stiffness), own.rest, int(coupling.exponent))
+    return {"density": rho, "pressure": where(own.liquid, maximum(p, 0), 0), "volume": own.mass / rho}
+
+
+@operation(
+    "Shao & Song (2), (3) with M1 to M3", adds="acceleration", optional="walls viscosity", tolerance=8.0,
+    reason=_FORCES, invariants=f"{SYMMETRY} linear_momentum galilean dissipation", broken={0: "dissipation"},
+    packed="force_pair",
+)  # fmt: skip
+@operation(
+    "Shao & Song (2) with M1, M2", "two_way_coupling.pressure", adds="acceleration", optional="walls viscosity",
+    variants=("viscosity walls", "viscosity"), tolerance=8.0, reason=_FORCES,
+    invariants=f"{SYMMETRY} linear_momentum angular_momentum",
+    packed="force_pair",
+)  # fmt: skip
+def forces(
+    position, velocity, mass, density, rest_density, phase, pressure, volume, relative_contribution, walls, smoothing,
+    coupling, viscosity, rows=None,
+):  # fmt: skip
+    """Accelerations F_i/m_i [m/s^2] of liquid and solids."""
+    i = Fields(
+        position=position, velocity=velocity, mass=mass, pressure=pressure, volume=volume, phi=relative_contribution,
+        density=density, rest=rest_density, **kinds(phase),
+    )  # fmt: skip
+    around, at_walls = (neighbours(i, j, smoothing, rows=rows) for j in (i, wall_particles(walls)))
+    liquids = ref.weighted_pressure_force if coupling.density_weighted else ref.pressure_force
+    a = around(liquids) + around(lambda i, k, ik: ref.solid_pressure_force(i, k, ik, coupling.printed_pressure))
+    a += at_walls(ref.wall_pressure_force)
+    if viscosity is not None:
+        mu, printed = float(viscosity.coefficient), coupling.printed_viscosity
+        a += around.others(lambda i, j, ij: ref.viscous_force(i, j, ij, mu, printed))
+    return {"acceleration": a}
+
+
+@operation(
+    "(27)", paper="Adami, Hu & Adams 2012", outputs="wet pressure", entrywise=True, tolerance=16.0,
+    reason="one rounding in each of distance, kernel, head, product and sum, and those of the quotient",
+    packed="held_pair",
+)  # fmt: skip
+def extrapolation(position, velocity, followed_velocity, phase, density, smoothing, lean, delay, pressure, rows=None):
+    """Pressure of each solid's particle [Pa], 0 where no liquid is within reach; the liquid's stays.
+
+    wet, dimensionless, is the sum of the weights over W(0); 0 in the liquid.
+    """
+    i = Fields(
+        position=position, velocity=velocity, followed=followed_velocity, density=density, pressure=pressure,
+        **kinds(phase),
+    )  # fmt: skip
+    around, own = near_solids(i, smoothing, lean, delay, rows)
+    weights = around(ref.weight_of_liquid)
+    p = in_each(around(ref.pressure_and_head), around, ref.weight_of_liquid) / positive(weights)
+    return {
+        "wet": where(own.liquid, 0, weights / float(kernel_value(0.0, smoothing))),
+        "pressure": where(own.liquid, own.pressure, p),
+    }
+
+
+@operation(
+    "pressure of a film", paper="this project", outputs="pressure", entrywise=True, tolerance=16.0,
+    reason="one rounding in each of distance, kernel, head, product and sum, and those of the quotient",
+)  # fmt: skip
+def spread(
+    position, velocity, followed_velocity, phase, wet, smoothing, fluid, lean, delay, pressure, rows=None
+):  # fmt: skip
+    """Pressure [Pa] of solids' particles k with wet_k = 0, 0 without particles s with wet_s > 0 in reach.
+
+    A film too thin for particles carries the pressure between bodies in contact, and under tension it breaks.
+    """
+    i = Fields(
+        position=position, velocity=velocity, followed=followed_velocity, wet=wet, pressure=pressure,
+        density=float(fluid.rest_density), **kinds(phase),
+    )  # fmt: skip
+    around, own = near_solids(i, smoothing, lean, delay, rows)
+    weights = around(ref.weight_of_film)
+    p = in_each(around(ref.film_pressure), around, ref.weight_of_film) / positive(weights)
+    return {"pressure": where((own.liquid.value != 0) | (own.wet.value > 0), own.pressure, p)}
+
+
+def near_solids(i, smoothing, lean, delay, rows):
+    """(pairs of `rows`, which have g - a_k [m/s^2] as `pull`, and of all particles; the fields of `rows`)."""
+    own = i.at(rows)
+    pull = ref.pull(own, [float(part) for part in lean], float(delay.tau))
+    return neighbours(Fields(position=own.position, pull=pull), i, smoothing), own
+
+
+def positive(weights):
+    """Weights [in their unit], 1 where there are none."""
+    return where(weights.value > 0, weights, 1)
+
+
+@operation(
+    "J(10)", paper="Jiang & Zhu 2023; Adami, Hu & Adams 2012", adds="acceleration", tolerance=8.0,
+    invariants=f"{SYMMETRY} linear_momentum angular_momentum", packed="push_pair",
+)  # fmt: skip
+def push(position, phase, solid_number, mass, density, pressure, smoothing, fluid, rows=None):
+    """Accelerations [m/s^2] of liquid and solids; particles of one solid (`solid_number`) do not push each other."""
+    part = np.where(np.asarray(phase) == FLUID, -1 - np.arange(len(pressure)), np.asarray(solid_number, dtype=int))
+    i = Fields(position=position, mass=mass, density=density, pressure=pressure, part=part)
+    around = neighbours(i, i, smoothing, rows=rows)
+    return {"acceleration": around(ref.push, s=fluid.gradient_share)}
+
+
+@operation("u of the step before", paper="standard", outputs="followed_velocity", invariants="reordering")
+def follow(velocity, delay, timestep, followed_velocity, rows=None):
+    """Velocity [m/s] that follows that of a particle."""
+    i = Fields(velocity=velocity, followed=followed_velocity).at(rows)
+    return {"followed_velocity": ref.follow(i, float(timestep[1]), float(delay.tau))}
