@@ -22,6 +22,9 @@ from refsim.io.checkpoint import KEPT, Checkpoint, whole_checkpoint
 from refsim.io.scenes import scene_from_checkpoint, scene_to_checkpoint
 from refsim.scene.plan import Plan, make_plan
 
+OF_RUN = ("time", "steps", "previous_length", "first_length", "stopped_at_walls", "limiters")
+OF_LISTS = ("margin", "velocities_set")
+
 
 class Clock(msgspec.Struct, frozen=True, kw_only=True):
     """Numbers of a run that outlive a step, as a checkpoint holds them as JSON beside its arrays; SI units."""
@@ -119,18 +122,12 @@ def snapshot(
     lists = run.lists
     clock = Clock(
         backend=cast(Literal["numpy", "cpu", "cuda"], run.backend.name),
-        time=run.time,
-        steps=run.steps,
-        previous_length=run.previous_length,
-        squared_displacement=None if math.isinf(displacement := lists.policy.squared_displacement) else displacement,
-        margin=lists.policy.margin,
-        velocities_set=lists.velocities_set,
+        squared_displacement=None if math.isinf(displacement := lists.squared_displacement) else displacement,
+        **{name: getattr(run, name) for name in OF_RUN},
+        **{name: getattr(lists, name) for name in OF_LISTS},
         density_taken=bool(run.previous_length > 0 and run.backend.host(run.timestep)[1] == 0),
         list_built=lists.built,
-        stopped_at_walls=run.stopped_at_walls,
-        limiters=run.limiters,
         versions=versions(),
-        first_length=run.first_length,
         search_log={} if lists.search is None else dataclasses.asdict(lists.search.log),
         energy_audit=audit,
         remarks=run.remarks,
@@ -153,16 +150,14 @@ def restore(run: State, saved: SavedRun) -> None:
     for name, values in saved.state.items():
         run.backend.assign(run.fields[name], values)
     run.backend.assign(run.build_position, saved.build_position)
-    run.time, run.steps = clock.time, clock.steps
-    run.previous_length, run.first_length = clock.previous_length, clock.first_length
+    for name in OF_RUN:
+        setattr(run, name, getattr(clock, name))
     if run.motions is not None:
         run.motions.move(run.time)
     renumber(run)
     start(run)
     untaken = 0.0 if clock.density_taken else run.previous_length
     run.backend.assign(run.timestep, np.array([0.0, untaken], dtype=run.plan.grid.dtype))
-    run.limiters = dict(clock.limiters)
-    run.stopped_at_walls = clock.stopped_at_walls
     lists.velocities_set = clock.velocities_set
     for effect, note in clock.remarks.items():
         run.remark(effect, note)
@@ -170,8 +165,8 @@ def restore(run: State, saved: SavedRun) -> None:
         rebuild(run)
         bind(run)
         displacement = clock.squared_displacement
-        lists.policy.squared_displacement = math.inf if displacement is None else displacement
-        lists.policy.margin = clock.margin
+        lists.squared_displacement = math.inf if displacement is None else displacement
+        lists.margin = clock.margin
         log = lists.search.log
         for name in clock.search_log.keys() - {"list_bytes"}:  # the size that the list has grown to changes no result
             setattr(log, name, clock.search_log[name])

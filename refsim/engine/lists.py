@@ -6,7 +6,6 @@ have come within the radius; each step reduces the margin that is left.
 """
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,26 +20,64 @@ from refsim.scene.plan import Plan
 WORTH_KEEPING = 0.2  # of the allowed displacement; with less left, rebuilding costs less than checks
 
 
-class ListPolicy:
-    """Decides whether the neighbour list still holds every pair within the radius.
+class Lists:
+    """The lists of a run, of the particles and of the wall particles near each, and whether they hold every pair.
 
+    search          of the particles; None where no effect needs neighbours, and on backend "numpy", which sums over all
+                    pairs
+    latest          the lists that passes take: of particles, of walls near each, of particles near each wall particle
+    static, walls   wall particles in cell order: their set; their positions and volumes on the backend. Or None
+    around_walls    whether there is a list of the particles near each wall particle, too
+    auditable       whether a step moves every particle by dt v, so that the audit can compute its previous position
+    velocities_set  whether velocities are others than those that led to the positions, which excludes an audit
     squared_displacement  largest since the list was built [m^2]; infinite where it is not known
-    margin                relative displacement [m] left to two particles at the latest check; 0 before the first
-    step_displacement     bound on that of the latest step [m], of length `length` [s]
-    rate                  change of the margin [m/s] if velocities stay, for `ahead` [s]; None where it is not known
-    gained                bound on the change of the velocities [m/s] since the latest check
-    by_forces             whether velocities change by accelerations alone, so that these bound a step's displacement
+    margin          relative displacement [m] left to two particles at the latest check; 0 before the first
+    step_displacement  bound on that of the latest step [m], of length `length` [s]
+    rate            change of the margin [m/s] if velocities stay, for `ahead` [s]; None where it is not known
+    gained          bound on the change of the velocities [m/s] since the latest check
+    by_forces       whether velocities change by accelerations alone, so that these bound a step's displacement
     """
 
-    def __init__(self, plan: Plan, search: NeighbourSearch | None) -> None:
-        self.search = search
-        self.walls = plan.walls is not None
+    def __init__(self, plan: Plan, backend: Backend, shared: dict[str, Any]) -> None:
+        grid, effects, dtype = plan.grid, plan.effects, np.dtype(plan.grid.dtype)
+        self.search: NeighbourSearch | None = None
+        if plan.list_radius > 0 and backend.name != "numpy":
+            period = plan.shared["period"]
+            self.search = NeighbourSearch(backend, grid.dim, grid.dtype, plan.list_radius, plan.scene.skin, period)
+        self.latest: tuple[Any, Any, Any] | None = None
+        self.static: Any = None
+        self.walls: tuple[Any, Any] | None = None
+        self.around_walls = any(effect.extrapolates() for effect in having(effects, BringsWalls))
+        self.auditable = not any(effect.corrects_positions() for effect in having(effects, CorrectsPositions))
+        self.velocities_set = False
         self.by_forces = not any(
             effect is not None and {"velocity", "position"} & {*p.updates, *p.writes} for effect, p in plan.motion
         )
         self.squared_displacement = math.inf
         self.margin = self.step_displacement = self.length = self.ahead = self.gained = 0.0
         self.rate: float | None = None
+        shared |= {"neighbours": None, "liquid_near_walls": None}
+        if plan.walls is not None:
+            position = grid.local(plan.walls.position)
+            if self.search is None:
+                shared["walls"] = WallParticles(position.astype(dtype), plan.walls.volume.astype(dtype))
+            else:
+                self.static = self.search.static_set(position)
+                volume = backend.asarray(plan.walls.volume[self.static.order].astype(dtype))
+                self.walls = self.static.position, volume
+
+    @property
+    def built(self) -> bool:
+        """Whether there is a list."""
+        return self.latest is not None
+
+    def in_first_order(self, values: np.ndarray) -> np.ndarray:
+        """A table of the wall particles in the order in which the effects gave them."""
+        return values if self.static is None else self.static.in_first_order(values)
+
+    def in_list_order(self, values: np.ndarray) -> np.ndarray:
+        """A table of the wall particles in the order of the lists: the inverse of `in_first_order`."""
+        return values if self.static is None else values[self.static.order]
 
     def needs_no_look(self) -> bool:
         """Whether the bounds of the steps alone show that the list is complete; true where there is no list."""
@@ -57,7 +94,7 @@ class ListPolicy:
             return False
         way, self.ahead, self.gained = math.sqrt(self.squared_displacement), search.ahead(self.length), 0.0
         farther = way + (self.step_displacement * self.ahead / self.length if self.length else 0.0)
-        margin, *then = search.margins(particles, (way, farther), self.walls)
+        margin, *then = search.margins(particles, (way, farther), self.walls is not None)
         # Relative displacements of particles that keep their velocities are convex in time: between two times the
         # margin is at least what interpolation gives.
         known = then and self.by_forces and self.ahead > 0
@@ -98,7 +135,7 @@ class ListPolicy:
         self.squared_displacement = math.inf
         self._forget()
 
-    def velocities_set(self) -> None:
+    def velocities_changed(self) -> None:
         """Note that velocities are no longer those that were compared: nothing is known of the time ahead."""
         self.length = 0.0
         if self.rate is not None:
@@ -109,64 +146,6 @@ class ListPolicy:
         self.margin, self.rate = 0.0, None
 
 
-@dataclass
-class Lists:
-    """The lists of a run: of the particles, and of the wall particles near each of them.
-
-    search          of the particles; None where no effect needs neighbours, and on backend "numpy", which sums over all
-                    pairs
-    auditable       whether a step moves every particle by dt v, so that the audit can compute its previous position
-    around_walls    whether there is a list of the particles near each wall particle, too
-    velocities_set  whether velocities are others than those that led to the positions, which excludes an audit
-    static, walls   wall particles in cell order: their set; their positions and volumes on the backend. Or None
-    latest          the lists that passes take: of particles, of walls, around walls
-    """
-
-    search: NeighbourSearch | None
-    policy: ListPolicy
-    auditable: bool
-    around_walls: bool
-    velocities_set: bool = False
-    static: Any = None
-    walls: tuple[Any, Any] | None = None
-    latest: tuple[Any, Any, Any] | None = None
-
-    @property
-    def built(self) -> bool:
-        """Whether there is a list."""
-        return self.latest is not None
-
-    def in_first_order(self, values: np.ndarray) -> np.ndarray:
-        """A table of the wall particles in the order in which the effects gave them."""
-        return values if self.static is None else self.static.in_first_order(values)
-
-    def in_list_order(self, values: np.ndarray) -> np.ndarray:
-        """A table of the wall particles in the order of the lists: the inverse of `in_first_order`."""
-        return values if self.static is None else values[self.static.order]
-
-
-def lists_of(plan: Plan, backend: Backend, shared: dict[str, Any]) -> Lists:
-    """Lists that are not built yet; `shared` gets the names under which passes take them."""
-    grid, search = plan.grid, None
-    if plan.list_radius > 0 and backend.name != "numpy":
-        search = NeighbourSearch(
-            backend, grid.dim, grid.dtype, plan.list_radius, plan.scene.skin, plan.shared["period"]
-        )
-    auditable = not any(effect.corrects_positions() for effect in having(plan.effects, CorrectsPositions))
-    around_walls = any(effect.extrapolates() for effect in having(plan.effects, BringsWalls))
-    lists = Lists(search, ListPolicy(plan, search), auditable, around_walls)
-    shared |= {"neighbours": None, "liquid_near_walls": None}
-    if plan.walls is not None:
-        position, dtype = grid.local(plan.walls.position), np.dtype(grid.dtype)
-        if search is None:
-            shared["walls"] = WallParticles(position.astype(dtype), plan.walls.volume.astype(dtype))
-        else:
-            lists.static = search.static_set(position)
-            lists.walls = lists.static.position, backend.asarray(plan.walls.volume[lists.static.order].astype(dtype))
-    return lists
-
-
-@dataclass
 class Order:
     """What gives the particles their order in memory where no neighbour list sorts them.
 
@@ -175,18 +154,11 @@ class Order:
     rows      moves the particles into such an order
     """
 
-    cells: NeighbourSearch | None
-    attended: list[Any]
-    rows: Any = None
-
-
-def order_of(plan: Plan, backend: Backend, parameters: dict[str, dict[str, Any]]) -> Order:
-    """The order of a run's particles."""
-    grid, cells = plan.grid, None
-    size = max((effect.sorting_cell(grid) for effect in having(plan.effects, NeedsCellOrder)), default=0.0)
-    if plan.list_radius == 0 and size > 0 and backend.name != "numpy":
-        cells = NeighbourSearch(backend, grid.dim, grid.dtype, size, 0.0)
-    attended = []
-    if backend.name == "cuda" and not any(effect.host_in_step for effect in plan.effects.values()):
-        attended = [value for groups in parameters.values() for value in groups.values() if hasattr(value, "attend")]
-    return Order(cells, attended)
+    def __init__(self, plan: Plan, backend: Backend, parameters: dict[str, dict[str, Any]]) -> None:
+        grid, groups = plan.grid, parameters.values()
+        size = max((effect.sorting_cell(grid) for effect in having(plan.effects, NeedsCellOrder)), default=0.0)
+        sorted_alone = plan.list_radius == 0 and size > 0 and backend.name != "numpy"
+        self.cells = NeighbourSearch(backend, grid.dim, grid.dtype, size, 0.0) if sorted_alone else None
+        recorded = backend.name == "cuda" and not any(effect.host_in_step for effect in plan.effects.values())
+        self.attended = [v for group in groups for v in group.values() if hasattr(v, "attend")] if recorded else []
+        self.rows: Any = None

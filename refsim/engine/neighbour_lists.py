@@ -21,14 +21,14 @@ def update(state: State) -> None:
 
     Raises RunStopped where the audit of the old list finds that it lacked a neighbour.
     """
-    if not state.lists.policy.needs_no_look():
+    if not state.lists.needs_no_look():
         state.timings.run("neighbours", functools.partial(_look, state))
 
 
 def look_ahead(state: State) -> bool:
     """Launch the comparison of displacements behind a step, if it will probably be needed, which is told; for a GPU."""
     lists = state.lists
-    expected = lists.policy.expects_look()
+    expected = lists.expects_look()
     if lists.search is not None and lists.built:
         lists.search.look_ahead(_particles(state), expected)
     return expected
@@ -41,7 +41,7 @@ def _particles(state: State) -> Particles:
 def _look(state: State) -> None:
     lists, search = state.lists, state.lists.search
     assert search is not None
-    if lists.built and lists.policy.keeps(_particles(state)):
+    if lists.built and lists.keeps(_particles(state)):
         return
     # The audit steps positions back by the velocities, which must be those that led to them.
     if lists.built and lists.auditable and not lists.velocities_set:
@@ -66,7 +66,7 @@ def rebuild(state: State) -> None:
     near = lists.search.build(position)
     at_walls = None if lists.walls is None else lists.search.build_against(position, lists.static)
     around = lists.search.build_around(position, lists.static) if lists.around_walls else None
-    lists.policy.after_build()
+    lists.after_build()
     state.outdate()
     new = (near, at_walls, around)
     if lists.latest is None or any(list_ is not old for list_, old in zip(new, lists.latest)):
@@ -126,7 +126,7 @@ def sort_now_and_then(state: State) -> None:
 
 def attend(state: State) -> None:
     """Have groups that need it make arrays from the positions before the step."""
-    moved = math.isinf(state.lists.policy.squared_displacement)  # set between two steps
+    moved = math.isinf(state.lists.squared_displacement)  # set between two steps
     for each in state.order.attended:
         if each.attend(state.fields["position"], moved=moved):
             state.bound = False

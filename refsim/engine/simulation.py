@@ -167,7 +167,7 @@ class Simulation(State, Shown):
         self.put(name, values[self.host("identity")])
         self.outdate()
         self.lists.velocities_set |= name in ("position", "velocity")
-        self.lists.policy.velocities_set()
+        self.lists.velocities_changed()
         for effect in having(self.plan.effects, FollowsSettings):
             for own, following in effect.after_setting(name, self.host).items():
                 self.put(own, following)
@@ -175,7 +175,7 @@ class Simulation(State, Shown):
             self.auditor.renew()
         self.balances.renew(self)
         if name == "position":
-            self.lists.policy.invalidate()
+            self.lists.invalidate()
 
     def _check_places(self, values: np.ndarray) -> None:
         """Raise InputError where positions (n, 3) [m] coincide, or one that is another than now is behind a plane."""

@@ -18,7 +18,7 @@ from refsim.core.capabilities import LimitsSpeed, having
 from refsim.core.effect import Effect, Pass
 from refsim.engine.binding import fused
 from refsim.engine.limits import Advance, step_limits
-from refsim.engine.lists import Lists, Order, lists_of, order_of
+from refsim.engine.lists import Lists, Order
 from refsim.engine.motions import Motions
 from refsim.engine.timings import Timings
 from refsim.neighbours import NeighbourSearch
@@ -85,8 +85,8 @@ class State:
         self.shared: dict[str, Any] = {**_placed(plan.shared, backend), "scratch": self.scratch}
         self.parameters = {effect: _placed(groups, backend) for effect, groups in plan.parameters.items()}
         self.motions = Motions(plan, backend, self.parameters, self.shared) if plan.scene.motion else None
-        self.lists: Lists = lists_of(plan, backend, self.shared)
-        self.order: Order = order_of(plan, backend, self.parameters)
+        self.lists = Lists(plan, backend, self.shared)
+        self.order = Order(plan, backend, self.parameters)
         self.force_passes: list[tuple[tuple[Effect, ...], Pass]] = fused(plan.passes, backend.name)
         self.limits = step_limits(plan)
         speeds = (effect.greatest_speed(grid) for effect in having(plan.effects, LimitsSpeed))
@@ -139,7 +139,7 @@ class State:
         """
         self.current.clear()
         self.lists.velocities_set = False
-        self.lists.policy.after_step(done)
+        self.lists.after_step(done)
         self.stopped_at_walls += done.stopped
         self.time += done.length
         if self.motions is not None:

@@ -247,7 +247,7 @@ def test_list_is_kept_until_half_the_skin_is_used_up():
     advanced(simulation, 25)
     assert simulation.search.log.rebuilds == 1
     simulation = Simulation(falling_box(step=1e-3, skin=0.1, dtype="float64"))
-    simulation.lists.policy.by_forces = False
+    simulation.lists.by_forces = False
     rebuilds = []
     for _ in range(25):
         simulation.step()

@@ -47,7 +47,7 @@ def test_steps(reading, request, cores, system, threads, backend):
 
     def steps():
         if simulation.search is not None:
-            simulation.lists.policy.invalidate()
+            simulation.lists.invalidate()
         for _ in range(STEPS):
             simulation.step()
 

@@ -370,7 +370,7 @@ def stages(simulation: refsim.Simulation, rebuilt: float, repeats: int = 20) -> 
         for field, values in kept.items():
             simulation.backend.assign(simulation.fields[field], values)
     began = time.perf_counter()
-    simulation.lists.policy.invalidate()
+    simulation.lists.invalidate()
     ready(simulation)
     simulation.backend.synchronize()
     found["neighbours"] = rebuilt * (time.perf_counter() - began)
