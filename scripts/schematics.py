@@ -22,13 +22,13 @@ from refsim.core.effect import Lattice  # noqa: E402
 from refsim.isosurface.table import edges, facets  # noqa: E402
 from refsim.shape_matching import reference as matching  # noqa: E402
 from refsim.surface_detection import FanScan  # noqa: E402
-from refsim.surface_detection import reference as detection  # noqa: E402
+from refsim.surface_detection import operations as detection  # noqa: E402
 from refsim.surface_detection.formulas import in_scan_region  # noqa: E402
 from refsim.surface_energy import Tension  # noqa: E402
 from refsim.surface_energy.formulas import spline_weight  # noqa: E402
 from refsim.surface_energy.reference_reconstruction import ReferenceReconstruction  # noqa: E402
 from refsim.surface_normal import NormalTerm  # noqa: E402
-from refsim.surface_normal import reference as normals  # noqa: E402
+from refsim.surface_normal import operations as normals  # noqa: E402
 from scripts.pictures import command  # noqa: E402
 from validation.drawing import BLUE, GREEN, GREY, INTERIOR_BLUE, ORANGE, SKY, SURFACE_RED  # noqa: E402
 
@@ -62,9 +62,9 @@ def fan_scan() -> Any:
     group = smoothing.smoothing("wendland_c2", h, 2)
     position = np.column_stack([place, np.zeros(len(place))])
     one = np.ones(len(place))
-    normal = normals.color_gradient(position, one, one, None, None, group, NormalTerm(1.0, 0))["surface_normal"][0]
+    normal = normals.color_gradient(position, one, one, None, None, group, NormalTerm(1.0, 0))["surface_normal"].value
     scan = FanScan(radius=h / 2, support_radius=h, smallest_normal=1e-6, printed=0)
-    surface = detection.fan_scan(position, normal, None, None, scan, None)["surface"][0].astype(bool)
+    surface = detection.fan_scan(position, normal, None, None, scan, None)["surface"].holds
 
     top = int(np.argmin(np.hypot(place[:, 0] - 3.0, place[:, 1] - 0.4)))
     deep = int(np.argmin(np.hypot(place[:, 0] + 3.0, place[:, 1] + 1.6)))

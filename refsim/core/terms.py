@@ -10,7 +10,7 @@ Both unpack as a reference returns them: `value, size = terms`, `flags, margin =
 
 import numpy as np
 
-TWICE = 1e-3  # share of what cancels in both factors of a product: rounding makes it of second order
+SMALL = 1e-3  # times sizes: more than roundings change, so that what is smaller counts as second order
 
 
 class Decision:
@@ -70,7 +70,7 @@ class Terms:
             return Terms(a.value * b.value, None, a.rank)
         size = a.size * b.size
         if a.given is not None and b.given is not None:
-            size = size - (1 - TWICE) * (a.size - np.abs(a.value)) * (b.size - np.abs(b.value))
+            size = size - (1 - SMALL) * (a.size - np.abs(a.value)) * (b.size - np.abs(b.value))
         return Terms(a.value * b.value, size, a.rank)
 
     def __truediv__(self, other):
@@ -87,6 +87,9 @@ class Terms:
 
     def __pow__(self, n):
         return Terms(self.value**n, abs(n) * np.abs(self.value) ** (n - 1) * self.size, self.rank)
+
+    def __bool__(self):
+        raise TypeError("Terms are no condition: use `where`.")
 
     def __neg__(self):
         return Terms(-self.value, self.given, self.rank)
@@ -135,7 +138,8 @@ def _raised(x, rank):
 
 def _compared(a, b, holds):
     a, b = terms(a), terms(b)
-    return Decision((b.value - a.value) / np.maximum(a.size, b.size), holds(a.value, b.value))
+    largest = np.maximum(a.size, b.size)
+    return Decision((b.value - a.value) / np.where(largest > 0, largest, 1.0), holds(a.value, b.value))
 
 
 def where(condition, a, b):
@@ -146,14 +150,26 @@ def where(condition, a, b):
 
 
 def maximum(a, b):
-    """The larger one, with the larger size: a rounding may decide which it is."""
+    """The larger one; of two so near that a rounding may decide with the larger size."""
     a, b = alike(a, b)
-    return Terms(np.maximum(a.value, b.value), np.maximum(a.size, b.size), a.rank)
+    apart, near = a.value - b.value, SMALL * (a.size + b.size)
+    size = np.where(apart > near, a.size, np.where(apart < -near, b.size, np.maximum(a.size, b.size)))
+    return Terms(np.maximum(a.value, b.value), size, a.rank)
+
+
+def minimum(a, b):
+    """The smaller one, likewise."""
+    return -maximum(-terms(a), -terms(b))
 
 
 def clip(x, low, high):
-    """x held between two bounds, with the largest size of the three."""
-    return -maximum(-maximum(x, low), -terms(high))
+    """x between two bounds, likewise."""
+    return minimum(maximum(x, low), high)
+
+
+def cos(x):
+    """cos x; it takes over the rounding of x."""
+    return Terms(np.cos(x.value), np.abs(np.cos(x.value)) + x.size)
 
 
 def length(x):
@@ -177,3 +193,10 @@ def inverse(m):
     """m^-1 of matrices; an error E changes it by m^-1 E m^-1."""
     found = np.linalg.inv(m.value)
     return Terms(found, np.abs(found) @ m.size @ np.abs(found), 2)
+
+
+def least_eigenvalue(m):
+    """Least eigenvalue of symmetric matrices; their trace without signs is its size."""
+    known = np.isfinite(m.value).all((-2, -1))
+    found = np.linalg.eigvalsh(np.where(known[..., None, None], m.value, 0))[..., 0]
+    return Terms(np.where(known, found, np.nan), np.trace(m.size, axis1=-2, axis2=-1))

@@ -15,7 +15,7 @@ import functools
 
 import numpy as np
 
-from refsim.core.terms import Decision, Terms, terms
+from refsim.core.terms import Decision, Terms
 from refsim.neighbours.reference import pair_blocks
 from refsim.smoothing.reference import kernel_slope, kernel_value, viscosity_laplacian
 
@@ -56,10 +56,11 @@ class Rows:
 class Between:
     """x = x_i - x_j [m], r = |x|, e = x/r or 0; W [1/m^dim], W' (`slope`), W' e (`gradient`), viscosity's Laplacian."""
 
-    def __init__(self, x, r, smoothing, gradient_smoothing=None):
+    def __init__(self, x, r, smoothing=None, gradient_smoothing=None):
         self.x, self.r = Terms(x, rank=1), Terms(r)
         self.smoothing, self.gradient_smoothing = smoothing, gradient_smoothing or smoothing
-        self.h, self.dim = float(smoothing.support_radius), int(smoothing.dim)
+        if smoothing is not None:
+            self.h, self.dim = float(smoothing.support_radius), int(smoothing.dim)
 
     def at(self, rows):
         return Between(self.x.value[rows], self.r.value[rows], self.smoothing, self.gradient_smoothing)
@@ -68,6 +69,11 @@ class Between:
     def apart(self):
         """r, or 1 m for particles at one place."""
         return Terms(np.where(self.r.value > 0, self.r.value, 1.0))
+
+    @functools.cached_property
+    def depth(self):
+        """h - r, or 0 beyond."""
+        return Terms(np.maximum(self.h - self.r.value, 0))
 
     @functools.cached_property
     def e(self):
@@ -98,21 +104,30 @@ class Pairs:
     """
 
     def __init__(self, i, count, j, row, column, between=None, same=None):
-        self.i, self.count, self.same = i, count, same  # fields and number of the i, their rows among the j
-        self.all = row, column, between, j
+        cuts = [slice(k, k + CHUNK) for k in range(0, max(len(row), 1), CHUNK)]
+        self.links = [(row[c], column[c], between and between.at(c)) for c in cuts]
+        self.i, self.count, self.j, self.same = i, count, j, same  # same: rows of the i among the j
+
+    def of(self, i, j):
+        """The same pairs of other fields."""
+        return self._copy(i=i, j=j)
+
+    def _copy(self, **changed):
+        made = object.__new__(Pairs)
+        kept = ("links", "i", "count", "j", "same")
+        vars(made).update({name: getattr(self, name) for name in kept} | changed)
+        return made
 
     @functools.cached_property
     def parts(self):
-        row, column, between, j = self.all
-        cuts = [slice(k, k + CHUNK) for k in range(0, max(len(row), 1), CHUNK)]
-        return [(row[c], self.i.at(row[c]), j.at(column[c]), between and between.at(c)) for c in cuts]
+        return [(row, self.i.at(row), self.j.at(column), between) for row, column, between in self.links]
 
     @functools.cached_property
     def others(self):
         """The pairs without those of a particle with itself."""
-        row, column, between, j = self.all
-        apart = np.flatnonzero(self.same[row] != column)
-        return Pairs(self.i, self.count, j, row[apart], column[apart], between.at(apart))
+        apart = [np.flatnonzero(self.same[row] != column) for row, column, _ in self.links]
+        links = [(row[k], column[k], between.at(k)) for k, (row, column, between) in zip(apart, self.links)]
+        return self._copy(links=links)
 
     def __call__(self, term, **given):
         """sum_j term(i, j, ij, **given) for every i."""
@@ -126,8 +141,19 @@ class Pairs:
         """Whether decision(i, j, ij, **given) holds for any j, for every i."""
         return Decision(self.most(decision, **given).value)
 
+    def at_least(self, least, decision, **given):
+        """Whether decision(i, j, ij, **given) holds for so many j, for every i."""
+        found = [(row, decision(i, j, ij, **given).margin) for row, i, j, ij in self.parts]
+        row, margin = (np.concatenate(parts) for parts in zip(*found))
+        order = np.lexsort((-margin, row))
+        first = np.searchsorted(row, np.arange(self.count))
+        enough = np.bincount(row, minlength=self.count) >= least
+        ranked = np.full(self.count, -np.inf)
+        ranked[enough] = margin[order[first[enough] + least - 1]]
+        return Decision(ranked)
+
     def _reduced(self, reduce, start, term, given):
-        given = {name: terms(value) for name, value in given.items()}
+        given = {n: float(v) if isinstance(v, np.floating) else v for n, v in given.items()}
         value = size = None
         for row, i, j, ij in self.parts:
             found = term(i, j, ij, **given)
@@ -147,6 +173,9 @@ class Pairs:
 class NoPairs:
     """Sums over nothing, as over walls where there are none."""
 
+    def of(self, i, j):
+        return self
+
     def __call__(self, term, **given):
         return NOTHING
 
@@ -154,18 +183,18 @@ class NoPairs:
         return Decision(-np.inf)
 
 
-def neighbours(i, j, smoothing, gradient_smoothing=None, period=None, rows=None):
-    """Pairs of `rows` of i and of j that are nearer than h, by comparing all; sums over nothing where j is None.
+def neighbours(i, j, smoothing=None, gradient_smoothing=None, period=None, rows=None, reach=None):
+    """Pairs of `rows` of i and of j that are nearer than h or `reach`, by comparing all; no sums where j is None.
 
     i, j are Fields with `position`; W is of `smoothing`, its slope of `gradient_smoothing` or else of `smoothing`.
     """
     if j is None:
         return NoPairs()
-    h = max(float(s.support_radius) for s in (smoothing, gradient_smoothing or smoothing))
+    h = reach or max(float(s.support_radius) for s in (smoothing, gradient_smoothing or smoothing))
     none = np.zeros(0, dtype=int)
     found = [(none, none, np.zeros((0, 3)), np.zeros(0))]
     for place, separation, distance in pair_blocks(i.position.value, j.position.value, rows, period):
-        near = np.nonzero(~(distance > h))  # also a distance that is no number
+        near = np.nonzero(~(distance >= h))  # also a distance that is no number
         found.append((near[0] + place.start, near[1], separation[near], distance[near]))
     row, column, x, r = (np.concatenate(parts) for parts in zip(*found))
     count = len(i.position.value) if rows is None else len(rows)

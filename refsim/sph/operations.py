@@ -61,7 +61,7 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
         "period wall_motion rest_density phase", "period shift", "walls wall_strain wall_motion rest_density phase",
     ),
     tolerance=12.0, reason="one rounding in each of distance, slope, volume, velocity difference, projection,"
-    " quotients, product and sum; the size of the walls' share f counts both of its terms, 10 filled and 7.5",
+    " quotients, product and sum",
     invariants=f"{SYMMETRY} galilean",
     broken={1: "rotation", 2: "rotation galilean", 3: "translation rotation galilean", 4: "rotation"},
     programs={
@@ -172,8 +172,7 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
     "renormalised gradient", paper="Bonet & Lok 1999", outputs="correction_diagonal correction_mixed",
     optional="walls period", variants=("walls period", "period", ""),
     tolerance=16.0, invariants="translation reordering", packed="filling_pair",
-    reason="one rounding in each of distance, slope, volume and products, and those of the determinant and its minors;"
-    " near det M = 0.5 the size counts all of M^-1",
+    reason="one rounding in each of distance, slope, volume and products, and those of the determinant and its minors",
 )  # fmt: skip
 def gradient_correction(position, mass, density, walls, smoothing, period=None, rows=None):
     """Matrices B over liquid and walls, dimensionless: diagonal (xx, yy, zz) and the rest (xy, xz, yz)."""
@@ -235,7 +234,8 @@ def viscous(position, velocity, mass, density, smoothing, viscosity, period=None
     "momentum equation with zeta = 5 eta/3, viscous part", "sph.central_viscosity", paper="Espanol & Revenga 2003",
     adds="acceleration", optional="period", tolerance=12.0,
     reason="one rounding in each of squared distance (twice), Laplacian, volume, velocity difference, projection,"
-    " quotient, product and sum", invariants=f"{SYMMETRY} linear_momentum angular_momentum galilean dissipation",
+    " quotient, product and sum; the size counts |v_i| and |v_j|",
+    invariants=f"{SYMMETRY} linear_momentum angular_momentum galilean dissipation",
     broken={1: "rotation angular_momentum"},
     packed="central_pair",
 )  # fmt: skip

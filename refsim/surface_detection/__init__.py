@@ -26,7 +26,7 @@ from refsim.core.fields import Field
 from refsim.core.scalars import int32
 from refsim.smoothing import lattice, smoothing
 from refsim.sph import ASYMMETRY, LIQUID, NUMBER_DENSITY, PRESSURE, liquid_of
-from refsim.surface_detection import reference as reference
+from refsim.surface_detection import operations as operations
 from refsim.surface_normal import CORRECTED_NORMAL, SURFACE_NORMAL, color_gradient_pass, corrected_pass, normal_term
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from refsim.core.effect import Discretisation, Pass
 from refsim.core.fields import Field
 from refsim.core.scalars import int32
-from refsim.surface_normal import reference as reference
+from refsim.surface_normal import operations as operations
 
 if TYPE_CHECKING:
     from refsim.sph import WeaklyCompressible

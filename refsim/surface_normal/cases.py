@@ -7,8 +7,8 @@ from refsim.core.cases import Case, Exact, case, groups, hard_input, lattice, pa
 from refsim.smoothing import smoothing
 from refsim.smoothing.cases import for_each_kernel
 from refsim.sph import liquid_of
-from refsim.surface_normal import NormalTerm, axial_part, normal_term, reference
-from refsim.surface_normal.reference import SHAPES
+from refsim.surface_normal import NormalTerm, axial_part, normal_term, operations
+from refsim.surface_normal.operations import SHAPES
 
 
 @particles("surface_normal", "corrected_normal", "area_normal")
@@ -20,9 +20,8 @@ def _normals(case, random):
         kernel = smoothing("wendland_c2", case.support_radius, case.dim)
         term = NormalTerm(1.0, np.int32(0))
         volume = case.spacing**case.dim * one
-        return reference.color_gradient(everyone, volume, one, None, None, kernel, term)["surface_normal"][0][
-            : case.count
-        ]
+        found = operations.color_gradient(everyone, volume, one, None, None, kernel, term)["surface_normal"]
+        return found.value[: case.count]
     values = 0.7 * vectors(case, random)
     values[3::7] = 0
     return values

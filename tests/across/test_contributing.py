@@ -16,7 +16,7 @@ import pytest
 ROOT = pathlib.Path(__file__).parents[2]
 FILE = re.compile(r"^```python\n# file: (refsim/\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 TOML = re.compile(r"^```toml\n(?!# file)(.*?)^```$", re.MULTILINE | re.DOTALL)
-ORDER = ["reference.py", "kernels.py", "__init__.py", "cases.py"]
+ORDER = ["reference.py", "operations.py", "kernels.py", "__init__.py", "cases.py"]
 
 FOUND_BESIDE = """
 import pathlib, sys
@@ -86,8 +86,7 @@ print("slowed down")
 
 # an author of a tension follows the walk with a force along the pair
 ALONG_THE_PAIR = (
-    ("for place, _, distance", "for place, apart, distance"),
-    ("factor[..., None] * (v[None, :, :] - v[i, None, :])", "-factor[..., None] * apart"),
+    ("(j.velocity - i.velocity)", "-ij.x"),
 )  # fmt: skip
 COMPLAINT = """
 sys.path.insert(0, sys.argv[2])
@@ -106,7 +105,7 @@ from refsim.smoothing import smoothing
 from refsim.smoothing.reference import kernel_value
 from refsim.surface_tension.cohesion import PairCohesion
 from refsim.sph import liquid_of
-from refsim.velocity_smoothing import reference as reference
+from refsim.velocity_smoothing import operations as operations
 
 
 class Mixing(NamedTuple):

@@ -33,7 +33,7 @@ IMPORTED = {  # by them, beside each other, numpy and math
     "operations": ("refsim.core.operation", "refsim.core.terms", "refsim.neighbours.sums"),
 }
 UNIT = re.compile(r"\[[^\]]*\]|dimensionless|flags?\b", re.IGNORECASE)
-EQUATION = re.compile(r"=|<-|\bsum_|\b[A-Z]\(\d+\)")
+EQUATION = re.compile(r"=|[<>]|\bsum_|\b[A-Z]\(\d+\)")
 
 
 @functools.cache

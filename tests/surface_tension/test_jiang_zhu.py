@@ -9,6 +9,8 @@ import pytest
 import refsim as rs
 from refsim import make_plan
 from refsim.core.effect import Discretisation
+from refsim.core.terms import terms
+from refsim.neighbours.sums import Fields
 from refsim.surface_tension.jiang_zhu_2023 import formulas, reference
 from refsim.surface_tension.jiang_zhu_2023.modes import PAIR_MODES
 
@@ -58,7 +60,8 @@ def test_pair_weight_table(mode):
         base, slope = formulas.pair_weight(PAIR_MODES[mode], np.float32(wi), np.uint8(si))
         assert base + slope * (wj if mode == "soft" else sj) == expected(wi, wj, si, sj)
         assert base.dtype == slope.dtype == np.float32
-        assert reference.pair_shares(PAIR_MODES[mode], wi, wj, si, sj) == expected(wi, wj, si, sj)
+        i, j = (Fields(weight=w, surface=s) for w, s in ((wi, si), (wj, sj)))
+        assert terms(reference.share(i, j, PAIR_MODES[mode])).value == expected(wi, wj, si, sj)
 
 
 # Density correction J(14), J(15)

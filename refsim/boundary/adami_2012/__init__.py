@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import msgspec
 
-from refsim.boundary.adami_2012 import reference as reference
+from refsim.boundary.adami_2012 import operations as operations
 from refsim.core.capabilities import BringsWalls, FollowsScene, SumsDensity, having
 from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.energy import EnergyAccount

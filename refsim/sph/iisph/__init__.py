@@ -19,7 +19,7 @@ from refsim.core.scalars import int32
 from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope
 from refsim.sph import LIQUID, SETS, liquid_of
-from refsim.sph.iisph import reference as reference
+from refsim.sph.iisph import operations as operations
 
 PRESSURE = Field("pressure", "Pa", "pressure p of the implicit solution, and the start of the next one", state=True)
 OWN_DISPLACEMENT = Field("own_displacement", "m/Pa", "d_ii: displacement by the particle's own pressure", 3)

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from refsim.sph.viscosities import reference as reference
+from refsim.sph.viscosities import operations as operations
 
 
 class ArtificialViscosity(NamedTuple):

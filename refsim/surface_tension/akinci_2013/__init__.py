@@ -19,6 +19,7 @@ from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.sph import liquid_of
 from refsim.surface_normal import SURFACE_NORMAL, axial_part, color_gradient_pass, normal_term
+from refsim.surface_tension.akinci_2013 import operations as operations
 from refsim.surface_tension.akinci_2013.reference import cohesion_function
 from refsim.surface_tension.cohesion import PairCohesion, angular_momentum_note, neighbours_in_support, spreading_note
 
@@ -106,7 +107,7 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
 
     def force_of(self, coefficient: float, r: NDArray, grid: Discretisation, others: Others) -> NDArray:
         """-gamma C(r) [N/kg^2]; K_ij is 1 in the undisturbed bulk."""
-        return -coefficient * cohesion_function(r, grid.support_radius, grid.dim)
+        return -coefficient * cohesion_function(r, grid.support_radius, grid.dim).value
 
     def fields(self, others: Others) -> tuple[Field, ...]:
         return (SURFACE_NORMAL,) if self._has_area() else ()

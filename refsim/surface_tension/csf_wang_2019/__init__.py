@@ -21,7 +21,7 @@ from refsim.smoothing.reference import kernel_slope, kernel_value
 from refsim.sph import LIQUID, NUMBER_DENSITY, SETS, liquid_of
 from refsim.surface_detection import NEAR_SURFACE, detection_in, near_surface_pass
 from refsim.surface_tension.cohesion import BECAME_DROPS, capillary_limit, stiffness_margin
-from refsim.surface_tension.csf_wang_2019 import reference as reference
+from refsim.surface_tension.csf_wang_2019 import operations as operations
 from refsim.surface_tension.jiang_zhu_2023 import CORRECTED_DENSITY, corrected_density_passes
 
 INTERFACE_NORMAL = Field("interface_normal", "1/m", "normal n by the corrected kernel, inward", 3)

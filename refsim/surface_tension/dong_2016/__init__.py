@@ -8,6 +8,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Literal, NamedTuple
 
+import numpy as np
 from numpy.typing import NDArray
 
 from refsim.core.capabilities import HasErrata, Margin
@@ -20,6 +21,7 @@ from refsim.core.scalars import int32
 from refsim.sph import liquid_of
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
 from refsim.surface_tension.cohesion import PairCohesion, angular_momentum_note
+from refsim.surface_tension.dong_2016 import operations as operations
 from refsim.surface_tension.dong_2016.reference import force_function
 from refsim.surface_tension.jiang_zhu_2023 import CORRECTED_DENSITY
 
@@ -105,7 +107,8 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
 
     def force_of(self, coefficient: float, r: NDArray, grid: Discretisation, others: Others) -> NDArray:
         """L(r) [N/kg^2] of D(7)."""
-        return coefficient * force_function(r, grid.support_radius, self._rest_distance(grid))
+        h = grid.support_radius
+        return coefficient * force_function(np.maximum(h - r, 0), h, self._rest_distance(grid))
 
     def fields(self, others: Others) -> tuple[Field, ...]:
         fields: list[Field] = []

@@ -43,7 +43,7 @@ from refsim.surface_tension.cohesion import (
     pressure_of_moment,
     tension_of_moment,
 )
-from refsim.surface_tension.jiang_zhu_2023 import reference as reference
+from refsim.surface_tension.jiang_zhu_2023 import operations as operations
 from refsim.surface_tension.jiang_zhu_2023.modes import AREA_TERMS, PAIR_MODES
 
 CORRECTED_DENSITY = Field("corrected_density", "kg/m^3 (kg/m^2 in 2D)", "density rho* near the surface, J(14)")

@@ -7,13 +7,14 @@ s cos(3 pi r/(2 h)) e_ij: it repels below h/3 and tends to s as r -> 0.
 import math
 from typing import Any, ClassVar, NamedTuple
 
+import numpy as np
 from numpy.typing import NDArray
 
 from refsim.core.checked import NotNegative
 from refsim.core.effect import Discretisation, Others
 from refsim.sph import liquid_of
 from refsim.surface_tension.cohesion import PairCohesion
-from refsim.surface_tension.tartakovsky_meakin_2005.reference import force_function
+from refsim.surface_tension.tartakovsky_meakin_2005 import operations as operations
 
 
 class CosineForce(NamedTuple):
@@ -53,4 +54,5 @@ class TartakovskyMeakin2005(PairCohesion, frozen=True, kw_only=True):
     def force_of(self, coefficient: float, r: NDArray, grid: Discretisation, others: Others) -> NDArray:
         """s cos(3 pi r/(2 h))/m^2 [N/kg^2] for particles of the lattice's mass."""
         mass = liquid_of(others).particle_mass(grid)
-        return coefficient / mass**2 * force_function(r, grid.support_radius)
+        q = r / grid.support_radius
+        return np.where(q < 1, coefficient / mass**2 * np.cos(1.5 * np.pi * q), 0.0)

@@ -80,7 +80,9 @@ def dong_data(results: Results) -> dict[str, Any]:
     r = np.linspace(0, 2.5, 251)
     return {
         "title": "Dong, figure 1: L(r) for three supports", "distance_rest_distances": r.round(4),
-        "force_over_k": {f"{ratio:g}": force_function(r, ratio, 1.0).round(6) for ratio in (1.5, 2.0, 2.5)},
+        "force_over_k": {
+            f"{h:g}": force_function(np.maximum(h - r, 0), h, 1.0).round(6) for h in (1.5, 2.0, 2.5)
+        },
     }  # fmt: skip
 
 

@@ -1,0 +1,69 @@
+"""Operations of walls after Adami, Hu & Adams 2012."""
+
+import numpy as np
+
+from refsim.boundary.adami_2012 import reference as ref
+from refsim.core.operation import SYMMETRY, operations
+from refsim.core.terms import Terms, where
+from refsim.neighbours.sums import Fields, neighbours, wall_particles
+from refsim.sph.operations import symmetric
+
+operation = operations(paper="Adami, Hu & Adams 2012")
+_CORRECTION = "correction_diagonal correction_mixed"
+
+
+def _mean(around, term, share, **given):
+    """Sum of a term over the sum of W, 0 without any; its size counts the terms, as a wall particle has no list."""
+    weight, count = around(share), around(lambda i, j, ij: Terms(share(i, j, ij).value > 0))
+    found = where(weight.value > 0, around(term, **given) / where(weight.value > 0, weight, 1), 0)
+    return Terms(found.value, (1 + count.value) * found.size)
+
+
+@operation(
+    "(27)", outputs="wall_pressure", entrywise=True, optional="phase wet period",
+    variants=("phase wet period", "phase wet", "phase period", "period"), tolerance=16.0,
+    reason="one rounding in each of distance, kernel, head, product and sum, and those of the quotient",
+)  # fmt: skip
+def extrapolation(position, density, pressure, phase, wet, walls, smoothing, lean, fluid, period=None):
+    """Pressure of each wall particle [Pa]; 0 where neither liquid nor a wet solid is within reach."""
+    liquid = np.ones(len(pressure), bool) if phase is None else np.asarray(phase) == 0
+    film = 0.0 if wet is None else 1e-3 * np.asarray(wet, dtype=float)
+    j = Fields(
+        position=position, pressure=pressure, liquid=liquid, share=np.where(liquid, 1.0, film),
+        heavy=np.where(liquid, np.asarray(density, dtype=float), float(fluid.rest_density)),
+    )  # fmt: skip
+    around = neighbours(wall_particles(walls), j, smoothing, period=period)
+    upward = Terms([float(part) for part in lean], rank=1)
+    return {"wall_pressure": _mean(around, ref.wall_pressure, ref.share, lean=upward)}
+
+
+@operation(
+    "adjoint of (27)", paper="this project", outputs="wall_strain", entrywise=True, optional="phase period",
+    tolerance=16.0, reason="one rounding in each of distance, slope, volume, projection, product and sum, and those of"
+    " the quotient",
+)  # fmt: skip
+def strain(position, velocity, mass, advanced_excess, phase, walls, smoothing, fluid, period=None):
+    """What `sph.continuity` takes from each wall particle [m^(2 dim)/s]; 0 where no liquid is within reach."""
+    rho = float(fluid.rest_density) + np.asarray(advanced_excess, dtype=float)
+    liquid = 1.0 if phase is None else np.asarray(phase) == 0
+    f = Fields(position=position, velocity=velocity, mass=mass, density=rho, share=liquid)
+    around = neighbours(wall_particles(walls), f, smoothing, period=period)
+    return {"wall_strain": around.i.volume * _mean(around, ref.strain, ref.share)}
+
+
+@operation(
+    "J(10) with wall particles", paper="Adami, Hu & Adams 2012; Jiang & Zhu 2023", adds="acceleration",
+    optional=f"{_CORRECTION} period", tolerance=8.0, variants=(f"{_CORRECTION} period", _CORRECTION, "period"),
+    invariants=SYMMETRY, broken={1: "rotation", 2: "rotation"},
+)  # fmt: skip
+def wall_force(
+    position, density, pressure, wall_pressure, correction_diagonal, correction_mixed, walls, smoothing, period=None,
+    rows=None,
+):  # fmt: skip
+    """Acceleration [m/s^2] of liquid and solids; without a correction B = I."""
+    i = Fields(position=position, density=density, pressure=pressure)
+    w = wall_particles(walls, pressure=wall_pressure)
+    a = neighbours(i, w, smoothing, period=period, rows=rows)(ref.wall_force)
+    if correction_diagonal is not None:
+        a = Fields(b=symmetric(correction_diagonal, correction_mixed)).at(rows).b @ a
+    return {"acceleration": a}
