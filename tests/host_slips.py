@@ -1,0 +1,205 @@
+"""Slips in host code: which of a sample, drawn by a seed, does no test notice?
+
+First the suite runs once under a profile that says which tests call which function. Then each slip, another sign,
+number, condition or name in one function, is put in by giving the function the code of its altered source, in a process
+of its own; there the tests that call the function run, quick ones first, until one fails. Slips that change no answer
+stand in `harmless_host.toml` with reasons. Prints what no test noticed; exit code 4 if there is any.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import contextlib
+import datetime
+import importlib
+import inspect
+import json
+import multiprocessing
+import multiprocessing.pool
+import os
+import pathlib
+import random
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+import types
+from collections.abc import Iterator
+from typing import Any
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "ladder")]
+from slips import altered, parsed, sites  # noqa: E402
+
+PACKAGES = ("engine", "gauges", "motion", "scene", "study", "boundary", "contract")
+HARMLESS = tomllib.loads(pathlib.Path(__file__).with_name("harmless_host.toml").read_text(encoding="utf-8"))
+MEMORY = 6 << 30  # bytes that a slip may make a test take
+COMPILED = ("formulas", "kernels", "reference", "cases", "operations")  # judged by the contract, or its own inputs
+
+
+def functions(package: str) -> Iterator[types.FunctionType]:
+    """The functions and methods of a package's host code."""
+    for path in sorted((ROOT / "refsim" / package).rglob("*.py")):
+        name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+        if path.stem.startswith(COMPILED) or path.stem.endswith("_cuda"):
+            continue
+        module = importlib.import_module(name.removesuffix(".__init__"))
+        for owner in (module, *(v for v in vars(module).values() if inspect.isclass(v))):
+            for value in vars(owner).values():
+                value = value.fget if isinstance(value, property) else getattr(value, "__func__", value)
+                value = inspect.unwrap(value) if callable(value) else value
+                if isinstance(value, types.FunctionType) and value.__code__.co_filename == str(path):
+                    yield value
+
+
+def place(function: types.FunctionType) -> str:
+    return f"{function.__module__}.{function.__qualname__}"
+
+
+def changes(function: types.FunctionType) -> list[tuple[int, Any]]:
+    """(node, change) of every place of a function where something can slip."""
+    tree = parsed(function)
+    definition = tree.body[0]
+    if not isinstance(definition, ast.FunctionDef) or function.__closure__:
+        return []
+    words = {id(part) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for part in ast.walk(node)}
+    outside = {id(part) for node in (*definition.decorator_list, definition.args) for part in ast.walk(node)}
+    nodes = list(ast.walk(tree))
+    return [(n, change) for n, change in sites(tree) if not {id(nodes[n])} & (words | outside)]
+
+
+class Calls:
+    """A plugin of pytest that writes which functions of the packages each test calls, and its seconds."""
+
+    def __init__(self, packages: tuple[str, ...], into: pathlib.Path) -> None:
+        self.into = into
+        self.seen = sys.called = set[str]()  # type: ignore[attr-defined]
+        for function in [f for package in packages for f in functions(package) if changes(f)]:
+            tree = parsed(function)
+            note = ast.parse(f"__import__('sys').called.add({place(function)!r})").body
+            tree.body[0].body[:0] = note  # type: ignore[attr-defined]
+            tree.body[0].decorator_list = []  # type: ignore[attr-defined]
+            space = dict(function.__globals__)
+            with contextlib.suppress(NameError):  # in an annotation
+                exec(compile(ast.fix_missing_locations(tree), function.__code__.co_filename, "exec"), space)
+                function.__code__ = space[function.__name__].__code__
+
+    def pytest_runtest_logstart(self) -> None:
+        self.seen.clear()
+        self.began = time.process_time()
+
+    def pytest_runtest_logfinish(self, nodeid: str) -> None:
+        row = {"test": nodeid, "seconds": time.process_time() - self.began, "calls": sorted(self.seen)}
+        with self.into.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(row) + "\n")
+
+
+def map_one(job: tuple[str, str, tuple[str, ...]]) -> None:
+    """Run one file of tests and write what they call."""
+    import pytest
+
+    path, into, packages = job
+    with open(os.devnull, "w") as out, contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
+        plugin = Calls(packages, pathlib.Path(into) / f"{path.replace('/', '.')}.jsonl")
+        pytest.main(["-q", "-n", "0", "-p", "no:cacheprovider", "--tb=no", path], plugins=[plugin])
+
+
+def callers(jobs: int, packages: tuple[str, ...], folder: str) -> dict[str, list[tuple[float, str]]]:
+    """Tests that call each function, quick ones first."""
+    tests = sorted(str(p.relative_to(ROOT)) for p in (ROOT / folder).rglob("test_*.py")) or [folder]
+    tests = [t for t in tests if not t.startswith(("tests/times", "tests/ladder/test_slips"))]
+    found: dict[str, list[tuple[float, str]]] = {}
+    with tempfile.TemporaryDirectory() as into:
+        with multiprocessing.get_context("spawn").Pool(jobs, maxtasksperchild=1) as pool:
+            pool.map(map_one, [(t, into, packages) for t in tests], chunksize=1)
+        for path in pathlib.Path(into).iterdir():
+            for row in map(json.loads, path.read_text(encoding="utf-8").splitlines()):
+                for name in row["calls"]:
+                    found.setdefault(name, []).append((row["seconds"], row["test"]))
+    return {key: sorted(rows) for key, rows in found.items()}
+
+
+def noticed(module: str, name: str, number: int, tests: list[str], seconds: float) -> tuple[str, str]:
+    """(the slip in words, its outcome); the tests run in this process, which its alarm may end."""
+    import pytest
+
+    same = (f for f in functions(module.split(".")[1]) if (f.__module__, f.__qualname__) == (module, name))
+    function = next(same)
+    code, line = altered(function, *changes(function)[number])
+    words = f"{module}.{name}: {line}"
+    print(words, flush=True)
+    function.__code__ = code
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    signal.alarm(int(seconds))  # whose default is the end of the process
+    with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere), contextlib.redirect_stderr(nowhere):
+        outcome = pytest.main(["-q", "-x", "-n", "0", "-p", "no:cacheprovider", "--tb=no", *tests])
+    return words, "survived" if outcome == 0 else "noticed"
+
+
+def tried(job: dict[str, Any]) -> tuple[str, str]:
+    """`noticed` in a process of its own."""
+    if not job["tests"]:
+        return f"{job['module']}.{job['name']} number {job['number']}", "called by no test"
+    command = [sys.executable, __file__, "--one", json.dumps(job)]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    words, _, outcome = done.stdout.strip().rpartition("\n")
+    if done.returncode == 0:
+        return words, outcome
+    return outcome or done.stderr.strip()[-200:], "noticed" if outcome else "no slip"  # one that Python cannot compile
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--count", type=int, default=300)
+    parser.add_argument("--seed", type=int, default=int(f"{datetime.date.today():%Y%m%d}"))
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--packages", default=",".join(PACKAGES))
+    parser.add_argument("--tests", default="tests", help="folder or file of the tests")
+    parser.add_argument("--seconds", type=float, default=120.0, help="after which the tests of a slip end")
+    parser.add_argument("--one", help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.one:
+        print(noticed(**json.loads(given.one))[1])
+        return 0
+    packages = tuple(given.packages.split(","))
+    code = {f.__code__: f for package in packages for f in functions(package)}
+    places = [(f, number) for f in code.values() for number in range(len(changes(f)))]
+    drawn = random.Random(given.seed).sample(places, min(given.count, len(places)))
+    called = callers(given.jobs, packages, given.tests)
+    jobs = [
+        {
+            "module": f.__module__, "name": f.__qualname__, "number": number, "seconds": given.seconds,
+            "tests": quick(called.get(place(f), []), given.seconds),
+        }
+        for f, number in drawn
+    ]  # fmt: skip
+    found: dict[str, list[str]] = {}
+    with multiprocessing.pool.ThreadPool(given.jobs) as pool:
+        for words, outcome in pool.imap_unordered(tried, jobs):
+            known = next((why for slip, why in HARMLESS.items() if words.startswith(slip)), None)
+            found.setdefault("harmless" if outcome == "survived" and known else outcome, []).append(words)
+    print(
+        f"{len(jobs)} slips of {len(places)} places, seed {given.seed}:", *(f"{len(v)} {k}," for k, v in found.items())
+    )
+    gaps = [f"{outcome}: {words}" for outcome in ("survived", "called by no test") for words in found.get(outcome, [])]
+    print(*sorted(gaps), sep="\n")
+    return 4 if gaps else 0
+
+
+def quick(tests: list[tuple[float, str]], seconds: float) -> list[str]:
+    """Tests, quick ones first, until half of the time that they may take is gone."""
+    total, chosen = 0.0, []
+    for each, test in tests:
+        total += each
+        if total > seconds / 2 and chosen:
+            break
+        chosen.append(test)
+    return chosen
+
+
+if __name__ == "__main__":
+    sys.exit(main())
