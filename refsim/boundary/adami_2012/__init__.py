@@ -13,12 +13,14 @@ from refsim.boundary.adami_2012 import operations as operations
 from refsim.core.capabilities import BringsWalls, FollowsScene, SumsDensity, having
 from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.energy import EnergyAccount
+from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.walls import WallViscosity
 from refsim.sph import LIQUID, lean, liquid_of
 
 WALL_PRESSURE = Field("wall_pressure", "Pa", "pressure of the wall particles, from the liquid", rows="walls")
 WALL_STRAIN = Field("wall_strain", "m^(2 dim)/s", "strain of the liquid at the wall particles", rows="walls")
+NO_SLIP = 2.0  # viscosities of the liquid with which it slips along walls by a tenth of a spacing (docs/solutions.md)
 LEAST_SHARE = 1e-3  # of a cell that a wall particle fills
 
 
@@ -31,11 +33,24 @@ class ParticleWalls(Effect, BringsWalls, FollowsScene, SumsDensity, frozen=True,
     if TYPE_CHECKING:  # parameters of each
         model: Literal["mirrored", "extrapolated"] | None
         viscosity: float
+        no_slip: bool
 
     def settled(self, others: Others) -> "ParticleWalls":
-        """Extrapolated, where no model is given, with a liquid whose density is advanced; else mirrored."""
-        advances = liquid_of(others).settled(others).advances()
-        return msgspec.structs.replace(self, model=self.model or ("extrapolated" if advances else "mirrored"))
+        """Extrapolated, where no model is given, with a liquid whose density is advanced; else mirrored.
+
+        Raises InputError where `no_slip` has no viscosity to follow.
+        """
+        liquid = liquid_of(others)
+        model = self.model or ("extrapolated" if liquid.settled(others).advances() else "mirrored")
+        if not self.no_slip:
+            return msgspec.structs.replace(self, model=model)
+        if self.viscosity > 0:
+            raise InputError(f"{self.name}: no_slip follows the liquid's viscosity; leave out its viscosity.")
+        if liquid.dynamic_viscosity == 0:
+            raise InputError(
+                f"{self.name}: no_slip needs a liquid with viscosity; give {liquid.name} a dynamic_viscosity."
+            )
+        return msgspec.structs.replace(self, model=model, viscosity=NO_SLIP * liquid.dynamic_viscosity, no_slip=False)
 
     def extrapolates(self) -> bool:
         return self.model == "extrapolated"

@@ -40,6 +40,7 @@ class BoxWalls(ParticleWalls, HasPlanes, HasErrata, frozen=True, kw_only=True):
                   extrapolated with an advanced density, else mirrored
     open_faces    faces without wall, of "-x", "+x", "-y", "+y", "-z", "+z"
     viscosity     mu_b of the friction between liquid and wall particles [Pa s]; 0 for free slip
+    no_slip       friction that holds the liquid at the wall: twice the liquid's viscosity
     moving_faces  faces that move in their own plane and drag the liquid by their friction
     velocity      of the moving faces [m/s]
     literal       readings of Akinci et al.: their own choice "g" (g = 1 in V_b, not calibrated); or "paper" or "all",
@@ -58,6 +59,7 @@ class BoxWalls(ParticleWalls, HasPlanes, HasErrata, frozen=True, kw_only=True):
     model: Literal["mirrored", "extrapolated"] | None = None
     open_faces: tuple[Face, ...] = ()
     viscosity: NotNegative = 0.0
+    no_slip: bool = False
     moving_faces: tuple[Face, ...] = ()
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     literal: Printed = ()
@@ -105,8 +107,7 @@ class BoxWalls(ParticleWalls, HasPlanes, HasErrata, frozen=True, kw_only=True):
             raise InputError(f"{self.name}: velocity has a z part in a 2D scene; set it to 0.")
         if self.moving_faces and self.viscosity == 0:
             raise InputError(
-                f"{self.name}: moving_faces drag the liquid by friction only; give a viscosity above 0, that of the"
-                " liquid say."
+                f"{self.name}: moving_faces drag the liquid by friction only; set no_slip, or give a viscosity above 0."
             )
         if any(self.velocity) and not self.moving_faces:
             raise InputError(f"{self.name}: a velocity is given and no face moves; name it in moving_faces.")

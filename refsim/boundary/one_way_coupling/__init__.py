@@ -66,6 +66,7 @@ class MeshBoundary(
                     the liquid, Adami et al.) or "mirrored" (boundary particles on the surface and below it, as in the
                     patent); by default extrapolated with an advanced density, else mirrored
     viscosity       mu_b of the friction between liquid and boundary particles [Pa s]; 0 for free slip
+    no_slip         friction that holds the liquid at the wall: twice the liquid's viscosity
     adhesion        beta [m^4/(kg s^2)], coefficient of the attraction by boundary particles; 0 for none
     correction      of particles that would enter the solid: "swept" (where their path enters it), "point" (where their
                     step ends, as printed) or "none"
@@ -98,6 +99,7 @@ class MeshBoundary(
     layers: int = 0
     model: Literal["mirrored", "extrapolated"] | None = None
     viscosity: NotNegative = 0.0
+    no_slip: bool = False
     adhesion: NotNegative = 0.0
     correction: Literal["swept", "point", "none"] = "swept"
     restitution: Share = 0.0
