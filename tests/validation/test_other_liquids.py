@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from validation.experiment import Options
-from validation.experiments.flows.runs import GHIA_U, GHIA_V
 from validation.experiments.other_liquids.runs import SOUND, judged, planned
-from validation.metrics.liquid import vortex
+from validation.metrics.liquid import GHIA_U, GHIA_V, vortex
 
 
 def lattice(cells):

@@ -17,7 +17,7 @@ import refsim
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, Run
 from validation.metrics.grid_flow import wall_pressure
-from validation.metrics.liquid import fitted
+from validation.metrics.liquid import centre_lines
 from validation.metrics.solutions import DEPTH, LENGTH, PERIOD, PROBE, SWAY, swaying_linear, swaying_potential
 from validation.results import Result
 from validation.running import Context, advance
@@ -26,17 +26,6 @@ DENSITY, GRAVITY = 1000.0, 9.81  # kg/m^2, m/s^2
 ARTIFICIAL = 0.02  # alpha of the artificial viscosity that has the kinematic viscosity of water that falls or sways
 REYNOLDS, SETTLED, MEAN = 100.0, 15.0, 1.0  # of the cavity; s until it is steady, s of the mean at the end
 
-# Ghia, Ghia & Shin, J. Comput. Phys. 48 (1982) 387, tables I and II, Re = 100: u/U over y at x = 1/2, v/U over x
-GHIA_U = (
-    (0.0547, -0.03717), (0.0625, -0.04192), (0.0703, -0.04775), (0.1016, -0.06434), (0.1719, -0.10150),
-    (0.2813, -0.15662), (0.4531, -0.21090), (0.5, -0.20581), (0.6172, -0.13641), (0.7344, 0.00332), (0.8516, 0.23151),
-    (0.9531, 0.68717), (0.9609, 0.73722), (0.9688, 0.78871), (0.9766, 0.84123),
-)  # fmt: skip
-GHIA_V = (
-    (0.0625, 0.09233), (0.0703, 0.10091), (0.0781, 0.10890), (0.0938, 0.12317), (0.1563, 0.16077), (0.2266, 0.17507),
-    (0.2344, 0.17527), (0.5, 0.05454), (0.8047, -0.24533), (0.8594, -0.22445), (0.9063, -0.16914), (0.9453, -0.10313),
-    (0.9531, -0.08864), (0.9609, -0.07391), (0.9688, -0.05906),
-)  # fmt: skip
 # Zhou, De Kat & Buchner, 7th Int. Conf. Numer. Ship Hydrodyn. (1999): pressure over rho g H at the sensor, of t
 # sqrt(g/H) (digitised by the TrixiParticles project). The sensor of 90 mm is printed around 0.16 m; Adami, Hu & Adams
 # (2012), after Greco (2001), Marrone et al. (2011) and TrixiParticles compare a pressure 45 mm lower with these data
@@ -77,18 +66,13 @@ def cavity(context: Context, cells: int, support: float, backend: str) -> Result
         ),
     )  # fmt: skip
     simulation = context.simulation(scene, backend)
-    up = np.array([(0.5, y) for y, _ in GHIA_U])
-    across = np.array([(x, 0.5) for x, _ in GHIA_V])
     seen: list[tuple[NDArray, NDArray]] = []
 
     def sample(simulation: refsim.Simulation, wall: float) -> None:
-        x, v = simulation.field("position")[:, :2], simulation.field("velocity")
-        reach = support * spacing
-        seen.append((fitted(up, x, v[:, 0], reach), fitted(across, x, v[:, 1], reach)))
+        seen.append((simulation.field("position")[:, :2], simulation.field("velocity")))
 
     advance(simulation, [SETTLED - MEAN + 0.1 * k for k in range(1 + round(MEAN / 0.1))], sample, context)
-    u, v = (np.mean(part, axis=0) for part in zip(*seen))
-    off = u - np.array(GHIA_U)[:, 1], v - np.array(GHIA_V)[:, 1]
+    (u, v), off = centre_lines(seen, support * spacing)
     values = {
         "kind": "cavity", "cells": cells, "support": support, "particles": simulation.count,
         "u_off": float(np.abs(off[0]).max()), "v_off": float(np.abs(off[1]).max()),
