@@ -147,3 +147,54 @@ def run_to(simulation: Simulation, time: float) -> None:
     """Step until this time is reached."""
     while simulation.time < time:
         simulation.step()
+
+
+def medians(function: Callable[[], Any], there: Backend, repeats: int) -> tuple[float, float]:
+    """(median, median deviation) of wall seconds of a call, after one that compiles."""
+    return middle(beside({"": function}, there, repeats)[""])
+
+
+def beside(programs: Mapping[str, Callable[[], Any]], there: Backend, turns: int) -> dict[str, list[float]]:
+    """Wall seconds of each call in each turn, after one call that compiles. In turns, because on shared cores the time
+    of one program says little beside that of another a second later."""
+    spent: dict[str, list[float]] = {name: [] for name in programs}
+    for turn in range(turns + 1):
+        for name, function in programs.items():
+            began = time.perf_counter()
+            function()
+            there.synchronize()
+            if turn:
+                spent[name].append(time.perf_counter() - began)
+    return spent
+
+
+def middle(spent: list[float]) -> tuple[float, float]:
+    """(median, median deviation)."""
+    found = float(np.median(spent))
+    return found, float(np.median(np.abs(np.array(spent) - found)))
+
+
+class EnergyWatch:
+    """Kinetic and potential energy over a run; `rise` is how far it ever came above the start's [J; J/m in 2D]."""
+
+    def __init__(self, simulation: Simulation, gravity: float = 9.81) -> None:
+        self.gravity, self.simulation = gravity, simulation
+        self.start, self.rise = self.of(simulation), 0.0
+
+    def of(self, simulation: Simulation) -> float:
+        mass, height = (simulation.field(name).astype(float) for name in ("mass", "position"))
+        return momenta(simulation)["kinetic_energy"] + self.gravity * float(mass @ height[:, 1])
+
+    def __call__(self, simulation: Simulation) -> None:
+        self.rise = max(self.rise, self.of(simulation) - self.start)
+
+    def run(self, until: float) -> str:
+        """Step and look every eighth time; why the run stopped, or ""."""
+        try:
+            while self.simulation.time < until:
+                self.simulation.step()
+                if self.simulation.steps % 8 == 0:
+                    self(self.simulation)
+        except RunStopped as stop:
+            return f"stopped: {stop.reason}"
+        return ""

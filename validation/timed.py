@@ -7,6 +7,7 @@ turning cube is the scene of the device's limits.
 from __future__ import annotations
 
 import functools
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,7 +17,9 @@ from typing import Any
 import numpy as np
 
 import refsim
+from refsim.backends import runtime
 from refsim.engine.binding import step_launches
+from refsim.engine.launching import ready
 from refsim.scene.plan import make_plan
 from refsim.study.memory import bytes_of
 from validation.running import take_steps
@@ -284,3 +287,73 @@ def neighbourhood(simulation: refsim.Simulation) -> tuple[int, float, float]:
         away = position[entries[: counts[i], column]] - position[i]
         within += int(((away**2).sum(1) < h * h).sum())
     return n, within / len(rows), float(counts.mean())
+
+
+def clock() -> tuple[Callable[[], Any], Callable[[Any, Any], float]]:
+    """(mark, seconds between two marks) on the device; on the host in the simulator."""
+    if runtime.simulated():
+        return time.perf_counter, lambda a, b: b - a
+    import cupy
+
+    def mark() -> Any:
+        event = cupy.cuda.Event()
+        event.record()
+        return event
+
+    def between(a: Any, b: Any) -> float:
+        b.synchronize()
+        return 1e-3 * float(cupy.cuda.get_elapsed_time(a, b))
+
+    return mark, between
+
+
+def steps(simulation: refsim.Simulation, warm: int, count: int) -> dict[str, list[float]]:
+    """Wall seconds of steps, those with a new neighbour list apart; every step waits for the device."""
+    take_steps(simulation, warm)
+    taken: dict[str, list[float]] = {"step": [], "step with a new list": []}
+    assert simulation.search is not None
+    for _ in range(count):
+        built = simulation.search.log.rebuilds
+        seconds = take_steps(simulation, 1)
+        taken["step with a new list" if simulation.search.log.rebuilds > built else "step"].append(seconds)
+    return taken
+
+
+def stages(simulation: refsim.Simulation, rebuilt: float, repeats: int = 20) -> dict[str, float]:
+    """Device seconds of every operation of a step, each timed alone; `rebuilt` is the share of steps with a new list.
+
+    Fields are put back after each, so that all see the same state.
+    """
+    from refsim.backends import device
+
+    mark, between = clock()
+    kept = {name: np.array(simulation.backend.host(values)) for name, values in simulation.fields.items()}
+    found: dict[str, float] = {}
+    forces = [(name, call) for name, rare, call in simulation.force_calls if not rare]
+    motion = [("sph.extremes", simulation.extremes_call), *simulation.motion_calls]
+    for name, call in [*simulation.begin_calls, *forces, *motion]:
+        repeated = device.Recorded(call)
+        repeated()  # compiles
+        repeated()  # records
+        first = mark()
+        for _ in range(repeats):
+            repeated()
+        last = mark()
+        simulation.backend.synchronize()
+        found[name] = between(first, last) / repeats
+        for field, values in kept.items():
+            simulation.backend.assign(simulation.fields[field], values)
+    began = time.perf_counter()
+    simulation.lists.invalidate()
+    ready(simulation)
+    simulation.backend.synchronize()
+    found["neighbours"] = rebuilt * (time.perf_counter() - began)
+    return found
+
+
+def list_seconds(taken: dict[str, list[float]], alone: float) -> float:
+    """Seconds a step for new lists: what steps with one take beyond the others; `alone` where one kind is missing."""
+    plain, renewed = taken["step"], taken["step with a new list"]
+    if not plain or not renewed:
+        return alone
+    return len(renewed) / (len(plain) + len(renewed)) * max(float(np.median(renewed) - np.median(plain)), 0.0)

@@ -39,7 +39,7 @@ def test_comments_docstrings_and_layout_do_not_count(module):
 
 def test_refsim_and_imports_of_validation_count_and_what_presents_does_not():
     behind = {file.relative_to(ROOT).as_posix() for file in results.modules_behind(Path(heat_runs.__file__))}
-    scene = "validation/experiments/heat/scene.py"
+    scene = "validation/metrics/heat.py"
     assert {"refsim/heat/kernels.py", "refsim/core/effect.py", "validation/running.py", scene} <= behind
     assert not any(place.startswith(("refsim/contract/", "refsim/render/", "validation/report")) for place in behind)
     assert results.sources_digest(dam_claims.__file__) != results.sources_digest(droplet_runs.__file__)

@@ -297,3 +297,21 @@ def surface(position: NDArray, spacing: float, radius: float) -> dict[str, Any]:
 def near_of(position: NDArray) -> float:
     """Nearest neighbour, 5th percentile [d]."""
     return float(np.quantile(nearest_neighbour_distance(position), 0.05))
+
+
+def lost(position: np.ndarray, force: np.ndarray) -> dict[str, float]:
+    """Sum of the forces over the sum of |f|, and of the torques over the sum of |x| |f|; position, force (n, 3)."""
+    length, torque = np.linalg.norm(force, axis=1), np.cross(position, force)
+    return {
+        "linear": float(np.linalg.norm(force.sum(0)) / length.sum()),
+        "angular": float(np.linalg.norm(torque.sum(0)) / (np.linalg.norm(position, axis=1) * length).sum()),
+    }
+
+
+def left_over(position: NDArray, force: NDArray) -> dict[str, float]:
+    """Sum of the forces and of their torques, each over the sum of the moduli; position, force (n, 3)."""
+    torque = np.cross(position, force)
+    return {
+        name: float(np.linalg.norm(each.sum(0)) / np.linalg.norm(each, axis=1).sum())
+        for name, each in (("linear", force), ("angular", torque))
+    }

@@ -135,3 +135,8 @@ def fragments(direct: np.ndarray) -> int:
     graph = coo_array((np.ones(len(node)), (node, direct[node, slot])), shape=(len(direct),) * 2)
     _, label = connected_components(graph, directed=False)
     return len(np.unique(label[there]))
+
+
+def pieces(position: NDArray, reach: float) -> NDArray[np.int64]:
+    """Sizes of the pieces of a cloud (n, 3) whose particles are nearer than `reach` [m], the largest first."""
+    return np.sort(np.bincount(groups(position, reach)))[::-1]

@@ -21,7 +21,7 @@ from validation.experiment import Experiment, Measure, Options, Results, Run, ea
 from validation.experiments.dong import scene as scenes
 from validation.experiments.droplet.runs import relaxed
 from validation.metrics import droplet
-from validation.metrics.droplet import oscillation, rayleigh_period, reach, roundness
+from validation.metrics.droplet import left_over, oscillation, rayleigh_period, reach, roundness
 from validation.metrics.shapes import LATTICES, lattice_ball
 from validation.metrics.spread import layers, seen_from_above
 from validation.results import Result, real
@@ -363,15 +363,6 @@ def forces(context: Context, seed: int, backend: str) -> Result:
         force = mass * (acceleration((effect,)) - pressure)
         found[name] = left_over(position, force)
     return Result(found)
-
-
-def left_over(position: NDArray, force: NDArray) -> dict[str, float]:
-    """Sum of the forces and of their torques, each over the sum of the moduli; position, force (n, 3)."""
-    torque = np.cross(position, force)
-    return {
-        name: float(np.linalg.norm(each.sum(0)) / np.linalg.norm(each, axis=1).sum())
-        for name, each in (("linear", force), ("angular", torque))
-    }
 
 
 def momentum(term: str, part: str) -> Measure:

@@ -19,8 +19,9 @@ from validation.checks import Checks, Quantities
 from validation.experiment import Experiment, Measure, Options, Results, Run, each, every
 from validation.experiments.droplet.scene import END_TIME, VARIANTS, droplet_scene, particles
 from validation.metrics import droplet
+from validation.metrics.droplet import lost
 from validation.metrics.shapes import lattice_ball
-from validation.metrics.spread import groups
+from validation.metrics.spread import pieces
 from validation.results import Result, real
 from validation.running import Context, advance, momenta, note, search_log, stage_seconds, until_stopped
 from validation.trials import Cell, Trial, at_step, hard_case, largest_stable, silent_up_to
@@ -181,15 +182,6 @@ def area_force(context: Context, count: int, seed: int, mode: str, backend: str)
     return Result(
         {"area": lost(position, force["corrected"] - force["none"]), "without": lost(position, force["none"])}
     )
-
-
-def lost(position: np.ndarray, force: np.ndarray) -> dict[str, float]:
-    """Sum of the forces over the sum of |f|, and of the torques over the sum of |x| |f|; position, force (n, 3)."""
-    length, torque = np.linalg.norm(force, axis=1), np.cross(position, force)
-    return {
-        "linear": float(np.linalg.norm(force.sum(0)) / length.sum()),
-        "angular": float(np.linalg.norm(torque.sum(0)) / (np.linalg.norm(position, axis=1) * length).sum()),
-    }
 
 
 def momentum(mode: str, force: str, part: str) -> Measure:
@@ -365,11 +357,6 @@ class Drop(NamedTuple):
     thrown: int  # particles that are not of the largest piece
     roughness: float
     near: float  # nearest neighbour, 5th percentile [d]
-
-
-def pieces(position: NDArray, reach: float) -> NDArray[np.int64]:
-    """Sizes of the pieces of a cloud (n, 3) whose particles are nearer than `reach` [m], the largest first."""
-    return np.sort(np.bincount(groups(position, reach)))[::-1]
 
 
 def settle(context: Context, backend: str, scene: Any, until: float) -> Drop:

@@ -11,13 +11,12 @@ import numpy as np
 
 from refsim import Ball, Box, BoxWalls, Gravity, Scene, Simulation, WeaklyCompressible
 from refsim.boundary.akinci_2012 import calibrated_factor, wall_kernel_sums
-from refsim.core.errors import RunStopped
 from refsim.core.walls import WallParticles
 from refsim.scene.plan import Plan, make_plan
 from validation.experiment import Experiment
 from validation.metrics.droplet import nearest_neighbour_distance
 from validation.results import Result
-from validation.running import Context, momenta
+from validation.running import Context, EnergyWatch, momenta
 from validation.trials import Cell, Trial, at_step, hard_case, largest_stable, silent_up_to
 
 SPACING, SUPPORT = 0.01, 0.026  # [m]
@@ -58,7 +57,7 @@ def collapse(trial: Trial, factor: float = 0.0, viscosity: float = 320.0 * SPACI
     step = factor * trial.start(scene).step().length if factor else 0.0
     simulation = trial.start(msgspec.structs.replace(scene, step=step))
     height = 2 * columns * SPACING
-    energy, potential = _Energy(simulation), GRAVITY * 0.5 * height
+    energy, potential = EnergyWatch(simulation), GRAVITY * 0.5 * height
     trial.advance(simulation, until=4 * math.sqrt(height / GRAVITY), watch=energy, every=4)
     share = energy.rise / (STABILITY_DENSITY * 2 * (columns * SPACING) ** 2 * potential)
     trial.check_unless_noted(
@@ -189,32 +188,6 @@ def _outside(simulation: Simulation) -> int:
     return stock(simulation)["outside_walls"]
 
 
-class _Energy:
-    """Kinetic and potential energy over a run; `rise` is how far it ever came above the start's [J; J/m in 2D]."""
-
-    def __init__(self, simulation: Simulation, gravity: float = GRAVITY) -> None:
-        self.gravity, self.simulation = gravity, simulation
-        self.start, self.rise = self.of(simulation), 0.0
-
-    def of(self, simulation: Simulation) -> float:
-        mass, height = (simulation.field(name).astype(float) for name in ("mass", "position"))
-        return momenta(simulation)["kinetic_energy"] + self.gravity * float(mass @ height[:, 1])
-
-    def __call__(self, simulation: Simulation) -> None:
-        self.rise = max(self.rise, self.of(simulation) - self.start)
-
-    def run(self, until: float) -> str:
-        """Step and look every eighth time; why the run stopped, or ""."""
-        try:
-            while self.simulation.time < until:
-                self.simulation.step()
-                if self.simulation.steps % 8 == 0:
-                    self(self.simulation)
-        except RunStopped as stop:
-            return f"stopped: {stop.reason}"
-        return ""
-
-
 # The map
 
 
@@ -228,7 +201,7 @@ def step_cell(context: Context, backend: str, state: str, kernels: str, viscosit
 
     def run(factor: float) -> tuple[str, float]:
         simulation = context.simulation(at_step(plan, factor), backend)
-        energy = _Energy(simulation)
+        energy = EnergyWatch(simulation)
         if stopped := energy.run(4 * math.sqrt(height / GRAVITY)):
             return stopped, math.inf
         limiter.update(simulation.limiters)
@@ -262,7 +235,7 @@ def viscosity_cell(context: Context, backend: str, scene: str, kernels: str, col
 
     def trouble(number: float) -> str:
         simulation = context.simulation(made(number), backend)
-        energy = _Energy(simulation, gravity=GRAVITY if scene == "tank" else 0.0)
+        energy = EnergyWatch(simulation, gravity=GRAVITY if scene == "tank" else 0.0)
         until = 1.0 if scene == "box" else 4 * math.sqrt(2 * columns * SPACING / GRAVITY)
         stopped = energy.run(until)
         context.started[:-1] = []

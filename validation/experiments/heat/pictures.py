@@ -12,8 +12,8 @@ from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VE
 from validation.experiment import Picture, Results
 from validation.experiments.heat import runs
 from validation.experiments.heat.runs import BEST
-from validation.experiments.heat.scene import SCHEMES
 from validation.metrics import heat as exact
+from validation.metrics.heat import SCHEMES
 from validation.results import floats
 
 COLOURS = {

@@ -18,10 +18,10 @@ from refsim.heat import kernels, pair_exchange
 from refsim.scene.plan import Plan, make_plan
 from validation.checks import Checks, Quantities
 from validation.experiment import Experiment, Measure, Options, Results, Run, each
-from validation.experiments.heat.scene import SCHEMES, SUPPORT, Conductor, cosine_slab, lattice
 from validation.experiments.melting.scene import SCALE
 from validation.experiments.melting.scene import STEP as PAPER_STEP
 from validation.metrics import heat as exact
+from validation.metrics.heat import SCHEMES, SUPPORT, Conductor, cosine_slab, lattice
 from validation.results import Result, real
 from validation.running import Context, take_steps
 from validation.trials import Cell, Trial, hard_case, largest_stable, unguarded

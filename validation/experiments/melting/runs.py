@@ -13,10 +13,8 @@ import numpy as np
 from scipy.spatial.distance import pdist
 
 import refsim
-from refsim.backends import runtime
 from refsim.backends.arrays import unavailable
 from refsim.core.operation import REGISTRY
-from refsim.engine.launching import ready
 from refsim.scene.solids import lattice_of
 from refsim.shape_matching.phases import EMPTY, FLUID, INTERIOR, SURFACE
 from validation.checks import Checks
@@ -27,6 +25,7 @@ from validation.metrics.droplet import mesh_volume, surface_mesh
 from validation.metrics.spread import fragments
 from validation.results import Result
 from validation.running import Context, momenta, note, search_log, stage_seconds, take_steps
+from validation.timed import list_seconds, stages, steps
 from validation.trials import Trial, hard_case
 
 PAPER = {"figure_4": ("35k + 5k", 22.5), "figure_5": ("48.5k + 12k", 35.7), "figure_6": ("40.5k + 20k", 42.3)}  # ms
@@ -313,76 +312,6 @@ def filling(context: Context, half_width: int = 2) -> Result:
 
 
 WARM, STEPS = 30, 200  # steps before the clock runs, and under it
-
-
-def clock() -> tuple[Callable[[], Any], Callable[[Any, Any], float]]:
-    """(mark, seconds between two marks) on the device; on the host in the simulator."""
-    if runtime.simulated():
-        return time.perf_counter, lambda a, b: b - a
-    import cupy
-
-    def mark() -> Any:
-        event = cupy.cuda.Event()
-        event.record()
-        return event
-
-    def between(a: Any, b: Any) -> float:
-        b.synchronize()
-        return 1e-3 * float(cupy.cuda.get_elapsed_time(a, b))
-
-    return mark, between
-
-
-def steps(simulation: refsim.Simulation, warm: int, count: int) -> dict[str, list[float]]:
-    """Wall seconds of steps, those with a new neighbour list apart; every step waits for the device."""
-    take_steps(simulation, warm)
-    taken: dict[str, list[float]] = {"step": [], "step with a new list": []}
-    assert simulation.search is not None
-    for _ in range(count):
-        built = simulation.search.log.rebuilds
-        seconds = take_steps(simulation, 1)
-        taken["step with a new list" if simulation.search.log.rebuilds > built else "step"].append(seconds)
-    return taken
-
-
-def stages(simulation: refsim.Simulation, rebuilt: float, repeats: int = 20) -> dict[str, float]:
-    """Device seconds of every operation of a step, each timed alone; `rebuilt` is the share of steps with a new list.
-
-    Fields are put back after each, so that all see the same state.
-    """
-    from refsim.backends import device
-
-    mark, between = clock()
-    kept = {name: np.array(simulation.backend.host(values)) for name, values in simulation.fields.items()}
-    found: dict[str, float] = {}
-    forces = [(name, call) for name, rare, call in simulation.force_calls if not rare]
-    motion = [("sph.extremes", simulation.extremes_call), *simulation.motion_calls]
-    for name, call in [*simulation.begin_calls, *forces, *motion]:
-        repeated = device.Recorded(call)
-        repeated()  # compiles
-        repeated()  # records
-        first = mark()
-        for _ in range(repeats):
-            repeated()
-        last = mark()
-        simulation.backend.synchronize()
-        found[name] = between(first, last) / repeats
-        for field, values in kept.items():
-            simulation.backend.assign(simulation.fields[field], values)
-    began = time.perf_counter()
-    simulation.lists.invalidate()
-    ready(simulation)
-    simulation.backend.synchronize()
-    found["neighbours"] = rebuilt * (time.perf_counter() - began)
-    return found
-
-
-def list_seconds(taken: dict[str, list[float]], alone: float) -> float:
-    """Seconds a step for new lists: what steps with one take beyond the others; `alone` where one kind is missing."""
-    plain, renewed = taken["step"], taken["step with a new list"]
-    if not plain or not renewed:
-        return alone
-    return len(renewed) / (len(plain) + len(renewed)) * max(float(np.median(renewed) - np.median(plain)), 0.0)
 
 
 def scene_named(name: str, size: float) -> refsim.Scene:

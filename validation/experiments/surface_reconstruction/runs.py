@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backends.arrays import Backend, choose, unavailable
+from refsim.backends.arrays import choose, unavailable
 from refsim.core.operation import REGISTRY
 from refsim.isosurface import Mesh
 from refsim.sparse_grid import nodes
@@ -24,7 +24,7 @@ from validation.experiments.surface_reconstruction.scene import RADII
 from validation.metrics.meshes import edge_counts, eigenvalues, neighbouring_facets, smallest_angles
 from validation.peers import in_turns, pysplashsurf
 from validation.results import Result, real
-from validation.running import Context, on_threads
+from validation.running import Context, beside, medians, middle, on_threads
 
 CELL = 1 / 32  # m
 RADIUS = 9.0  # of the sphere, in cells
@@ -136,31 +136,6 @@ def meshes(context: Context, backend: str) -> Result:
 
 
 # Time
-
-
-def medians(function: Callable[[], Any], there: Backend, repeats: int) -> tuple[float, float]:
-    """(median, median deviation) of wall seconds of a call, after one that compiles."""
-    return middle(beside({"": function}, there, repeats)[""])
-
-
-def beside(programs: Mapping[str, Callable[[], Any]], there: Backend, turns: int) -> dict[str, list[float]]:
-    """Wall seconds of each call in each turn, after one call that compiles. In turns, because on shared cores the time
-    of one program says little beside that of another a second later."""
-    spent: dict[str, list[float]] = {name: [] for name in programs}
-    for turn in range(turns + 1):
-        for name, function in programs.items():
-            began = time.perf_counter()
-            function()
-            there.synchronize()
-            if turn:
-                spent[name].append(time.perf_counter() - began)
-    return spent
-
-
-def middle(spent: list[float]) -> tuple[float, float]:
-    """(median, median deviation)."""
-    found = float(np.median(spent))
-    return found, float(np.median(np.abs(np.array(spent) - found)))
 
 
 def stages(context: Context, backend: str, counts: list[int], threads: int | None, repeats: int = 5) -> Result:
