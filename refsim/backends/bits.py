@@ -12,12 +12,19 @@ WORD = 64  # marks of a word
 
 def marked(marks: Any, first: Any) -> Any:
     """Bit k says whether marks[first + k] is not 0; `marks` is an array of bytes."""
-    return np.packbits(marks[int(first) : int(first) + WORD] != 0, bitorder="little").view(np.uint64)[0]
+    bits = np.uint64(0)
+    for k in range(WORD):
+        if marks[np.uint64(first) + np.uint64(k)] != 0:
+            bits |= np.uint64(1) << np.uint64(k)
+    return bits
 
 
 def lowest(bits: Any) -> Any:
     """The number of the lowest bit that is set; one is."""
-    return np.uint64((int(bits) & -int(bits)).bit_length() - 1)
+    number = np.uint64(0)
+    while (bits >> number) & np.uint64(1) == np.uint64(0):
+        number += np.uint64(1)
+    return number
 
 
 def _marked(context: Any, builder: ir.IRBuilder, signature: Any, values: Any) -> Any:

@@ -9,25 +9,23 @@ import atexit
 import functools
 import gc
 import inspect
-import linecache
 import os
 import pathlib
 import sys
-import types
 from collections.abc import Callable
 from typing import Any
 
 import numba
 from numba import njit
 
-from refsim.backends.cache import cache_folder, cached
+from refsim.backends import plain
+from refsim.backends.cache import cached
 from refsim.backends.launching import direct_launch, kinds_of
 from refsim.backends.linking import linked
 from refsim.backends.private import names, supported
 from refsim.backends.rows import over_rows
 from refsim.backends.runtime import simulated, stream
 from refsim.backends.threads import choose_layer
-from refsim.core.writing import write_once
 
 THREADS_PER_BLOCK = 128
 SIMULATED_THREADS = 8  # each is a Python thread
@@ -56,6 +54,7 @@ def formula(function: Callable, *, inlined: bool = False, ordered: bool = False)
     in every kernel: for what algebra would cancel.
     """
     exactly: dict[str, Any] = {"fastmath": False} if ordered else {}
+    function.ordered = ordered  # type: ignore[attr-defined]
     return overloaded(function, lambda *types: function, forceinline=inlined, **exactly)
 
 
@@ -131,6 +130,8 @@ def cpu_kernel(function: Callable, *, ordered: bool = False, packed: bool = Fals
 
 def _for_cpu(function: Callable, origin: tuple[str, str], ordered: bool, packed: bool) -> Any:
     flags = ANY_ORDER - {"reassoc"} if ordered else ANY_ORDER
+    if plain.chosen():
+        return plain.PlainKernel(function, origin, flags)
     dispatcher = njit(**supported(COMPILE_OPTIONS), fastmath=set(flags), nogil=True)(function)
     if hasattr(dispatcher, "compile"):
         _set_compiler(dispatcher, packed)
@@ -232,7 +233,14 @@ def {name}({arguments}):
     if i < {rows}.shape[0]:
         body(i, (lane, lanes), {arguments})
 """,
+    "plain": """\
+def {name}({arguments}):
+    i = cuda.grid(1)
+    if i < {rows}.shape[0]:
+        body(i, None, {arguments})
+""",
 }
+_LOOPS["plain"] = _LOOPS["cuda"]
 
 
 def on_device(array: Any) -> bool:
@@ -257,6 +265,7 @@ class Kernel:
         packed: bool = False, allocates: bool = False, fastmath: bool = False, registers: int | None = None,
     ) -> None:  # fmt: skip
         names = list(inspect.signature(function).parameters)
+        function.shown_as = f"{function.__name__}_of_row"  # type: ignore[attr-defined]
         # Counting references to arrays costs time in each row, and serves only bodies that make arrays.
         self.body = overloaded(function, lambda *types: function, forceinline=True, _nrt=allocates)
         self.arguments = names[2 if lanes else 1 :]
@@ -271,7 +280,7 @@ class Kernel:
         self._made: dict[str, Any] = {}
 
     def source(self, backend: str) -> str:
-        """The loop around the body on `backend`, "cpu" or "cuda", as Python."""
+        """The loop around the body on `backend`, "cpu" or "cuda", as Python; "plain" is a GPU's without lanes."""
         loops = _LOOPS_WITH_LANES if self.lanes else _LOOPS
         lanes = f"len({self.lanes}.lanes)" if isinstance(self.lanes, str) else self.lanes
         return loops[backend].format(
@@ -299,20 +308,17 @@ class Kernel:
 
     def _named(self, backend: str) -> dict[str, Any]:
         """What the loop names beside its arguments."""
-        return {"body": self.body, "over_rows": over_rows} | ({"cuda": _load_cuda()} if backend == "cuda" else {})
+        return {"body": self.body, "over_rows": over_rows} | ({} if backend == "cpu" else {"cuda": _load_cuda()})
+
+    def plain_wrapper(self, backend: str) -> Callable:
+        """The loop whose threads share no row, as `refsim.backends.written` takes it."""
+        return self._wrapper("plain" if backend == "cuda" else backend)
 
     def _wrapper(self, backend: str) -> Callable:
         """The loop as a function whose source is a file of the cache folder, where Numba's cache looks for it."""
-        text = self.source(backend)
-        module = types.ModuleType(f"{self.__module__}.{self.__name__}_{backend}")
         source = getattr(sys.modules[self.__module__], "__file__", None) or self.body.__code__.co_filename
-        path = pathlib.Path(cache_folder(pathlib.Path(source)), f"{self.__name__}_{backend}.py")
-        write_once(path, text)
-        linecache.cache[str(path)] = (len(text), None, text.splitlines(keepends=True), str(path))
-        module.__dict__.update(self._named(backend), __file__=str(path))
-        sys.modules[module.__name__] = module  # Numba's cache finds the globals of a kernel by its module's name
-        exec(compile(text, str(path), "exec"), module.__dict__)
-        function = module.__dict__[self.__name__]
+        module = f"{self.__module__}.{self.__name__}_{backend}"
+        function = plain.made(self.source(backend), self.__name__, pathlib.Path(source), module, self._named(backend))
         function.__doc__ = self.__doc__
         return function
 

@@ -28,6 +28,9 @@ def over_rows(body: Any, rows: int, arguments: tuple) -> None:
         body(i, *arguments)
 
 
+over_rows.written = "loop"  # type: ignore[attr-defined]
+
+
 def _looped(body: Any, rows: int, arguments: tuple) -> Any:
     def loop(body: Any, rows: int, arguments: tuple) -> None:
         for i in range(rows):

@@ -5,6 +5,7 @@ components of a vector are one read, of four neighbours at a time, and the loop 
 computes side by side.
 """
 
+import linecache
 import math
 from typing import Any
 
@@ -14,6 +15,11 @@ from numba import types
 from numba.extending import lower_builtin, type_callable
 
 AT_A_TIME = 128  # neighbours that are staged
+STAGED = """\
+def staged(entries, first, count, arrays, buffers):
+    size = min(count, np.uint64(AT_A_TIME))
+    for m in range(size):
+        j = entries[first + m]"""
 FOUR, WIDE = 4, 16  # neighbours that are read together, and that a loop computes together at most
 
 
@@ -34,6 +40,22 @@ def staged(entries: Any, first: Any, count: Any, arrays: tuple, buffers: tuple) 
     for column, part in zip(columns, buffers):
         part[: len(rows)] = column[rows]
     return len(rows)
+
+
+def _written(kinds: Any) -> Any:
+    """`staged` for kinds of `refsim.backends.written`: a loop over the rows."""
+    columns = [f"{n}][j{f', {c}' if kind.ndim == 2 else ''}" for n, kind in enumerate(kinds[3].parts)
+               for c in range(3 if kind.ndim == 2 else 1)]  # fmt: skip
+    lines = [f"        buffers[{k}][m] = arrays[{column}]" for k, column in enumerate(columns)]
+    text = "\n".join([STAGED, *lines, "    return size\n"])
+    path = f"<staged {columns}>"
+    linecache.cache[path] = (len(text), None, text.splitlines(keepends=True), path)
+    space = {"np": np, "AT_A_TIME": AT_A_TIME}
+    exec(compile(text, path, "exec"), space)
+    return space["staged"]
+
+
+staged.written = _written  # type: ignore[attr-defined]
 
 
 def _placed(context: Any, builder: ir.IRBuilder, signature: Any, values: Any) -> Any:

@@ -33,6 +33,7 @@ def entrywise(function):
             function(*(value[k] if isinstance(value, tuple) else value for value in values)) for k in range(length)
         )
 
+    every.entry = function
     return overloaded(every, for_length, forceinline=True)
 
 

@@ -1,4 +1,7 @@
-"""`refsim show OPERATION`: its equation, formula, reference and program, as they stand in the sources."""
+"""`refsim show OPERATION`: its equation, formula, reference and program, as they stand in the sources.
+
+With `--backend` it prints the program as a file of its own (`refsim.commands.printed`), where it is one loop over rows.
+"""
 
 import argparse
 import ast
@@ -10,11 +13,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from refsim.commands import CommandResult, command, takes
+from refsim.commands.printed import printed
 from refsim.core.checked import suggestion
 from refsim.core.errors import InputError
-from refsim.core.operation import REGISTRY, Operation, backend_of
-
-WRITTEN_ONCE = "kernels"  # the module whose bodies become the kernels of both backends
+from refsim.core.operation import REGISTRY, Operation
 
 
 @dataclass(frozen=True)
@@ -118,18 +120,15 @@ def describe(operation: Operation, program: str) -> dict[str, list[Source]]:
             source_of(*place) for place in called if place[0].startswith(operation.folder) and place[0] == module
         ],
     }
-    body = getattr(importlib.import_module(module), name) if entry.module == WRITTEN_ONCE else None
-    if body is not None and hasattr(body, "source"):
-        found["loop"] = [Source(module, name, 0, body.source(backend_of(program)).rstrip())]
     return found
 
 
 @command("show", "print equation, formula, reference and program of an operation")
 @takes("operation", help="its name, such as sph.momentum; `refsim list` names all")
-@takes("--backend", default="cpu", metavar="PROGRAM",
-       help="cpu, cuda, or another program of the operation (cuda:fused)")  # fmt: skip
+@takes("--backend", metavar="PROGRAM",
+       help="print the program (cpu, cuda, or another one of the operation) as a file that runs by itself")  # fmt: skip
 def execute(options: argparse.Namespace) -> CommandResult:
-    """Print the sources of one operation."""
+    """Print the sources of one operation, or one of its programs as a file that runs by itself."""
     operation = REGISTRY.get(options.operation)
     if operation is None:
         raise InputError(
@@ -137,21 +136,24 @@ def execute(options: argparse.Namespace) -> CommandResult:
             " all names."
         )
     programs = [name for name in operation.names() if name != "numpy"]
-    if options.backend not in programs:
-        raise InputError(f"{operation.name} has no program {options.backend!r}; choose one of {', '.join(programs)}.")
-    found = describe(operation, options.backend)
+    program = options.backend or "cpu"
+    if program not in programs:
+        raise InputError(f"{operation.name} has no program {program!r}; choose one of {', '.join(programs)}.")
+    about = {"operation": operation.name, "paper": operation.paper, "equation": operation.equation}
+    text = printed(operation, program) if options.backend else None
+    if text is not None:
+        return CommandResult(about | {"program": program, "file": text}, text.rstrip("\n"), verbatim=True)
+    found = describe(operation, program)
     headings = {
         "formulas": "Formulas",
         "equations": "Equations: the term of one pair, or what follows from the sums",
         "reference": "Reference: NumPy, all pairs, float64",
-        "program": "What one row does, for both backends" if "loop" in found else f"Program on {options.backend}",
+        "program": f"Program {program}",
         "helpers": "Helpers",
-        "loop": f"The loop around it that is made for {backend_of(options.backend)}",
     }
     lines = [operation.name, f"{operation.paper}: {operation.equation}"]
     for key, heading in headings.items():
         if found.get(key):
             lines += ["", f"## {heading}", *(f"\n{source}" for source in found[key])]
     data = {key: [asdict(source) for source in sources] for key, sources in found.items()}
-    about = {"operation": operation.name, "paper": operation.paper, "equation": operation.equation}
     return CommandResult(about | data, "\n".join(lines), verbatim=True)

@@ -41,9 +41,12 @@ from numba import types
 from refsim.backends import staging
 from refsim.backends.compile import formula, overloaded
 from refsim.backends.templates import filled_in
+from refsim.backends.written import NONE
 from refsim.neighbours.formulas import to_nearest_image
 from refsim.neighbours.pair_functions import (
     DISTANCE,
+    OTHER,
+    SCALAR,
     SEPARATION,
     VECTOR,
     fields_of,
@@ -57,8 +60,12 @@ from refsim.neighbours.rows import over_lanes, row_of
 
 HEAD = """\
 def sums(pair, i, lane, listed, places, box, {given}):
-    first, stride, count = row_of(listed, i, lane)
 """
+ROW = "    first, stride, count = row_of(listed, i, lane)\n"
+PLAIN_ROWS = {
+    "cpu": "for at in range(listed.start[i], listed.start[i] + listed.count[i]):",
+    "cuda": "for at in range(i, i + listed.count[i] * listed.count.shape[0], listed.count.shape[0]):",
+}
 LOOP = """\
     real = {real}
     {zeros}
@@ -153,23 +160,36 @@ def _neighbour_sum(pair: Any, i: Any, lane: Any, listed: Any, position: Any, per
     return _loop(pair.typing_key, listed.fields, near, tuple(map(kind_of, given)))
 
 
+def _written(kinds: Any) -> Callable:
+    """The loop for kinds of `refsim.backends.written`."""
+    pair: Any
+    listed: Any
+    pair, _, _, listed, position, _, *given = [None if kind == NONE else kind for kind in kinds]
+    kinds = tuple(kind and {1: SCALAR, 2: VECTOR}.get(getattr(kind, "ndim", 0), OTHER) for kind in given)
+    return _loop(pair.value, listed.names, position is not None, kinds, plain=True)
+
+
 overloaded(neighbour_sum, _neighbour_sum, forceinline=True)
+neighbour_sum.written = _written  # type: ignore[attr-defined]
 
 
 @functools.cache
-def _loop(pair: Callable, listed: tuple[str, ...], near: bool, kinds: tuple[str | None, ...]) -> Callable:
+def _loop(
+    pair: Callable, listed: tuple[str, ...], near: bool, kinds: tuple[str | None, ...], plain: bool = False
+) -> Callable:
     """The loop for a pair function, a list with these members, near neighbours or all, and arguments of these kinds."""
-    text, more = loop_source(pair, listed, near, given_to(pair, kinds))
-    path = f"<{pair.__module__}.{pair.__qualname__} {listed} {near} {kinds}>"
+    text, more = loop_source(pair, listed, near, given_to(pair, kinds), plain)
+    path = f"<{pair.__module__}.{pair.__qualname__} {listed} {near} {kinds} {plain}>"
     linecache.cache[path] = (len(text), None, text.splitlines(keepends=True), path)
     space: dict[str, Any] = {"terms_of": pair, "math": math, "row_of": row_of, "over_lanes": over_lanes}
     space |= {"to_nearest_image": to_nearest_image} | more
     exec(compile(text, path, "exec"), space)
+    space["sums"].shown_as = f"sum_of_{pair.__name__}"
     return space["sums"]
 
 
 def loop_source(
-    pair: Callable, listed: tuple[str, ...], near: bool, given: Mapping[str, str | None]
+    pair: Callable, listed: tuple[str, ...], near: bool, given: Mapping[str, str | None], plain: bool = False
 ) -> tuple[str, dict[str, Any]]:
     """The loop as Python, and what it calls beside what every loop does."""
     sums, held = range(terms(pair)), fields_of(pair, "ij")
@@ -184,14 +204,17 @@ def loop_source(
     if near and "rows" in listed:
         lines |= _packed_lines(pair, given)
         loop, more = NEAR + PACKED_LOOP, _packed_names()
-    elif near and "start" in listed and not held:
+    elif near and "start" in listed and not held and not plain:
         lines, words = lines | _staged_lines(pair, given, source), _staged_words(pair, given, source)
         loop, more = NEAR + STAGED_LOOP, {"staging": staging, "np": np}
     else:
         lines["theirs"] = [f"{name}_j = {entry_of(name, given[name], 'j')}" for name in fields_of(pair, "j")]
         lines["theirs"] += [f"{name}_ij = listed.{name}[at]" for name in held]
+    if plain:
+        rows = PLAIN_ROWS["cpu" if "start" in listed else "cuda"]
+        loop = loop.replace("for k in range(count):\n        at = first + k * stride", rows)
     text = filled_in(
-        HEAD + loop, lines, given=", ".join(given),
+        HEAD + ("" if plain else ROW) + loop, lines, given=", ".join(given),
         smoothing=other, real=f"listed.{held[0]}.dtype.type" if held else f"type({other})",
         source=source, totals=", ".join(f"over_lanes(s{n}, lane)" for n in sums), **words,
     )  # fmt: skip

@@ -55,6 +55,10 @@ class Smoothing(NamedTuple):
         """The same with a shape that the compiler knows: loops over neighbours have no branches and vectorise."""
         return self._replace(shape=(np.int32(0),) * int(self.shape))
 
+    def numbered(self) -> Smoothing:
+        """The same with the number of its shape, also of a `fixed` one."""
+        return self._replace(shape=int32(len(self.shape))) if isinstance(self.shape, tuple) else self
+
 
 def lattice(reach: int, dim: int) -> np.ndarray:
     """Points (k, dim) of the square or cubic lattice of spacing 1, up to `reach` along each axis; the last axis varies

@@ -14,6 +14,7 @@ import refsim as rs
 from refsim import contract, neighbours, sparse_grid
 from refsim.backends import arrays as backend
 from refsim.backends import runtime
+from refsim.commands.printed import printed
 from refsim.core.operation import REGISTRY, backend_of
 from refsim.core.period import period_group
 from refsim.engine.binding import step_launches
@@ -831,3 +832,16 @@ def test_a_third_partys_program_on_device_arrays_is_judged(share, holds):
     for outcome in contract.trials(returning, "sph.gravity", steps=("T1",)):
         assert not outcome.passed
         assert "your program adds nothing to acceleration" in outcome.words
+
+
+def test_printed_files_run_as_they_stand():
+    for name in ("sph.density", "sph.momentum", "surface_normal.color_gradient"):
+        spaces = {}
+        for target in ("cpu", "cuda"):
+            space = spaces[target] = {"__name__": "copied"}
+            exec(compile(printed(REGISTRY[name], target), name, "exec"), space)
+        kernel, given = spaces["cpu"][REGISTRY[name].function], spaces["cpu"]["example"]()
+        other, there = spaces["cuda"][REGISTRY[name].function], spaces["cuda"]["example"]()
+        kernel(*given)
+        other[1, 128](*there)
+        np.testing.assert_allclose(there[-1], given[-1], rtol=1e-5, atol=1e-5 * np.abs(given[-1]).max(), err_msg=name)

@@ -1,0 +1,92 @@
+"""The plain road on a CPU: kernels as `refsim show` prints them, compiled by Numba's public decorators alone.
+
+REFSIM_PLAIN=1 chooses it. It is also taken where this Numba lacks a private name that the fast road needs.
+"""
+
+import functools
+import hashlib
+import inspect
+import linecache
+import os
+import pathlib
+import sys
+import types
+from collections.abc import Callable, Iterable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+from refsim.backends.cache import cache_folder, cached
+from refsim.backends.written import is_fixed, kind_of, written
+from refsim.core.writing import write_once
+
+
+@functools.cache
+def chosen() -> bool:
+    """Whether this process takes the plain road."""
+    return os.environ.get("REFSIM_PLAIN", "0") not in ("", "0")
+
+
+def made(
+    text: str, name: str, source: pathlib.Path, module: str, space: Mapping[str, Any] = MappingProxyType({})
+) -> Any:
+    """The function of this name of a text, which becomes a file of the cache folder, where Numba's cache looks.
+
+    source  of the kernel; `space` is what the text names beside what it imports
+    """
+    path = pathlib.Path(cache_folder(source), f"{name}_{hashlib.sha256(text.encode()).hexdigest()[:8]}.py")
+    write_once(path, text)
+    linecache.cache[str(path)] = (len(text), None, text.splitlines(keepends=True), str(path))
+    place = types.ModuleType(f"{module}.{path.stem}")
+    place.__dict__.update(space, __file__=str(path))
+    sys.modules[place.__name__] = place  # Numba's cache finds the globals of a kernel by its module's name
+    exec(compile(text, str(path), "exec"), place.__dict__)
+    return place.__dict__[name]
+
+
+class PlainKernel:
+    """A kernel's plain loop, written and compiled for each sort of arguments: `refsim.backends.written`.
+
+    wrapper  the loop over rows; `origin` are module and name under which other processes find the kernel
+    """
+
+    def __init__(self, wrapper: Callable, origin: tuple[str, str], fast: Iterable[str]) -> None:
+        self.wrapper, self.origin, self.fast = wrapper, origin, tuple(fast)
+        self.__name__, self.__doc__, self.__wrapped__ = wrapper.__name__, wrapper.__doc__, wrapper
+        self.__signature__ = inspect.signature(wrapper)
+        self.programs: dict[Any, Any] = {}
+
+    def __call__(self, *values: Any) -> None:
+        program, given = self.program(values)
+        program(*given)
+
+    def program(self, values: tuple) -> tuple[Any, tuple]:
+        """The compiled loop for these values, and those that it takes."""
+        key = tuple(map(_key, values))
+        if key not in self.programs:
+            kinds = tuple(map(kind_of, values))
+            self.programs[key] = self.of(kinds), [k for k, kind in enumerate(kinds) if not is_fixed(kind)]
+        program, taken = self.programs[key]
+        return program, tuple([_passed(values[k]) for k in taken])
+
+    def of(self, kinds: tuple) -> Any:
+        """The compiled loop for arguments of these kinds."""
+        text = written(self.wrapper, dict(zip(self.__signature__.parameters, kinds)), "cpu", self.fast)
+        module = sys.modules[self.origin[0]]
+        source = pathlib.Path(getattr(module, "__file__", None) or self.wrapper.__code__.co_filename)
+        loop = made(text, self.wrapper.__name__, source, self.origin[0])
+        if hasattr(loop, "py_func"):
+            loop = cached(loop, loop.py_func, self.origin)
+            loop.kinds = kinds
+        return loop
+
+
+def _key(value: Any) -> Any:
+    """What tells sorts of arguments apart."""
+    if isinstance(value, tuple):
+        return (type(value), *map(_key, value))
+    return None if value is None else getattr(value, "ndim", 0)
+
+
+def _passed(value: Any) -> Any:
+    """A value as the loop takes it: Numba's parallel loops take no tuples of tuples."""
+    return value.numbered() if hasattr(value, "numbered") else value
