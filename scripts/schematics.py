@@ -20,6 +20,7 @@ sys.path.insert(0, str(ROOT))
 from refsim import smoothing  # noqa: E402
 from refsim.core.effect import Lattice  # noqa: E402
 from refsim.isosurface.table import edges, facets  # noqa: E402
+from refsim.shape_matching import operations  # noqa: E402
 from refsim.shape_matching import reference as matching  # noqa: E402
 from refsim.surface_detection import FanScan  # noqa: E402
 from refsim.surface_detection import operations as detection  # noqa: E402
@@ -218,11 +219,11 @@ def cut_body(side: tuple[int, int, int], melted: set[tuple[int, int]]) -> tuple[
     phase = np.array([matching.FLUID if (a, b) in melted else matching.SURFACE for a, b, _ in cell.tolist()])
     grid = Lattice(cell.astype(np.int32), np.arange(len(cell)), np.zeros(len(cell), np.int32), np.array([0, len(cell)]))
     row = np.arange(len(cell))
-    direct = matching.direct_neighbours(phase, row, grid)["direct"][0]
+    direct = operations.direct_neighbours(phase, row, grid)["direct"][0]
     count = np.zeros(len(cell), int)
     empty = np.full((len(cell), 125), matching.EMPTY)
-    region = matching.regions(direct, None, grid, empty, count)["region"][0]
-    return cell, direct, region, matching.classify(row, direct, phase)["phase"][0]
+    region = operations.regions(direct, None, grid, empty, count)["region"][0]
+    return cell, direct, region, operations.classify(row, direct, phase)["phase"][0]
 
 
 def regions() -> Any:

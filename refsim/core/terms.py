@@ -182,6 +182,22 @@ def outer(a, b):
     return Terms(a.value[..., :, None] * b.value[..., None, :], a.size[..., :, None] * b.size[..., None, :], 2)
 
 
+def cross(a, b):
+    """a x b of vectors."""
+    size = sum(np.roll(a.size, -k, -1) * np.roll(b.size, k, -1) for k in (1, 2))
+    return Terms(np.cross(a.value, b.value), size, 1)
+
+
+def transposed(m):
+    """m^T of matrices."""
+    return Terms(np.swapaxes(m.value, -1, -2), np.swapaxes(m.size, -1, -2), 2)
+
+
+def trace(m):
+    """tr m of matrices."""
+    return Terms(np.einsum("...aa", m.value), np.einsum("...aa", m.size))
+
+
 def determinant(m):
     """det m of matrices; its terms without their signs are its size."""
     a, b, c = (np.roll(m.size, -k, axis=-1) for k in range(3))
@@ -200,3 +216,8 @@ def least_eigenvalue(m):
     known = np.isfinite(m.value).all((-2, -1))
     found = np.linalg.eigvalsh(np.where(known[..., None, None], m.value, 0))[..., 0]
     return Terms(np.where(known, found, np.nan), np.trace(m.size, axis1=-2, axis2=-1))
+
+
+def certain(value):
+    """(value, margin) of what no rounding decides."""
+    return value, np.full(np.shape(value), np.inf)

@@ -19,7 +19,7 @@ from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.scalars import int32
-from refsim.heat import reference as reference
+from refsim.heat import operations as operations
 from refsim.heat.shapes import (
     MOST_PASSES,
     MUELLER,

@@ -16,7 +16,7 @@ from refsim.heat.kernels import (
     sweep,
     take_up,
 )
-from refsim.heat.reference import Body, Melting, Step
+from refsim.heat.operations import Body, Melting, Step
 from refsim.heat.shapes import ONE_ROUND, ROUNDS, Places, StageState, Substance, Tensors
 from refsim.heat.stages import (
     EXPLICIT,

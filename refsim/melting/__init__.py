@@ -12,7 +12,7 @@ from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.scalars import int32
 from refsim.heat import MELTING_POINT
-from refsim.melting import reference as reference
+from refsim.melting import operations as operations
 from refsim.shape_matching.phases import FLUID
 from refsim.sph import liquid_of
 

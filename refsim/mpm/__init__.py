@@ -29,7 +29,7 @@ from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.energy import EnergyAccount, EnergyState, amount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
-from refsim.mpm import reference as reference
+from refsim.mpm import operations as operations
 from refsim.mpm.grid import Background, MpmGrid
 from refsim.mpm.limits import FARTHEST
 from refsim.mpm.step import Step

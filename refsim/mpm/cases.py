@@ -36,7 +36,7 @@ from refsim.mpm import (
     Recounting,
     ViscousStress,
     WallNodes,
-    reference,
+    operations,
 )  # fmt: skip
 from refsim.mpm.formulas import IMAGED_ROWS
 from refsim.mpm.grid import SLACK, Background, MpmGrid
@@ -182,9 +182,9 @@ def _samples(inputs, name):
 
 @derived(*EMBEDDED)
 def _embedded(inputs, name):
-    """The embedded points of the reference."""
+    """The embedded points of the operations."""
     given = [inputs[n] for n in ("position", "surface_sample", "sample_owner", "background")]
-    value = reference.embed(*given)[name][0]
+    value, _ = operations.embed(*given)[name]
     return value.astype(np.int32 if name in ("carrier_first", "carrier_owner") else inputs.dtype)
 
 
@@ -193,7 +193,7 @@ def _grid(inputs, name):
     """Blocks for the particles, their samples and embedded points."""
     grid = MpmGrid(inputs.case.dim, inputs.dtype, 2 * inputs.case.spacing)
     sets = [inputs[n] for n in ("position", "carrier_position", "surface_sample")]
-    cell = reference.cells(*sets, grid)["cell"][0].astype(np.int32)
+    cell = operations.cells(*sets, grid)["cell"][0].astype(np.int32)
     return grid if name == "grid" else cell
 
 
@@ -251,7 +251,7 @@ def alone(dim: int, where: tuple = (2.0, 2.0, 2.0), samples: np.ndarray | None =
     made = at(f"alone_{dim}d", position, dim=dim)
     grid = MpmGrid(dim, "float64", 2.0)
     none = np.zeros((0, 3)) if samples is None else samples
-    reference.cells(position, none, none, grid)
+    operations.cells(position, none, none, grid)
     background = MpmLiquid(bulk_modulus=1.0, cell_size=2.0).background(made.grid("float64"))
     return made, grid, background
 
@@ -291,7 +291,7 @@ def first_cells():
     position = np.array([[2.0, 2.0, 2.0], [4.0, 2.0, 2.0], [2.0, 4.5, 2.0], [2.5, 1.5, 8.9]])
     made = at("first_cells", position)
     given = {"grid": MpmGrid(3, "float64", 2.0), "carrier_position": None, "surface_sample": None}
-    reference.cells(position, None, None, given["grid"])
+    operations.cells(position, None, None, given["grid"])
     return Exact(made, given, {"cell": [0, 1, 4, 48]})
 
 
@@ -302,7 +302,7 @@ class Outgrown(MpmGrid):
         grid = super().on_backend(backend)
         if backend.name not in SLACK:
             first = MpmGrid(self.dim, self.dtype, self.cell_size)
-            reference.cells(self._located["particles"][:1], None, None, first)
+            operations.cells(self._located["particles"][:1], None, None, first)
             grid.blocks, grid.complete = first.blocks, first.complete
         return grid
 
@@ -321,7 +321,7 @@ def first_blocks(dim: int, node: list, cell: list) -> Exact:
     position = 2.0 * (np.array(node) + 1.0) * (np.arange(3) < dim)
     made = at(f"first_blocks_{dim}d", position, dim=dim)
     given = {"grid": Outgrown(dim, "float64", 2.0), "carrier_position": None, "surface_sample": None}
-    reference.cells(position, None, None, given["grid"])
+    operations.cells(position, None, None, given["grid"])
     return Exact(made, given, {"cell": np.array(cell)})
 
 
@@ -642,7 +642,7 @@ def edges_on_a_node(lines: np.ndarray):
     """
     made, grid, _ = alone(3)
     place, inverse = np.repeat(made.position, len(lines), axis=0), 0.5
-    cell = reference.cells(place, np.zeros((0, 3)), np.zeros((0, 3)), grid)["cell"][0].astype(np.int32)
+    cell = operations.cells(place, np.zeros((0, 3)), np.zeros((0, 3)), grid)["cell"][0].astype(np.int32)
     first = np.searchsorted(cell, np.arange(grid.nodes + 1)).astype(np.int32)
     given = {
         "sample_position": place, "sample_line": lines, "blocks": grid.blocks,

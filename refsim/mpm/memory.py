@@ -6,7 +6,7 @@ import numpy as np
 
 from refsim.backends.arrays import Backend
 from refsim.backends.runtime import simulated
-from refsim.mpm import reference
+from refsim.mpm import operations
 from refsim.mpm.grid import NODES, MpmGrid
 
 EACH_TABLE = {2: 9, 3: 27}  # neighbours of a block
@@ -22,7 +22,7 @@ def blocks_at(position: np.ndarray, dim: int, dtype: str, cell_size: float, back
     """Blocks that a grid of `cell_size` [m] makes for particles at `position` (n, 3) [m]."""
     grid = MpmGrid(dim, dtype, cell_size, Backend("numpy"))
     place = np.asarray(position, dtype=dtype)
-    return grid.count_blocks(reference.block_keys(place, grid.inverse_cell, dim), backend)
+    return grid.count_blocks(operations.block_keys(place, grid.inverse_cell, dim), backend)
 
 
 def grid_bytes(

@@ -20,7 +20,7 @@ from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import PLACE, Field
 from refsim.core.scalars import int32
-from refsim.shape_matching import reference as reference
+from refsim.shape_matching import operations as operations
 from refsim.shape_matching.boxes import boxes_of
 from refsim.shape_matching.phases import FLUID, SURFACE
 from refsim.shape_matching.shape import apart, widest_stretch

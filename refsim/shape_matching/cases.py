@@ -7,7 +7,7 @@ import numpy as np
 from refsim.core import cases
 from refsim.core.cases import VARIATIONS, Case, Exact, Variation, at, closed_form, groups, hard_input, particles, takes
 from refsim.scene.solids import lattice_of
-from refsim.shape_matching import Matching, ShapeMatching, floors, reference
+from refsim.shape_matching import Matching, ShapeMatching, floors, operations
 from refsim.shape_matching.boxes import boxes_of
 
 cases.example(
@@ -49,10 +49,10 @@ def tables(case):
     place = np.arange(case.count)
     phase = np.asarray(_phase(case))
     before = np.where(random.random(case.count) < 0.1, 0, 1)
-    direct = reference.direct_neighbours(phase, place, made)["direct"][0].astype(np.int32)
-    older = reference.direct_neighbours(before, place, made)["direct"][0]
+    direct = operations.direct_neighbours(phase, place, made)["direct"][0].astype(np.int32)
+    older = operations.direct_neighbours(before, place, made)["direct"][0]
     empty = np.full((count, (2 * half_width(case) + 1) ** 3), -1)
-    found = reference.regions(older, None, made, empty, np.zeros(count, int))
+    found = operations.regions(older, None, made, empty, np.zeros(count, int))
     return made, direct, found["region"][0].astype(np.int32), found["region_count"][0].astype(np.int32)
 
 

@@ -8,7 +8,7 @@ import pytest
 from refsim import Box, Cloud, HeatConduction, InputError, RunStopped, Scene, Simulation, load_scene, make_plan
 from refsim.engine import launching
 from refsim.engine.stock import stock
-from refsim.heat import reference
+from refsim.heat import operations
 from tests.running import advanced
 from validation.experiments.heat import runs
 from validation.metrics import heat as exact
@@ -85,7 +85,7 @@ def test_explicit_conduction_keeps_its_range_at_the_runners_own_step(kind, melts
         assert values.min() >= -10 - 1e-4
         assert values.max() <= 50 + 1e-4
     of_particles = (simulation.field(k) for k in ("position", "mass", "volume", "heat_capacity", "conductivity"))
-    rates = reference.exchange_rate(
+    rates = operations.exchange_rate(
         *of_particles, simulation.field("reservoir") if melts else None, simulation.field("compensation_x"),
         simulation.field("compensation_rest"), simulation.plan.parameters["heat_conduction"]["conduction"], None,
     )["exchange_rate"][0]  # fmt: skip

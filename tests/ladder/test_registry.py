@@ -30,7 +30,7 @@ IMPORT_SECONDS = 0.3
 JUDGES = ("reference", "operations")  # modules: equations; what registers them and sums
 IMPORTED = {  # by them, beside each other, numpy and math
     "reference": ("typing", "refsim.core.operation", "refsim.core.terms"),
-    "operations": ("refsim.core.operation", "refsim.core.terms", "refsim.neighbours.sums"),
+    "operations": ("typing", "refsim.core.operation", "refsim.core.terms", "refsim.neighbours.sums"),
 }
 UNIT = re.compile(r"\[[^\]]*\]|dimensionless|flags?\b", re.IGNORECASE)
 EQUATION = re.compile(r"=|[<>]|\bsum_|\b[A-Z]\(\d+\)")

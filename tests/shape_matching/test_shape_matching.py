@@ -9,14 +9,14 @@ import refsim as rs
 from refsim import make_plan
 from refsim.core.operation import REGISTRY
 from refsim.scene.solids import lattice_of
-from refsim.shape_matching import Matching, floors, reference
+from refsim.shape_matching import Matching, floors, operations, reference
 from refsim.shape_matching.boxes import boxes_of
 from tests.running import advanced
 
 
 # Rotations
 def rotation_matrix(q):
-    return reference._matrix(q)
+    return reference.turn(q)
 
 
 def quaternion(axis, degrees):
@@ -38,8 +38,8 @@ def matched(position, cells, before=(1.0, 0.0, 0.0, 0.0), dtype="float64", width
     x = np.ascontiguousarray(np.array(position, dtype=dtype)[order])
     n = len(x)
     place, phase = np.arange(n, dtype=np.int32), np.ones(n, np.int32)
-    direct = reference.direct_neighbours(phase, place, made)["direct"][0]
-    region = reference.regions(direct, None, made, np.zeros((n, (2 * width + 1) ** 3), int), np.zeros(n, int))
+    direct = operations.direct_neighbours(phase, place, made)["direct"][0]
+    region = operations.regions(direct, None, made, np.zeros((n, (2 * width + 1) ** 3), int), np.zeros(n, int))
     region = region["region"][0].astype(np.int32)
     share = np.ones(n, dtype)
     rotation = np.ascontiguousarray(np.tile(before, (n, 1)).astype(dtype))
@@ -133,7 +133,7 @@ def test_collapsed_regions_turn_as_the_reference_says(name, program, dtype):
             "region_center": np.zeros((343, 3), dtype), "region_anchor": np.zeros((343, 3), dtype),
             "rotation": np.tile(q if trial % 2 else [0.5, 0.5, -0.5, 0.5], (343, 1)).astype(dtype),
         }  # fmt: skip
-        expected = reference.match(*(given[k] for k in ("solid_position", "region_share", "region")), matching,
+        expected = operations.match(*(given[k] for k in ("solid_position", "region_share", "region")), matching,
                                    given["rotation"])["rotation"][0][s]  # fmt: skip
         operation = REGISTRY["shape_matching.match"]
         operation.program(program)(*(given[k] for k in operation.arguments(program)))

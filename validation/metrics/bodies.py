@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim import Simulation
-from refsim.mpm.reference import SYMMETRIC
+from refsim.mpm.operations import SYMMETRIC
 from validation.metrics.droplet import inertia_anisotropy
 from validation.running import note
 

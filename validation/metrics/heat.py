@@ -20,7 +20,7 @@ from refsim.core.effect import Discretisation
 from refsim.core.operation import REGISTRY
 from refsim.core.period import period_group
 from refsim.heat import HeatConduction, enthalpy_of
-from refsim.heat.reference import Body, Step
+from refsim.heat.operations import Body, Step
 from refsim.heat.shapes import lattice_sum
 from refsim.heat.stages import chebyshev_passes, first_legendre_stages, legendre_stages
 from refsim.neighbours.rows import NeighbourColumns, NeighbourRows
