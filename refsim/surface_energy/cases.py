@@ -12,7 +12,7 @@ from refsim.isosurface.cases import cell_size, extraction
 from refsim.sparse_grid import Blocks, SparseGrid, nodes
 from refsim.sparse_grid.reference import node_table
 from refsim.sparse_grid.tables import blocks_of, keys_at
-from refsim.surface_energy import Dice, SurfaceTerm, Tension, reference, surface_term
+from refsim.surface_energy import Dice, SurfaceTerm, Tension, operations, reference, surface_term
 from refsim.surface_energy.effect import SurfaceEnergy
 
 cases.example(
@@ -61,7 +61,7 @@ def reconstruction(name: str, dtype: str) -> dict:
 
     def work_out(function, *names, **given):
         scope = {**before, **found, **given}
-        answer = getattr(reference, function)(*(scope[n] for n in names))
+        answer = getattr(operations, function)(*(scope[n] for n in names))
         return {n: v.astype(dtype) if v.dtype.kind == "f" else v.astype(np.int32) for n, (v, _) in answer.items()}
 
     found |= work_out("facet_samples", "vertex_position", "facets")

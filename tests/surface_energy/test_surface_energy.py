@@ -10,7 +10,7 @@ from refsim import Cloud, MpmLiquid, MpmWalls, Scene, Simulation, SurfaceEnergy
 from refsim.backends.arrays import Backend, on_threads
 from refsim.core.errors import InputError, RunStopped
 from refsim.sparse_grid.reference import node_table
-from refsim.surface_energy import Tension, reference
+from refsim.surface_energy import Tension, operations
 from refsim.surface_energy.reconstruction import Reconstruction
 from refsim.surface_energy.reference_reconstruction import ReferenceReconstruction
 from tests.running import advanced
@@ -112,7 +112,7 @@ def fit_matrix(made, surface):
     """(B, dense, on its active columns; b; points [m]; active nodes) of a surface's fit."""
     offset = made.term.offset * made.term.cell_size * surface.offset_direction
     points = np.vstack([surface.sample_place, surface.sample_place + offset])
-    row, node, weight = reference._matrix(points, surface.blocks, made.term)
+    row, node, weight = operations.matrix(points, surface.blocks, made.term)
     active, column = np.unique(node[weight > 0], return_inverse=True)
     matrix = np.zeros((len(points), len(active)))
     matrix[row[weight > 0], column] = weight[weight > 0]

@@ -94,7 +94,7 @@ def fit_system(
     """(B as a sparse matrix of its active columns, b, active nodes, surface) of a particle cloud's fit."""
     from scipy.sparse import csr_array
 
-    from refsim.surface_energy.reference import _matrix
+    from refsim.surface_energy.operations import matrix
 
     place = scene.cloud("sphere", radius, seed, dim)
     made, surface, _ = reconstruct(place, "cpu", dim=dim, inset=-1.0, **parameters)
@@ -102,7 +102,7 @@ def fit_system(
     points = np.vstack(
         [surface.sample_place, surface.sample_place + float(made.term.offset) * h * surface.offset_direction]
     )
-    row, node, weight = _matrix(points, surface.blocks, made.term)
+    row, node, weight = matrix(points, surface.blocks, made.term)
     row, node, weight = (a[weight > 1e-12] for a in (row, node, weight))
     active, column = np.unique(node, return_inverse=True)
     goal = np.repeat([0.0, float(made.term.offset)], len(points) // 2)
