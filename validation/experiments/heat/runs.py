@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim import Box, Cloud, HeatConduction, Scene, Simulation
+from refsim import Box, HeatConduction, Scene, Simulation
 from refsim.core.errors import InputError, RunStopped
 from refsim.engine.stock import stock
 from refsim.heat import kernels, pair_exchange
@@ -65,39 +65,6 @@ def slab(context: Context, scheme: str) -> Result:
         profiles[f"profile_{number:g}"] = slab.temperature.reshape(LENGTH, -1).mean(1)
         context.progress((share + 1) / len(NUMBERS))
     return Result({"scheme": scheme, "rows": rows}, profiles)
-
-
-# A bar whose sides are free
-
-
-def bar(context: Context, across: tuple[int, ...], scheme: str, cells: int = LENGTH) -> Result:
-    """Half a cosine along an insulated bar of so many rows (by so many): its decay over the exact one, less 1 [%].
-
-    k dt/(rho c d^2) = 0.1. Also the largest change of the heat, relative.
-    """
-    axes = [np.arange(n) + 0.5 for n in (cells, *across)]
-    x = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
-    mode, wave = np.cos(math.pi * x[:, 0] / cells), math.pi / cells
-    heat = HeatConduction(
-        temperature=tuple(50 + 50 * mode), conductivity=1.0, heat_capacity=1.0, density=1.0, scheme=scheme
-    )
-    fluid = (Cloud(position=np.pad(x, ((0, 0), (0, 3 - len(axes))))),)
-    simulation = context.simulation(
-        Scene(
-            dim=len(axes), spacing=1.0, support_radius=SUPPORT, step=0.1, dtype="float64", fluid=fluid, effects=(heat,)
-        ),
-        "cpu",
-    )
-    first, change = simulation.field("temperature"), 0.0
-    for _ in range(100):
-        simulation.step()
-        now = simulation.field("temperature")
-        change = max(change, abs(math.fsum(now) / math.fsum(first) - 1))
-    rate = -math.log(float(mode @ (now - 50)) / float(mode @ (first - 50))) / (simulation.time * wave**2)
-    return Result({"across": across, "error": 100 * (rate - 1), "drift": change})
-
-
-BARS = {"1": (1,), "2": (2,), "3": (3,), "6": (6,), "20": (20,), "2x2": (2, 2), "8x8": (8, 8), "1x8": (1, 8)}
 
 
 # Orders of convergence
@@ -723,8 +690,6 @@ def planned(options: Options) -> list[Run]:
         *(Run(f"slab_{name}", slab, {"scheme": name}, 40.0 if name == "pair_exchange" else 4.0,
               "" if name in fast else slow) for name in JUDGED_PLAIN),
         *(Run(f"step_{name}", order_in_step, {"scheme": name}, 5.0, slow) for name in JUDGED_PLAIN),
-        *(Run(f"bar_{name}", bar, {"across": across, "scheme": "explicit"}, 1.0) for name, across in BARS.items()),
-        *(Run(f"bar_3_{name}", bar, {"across": (3,), "scheme": name}, 1.0) for name in (BEST, "conjugate_gradient")),
         Run("spacing", order_in_spacing, {}, 4.0),
         *(Run(f"sphere_{name}", sphere, {"scheme": name, **ball}, 8.0, slow)
           for name in JUDGED_PLAIN if name != "one_sided"),
@@ -780,9 +745,6 @@ def checks(results: Results, check: Checks) -> None:
         drift = "slab_drift" if name in KEEPING else "drift"
         check.run(results, f"slab_{name}", {drift: lambda v: max(abs(real(row["drift"])) for row in v["rows"])}, name,
                   SCHEMES[name])  # fmt: skip
-    for name in (*BARS, f"3_{BEST}", "3_conjugate_gradient"):
-        off: Quantities = {"bar_error": lambda v: abs(real(v["error"])), "bar_drift": "drift"}
-        check.run(results, f"bar_{name}", off, name, f"{name.replace('_', ' rows, ')}")
     check.run(results, "spacing", {"order_in_spacing": lambda v: order_of(v["rows"])})
     for name in JUDGED_PLAIN:
         order: Quantities = {f"order_{name}": lambda v, name=name: order_of(v["rows"])}
