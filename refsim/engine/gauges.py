@@ -17,8 +17,8 @@ from refsim.core.walls import WallParticles, liquid_with_list
 from refsim.engine.launching import bring, launch_pass, ready
 from refsim.engine.state import State
 from refsim.engine.wall_forces import FRICTION, WallForces, taken
-from refsim.gauges import Gauge, GaugeSeries, due
-from refsim.gauges.places import Points, crossing, points_of, shares_of_faces
+from refsim.gauges import Gauge, GaugeSeries, Sampled, due
+from refsim.gauges.checks import shares_of_faces
 from refsim.neighbours.reference import pair_blocks
 from refsim.scene.plan import Plan
 from refsim.smoothing.reference import kernel_value
@@ -43,15 +43,10 @@ class Gauges:
         self.gauges: tuple[Gauge, ...] = plan.scene.gauge
         self.dim = plan.grid.dim
         self.rows: list[list[list[float]]] = [[] for _ in self.gauges]
-        self.points: dict[int, Points] = {}
-        self.slices: dict[int, slice] = {}
-        count = 0
-        for k, gauge in enumerate(self.gauges):
-            if gauge.kind != "force":
-                self.points[k] = points = points_of(gauge, plan.grid)
-                self.slices[k] = slice(count, count + len(points.place))
-                count += len(points.place)
-        self.places = np.concatenate([p.place for p in self.points.values()]) if self.points else np.zeros((0, 3))
+        self.points = [gauge.points(plan.grid) for gauge in self.gauges]
+        ends = np.cumsum([len(points.place) for points in self.points])
+        self.slices = [slice(end - len(points.place), end) for points, end in zip(self.points, ends)]
+        self.places = np.concatenate([points.place for points in self.points])
         self.shares: dict[int, tuple[Share, ...]] = {}
         self._listed_at = -1
         self.walls = WallForces(run)
@@ -79,31 +74,23 @@ class Gauges:
                 self._measure(run, wanted)
 
     def _measure(self, run: State, wanted: list[int]) -> None:
-        kinds = {self.gauges[k].kind for k in wanted}
-        bodies = [k for k in wanted if self.gauges[k].on.startswith("solid")]
-        needed: set[str] = {"position"}
-        if "pressure" in kinds:
-            needed |= {"density", "pressure"}
-        for k in wanted:
-            if self.gauges[k].kind == "force" and k not in bodies:
-                needed |= {name for share in self._shares(run, k) for _, p in share.passes for name in p.reads}
-        if bodies:
-            needed.add("acceleration")
+        needs = {self.gauges[k].does.needs for k in wanted}
+        forces = [k for k in wanted if self.gauges[k].does.needs == "force"]
+        bodies = [k for k in forces if self.gauges[k].on.startswith("solid")]
+        fields = {"position", *(("density", "pressure") if "pressure" in needs else ())}
+        fields |= {"acceleration"} if bodies else set()
+        for k in set(forces) - set(bodies):
+            fields |= {name for share in self._shares(run, k) for _, p in share.passes for name in p.reads}
         ready(run)
-        bring(run, needed)
-        pressure = self._pressure(run) if "pressure" in kinds else np.zeros(0)
-        fill, flow = self._sample(run) if kinds & {"level", "flux"} else (np.zeros(0), np.zeros((0, 3)))
+        bring(run, fields)
+        pressure = self._pressure(run) if "pressure" in needs else np.zeros(0)
+        fill, flow = self._sample(run) if needs & {"fill", "flow"} else (np.zeros(0), np.zeros((0, 3)))
         for k in wanted:
-            gauge, own = self.gauges[k], self.slices.get(k)
-            if gauge.kind == "force":
+            gauge, own = self.gauges[k], self.slices[k]
+            if k in forces:
                 values = self._body(run, gauge) if k in bodies else self._wall(run, k)
-            elif gauge.kind == "pressure":
-                values = [float(pressure[own].mean())]
-            elif gauge.kind == "level":
-                axis = self.points[k].axis
-                values = [crossing(self.points[k].place[:, axis], fill[own])]
             else:
-                values = [float(flow[own][:, self.points[k].axis].sum() * self.points[k].area)]
+                values = gauge.does.read(self.points[k], Sampled(pressure[own], fill[own], flow[own]))
             self.rows[k].append([run.time, *values])
 
     # At points

@@ -1,6 +1,7 @@
 """Gauges: what a scene measures while it runs, each as a series in time.
 
-What a run does with them is `refsim.engine.gauges`, where they may stand is `refsim.gauges.places`.
+A kind is a class here, which says what it takes, needs and gives. What a run does with them is `refsim.engine.gauges`,
+where they may stand is `refsim.gauges.checks`.
 """
 
 import csv
@@ -8,28 +9,24 @@ import io
 import math
 import os
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from refsim.core.checked import Checked, NotNegative, given_keys, suggestion
+from refsim.core.effect import Discretisation
 from refsim.core.errors import InputError
 from refsim.core.extras import extra
 from refsim.core.fields import Field
 from refsim.core.writing import write_file
 from refsim.gauges import operations as operations
+from refsim.gauges.places import Places, Points, Vector, crossing, line, patch, point
 
-Vector = tuple[float, float, float]
 FILL = Field("fill", "-", "share of the space around a point that the liquid fills", rows="walls")
 FLOW = Field("flow", "m/s", "volume of liquid that passes a point, per time and area", 3, rows="walls")
-TAKES = {  # keys that a kind takes, those that it cannot do without first
-    "force": ("on", "about"),
-    "pressure": ("at", "lower", "upper"),
-    "level": ("lower", "upper"),
-    "flux": ("lower", "upper"),
-}
 
 
 class Gauge(Checked, frozen=True, kw_only=True):
@@ -62,25 +59,86 @@ class Gauge(Checked, frozen=True, kw_only=True):
                 f"gauge {self.name!r}: the name is not possible; take letters, digits, '_' and '-', 80 of them at most."
             )
         owner = f"gauge {self.name}"
-        given = given_keys(self, owner, TAKES)
-        if self.kind == "force" and not self.on:
-            raise InputError(f"{owner}: it lacks 'on', what the force acts on; give a face such as \"-y\".")
+        given = given_keys(self, owner, {name: kind.takes for name, kind in KINDS.items()})
         if ("lower" in given) != ("upper" in given):
             lacking = "upper" if "lower" in given else "lower"
             raise InputError(f"{owner}: {lacking!r} is missing; give both corners.")
-        if self.kind == "pressure" and ("at" in given) == ("lower" in given):
-            raise InputError(f"{owner}: its place must be given exactly once; give at, or lower and upper.")
-        if self.kind in ("level", "flux") and "lower" not in given:
-            raise InputError(f"{owner}: its place is missing; give lower and upper.")
+        if not any(set(choice) <= set(given) for choice in self.does.choices) or {"at", "lower"} <= set(given):
+            raise InputError(f"{owner}: {self.does.lacks}.")
+
+    @property
+    def does(self) -> "Kind":
+        """What its kind reads."""
+        return KINDS[self.kind]
 
     def columns(self, dim: int) -> tuple[tuple[str, str], ...]:
         """(name, unit) of each of its values in `dim` dimensions."""
-        if self.kind != "force":
-            unit = {"pressure": "Pa", "level": "m", "flux": "m^3/s" if dim == 3 else "m^2/s"}[self.kind]
-            return ((self.kind, unit),)
-        if dim == 2:
-            return (("force_x", "N/m"), ("force_y", "N/m"), ("torque_z", "N"))
-        return (*((f"force_{c}", "N") for c in "xyz"), *((f"torque_{c}", "N m") for c in "xyz"))
+        return self.does.columns(dim)
+
+    def points(self, grid: Discretisation) -> Points:
+        """The points at which it reads. Raises InputError where its corners make no patch or line."""
+        return self.does.points(f"gauge {self.name}", (self.at, self.lower, self.upper), grid)
+
+
+class Sampled(NamedTuple):
+    """What is found at a gauge's points: pressure (m,) [Pa], share of the space that the liquid fills (m,) [-], and
+    its flow (m, 3) [m/s]; empty where the gauge does not need it."""
+
+    pressure: NDArray[np.float64]
+    fill: NDArray[np.float64]
+    flow: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What a kind of gauge takes, needs and gives.
+
+    takes    keys of a gauge of this kind
+    choices  keys of which one set must be given; `lacks` is said where none is
+    needs    what is found at its points ("pressure", "fill" or "flow"), or "force" on what it stands
+    columns  (name, unit) of each value in so many dimensions
+    points   its points from how an error begins, its `at`, `lower` and `upper`, and the grid
+    read     the values, from points and what is found there; those of a force are the sums over what it stands on
+    instant  whether it needs the pressure of an instant, which a solver of a step does not have
+    """
+
+    takes: tuple[str, ...]
+    choices: tuple[tuple[str, ...], ...]
+    lacks: str
+    needs: str
+    columns: Callable[[int], tuple[tuple[str, str], ...]]
+    points: Callable[[str, Places, Discretisation], Points] = lambda owner, given, grid: Points(np.zeros((0, 3)))
+    read: Callable[[Points, Sampled], list[float]] = lambda points, found: []
+    instant: bool = False
+
+
+def _force_columns(dim: int) -> tuple[tuple[str, str], ...]:
+    if dim == 2:
+        return (("force_x", "N/m"), ("force_y", "N/m"), ("torque_z", "N"))
+    return (*((f"force_{c}", "N") for c in "xyz"), *((f"torque_{c}", "N m") for c in "xyz"))
+
+
+CORNERS, NO_CORNERS = ("lower", "upper"), "its place is missing; give lower and upper"
+KINDS = {
+    "force": Kind(
+        ("on", "about"), (("on",),), "it lacks 'on', what the force acts on; give a face such as \"-y\"", "force",
+        _force_columns, instant=True,
+    ),
+    "pressure": Kind(
+        ("at", *CORNERS), (("at",), CORNERS), "its place must be given exactly once; give at, or lower and upper",
+        "pressure", lambda dim: (("pressure", "Pa"),),
+        lambda owner, given, grid: patch(owner, given, grid) if given[0] is None else point(given[0], grid),
+        lambda points, found: [float(found.pressure.mean())], instant=True,
+    ),
+    "level": Kind(
+        CORNERS, (CORNERS,), NO_CORNERS, "fill", lambda dim: (("level", "m"),), line,
+        lambda points, found: [crossing(points.place[:, points.axis], found.fill)],
+    ),
+    "flux": Kind(
+        CORNERS, (CORNERS,), NO_CORNERS, "flow", lambda dim: (("flux", "m^3/s" if dim == 3 else "m^2/s"),), patch,
+        lambda points, found: [float(found.flow[:, points.axis].sum() * points.area)],
+    ),
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

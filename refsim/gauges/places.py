@@ -1,22 +1,18 @@
-"""Where gauges stand: their points, and whether a scene has what they measure."""
+"""Points at which gauges read: a point, a line, a patch; and the highest place of the liquid on a line."""
 
 import math
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim.core.capabilities import FACES, BringsWalls, HasPlanes, having
-from refsim.core.checked import suggestion
-from refsim.core.effect import Discretisation, Effect, Others
+from refsim.core.effect import Discretisation
 from refsim.core.errors import InputError
-from refsim.gauges import Gauge
 
+Vector = tuple[float, float, float]
+Places = tuple[Vector | None, Vector | None, Vector | None]  # `at`, `lower` and `upper` of a gauge
 FINER = 4  # points of a level in a spacing
 MOST_POINTS = 10**6  # of a gauge
-LIQUID = "weakly_compressible"
-SOLVED = "iisph"  # whose pressure forces are no pass before the step's length is known
 
 
 class Points(NamedTuple):
@@ -32,38 +28,54 @@ class Points(NamedTuple):
     axis: int = -1
 
 
-def points_of(gauge: Gauge, grid: Discretisation) -> Points:
-    """The points of a gauge that is no force. Raises InputError where its corners make no patch or line."""
-    if gauge.at is not None:
-        return Points(_flat(np.array([gauge.at]), grid))
-    assert gauge.lower is not None
-    assert gauge.upper is not None
-    low, high = np.array(gauge.lower)[: grid.dim], np.array(gauge.upper)[: grid.dim]
-    wide = [axis for axis in range(grid.dim) if high[axis] > low[axis]]
-    form = f"gauge {gauge.name}: from {list(gauge.lower)} to {list(gauge.upper)} m is no"
-    if (high < low).any():
-        raise InputError(f"gauge {gauge.name}: lower is above upper along {'xyz'[int((high < low).argmax())]}.")
-    if gauge.kind == "level":
-        if len(wide) != 1:
-            raise InputError(f"{form} line along one axis; let lower and upper differ along the axis of the level.")
-        count = max(2, math.ceil(FINER * (high - low)[wide[0]] / grid.spacing) + 1)
-    else:
-        if len(wide) != grid.dim - 1:
-            raise InputError(f"{form} patch; let lower and upper be equal along one axis, and differ along the others.")
-        count = 1
-    cells = [count if gauge.kind == "level" and a in wide else max(1, math.ceil((high - low)[a] / grid.spacing - 1e-9))
-             for a in range(grid.dim)]  # fmt: skip
-    if math.prod(cells) > MOST_POINTS:
-        raise InputError(f"gauge {gauge.name}: it has {math.prod(cells):,} points, one a spacing; make it smaller.")
-    if gauge.kind == "level":
-        place = np.repeat(low[None, :], count, axis=0)
-        place[:, wide[0]] = np.linspace(low[wide[0]], high[wide[0]], count)
-        return Points(_flat(place, grid), 0.0, wide[0])
+def point(at: Vector, grid: Discretisation) -> Points:
+    """One point."""
+    return Points(_flat(np.array([at]), grid))
+
+
+def line(owner: str, given: Places, grid: Discretisation) -> Points:
+    """Points along a line, several a spacing. Raises InputError where there is none along one axis."""
+    low, high, wide, form = _corners(owner, given, grid)
+    if len(wide) != 1:
+        raise InputError(f"{form} line along one axis; let lower and upper differ along the axis of the level.")
+    (axis,) = wide
+    count = max(2, math.ceil(FINER * (high - low)[axis] / grid.spacing) + 1)
+    _check_number(owner, count)
+    place = np.repeat(low[None, :], count, axis=0)
+    place[:, axis] = np.linspace(low[axis], high[axis], count)
+    return Points(_flat(place, grid), 0.0, axis)
+
+
+def patch(owner: str, given: Places, grid: Discretisation) -> Points:
+    """Points of a patch, one a spacing. Raises InputError where there is none that is flat along one axis."""
+    low, high, wide, form = _corners(owner, given, grid)
+    if len(wide) != grid.dim - 1:
+        raise InputError(f"{form} patch; let lower and upper be equal along one axis, and differ along the others.")
+    cells = [max(1, math.ceil(width / grid.spacing - 1e-9)) for width in high - low]
+    _check_number(owner, math.prod(cells))
     axes = [low[a] + (high - low)[a] * (np.arange(n) + 0.5) / n for a, n in enumerate(cells)]
     place = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, grid.dim)
     across = next(a for a in range(grid.dim) if a not in wide)
-    area = math.prod((high - low)[a] / cells[a] for a in wide)
-    return Points(_flat(place, grid), area, across)
+    return Points(_flat(place, grid), math.prod((high - low)[a] / cells[a] for a in wide), across)
+
+
+def _corners(
+    owner: str, given: Places, grid: Discretisation
+) -> tuple[NDArray[np.float64], NDArray[np.float64], list[int], str]:
+    """Lower and upper corner (dim,) [m], the axes along which they differ, and how a sentence on them begins."""
+    _, lower, upper = given
+    assert lower is not None
+    assert upper is not None
+    low, high = np.array(lower)[: grid.dim], np.array(upper)[: grid.dim]
+    if (high < low).any():
+        raise InputError(f"{owner}: lower is above upper along {'xyz'[int((high < low).argmax())]}.")
+    wide = [axis for axis in range(grid.dim) if high[axis] > low[axis]]
+    return low, high, wide, f"{owner}: from {list(lower)} to {list(upper)} m is no"
+
+
+def _check_number(owner: str, count: int) -> None:
+    if count > MOST_POINTS:
+        raise InputError(f"{owner}: it has {count:,} points, one a spacing; make it smaller.")
 
 
 def _flat(place: NDArray[np.float64], grid: Discretisation) -> NDArray[np.float64]:
@@ -71,101 +83,6 @@ def _flat(place: NDArray[np.float64], grid: Discretisation) -> NDArray[np.float6
     whole = np.zeros((len(place), 3))
     whole[:, : grid.dim] = place[:, : grid.dim]
     return whole
-
-
-def check_gauges(gauges: Sequence[Gauge], solids: int, grid: Discretisation, effects: Others) -> None:
-    """Raise InputError for a gauge that the scene, with this number of solids, cannot have."""
-    names: set[str] = set()
-    for gauge in gauges:
-        gauge.check()
-        if gauge.name in names:
-            raise InputError(f"scene: two gauges have the name {gauge.name!r}; give each its own.")
-        names.add(gauge.name)
-        if LIQUID not in effects:
-            raise InputError(f"gauge {gauge.name}: it measures the liquid of {LIQUID}; add that effect to the scene.")
-        if gauge.kind in ("force", "pressure") and SOLVED in effects:
-            raise InputError(
-                f"gauge {gauge.name}: the pressure of {SOLVED} is that of a step, not of an instant; leave {SOLVED} or"
-                " the gauge out."
-            )
-        if gauge.kind == "force":
-            _check_body(gauge, solids, grid, effects)
-        else:
-            _check_inside(gauge, points_of(gauge, grid).place, grid, effects)
-
-
-def _check_body(gauge: Gauge, solids: int, grid: Discretisation, effects: Others) -> None:
-    """Raise InputError where the scene lacks what a force acts on."""
-    bodies = [f"solid {k}" for k in range(1, solids + 1)]
-    known = [effect.name for effect in having(effects, BringsWalls) if isinstance(effect, Effect)]
-    box: Any = effects.get("box_walls")
-    faces = [] if box is None else walled_faces(box, grid)
-    choices = (*faces, *known, *bodies)
-    if gauge.on in choices:
-        return
-    lacks = f"gauge {gauge.name}: the scene has no {gauge.on!r} on which a force could act"
-    if not choices:
-        raise InputError(f"{lacks}: it has neither walls nor solids.")
-    raise InputError(f"{lacks}; {suggestion(gauge.on, choices)}")
-
-
-def walled_faces(box: Any, grid: Discretisation) -> list[str]:
-    """Faces of `box_walls` that have a wall."""
-    return [f for f in FACES[: 2 * grid.dim] if f not in box.open_faces and grid.period["xyz".index(f[1])] == 0]
-
-
-def _check_inside(gauge: Gauge, place: NDArray[np.float64], grid: Discretisation, effects: Others) -> None:
-    """Raise InputError where a point lies behind a plane of the walls, or outside a periodic box."""
-    corners = [effect.domain(grid) for effect in having(effects, HasPlanes)]
-    for axis in range(grid.dim):
-        lows, highs = [low[axis] for low, _ in corners], [high[axis] for _, high in corners]
-        if grid.period[axis] > 0:
-            lows.append(grid.period_lower[axis])
-            highs.append(grid.period_lower[axis] + grid.period[axis])
-        low, high = max(lows, default=-math.inf), min(highs, default=math.inf)
-        slack = 1e-6 * grid.spacing
-        least, most = place[:, axis].min(), place[:, axis].max()
-        if least < low - slack or most > high + slack:
-            raise InputError(
-                f"gauge {gauge.name}: it reaches from {least:g} to {most:g} m along {'xyz'[axis]}, outside of the"
-                f" domain from {low:g} to {high:g} m; move it inside."
-            )
-
-
-def shares_of_faces(
-    box: Any, position: NDArray[np.float64], gravity: Sequence[float], grid: Discretisation
-) -> tuple[dict[str, NDArray[np.float64]], dict[str, NDArray[np.float64]]]:
-    """By face the shares (m, dim) of each component of the forces on wall particles: of pressure, and of friction.
-
-    position  (m, 3) of the wall particles of `box_walls` [m], as the box stands at rest
-
-    Beyond a face of an axis that component is the face's. Beyond none of them it belongs, along gravity, to the face to
-    which gravity points, which so bears the weight, and else to the faces beyond which the particle stands: the
-    pressure on a floor also pushes it sideways near a wall, by that on 0.2 spacings. Friction is shared by
-    the faces beyond which the particle stands. All shares of a particle and an axis add up to 1.
-    """
-    walled = walled_faces(box, grid)
-    count, dim = len(position), grid.dim
-    pressure = {face: np.zeros((count, dim)) for face in walled}
-    friction = {face: np.zeros((count, dim)) for face in walled}
-    beyond = {}
-    for face in walled:
-        axis = "xyz".index(face[1])
-        beyond[face] = position[:, axis] > box.upper[axis] if face[0] == "+" else position[:, axis] < box.lower[axis]
-    faces_of = np.maximum(sum((b.astype(float) for b in beyond.values()), np.zeros(count)), 1.0)
-    for face in walled:
-        friction[face] += (beyond[face] / faces_of)[:, None]
-    for axis in range(dim):
-        own = [face for face in walled if "xyz".index(face[1]) == axis]
-        none = ~np.logical_or.reduce([beyond[face] for face in own]) if own else np.ones(count, bool)
-        for face in own:
-            pressure[face][:, axis] += beyond[face]
-        if own and gravity[axis] != 0:
-            pressure[own[min(int(gravity[axis] > 0), len(own) - 1)]][:, axis] += none
-        else:
-            for face in walled:
-                pressure[face][:, axis] += none * beyond[face] / faces_of
-    return pressure, friction
 
 
 def crossing(height: NDArray[np.float64], fill: NDArray[np.float64]) -> float:

@@ -18,11 +18,6 @@ from refsim.motion.expression import FUNCTIONS, Jet, parsed
 
 Vector = tuple[float, float, float]
 SAMPLES = 2001  # times between the start and the end at which a motion is looked at before a run
-TAKES = {
-    "sway": ("amplitude", "period", "ramp"),
-    "table": ("times", "values"),
-    "formula": ("formula",),
-}
 LIQUID = "weakly_compressible"
 
 
@@ -69,25 +64,11 @@ class Motion(Checked, frozen=True, kw_only=True):
             raise InputError(f"{owner}: direction = {list(self.direction)} is none; give the axis of the motion.")
         if self.pivot is not None and self.of != "turn":
             raise InputError(f"{owner}: only a turn has a 'pivot'; leave it out.")
-        given = given_keys(self, owner, TAKES)
-        for key in TAKES[self.kind]:
-            if key not in given and key != "ramp":
+        given, does = given_keys(self, owner, {name: kind.takes for name, kind in KINDS.items()}), KINDS[self.kind]
+        for key in does.takes:
+            if key not in given and key not in does.optional:
                 raise InputError(f"{owner}: {key!r} is missing; a motion of kind {self.kind!r} needs it.")
-        if self.kind == "table":
-            self._check_table(owner)
-        elif self.kind == "formula":
-            parsed(self.formula or "", owner)
-
-    def _check_table(self, owner: str) -> None:
-        times, values = np.array(self.times), np.array(self.values)
-        if len(times) != len(values) or len(times) < 2:
-            raise InputError(
-                f"{owner}: times has {len(times)} numbers and values has {len(values)}; give as many, at least two."
-            )
-        late = np.flatnonzero(np.diff(times) <= 0)
-        if len(late):
-            first, second = times[late[0] : late[0] + 2]
-            raise InputError(f"{owner}: the table jumps, from {first:g} s to {second:g} s; let its times rise.")
+        does.check(self, owner)
 
     def unit(self) -> np.ndarray:
         """The direction as a vector of length 1, (3,)."""
@@ -102,12 +83,7 @@ class Motion(Checked, frozen=True, kw_only=True):
 @functools.lru_cache(maxsize=64)
 def _path(motion: Motion) -> Callable[[float], Moved]:
     """The motion as a function of time."""
-    if motion.kind == "table":
-        return _spline(motion)
-    if motion.kind == "formula":
-        tree = parsed(motion.formula or "", "motion")
-        return lambda time: Moved(*tree(Jet.of_time(time)))
-    return functools.partial(_sway, motion)
+    return KINDS[motion.kind].path(motion)
 
 
 def _sway(motion: Motion, time: float) -> Moved:
@@ -134,6 +110,44 @@ def _spline(motion: Motion) -> Callable[[float], Moved]:
     return at
 
 
+def _formula(motion: Motion) -> Callable[[float], Moved]:
+    tree = parsed(motion.formula or "", "motion")
+    return lambda time: Moved(*tree(Jet.of_time(time)))
+
+
+def _check_table(motion: Motion, owner: str) -> None:
+    times, values = np.array(motion.times), np.array(motion.values)
+    if len(times) != len(values) or len(times) < 2:
+        raise InputError(
+            f"{owner}: times has {len(times)} numbers and values has {len(values)}; give as many, at least two."
+        )
+    late = np.flatnonzero(np.diff(times) <= 0)
+    if len(late):
+        first, second = times[late[0] : late[0] + 2]
+        raise InputError(f"{owner}: the table jumps, from {first:g} s to {second:g} s; let its times rise.")
+
+
+class Kind(NamedTuple):
+    """What a kind of motion takes, and where it is in time.
+
+    takes     keys of a motion of this kind; all but those in `optional` are needed
+    path      the displacement as a function of time [s]
+    check     raises InputError, which begins with the second argument, for keys that do not belong together
+    """
+
+    takes: tuple[str, ...]
+    path: Callable[[Motion], Callable[[float], Moved]]
+    check: Callable[[Motion, str], object] = lambda motion, owner: None
+    optional: tuple[str, ...] = ()
+
+
+KINDS = {
+    "sway": Kind(("amplitude", "period", "ramp"), lambda motion: functools.partial(_sway, motion), optional=("ramp",)),
+    "table": Kind(("times", "values"), _spline, _check_table),
+    "formula": Kind(("formula",), _formula, lambda motion, owner: parsed(motion.formula or "", owner)),
+}
+
+
 def pace(motion: Motion, end: float) -> float:
     """Time [s] in which it changes: largest speed over largest acceleration up to the `end` [s]; infinite at rest."""
     path = [motion.at(time) for time in _looked_at(motion, end)]
@@ -143,10 +157,8 @@ def pace(motion: Motion, end: float) -> float:
 
 def _looked_at(motion: Motion, end: float) -> list[float]:
     """Times [s] at which a motion is looked at before a run."""
-    times = np.linspace(0.0, end, SAMPLES)
-    if motion.kind == "table":
-        times = np.concatenate([times, 0.5 * (np.array(motion.times)[1:] + np.array(motion.times)[:-1])])
-    return times.tolist()
+    times, given = np.linspace(0.0, end, SAMPLES), np.array(motion.times or ())
+    return [*times.tolist(), *(0.5 * (given[1:] + given[:-1])).tolist()]
 
 
 def turning_pass(motions: Sequence[Motion]) -> tuple[Pass, ...]:

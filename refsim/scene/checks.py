@@ -14,7 +14,7 @@ from refsim.core.effect import EFFECTS, Discretisation, Effect, Extremes, Initia
 from refsim.core.errors import InputError
 from refsim.core.reading import GREATEST, LONGEST
 from refsim.core.walls import WallParticles
-from refsim.gauges.places import check_gauges
+from refsim.gauges.checks import check_gauges
 from refsim.motion import check_motions
 from refsim.neighbours import MOST_NEIGHBOURS
 from refsim.scene.counting import Cells

@@ -1,14 +1,29 @@
 """Gauges say what the liquid does: weights, pressures, levels and fluxes that are known, on each backend."""
 
 import math
+from typing import get_args, get_type_hints
 
 import numpy as np
 import pytest
 
 import refsim
-from refsim import Box, BoxWalls, Gauge, Gravity, InputError, Scene, Simulation, SolidBox, WeaklyCompressible, make_plan
+from refsim import (
+    Box,
+    BoxWalls,
+    Gauge,
+    Gravity,
+    InputError,
+    Motion,
+    Scene,
+    Simulation,
+    SolidBox,
+    WeaklyCompressible,
+    make_plan,
+)  # fmt: skip
 from refsim.engine.driver import simulate
+from refsim.gauges import KINDS as gauge_kinds
 from refsim.gauges import due
+from refsim.motion import KINDS as motion_kinds
 from refsim.sph.resting import column_of
 from tests.running import advanced, run_to
 from tests.sph.test_liquid_at_rest import DEPTH, SOUND, G
@@ -236,6 +251,13 @@ def test_gauges_of_one_name_and_without_liquid_are_refused(tmp_path):
     assert main(["plan", str(file)]) == 2
     file.write_text(text + 'kind = "forces"\n')
     assert main(["plan", str(file)]) == 2
+
+
+@pytest.mark.parametrize(("part", "kinds"), [(Gauge, gauge_kinds), (Motion, motion_kinds)])
+def test_a_scene_may_name_the_kinds_that_there_are_and_give_their_keys(part, kinds):
+    assert set(get_args(get_type_hints(part)["kind"])) == kinds.keys()
+    for kind in kinds.values():
+        assert set(kind.takes) <= set(part.__struct_fields__)
 
 
 def test_due_once_on_each_multiple():
