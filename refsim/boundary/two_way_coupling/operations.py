@@ -42,7 +42,7 @@ def contribution(position, phase, smoothing, coupling, rows=None):
     counted = surface if coupling.printed_volume else np.asarray(phase) != FLUID
     i = Fields(position=position, counted=counted, surface=surface, **kinds(phase))
     around = neighbours(i, i, smoothing, rows=rows)
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):  # where there are no solids
         phi = ref.share(around(ref.filled_by_solids), float(coupling.least_volume))
     return {"relative_contribution": where(around.i.surface, phi, around.i.liquid)}
 

@@ -230,8 +230,8 @@ def pushed(simulation: Simulation) -> NDArray:
     given: dict[str, Any] = {n: simulation.field(n) for n in ("position", "density", "pressure", "wall_pressure")}
     given |= {"walls": plan.walls, "smoothing": plan.shared["gradient_smoothing"], "period": None}
     given |= {n: simulation.field(n) if n in plan.fields else None for n in CORRECTION}
-    push = operation.program("numpy")(*(given[name] for name in operation.arguments("numpy")))
-    return simulation.field("mass") @ push["acceleration"][0]
+    push, _ = operation.program("numpy")(*(given[name] for name in operation.arguments("numpy")))["acceleration"]
+    return simulation.field("mass") @ push
 
 
 def vortices(context: Context, kind: str, cells: int, support: float, backend: str) -> Result:

@@ -29,7 +29,7 @@ from refsim.core.effect import Discretisation
 from refsim.core.walls import WallParticles
 from refsim.sph import operations as sph
 from refsim.study.panels.making import compressed
-from refsim.surface_tension.akinci_2013 import reference as akinci
+from refsim.surface_tension.akinci_2013 import operations as akinci
 from refsim.surface_tension.contact_angle import ContactAngle
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, Run
