@@ -16,7 +16,6 @@ LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s]+)\)")
 BAR = "\\|"
 IN_THE_BROWSER = "_in_the_browser"  # a lesson that computes itself, by a script of `_static/`
 UNIT = re.compile(r"(?<=\d) (?=(?:[munk]?s|[KMG]iB|degrees|d|h|m|mm)\b|%)")
-MADE = re.compile(r"<!-- operations of ([\w ]+) -->")
 CODE = re.compile(r"^(```.*?^```[^\n]*$)", re.MULTILINE | re.DOTALL)
 NAVIGATION = {
     "Begin": ("sph_by_hand", "mpm_by_hand", "scene_files", "results", "study", "sweep", "gallery"),
@@ -25,7 +24,7 @@ NAVIGATION = {
     "Solids, heat, melting": ("shape_matching", "two_way_coupling", "heat", "melting"),
     "Particles and a grid": ("mpm", "surface_energy", "isosurface", "mpm_droplet"),
     "Evidence": (
-        "errata", "refuted", "checks", "solutions", "accuracy_cost", "effects_cost", "laws", "stability",
+        "equations", "errata", "refuted", "checks", "solutions", "accuracy_cost", "effects_cost", "laws", "stability",
         "energy_audit",
     ),
     "Lessons": ("lessons",),
@@ -49,7 +48,8 @@ def as_on_the_site(app: Any, page: str, source: list[str]) -> None:
         from validation.page import table
 
         text = text.replace("<!-- checks -->", "\n".join(table()))
-    text = MADE.sub(lambda found: "\n".join(code(found[1].split())), text)
+    if page == "equations":
+        text = text.replace("<!-- equations -->", "\n".join(equations()))
     if page == "api":
         text = text.replace("<!-- api -->", "\n".join(api()))
     if page.startswith("lessons/") and not page.endswith(IN_THE_BROWSER):
@@ -113,26 +113,43 @@ def lesson(name: str) -> str:
     return re.sub(r"`docs/(\w+)\.md`", r"{doc}`../\1`", "".join(parts))
 
 
-def code(folders: list[str]) -> Iterator[str]:
-    """Where the operations of the folders stand: equation, formulas, reference and kernel, from the registry."""
+def equations() -> Iterator[str]:
+    """Of each source each number: its formula, where it stands, errata, and the operations that hold it."""
     from refsim.commands import discover
-    from refsim.commands.show import Source, describe
+    from refsim.commands.numbered import SOURCES, Stated, stated
     from refsim.core.operation import REGISTRY
 
-    def place(source: Source) -> str:
-        return f"`{source.module.removeprefix('refsim.').replace('.', '/')}.py:{source.name}`"
+    def place(found: Stated) -> str:
+        return f"`{found.module.removeprefix('refsim.').replace('.', '/')}.py:{found.line}` {found.name}"
 
     discover()
-    yield "<details><summary>Where each equation stands</summary>\n"
-    yield "`refsim show NAME` prints them; `pytest tests/ladder/test_pairing.py -k NAME` compares the programs.\n"
-    yield "| name | equation | formulas | reference, kernel |\n| --- | --- | --- | --- |"
+    users: dict[tuple[str, str], list[str]] = {}
     for name, operation in REGISTRY.items():
-        if name.partition(".")[0] in folders:
-            found = describe(operation, "cpu")
-            own = [place(source) for source in found["formulas"] if source.module.startswith(operation.folder)]
-            pair = "<br>".join(place(found[part][0]) for part in ("reference", "program"))
-            yield f"| `{name}` | {operation.equation.replace('|', BAR)} | {', '.join(own)} | {pair} |"
-    yield "\n</details>"
+        for function in (operation.program("numpy"), *operation.equations()):
+            users.setdefault((function.__module__, function.__name__), []).append(name)
+    for source, errata in zip(SOURCES, _errata()):
+        yield f"\n## {source.title[:1].upper()}{source.title[1:]}\n\n{source.note}\n"
+        yield "| number | formula | reference | one neighbour, particle or node | errata | operations |"
+        yield "| --- | --- | --- | --- | --- | --- |"
+        for number in source.numbers:
+            functions = stated().get((source.title, number), [])
+            first = [found for found in functions if found.module.endswith(".reference")]
+            formula = "<br>".join(f"`{found.words}`" for found in first) or source.reason(number)
+            names = dict.fromkeys(f"`{n}`" for found in first for n in users.get((found.module, found.name), ()))
+            known = ", ".join(e for e, where in errata if number in re.findall(r"(?<=\()[\d.]+(?=\))|P\d", where))
+            cells = (source.label(number), formula.replace("|", BAR), *("<br>".join(map(place, part)) for part in (
+                first, functions[len(first) :])), known, "<br>".join(names))  # fmt: skip
+            yield f"| {' | '.join(cells)} |"
+
+
+def _errata() -> list[list[tuple[str, str]]]:
+    """(number, place) of the errata of each source, in the page's order."""
+    text = (ROOT / "docs" / "errata.md").read_text(encoding="utf-8")
+    rows = re.compile(
+        r"^(?:\| ([EM]\d+) \| [\w ]+ \| ([^|]*) \||- ([EM]\d+) ([^:(]*(?:\([\d.]+\)[^:(]*)*))", re.MULTILINE
+    )
+    parts = re.split(r"^## ", text, flags=re.MULTILINE)[1:]
+    return [[(a or c, b or d) for a, b, c, d in rows.findall(part)] for part in parts]
 
 
 def films() -> Iterator[str]:

@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from refsim.commands import CommandResult, command, takes
+from refsim.commands.numbered import Numbered, named, stated
 from refsim.commands.printed import printed
 from refsim.core.checked import suggestion
 from refsim.core.errors import InputError
@@ -123,17 +124,28 @@ def describe(operation: Operation, program: str) -> dict[str, list[Source]]:
     return found
 
 
+def _equation(source: Numbered, number: str) -> CommandResult:
+    """The functions that state a numbered equation of a source."""
+    found = [source_of(s.module, s.name) for s in stated().get((source.title, number), [])]
+    reason = "" if found else source.reason(number)
+    lines = [f"{source.title}: {source.label(number)}", *([reason] if reason else []), *(f"\n{s}" for s in found)]
+    about = {"source": source.title, "equation": source.label(number), "reason": reason}
+    return CommandResult(about | {"functions": [asdict(s) for s in found]}, "\n".join(lines), verbatim=True)
+
+
 @command("show", "print equation, formula, reference and program of an operation")
-@takes("operation", help="its name, such as sph.momentum; `refsim list` names all")
+@takes("operation", help="its name, such as sph.momentum; `refsim list` names all; or an equation's number, 'J(10)'")
 @takes("--backend", metavar="PROGRAM",
        help="print the program (cpu, cuda, or another one of the operation) as a file that runs by itself")  # fmt: skip
 def execute(options: argparse.Namespace) -> CommandResult:
-    """Print the sources of one operation, or one of its programs as a file that runs by itself."""
-    operation = REGISTRY.get(options.operation)
+    """Print the sources of one operation, or of an equation, or a program as a file that runs by itself."""
+    operation, number = REGISTRY.get(options.operation), named(options.operation)
+    if number is not None:
+        return _equation(*number)
     if operation is None:
+        near = suggestion(options.operation, REGISTRY)
         raise InputError(
-            f"There is no operation {options.operation!r}; {suggestion(options.operation, REGISTRY)} `refsim list` has"
-            " all names."
+            f"There is no operation or equation {options.operation!r}; {near} `refsim list` has all names."
         )
     programs = [name for name in operation.names() if name != "numpy"]
     program = options.backend or "cpu"

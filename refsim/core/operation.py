@@ -15,6 +15,7 @@ import functools
 import importlib
 import inspect
 import itertools
+import types
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeVar
@@ -170,10 +171,11 @@ class Operation:
                 found[function] = None
                 known = function.__globals__
                 modules = [m for m in known.values() if inspect.ismodule(m) and m.__name__.endswith(".reference")]
-                for name in function.__code__.co_names:
+                for name in _names_in(function.__code__):
                     named = [known.get(name), *(getattr(module, name, None) for module in modules)]
-                    waiting += [f for f in named if inspect.isfunction(f) and f.__module__.endswith(".reference")]
-        return list(found)[1:]
+                    judges = (".operations", ".reference")
+                    waiting += [f for f in named if inspect.isfunction(f) and f.__module__.endswith(judges)]
+        return [function for function in found if function.__module__.endswith(".reference")]
 
     def bind(self, program: str, lookup: Callable[[str], Any]) -> Callable[[], None]:
         """A call without arguments: the program of that name on the values that `lookup` gives for its arguments."""
@@ -404,6 +406,12 @@ class Made:
 def backend_of(program: str) -> str:
     """The backend on which the program of this name runs."""
     return program.partition(":")[0]
+
+
+def _names_in(code: types.CodeType) -> dict[str, None]:
+    """Names that a function uses, in order, also inside of comprehensions."""
+    inner = [part for part in code.co_consts if isinstance(part, types.CodeType)]
+    return dict.fromkeys([*code.co_names, *(name for part in inner for name in _names_in(part))])
 
 
 def _names(given: Names) -> tuple[str, ...]:

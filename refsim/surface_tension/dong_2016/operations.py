@@ -18,7 +18,7 @@ def density(position, mass, walls, smoothing, fluid, rows=None):
     i = Fields(position=position, mass=mass)
     around, at_walls = (neighbours(i, j, smoothing, rows=rows) for j in (i, wall_particles(walls, fluid)))
     number = around(ref.number_density) + at_walls(ref.number_density_at_walls)
-    return {"density": around.i.mass * number, "number_density": number}
+    return {"density": ref.density(around.i, number), "number_density": number}
 
 
 @operation(

@@ -5,6 +5,11 @@ from refsim.sph.reference import number_density_at_walls as number_density_at_wa
 from refsim.sph.reference import wall_pressure_force as wall_pressure_force
 
 
+def density(i, number):
+    """D(3) rho_i = m_i sum_j W_ij [kg/m^dim], i itself included."""
+    return i.mass * number
+
+
 def pressure_force(i, j, ij):
     """D(4) a_i = -(1/m_i) sum_j (V_i^2 p_i + V_j^2 p_j) W'(r) e_ij [m/s^2], V = m/rho."""
     V_i, V_j = i.mass / i.density, j.mass / j.density

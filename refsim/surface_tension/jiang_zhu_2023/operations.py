@@ -52,7 +52,7 @@ def corrected_density(position, mass, density, near_surface, walls, smoothing, f
     i = Fields(position=position, mass=mass, density=density, near=1 if near_surface is None else near_surface)
     around, at_walls = (neighbours(i, j, smoothing, rows=rows) for j in (i, wall_particles(walls, fluid)))
     filled = around(ref.filled) + at_walls(ref.wall_filled)
-    corrected = (around(ref.summed_density) + at_walls(ref.summed_density)) / filled
+    corrected = ref.corrected_density(around(ref.summed_density) + at_walls(ref.summed_density), filled)
     return {"corrected_density": where(around.i.near, corrected, around.i.density)}
 
 

@@ -16,6 +16,11 @@ def wall_filled(i, b, ib):
     return b.mass / i.density * ib.W
 
 
+def corrected_density(summed, filled):
+    """J(14) rho*_i = sum_j m_j W*_ij, J(15) W*_ij = W_ij / sum_k (m_k/rho_k) W_ik [kg/m^dim]; one pass (E8)."""
+    return summed / filled
+
+
 def soft_weight(normal, lower, upper):
     """Jiang & Zhu E9: w = 3 t^2 - 2 t^3, t = (|n| - lower)/(upper - lower) between 0 and 1; dimensionless."""
     t = clip((length(normal) - lower) / (upper - lower), 0, 1)
