@@ -20,6 +20,7 @@ of a map of what is stable.
 
 from __future__ import annotations
 
+import fnmatch
 import functools
 import math
 import tomllib
@@ -49,7 +50,7 @@ RULES = {
 }
 _MEASURED = {"what", "unit", "measured", "spread", "starts", "over"}
 KEYS: dict[str, tuple[set[str], set[str]]] = {  # by kind: what an entry needs, and what else it may have
-    VERDICT: ({"what", "unit", "source"}, {"paper", "reason", "misses", *RULES}),
+    VERDICT: ({"what", "unit", "source"}, {"paper", "reason", "misses", "run", "quantity", *RULES}),
     CLAIM: (
         {"sentence", "title", "reading", "verdict"},
         {*_MEASURED, "null", "reason", "fixed", "complete", "verify", *RULES},
@@ -98,7 +99,8 @@ class Entry:
     sentence  of a claim: what the source says; title: what is judged of it; reading: how it is read
     holds     of a hard case: what must hold; trial, given: function of the experiment and its arguments;
               short: it takes a second or so; seconds: that it may take
-    run, quantity   of a value: where it comes from, `values[quantity]` of the run of that key
+    run, quantity   of a value: where it comes from, `values[quantity]` of the run of that key; of a verdict the keys of
+              its runs, with * and ?, apart by spaces, and the quantity if that is not the check's name
     """
 
     name: str
@@ -373,6 +375,13 @@ class Checks:
             values = results[key].values
             for name, of in quantities.items():
                 self(name, of(values) if callable(of) else values[of], run, words)
+
+    def of_runs(self, results: Mapping[str, Result], words: Callable[[str, Mapping[str, Any]], str]) -> None:
+        """Check what entries say of the runs that they name; `words` say what the run of a key and its values is."""
+        for key, result in results.items():
+            for name, entry in self.entries.items():
+                if any(fnmatch.fnmatchcase(key, pattern) for pattern in entry.run.split()):
+                    self(name, result.values[entry.quantity or name], key, words(key, result.values))
 
     def seconds(self, results: Mapping[str, Result]) -> None:
         """Show the processor time of each run [s], by the check of this name."""

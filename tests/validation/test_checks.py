@@ -1,6 +1,7 @@
 """Checks: what is on file is complete, agrees with its records and pages, and is judged as it says."""
 
 import dataclasses
+import fnmatch
 import inspect
 import json
 import math
@@ -176,6 +177,31 @@ def test_a_bar_that_is_known_to_be_missed_fails_where_it_is_kept():
     entry = Entry("a", "e", VERDICT, rule="at_most", bound=1.0, misses=True)
     assert (entry.judge([2.0]), entry.judge([1.0])) == (MISSED, "fail")
     assert not checks.failed([checks.checked(entry, [2.0])])
+
+
+def test_a_check_judges_the_runs_that_it_names(tmp_path):
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "expected.toml").write_text("".join(
+        f'[check.{name}]\nkind = "verdict"\nwhat = "x"\nunit = "-"\nsource = "s"\nat_most = 1\n{more}'
+        for name, more in (
+            ("a", 'run = "tank_* held_5"\n'), ("narrow", 'run = "held_?"\nquantity = "a"\n'), ("other", ""),
+        )
+    ))  # fmt: skip
+    check = checks.Checks("own", folder=tmp_path)
+    rows = {"tank_1": 0.5, "held_5": 2.0, "held_50": 3.0}
+    check.of_runs({key: Result({"a": value}) for key, value in rows.items()}, lambda key, row: f"{key} of {row['a']}")
+    assert [(made.name, made.value, made.verdict) for made in check.made] == [
+        ("a.tank_1", 0.5, "pass"), ("a.held_5", 2.0, "fail"), ("narrow.held_5", 2.0, "fail"),
+    ]  # fmt: skip
+    assert check.made[0].what == "x, tank_1 of 0.5"
+
+
+def test_every_run_that_a_check_names_is_planned():
+    for name, experiment in discover().items():
+        keys = [run.key for run in experiment.runs(Options(peers=True))]
+        for entry in read_all(VERDICT):
+            for pattern in entry.run.split() if entry.experiment == name else ():
+                assert fnmatch.filter(keys, pattern), (name, entry.name, pattern)
 
 
 @pytest.mark.parametrize("outcome, expected, verdict", [

@@ -567,45 +567,23 @@ def _tank(kind: str, dim: int, cells: tuple[int, int], support: float, shake: fl
     return Run(words, tank, row | {"backend": "cpu"}, estimate=0.03 * cells[0] ** (dim - 1) * cells[1])
 
 
+WORDS = {  # what a run is, by the first word of its key
+    "tank": "{dim}D, {kind}, {cells} cells, h = {support:g} d",
+    **dict.fromkeys(("vortices", "wave"), "{kind}, {cells} cells, h = {support:g} d"),
+    "column": "{wide} x {cells} cells",
+    "held": "{cells} x {high} cells, shaken by {shake:g} d",
+    "mesh": "{offset:g} d off the lattice, {cells} cells deep",
+    **dict.fromkeys(("rise", "float"), "an edge of {cells} cells"),
+}
+
+
 def checks(results: Results, check: Checks) -> None:
     """The bars hold for the liquid that rests; the papers' values are shown."""
     check.seconds(results)
-    for key, result in results.items():
-        row, papers = result.values, result.values["kind"] == "papers"
-        if row["kind"] == "lattice":
-            for name in ("axis", "diagonal"):
-                check("shear_modulus", row[name], key, f"{name}, h = {row['support']:g} d")
-            continue
-        where = f"{row['kind']}, {row['cells']} cells, h = {row['support']:g} d"
-        if key.startswith("tank"):
-            where = f"{row['dim']}D, {where}"
-            own = {name: name for name in ("moving", "level_off", "stops", *(() if papers else ("weight_off",)))}
-            own["slope_off"] = "slope_off" if row["support"] >= 3 else "slope_off_narrow"
-            if row["kind"] == CORRECTED:
-                own["slope_off"] = "slope_off_corrected"
-        elif key.startswith("vortices"):
-            own = {"error": f"error_{row['cells']}", "rate_off": "rate_off"}
-        elif key.startswith("column"):
-            where, own = f"{row['wide']} x {row['cells']} cells", {"speed": "speed", "energy_rise": "energy_rise"}
-        elif key.startswith("held"):
-            where = f"{row['cells']} x {row['high']} cells{', shaken' if row['shake'] else ''}"
-            narrow = "_narrow" * (row["cells"] == 5 or row["high"] == 2)
-            own = {"buoyancy_off": f"buoyancy_off{narrow}", "unrest": "unrest", "moving": "moving"}
-        elif key.startswith("mesh"):
-            where = (
-                f"{'slope' if row['slope'] else 'floor'} {row['offset']:g} d off the lattice, {row['cells']} cells deep"
-            )
-            own = {name: name for name in ("mesh_weight_off", "mesh_pressure_off", "moving")}
-        elif key.startswith(("rise", "float")):
-            name, where = f"{'rise' if key.startswith('rise') else 'afloat'}_off", f"an edge of {row['cells']} cells"
-            own = {name: name}
-        else:
-            own = {name: name for name in ("period_off", "decay_off") if papers or row["cells"] == DEPTHS[-1]}
-            if row["kind"] == CORRECTED:
-                own = {name: f"corrected_{name}" for name in ("period_off", "decay_off")}
-            check("wave_error", row["error"], key, where)
-        for name, rule in own.items():
-            check(f"papers_{name}" if papers else rule, row[name], key, where)
+    check.of_runs(results, lambda key, row: WORDS[key.partition("_")[0]].format(**row))
+    for key in (key for key in results if key.startswith("lattice")):
+        for name in ("axis", "diagonal"):
+            check("shear_modulus", results[key].values[name], key, f"{name}, h = {results[key].values['support']:g} d")
     for flow, sizes, names in (("vortices", SIDES, ("error",)), ("wave", DEPTHS, ("period_off", "decay_off"))):
         found = [results[key].values for size in sizes if (key := f"{flow}_rests_{size}") in results]
         for name in names if len(found) == len(sizes) else ():
