@@ -18,6 +18,7 @@ from refsim.boundary.akinci_2012 import BoxWalls
 from refsim.boundary.mesh import load_mesh
 from refsim.boundary.one_way_coupling import MeshBoundary
 from refsim.boundary.two_way_coupling import TwoWayCoupling
+from refsim.core.doors import open_doors
 from refsim.core.effect import EFFECTS
 from refsim.core.energy import EnergyAudit
 from refsim.core.errors import InputError, RunStopped
@@ -68,4 +69,5 @@ __all__ = [
 _ROOT = pathlib.Path(__file__).parent
 for _folder in sorted(path.parent for depth in ("*", "*/*") for path in _ROOT.glob(f"{depth}/reference.py")):
     importlib.import_module(".".join(("refsim", *_folder.relative_to(_ROOT).parts)))
+open_doors()
 globals().update({effect.__name__: effect for effect in EFFECTS.values()})  # of a new method, too

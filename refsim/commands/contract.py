@@ -50,6 +50,8 @@ DESCRIPTION = (
             " middle (3)")  # fmt: skip
 @takes("--chaos-only", action="store_true",
        help="with --run: no coarser run; for a code with the same equations, spacing and steps as refsim")  # fmt: skip
+@takes("--without-sensitivity", action="store_true",
+       help="with --run: no further runs that say which errors of parameters it would have noticed")  # fmt: skip
 @takes("--allow", action="append", default=[], metavar="MEASURE=VALUE",
        help="with --run: largest difference of a measure, in place of both bands; may be repeated")  # fmt: skip
 @takes("--backend", help="with --run: numpy, cpu or cuda; with --arguments and --template: cpu or cuda (cpu)")
@@ -57,6 +59,8 @@ DESCRIPTION = (
        help="judge nothing; write test vectors of the operations named, all by default, into a new folder")  # fmt: skip
 @takes("--template", action="store_true",
        help="judge nothing; print a Python file with a stub for each of the operations named")  # fmt: skip
+@takes("--header", choices=("c", "fortran"),
+       help="judge nothing; print the declaration of the operation's function in a compiled library")  # fmt: skip
 @takes("--replay", metavar="TRIAL",
        help="run one trial by the name that a report gives, or by the file of a drawn input that failed, and write"
             f" its inputs and answers into {REPLAYED}")  # fmt: skip
@@ -78,6 +82,8 @@ def execute(options: argparse.Namespace) -> CommandResult:
         return _export(options)
     if options.template:
         return _template(options.names, options.backend or "cpu")
+    if options.header:
+        return _header(options.names, options.header)
     if options.guide:
         text = resources.files("refsim.contract").joinpath("guide.md").read_text(encoding="utf-8")
         return CommandResult({"guide": text}, text, verbatim=True)
@@ -142,12 +148,13 @@ def _replayed(request: Any, name: str) -> Any:
     return dataclasses.replace(request, replay=name, seed=seed, **chosen)
 
 
-MODES = ("run", "export", "template", "arguments", "replay", "guide")
+MODES = ("run", "export", "template", "header", "arguments", "replay", "guide")
 OF_MODES: dict[str, tuple[str, ...]] = {
     "at": ("run",),
     "within": ("run",),
     "allow": ("run",),
     "chaos_only": ("run",),
+    "without_sensitivity": ("run",),
     "backend": ("run", "arguments", "template"),
     "step": ("",),
     "seed": ("",),
@@ -215,6 +222,15 @@ def _template(names: Sequence[str], arrays: str) -> CommandResult:
     return CommandResult({"template": text}, text, verbatim=True)
 
 
+def _header(names: Sequence[str], language: str) -> CommandResult:
+    """The declarations of the operations' functions in C or Fortran."""
+    from refsim.contract import native
+
+    made = native.header if language == "c" else native.module
+    text = "\n".join(made(operation) for operation in _known(names, "cpu"))
+    return CommandResult({"header": text}, text, verbatim=True)
+
+
 def _allowed(text: str) -> tuple[str, float]:
     name, _, value = text.partition("=")
     try:
@@ -236,10 +252,11 @@ def _whole_run(options: argparse.Namespace) -> CommandResult:
             raise InputError(f"--{name} = {value:g} is not possible; give a positive number.")
     within = WITHIN if options.within is None else options.within
     scene, folder = options.run, options.names[0]
-    time, found, coarser = whole_runs.compare(
+    compared = whole_runs.compare(
         load_scene(scene), Path(folder), options.at, options.backend or "cpu", within,
         dict(map(_allowed, options.allow)), options.chaos_only,
     )  # fmt: skip
+    time, found, coarser = compared[:3]
     rows = [
         (m.name, f"{m.time:.4g}", f"{m.theirs:.6g}", f"{whole_runs.middle(m.ours):.6g}",
          *(f"{value:.2g}" for value in (m.difference, m.chaos, m.resolution)), m.unit, m.verdict)
@@ -266,9 +283,33 @@ def _whole_run(options: argparse.Namespace) -> CommandResult:
         lines.append(f"There is no coarser run: {coarser}")
     if not any(m.name == "kinetic energy" for m in found):
         lines.append("Momentum and kinetic energy are not judged: the frames have no velocity.")
-    holds = all(m.holds for m in found)
-    data = {"scene": scene, "time": time, "holds": holds, "within": within, "coarser": coarser}
-    return CommandResult(data | {"measures": whole_runs.report(found)}, "\n".join(lines), 0 if holds else 4)
+    decides, by = compared.decides
+    if options.chaos_only:
+        until = f"up to {decides:.4g} s: from there on it is more than 5 % of the range of {by}"
+        lines.append(f"The chaos decides {until if decides <= time else f'up to {time:.4g} s, the last frame'}.")
+    data = {"scene": scene, "time": time, "holds": all(m.holds for m in found), "within": within, "coarser": coarser}
+    data["decides_until"] = min(decides, time)
+    if not options.without_sensitivity:
+        noticed, idle = _sensitivity(load_scene(scene), compared, options.backend or "cpu")
+        data |= {"sensitivity": {s.parameter: s.error if s.by else None for s in noticed}, "untouched": idle}
+        rows = [(s.parameter, f"{s.error:.2g}" if s.by else "none", s.by or "-") for s in noticed]
+        lines += [
+            "",
+            table(rows, ("parameter", "least error noticed", "by"), (1,)),
+            "Errors are shares of the parameter.",
+        ]
+        lines.append(
+            f"Never touched up to {time:g} s: {', '.join(idle)}." if idle else "Every wall, gauge and effect acted."
+        )
+    return CommandResult(data | {"measures": whole_runs.report(found)}, "\n".join(lines), 0 if data["holds"] else 4)
+
+
+def _sensitivity(scene: Any, compared: Any, backend: str) -> tuple[list[Any], list[str]]:
+    """What the comparison would have noticed, and what nothing touched."""
+    from refsim.contract.sensitivity import sensitivities, untouched
+
+    noticed = list(sensitivities(scene, compared, backend))
+    return noticed, untouched(scene, compared, {s.parameter: s.error for s in noticed})
 
 
 def _export(options: argparse.Namespace) -> CommandResult:

@@ -43,9 +43,11 @@ def _unset(values: np.ndarray) -> np.ndarray:
 @functools.cache
 def fields() -> dict[str, Field]:
     """All fields that some method's package declares, by name."""
-    for folder in {operation.folder for operation in REGISTRY.values()}:
+    folders = {operation.folder for operation in REGISTRY.values()}
+    for folder in folders:
         importlib.import_module(folder)
-    modules = [module for name, module in sorted(sys.modules.items()) if name.startswith("refsim.")]
+    packages = {folder.partition(".")[0] for folder in folders}
+    modules = [module for name, module in sorted(sys.modules.items()) if name.partition(".")[0] in packages]
     found = {v.name: v for module in modules for v in vars(module).values() if isinstance(v, Field)}
     return found
 

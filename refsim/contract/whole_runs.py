@@ -6,6 +6,7 @@ fourth with a coarser spacing says how far a code of another discretisation may 
 """
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,6 +26,7 @@ SEEDS = (1, 2)
 RATIOS = (RATIO, 2.0)  # of the coarser spacing to the scene's; the first at which boxes keep their edges
 AXES = "xyz"
 EXTENTS = ("largest", "smallest")  # measures of single particles, which no code knows to less than the spacing
+DECIDES = 0.05  # share of a measure's range up to which the width of refsim's runs decides
 MASS_ROUNDING = 1e-5  # share of the mass that sums in single precision may be off
 
 
@@ -74,11 +76,22 @@ def middle(ours: Sequence[float]) -> float:
 
 
 class Comparison(NamedTuple):
-    """Measures up to a time [s], and the coarser spacing [m] or why there is none."""
+    """Measures up to a time [s], and the coarser spacing [m] or why there is none.
+
+    times, curves  of the frames [s], and the middle of refsim's runs at each of them, by measure
+    bands    largest difference that is allowed, by measure
+    decides  time [s] from which on the runs' width is more than a twentieth of some measure's range, and that measure
+    still    gauges whose values stood still
+    """
 
     time: float
     measures: list[Measure]
     coarser: float | str
+    times: list[float]
+    curves: dict[str, list[float]]
+    bands: dict[str, float]
+    decides: tuple[float, str]
+    still: list[str]
 
 
 # Measures
@@ -140,9 +153,10 @@ def compare(
         raise InputError(f"--allow: there is no measure {unknown}; there are {', '.join(names)}.")
     given = {"particles": 0.0, "mass": MASS_ROUNDING * total} | given
     times = [frame.time for frame in frames]
-    runs = [_run(scene, seed, times, backend) for seed in (None, *SEEDS)]
+    still: list[str] = []
+    runs = [run_of(scene, seed, times, backend, still=still) for seed in (None, *SEEDS)]
     other, coarser = (None, "") if chaos_only else _coarser(scene, times, backend, total)
-    found = []
+    found, middles, bands, decides = [], {}, {}, (math.inf, "")
     for name in names:
         curves = [tuple(run[k][name] for run in runs) for k in range(len(frames))]
         chaos, resolution = within * max(max(ours) - min(ours) for ours in curves), 0.0
@@ -156,7 +170,12 @@ def compare(
             for time, values, ours in zip(times, theirs, curves)
         ]
         found.append(max(points, key=lambda point: (point.difference, point.time)))
-    return Comparison(time, found, coarser)
+        middles[name], bands[name] = [middle(ours) for ours in curves], found[-1].allowed
+        known = (max(middles[name]) - min(middles[name])) * DECIDES
+        spread = [at for at, ours in zip(times, curves) if within * (max(ours) - min(ours)) > known]
+        if times[0] not in spread:  # else it says nothing, as what is zero by symmetry
+            decides = min(decides, (min(spread, default=math.inf), name))
+    return Comparison(time, found, coarser, times, middles, bands, decides, still)
 
 
 def _coarser(
@@ -167,7 +186,7 @@ def _coarser(
     for ratio in RATIOS:
         try:
             other = refined(scene, spaced(scene, 2, 0, ratio)[0])
-            return _run(other, None, times, backend, total), other.spacing
+            return run_of(other, None, times, backend, total), other.spacing
         except (InputError, RunStopped) as error:
             why = why or str(error)
     return None, why
@@ -185,10 +204,14 @@ def _gravity(simulation: Simulation) -> np.ndarray | None:
     return None if effect is None else np.array(effect.acceleration, dtype=float)
 
 
-def _run(
-    scene: Scene, seed: int | None, times: Sequence[float], backend: str, total: float = 0.0
-) -> list[dict[str, float]]:
-    """Measures at times [s] of a run from the scene's start, or from a shaken one; with a total mass [kg] if given."""
+def run_of(
+    scene: Scene, seed: int | None, times: Sequence[float], backend: str, total: float = 0.0,
+    still: list[str] | None = None,
+) -> list[dict[str, float]]:  # fmt: skip
+    """Measures at times [s] of a run from the scene's start, or from a shaken one; with a total mass [kg] if given.
+
+    still  is given the names of gauges whose values stood still
+    """
     simulation = Simulation(scene, backend)
     share = total / float(np.asarray(simulation.field("mass"), dtype=float).sum()) if total else 1.0
     if seed is not None:
@@ -209,6 +232,9 @@ def _run(
         velocity = _between(before.velocity_time, before.velocity, after.velocity_time, after.velocity, until)
         told = measures(Snapshot(until, position, velocity, share * after.mass), scene.dim, _gravity(simulation))
         found.append({name: value for name, (value, _) in told.items()})
+    for gauge in scene.gauge if still is not None and seed is None else ():
+        if not np.ptp(simulation.gauge(gauge.name).values, axis=0).any():
+            still.append(gauge.name)  # type: ignore[union-attr]
     return found
 
 

@@ -45,9 +45,9 @@ class Smoothing(NamedTuple):
 
     support_radius: float  # h [m]
     inverse_radius: float  # 1/h [1/m]
-    value_scale: float  # [1/m^dim]
-    slope_scale: float  # [1/m^(dim+1)]
-    laplacian_scale: float  # [1/m^(dim+2)]
+    value_scale: float  # W = value_scale s(q), q = r/h and s the kernel's shape [1/m^dim]
+    slope_scale: float  # dW/dr = slope_scale ds/dq [1/m^(dim+1)]
+    laplacian_scale: float  # the viscosity Laplacian is laplacian_scale (1 - q) for every shape [1/m^(dim+2)]
     shape: Any  # its number; a tuple of that length where it is `fixed`
     dim: int
 

@@ -1,0 +1,170 @@
+"""Programs in C, Fortran, Rust or Zig without glue: declarations of an operation's function, and the library's loader.
+
+The function is called `sph_density` for sph.density. It takes the number n of particles, with a grid that of its nodes,
+then the arguments in their order: arrays and parameter groups as pointers, NULL for None, numbers by value.
+"""
+
+import ctypes
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from refsim.contract.describe import Argument, arguments
+from refsim.contract.programs import Programs
+from refsim.core.errors import InputError
+from refsim.core.operation import REGISTRY, Operation
+
+C = {"float32": "REAL", "float64": "double", "int": "int64_t", "float": "double", "bool": "uint8_t"}
+FORTRAN = {
+    "float32": "real(real_kind)", "float64": "real(c_double)", "float": "real(c_double)", "int": "integer(c_int64_t)",
+    "bool": "integer(c_int8_t)",
+}  # fmt: skip
+CTYPES = {"float64": ctypes.c_double, "float": ctypes.c_double, "int": ctypes.c_int64, "bool": ctypes.c_uint8}
+KIND = re.compile(r"(\w+)(?: \((.*)\))?")
+
+
+def parts(operation: Operation) -> dict[str, tuple[Argument, list[Argument]]]:
+    """(argument, members of a group) by name."""
+    found: dict[str, tuple[Argument, list[Argument]]] = {}
+    for row in arguments(operation, "cpu"):
+        group, _, member = row.name.partition(".")
+        if member:
+            found[group][1].append(row)
+        else:
+            found[group] = (row, [])
+    return {name: part for name, part in found.items() if part[1] or part[0].kind[0].islower()}  # no memory of refsim's
+
+
+def sizes(operation: Operation) -> list[str]:
+    """Names of the numbers that stand before the arguments."""
+    return ["n"] + ["node_count"] * any("(nodes" in row.kind for row, _ in parts(operation).values())
+
+
+def split(kind: str) -> tuple[str, list[str]]:
+    """(type, sizes) of an argument's kind, "float32 (n, 3)"."""
+    found = KIND.fullmatch(kind)
+    assert found is not None
+    shape = [size.strip() for size in (found[2] or "").split(",") if size.strip()]
+    return found[1], ["node_count" if size == "nodes" else size for size in shape]
+
+
+def in_c(kind: str) -> str:
+    """The type in C of the numbers of a kind."""
+    return C.get(split(kind)[0], f"{split(kind)[0]}_t")
+
+
+def told(row: Argument) -> str:
+    """What an argument or member is, in one comment; numbers of rows that differ from run to run are left out."""
+    shape = split(row.kind)[1]
+    sizes = f" ({', '.join(shape)})" if shape and not shape[0].isdecimal() else ""
+    return f"{split(row.kind)[0]}{sizes}: {row.meaning}"[:125]
+
+
+def header(operation: Operation) -> str:
+    """The C header of the function that computes an operation."""
+    lines = [
+        "#include <stdint.h>",
+        "#ifndef REAL",
+        "#define REAL double /* or float, with -DREAL=float */",
+        "#endif",
+        "",
+    ]
+    taken = [f"int64_t {size}" for size in sizes(operation)]
+    for argument, (row, members) in parts(operation).items():
+        const = "const " if row.role == "in" else ""
+        if not members:
+            pointer = "*" if split(row.kind)[1] else ""
+            taken.append(f"{const if pointer else ''}{in_c(row.kind)} {pointer}{argument} /* {told(row)} */")
+            continue
+        lines += [f"#ifndef REFSIM_{argument.upper()}", f"#define REFSIM_{argument.upper()}", "typedef struct {"]
+        for m in members:
+            kind = f"const {in_c(m.kind)} *" if split(m.kind)[1] else f"{in_c(m.kind)} "
+            lines.append(f"    {kind}{m.name.partition('.')[2]}; /* {told(m)} */")
+        lines += ["    int64_t rows; /* of its first array */", f"}} refsim_{argument};", "#endif", ""]
+        taken.append(f"const refsim_{argument} *{argument}{' /* or NULL */' if row.optional else ''}")
+    words = f"/* {operation.name}: {operation.paper}, {operation.equation}"
+    written = f"   {'adds to' if operation.adds else 'assigns'} {', '.join(operation.outputs)} */"
+    listed = ",\n    ".join(taken)
+    return "\n".join([*lines, words, written, f"void {function_of(operation)}(\n    {listed}\n);\n"])
+
+
+def module(operation: Operation) -> str:
+    """The Fortran module with the interface of the function, which a submodule implements by `module procedure`."""
+    lines = [f"! {operation.name}: {operation.paper}, {operation.equation}"[:130]]
+    lines += [f"module refsim_{function_of(operation)}", "  use iso_c_binding", "  implicit none"]
+    lines += ["  integer, parameter :: real_kind = c_double  ! or c_float"]
+    taken = [f"      integer(c_int64_t), value :: {', '.join(sizes(operation))}"]
+    for argument, (row, members) in parts(operation).items():
+        optional = ", optional" if row.optional else ""
+        if members:
+            lines.append(f"  type, bind(c) :: refsim_{argument}")
+            for m in members:
+                kind = "type(c_ptr)" if split(m.kind)[1] else in_fortran(m.kind)
+                lines += [f"    ! {told(m)}", f"    {kind} :: {m.name.partition('.')[2]}"]
+            lines += ["    ! of its first array", "    integer(c_int64_t) :: rows", "  end type"]
+            taken.append(f"      type(refsim_{argument}), intent(in){optional} :: {argument}")
+            continue
+        intent, shape = "in" if row.role == "in" else "inout", ", ".join(reversed(split(row.kind)[1]))
+        by = f", intent({intent}){optional} :: {argument}({shape})" if shape else f", value :: {argument}"
+        taken += [f"      ! {told(row)}", f"      {in_fortran(row.kind)}{by}"]
+    listed = ", &\n        ".join([*sizes(operation), *parts(operation)])
+    lines += ["  interface", f"    module subroutine {function_of(operation)}( &\n        {listed}) bind(c)", *taken]
+    return "\n".join([*lines, "    end subroutine", "  end interface", "end module", ""])
+
+
+def in_fortran(kind: str) -> str:
+    """The type in Fortran of the numbers of a kind."""
+    name = split(kind)[0]
+    return FORTRAN.get(name, f"integer(c_{name.removeprefix('u')}_t)")
+
+
+def function_of(operation: Operation) -> str:
+    """The function's name."""
+    return operation.name.replace(".", "_")
+
+
+def library(file: str, names: Sequence[str], **declared: Any) -> Programs:
+    """The programs of a compiled library; `{dtype}` in its file's name stands for "float32" and "float64".
+
+    declared  as of Programs. Raises InputError for an operation that does not exist.
+    """
+    unknown = ", ".join(name for name in names if name not in REGISTRY)
+    if unknown:
+        raise InputError(f"{file}: there is no operation {unknown}; `refsim list` has them all.")
+    return Programs({name: _program(file, REGISTRY[name]) for name in names}, **({"name": file} | declared))
+
+
+def _program(file: str, operation: Operation) -> Callable[..., None]:
+    def call(**given: Any) -> None:
+        real = next(v.dtype for v in given.values() if isinstance(v, np.ndarray) and v.dtype.kind == "f")
+        taken, wanted = parts(operation), [ctypes.c_int64(len(given[operation.outputs[-1]]))]
+        if len(sizes(operation)) > 1:
+            nodes = len(given["nodes"])
+            rows = next(len(given[k]) for k, (row, _) in taken.items() if "(n" in row.kind and "(nodes" not in row.kind)
+            wanted = [ctypes.c_int64(rows), ctypes.c_int64(nodes)]
+        values = [_value(given[name], row, members, real) for name, (row, members) in taken.items()]
+        getattr(ctypes.CDLL(str(Path(file.format(dtype=real)).resolve())), function_of(operation))(*wanted, *values)
+
+    return call
+
+
+def _type(kind: str, real: np.dtype) -> Any:
+    name, shape = split(kind)
+    if shape:
+        return ctypes.c_void_p
+    return CTYPES.get(name) or np.ctypeslib.as_ctypes_type(real if name == "float32" else np.dtype(name))
+
+
+def _value(value: Any, row: Argument, members: Sequence[Argument], real: np.dtype) -> Any:
+    if value is None:
+        return ctypes.c_void_p(None)
+    if not members:
+        return ctypes.c_void_p(value.ctypes.data) if np.ndim(value) else _type(row.kind, real)(value)
+    fields = [(m.name.partition(".")[2], _type(m.kind, real)) for m in members]
+    arrays = [part for part in value if np.ndim(part)]
+    made = type(row.name, (ctypes.Structure,), {"_fields_": [*fields, ("rows", ctypes.c_int64)]})
+    taken = [part.ctypes.data if np.ndim(part) else kind(part) for part, (_, kind) in zip(value, fields)]
+    return ctypes.byref(made(*taken, len(arrays[0]) if arrays else 0))

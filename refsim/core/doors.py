@@ -1,0 +1,20 @@
+"""Effects and operations of other packages, which the entry points `refsim.effects` and `refsim.operations` name."""
+
+import importlib.metadata
+import warnings
+
+GROUPS = ("refsim.effects", "refsim.operations")
+
+
+def open_doors() -> None:
+    """Import what the entry points of installed packages name, which registers it; warn of what cannot be imported."""
+    for group in GROUPS:
+        for entry in importlib.metadata.entry_points(group=group):
+            try:
+                entry.load()
+            except Exception as error:  # a package of others may raise whatever it likes
+                warnings.warn(
+                    f"the entry point {entry.name} of {group} cannot be imported ({entry.value}):"
+                    f" {type(error).__name__}: {error}",
+                    stacklevel=2,
+                )
