@@ -101,6 +101,9 @@ def _execute(arguments: Sequence[str], began: Seconds) -> CommandResult:
     except SystemExit:  # after --help
         _tell("", end="")
         raise
+    if hasattr(options, "names") and isinstance(options.names, list):  # names may stand behind options, too
+        options.names += [word for word in unknown if not word.startswith("-")]
+        unknown = [word for word in unknown if word.startswith("-")]
     if unknown:
         command = f"{parser.prog} {options.command}" if options.command else parser.prog
         raise InputError(f"unrecognized arguments: {' '.join(unknown)}; see {command} --help.")

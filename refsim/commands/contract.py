@@ -65,6 +65,9 @@ DESCRIPTION = (
        help="run one trial by the name that a report gives, or by the file of a drawn input that failed, and write"
             f" its inputs and answers into {REPLAYED}")  # fmt: skip
 @takes("--junit", metavar="FILE", help="write the outcomes as JUnit's XML, too, for CI servers")
+@takes("--known-failures", metavar="FILE",
+       help="trials that may fail, a name of a report in each line; one that passes fails the verdict")  # fmt: skip
+@takes("-j", "--jobs", type=int, metavar="N", help="processes that share the operations (1; 2 for refsim's own)")
 @takes("--guide", action="store_true", help="judge nothing; print how to bring your own code")
 def execute(options: argparse.Namespace) -> CommandResult:
     """Judge the programs and report."""
@@ -97,7 +100,7 @@ def execute(options: argparse.Namespace) -> CommandResult:
     check_names(operations, options.dtype, options.variant, options.step)
     request = apart.Request(
         source, tuple(operations), tuple(options.dtype), tuple(options.variant), tuple(options.step),
-        options.time_limit, options.allow_untried, seed=options.seed,
+        options.time_limit, options.allow_untried, seed=options.seed, processes=_jobs(source, options.jobs),
     )  # fmt: skip
     if options.replay is not None:
         request = _replayed(request, options.replay)
@@ -118,8 +121,12 @@ def _judged(request: Any, options: argparse.Namespace) -> CommandResult:
         found[outcome.operation].append(outcome)
     if request.replay and not any(found.values()):
         raise InputError(f"--replay {request.replay}: {about.name} has no such trial; take a name that --json gives.")
+    mended = _excused(options.known_failures, found) if options.known_failures else []
     data = report.report(about, request, found, time.perf_counter() - began)
     text = report.text(data, found)
+    if mended:
+        data["holds"] = False
+        text += f"\n{options.known_failures} names trials that pass; take them out: {', '.join(mended)}."
     if options.junit:
         write_file(options.junit, report.junit(data, found))
     if request.replay:
@@ -127,6 +134,31 @@ def _judged(request: Any, options: argparse.Namespace) -> CommandResult:
         data, text = {"outcome": dataclasses.asdict(outcome), "inputs": REPLAYED}, f"{outcome}\nInputs: {REPLAYED}."
         return CommandResult(data, text, 0 if outcome.passed else 4)
     return CommandResult(data, text, 0 if data["holds"] else 4)
+
+
+def _jobs(source: str, wanted: int | None) -> int:
+    """The number of processes. Raises InputError for one that is not possible."""
+    from refsim.contract.apart import PROCESSES
+
+    if wanted is not None and wanted < 1:
+        raise InputError(f"--jobs = {wanted} is not possible; give a number of processes from 1 on.")
+    return wanted or (PROCESSES if source in BACKENDS else 1)
+
+
+def _excused(file: str, found: dict[str, list[Any]]) -> list[str]:
+    """Known failures of a file become trials that are not judged; names of those that pass. InputError without it."""
+    try:
+        lines = Path(file).read_text(encoding="utf-8").splitlines()
+    except (OSError, ValueError) as error:
+        raise InputError(f"--known-failures {file} cannot be read ({error}); give a text file.") from None
+    known = {line.partition("#")[0].strip() for line in lines} - {""}
+    mended = [o.replay for outcomes in found.values() for o in outcomes if o.passed and o.replay in known]
+    for outcomes in found.values():
+        outcomes[:] = [
+            dataclasses.replace(o, not_judged=f"known failures of {file}", words="")
+            if o.replay in known and not o.passed and not o.not_judged else o for o in outcomes
+        ]  # fmt: skip
+    return mended
 
 
 def _replayed(request: Any, name: str) -> Any:
@@ -158,6 +190,8 @@ OF_MODES: dict[str, tuple[str, ...]] = {
     "backend": ("run", "arguments", "template"),
     "step": ("",),
     "seed": ("",),
+    "known_failures": ("",),
+    "jobs": ("",),
     "allow_untried": ("",),
 }
 OF_MODES |= {"dtype": ("", "export"), "variant": ("", "export"), "junit": ("",)}

@@ -44,6 +44,7 @@ class Request:
     allow_untried  whether an operation holds of which a declared trial was not tried
     first   number of the first operation's first trial
     replay  name of the one trial that is run, whose inputs are written into the current folder
+    processes  among which operations are shared, of a library where more than one is asked for
     seed    of drawn inputs, or the file of one; see `refsim.contract.programs.ladder`
     """
 
@@ -57,6 +58,7 @@ class Request:
     first: int = 0
     replay: str = ""
     seed: int | str | None = None
+    processes: int = PROCESSES
 
 
 @dataclass(frozen=True)
@@ -86,11 +88,15 @@ def judge(request: Request) -> tuple[About, Iterator[Outcome]]:
         about = _described(own(request.source), request)
         return about, _merged(about, request)
     child = _Child(request, request.operations)
+    shared = request.processes > 1 and not request.replay
     try:
         about = _about(child, request)
     except BaseException:
         child.close()
         raise
+    if shared and len(about.names) > 1:
+        child.close()
+        return about, _merged(about, request)
     return about, _outcomes(child, about.names, about.arrays, request)
 
 
@@ -119,7 +125,7 @@ def _merged(about: About, request: Request) -> Iterator[Outcome]:
         except BaseException as error:
             found.put(error)
 
-    shares = [about.names[k::PROCESSES] for k in range(PROCESSES)]
+    shares = [about.names[k :: request.processes] for k in range(request.processes)]
     threads = [threading.Thread(target=work, args=(names,)) for names in shares if names]
     for thread in threads:
         thread.start()

@@ -12,7 +12,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from refsim.contract.inputs import Inputs, arguments_of_others, bindings, fields, with_variant
+from refsim.backends.arrays import Backend
+from refsim.contract.inputs import Inputs, arguments_of_others, fields, period_of, prepare, value_of, with_variant
 from refsim.core import cases
 from refsim.core.operation import REGISTRY, Operation
 
@@ -21,7 +22,7 @@ OF_LISTS = {
     "start": "first entry of each particle's neighbours",
     "count": "number of each particle's neighbours",
     "entries": "numbers of the particles within the support radius and a skin, without the particle itself",
-    "index": "number of the k-th neighbour of particle i at k n + i",
+    "lanes": "the k-th neighbour of particle i is entries[k n + i]",
     "dim": "2 or 3",
 }
 MEMBER = re.compile(r"^    (\w+): [^#\n]+?(?:  # (.*))?$", re.MULTILINE)
@@ -49,8 +50,11 @@ def arguments(operation: Operation, arrays: str) -> list[Argument]:
     """Everything that a program on `arrays` ("cpu", "cuda") is given, the members of groups behind their group."""
     cases.discover()
     names = arguments_of_others(operation, arrays)
-    given = bindings(operation.name, arrays, "float32", SHOWN_IN, {}, names=names)
-    sizes = {cases.CASES[SHOWN_IN]().count: "n", len(given.get("nodes", ())): "nodes"}
+    case, place = cases.CASES[SHOWN_IN](), Backend(arrays)  # on the host, so that no GPU is needed
+    period = period_of(operation, Inputs(case, "float32"))
+    inputs, near, walls = prepare(case, place, "float32", "all_pairs", period)
+    given = {name: value_of(operation, name, inputs, near, walls, place) for name in names}
+    sizes = {case.count: "n", len(given.get("nodes", ())): "nodes"}
     found = []
     for name, value in given.items():
         role = "add to" if name in operation.adds else "out" if name in operation.outputs else "in"

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import time
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -46,6 +47,7 @@ def performed(target: Target, step: str, trial: Trial) -> Outcome | None:
 
     A trial fails in which the program raises, changes an input, writes beside its arrays or leaves an output unset.
     """
+    began = time.perf_counter()
     try:
         outcome = trial.run()
     except NotJudged as reason:
@@ -54,7 +56,8 @@ def performed(target: Target, step: str, trial: Trial) -> Outcome | None:
         outcome = dataclasses.replace(target.outcome(0.0), passed=False, not_judged=told, words=words)
     if outcome is None and target.faults:
         outcome = target.outcome(np.inf)
-    return outcome and dataclasses.replace(outcome, step=step, trial=trial.name)
+    seconds = round(time.perf_counter() - began, 4)
+    return outcome and dataclasses.replace(outcome, step=step, trial=trial.name, seconds=seconds)
 
 
 def climbing(target: Target, steps: tuple[str, ...] | None = None) -> Iterator[Outcome]:

@@ -10,6 +10,7 @@ import importlib
 import importlib.metadata
 import importlib.util
 import inspect
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -235,6 +236,8 @@ def _from_file(path: Path) -> Any:
     if spec is None or spec.loader is None:
         raise InputError(f"{path} is no Python file; give one whose name ends in .py.")
     module = importlib.util.module_from_spec(spec)
+    if (folder := str(path.parent.resolve())) not in sys.path:
+        sys.path.insert(0, folder)  # so that it may import its neighbours
     spec.loader.exec_module(module)
     return module
 

@@ -151,10 +151,11 @@ def junit(data: Mapping[str, Any], found: Found) -> bytes:
         skipped, failed = sum(skips), sum(not o.passed for o in outcomes) - sum(skips) + len(lacking)
         count = str(len(outcomes) + len(lacking))
         suite = ElementTree.SubElement(
-            suites, "testsuite", name=name, tests=count, failures=str(failed), skipped=str(skipped)
-        )
+            suites, "testsuite", name=name, tests=count, failures=str(failed), skipped=str(skipped),
+            time=f"{sum(o.seconds for o in outcomes):.4f}",
+        )  # fmt: skip
         for o, skip in zip(outcomes, skips):
-            case = ElementTree.SubElement(suite, "testcase", classname=name, name=o.replay)
+            case = ElementTree.SubElement(suite, "testcase", classname=name, name=o.replay, time=f"{o.seconds:.4f}")
             if skip:
                 ElementTree.SubElement(case, "skipped", message=o.not_judged)
             elif not o.passed:

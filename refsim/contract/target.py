@@ -69,6 +69,7 @@ class Outcome:
     telling     whether the right answer differs from zero, so that the trial could fail
     values      of a wrong answer: output, row, got, expected, error, bound, neighbours, and the pair that matters
     signs       of a wrong answer, from which a cause is voted; `traits` of the inputs, see `refsim.contract.causes`
+    seconds     of wall time that the trial took
     """
 
     operation: str
@@ -87,6 +88,7 @@ class Outcome:
     values: Mapping[str, Any] = field(default_factory=dict)
     signs: tuple[str, ...] = ()
     traits: Mapping[str, Any] = field(default_factory=dict)
+    seconds: float = 0.0
 
     @property
     def untried(self) -> bool:

@@ -362,3 +362,39 @@ def test_processes_share_the_operations_of_refsims_own_programs():
     assert (about.names, {o.operation for o in outcomes if o.passed}) == (list(names), set(names))
     first = next(apart.judge(request)[1])  # of which the others are not waited for
     assert first.passed
+
+
+# Options of a CI server
+def test_known_failures_times_jobs_and_neighbours(folder, capsys):
+    (folder / "library").mkdir()
+    (folder / "library" / "beside.py").write_text("SHARE = 2\n")
+    (folder / "library" / "own.py").write_text(
+        "from beside import SHARE\n"
+        "def gravity(field, acceleration):\n    acceleration += SHARE * field if len(acceleration) == 3 else field\n"
+        "def keep(new_pressure, pressure):\n    pressure[:] = new_pressure\n"
+        "PROGRAMS = {'sph.gravity': gravity, 'iisph.keep': keep}\n"
+    )
+    given = ("library/own.py", "--step", "T2", "sph.gravity", "--dtype", "float64", "iisph.keep", "-j", "2")
+    code, out, _ = refsim(capsys, *given, "--json", "--junit", "out.xml")
+    assert code == 4
+    operations = json.loads(out)["operations"]
+    assert set(operations) == {"sph.gravity", "iisph.keep"}
+    failed = [o["replay"] for o in operations["sph.gravity"]["outcomes"] if not o["passed"]]
+    assert len(failed) == 2
+    times = [float(text) for text in re.findall(r'<testcase [^>]*time="([\d.]+)"', (folder / "out.xml").read_text())]
+    assert sum(times) > 0
+    (folder / "known.txt").write_text(f"# three particles\n{failed[0]}\n{failed[1]}  # in the plane\n")
+    assert refsim(capsys, *given, "--known-failures", "known.txt")[0] == 0
+    passed = next(o["replay"] for o in operations["sph.gravity"]["outcomes"] if o["passed"])
+    (folder / "known.txt").write_text("\n".join([*failed, passed]))
+    code, out, _ = refsim(capsys, *given, "--known-failures", "known.txt")
+    assert (code, f"known.txt names trials that pass; take them out: {passed}." in out) == (4, True)
+    for wrong in (("--known-failures", "nowhere.txt"), ("-j", "0")):
+        assert refsim(capsys, *given[:6], *wrong)[0] == 2
+
+
+def test_arguments_and_template_for_a_gpu_need_none(capsys):
+    code, out, _ = refsim(capsys, "sph.momentum", "--arguments", "--backend", "cuda")
+    assert code == 0
+    assert "the k-th neighbour of particle i is entries[k n + i]" in out
+    assert refsim(capsys, "--template", "sph.density", "mpm.particle_to_grid", "--backend", "cuda")[0] == 0
