@@ -66,6 +66,8 @@ def launch(state: State, only: Collection[int] | None = None) -> Iterator[tuple[
     """Launch the passes of a step, or those of these numbers; after each, its operation and the fields it wrote."""
     if only is None or needed(state, "acceleration") <= set(only):  # also where no pass adds to it
         state.backend.assign(state.fields["acceleration"], 0.0)
+        for force in state.own_forces:
+            force(state.time, state.fields)
     for k, ((name, rare, call), (_, p)) in enumerate(zip(state.force_calls, state.force_passes)):
         if (not rare) if only is None else k in only:
             state.timings.run(name, call)

@@ -2,7 +2,7 @@
 
 import functools
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
@@ -209,9 +209,10 @@ class Simulation(State, Shown):
         sort_now_and_then(self)
         ready(self)  # with lists that hold every pair
         follow(self)
-        done = advance(self) if self.stepper is None else self.stepper.advance()  # forces, the length, motion
+        stepper = None if self.own_forces else self.stepper
+        done = advance(self) if stepper is None else stepper.advance()  # forces, the length, motion
         self.tick(done)
-        watch(self, done, self.host if self.stepper is None else self.stepper.watched)
+        watch(self, done, self.host if stepper is None else stepper.watched)
         self.limiters[done.limiter] = self.limiters.get(done.limiter, 0) + 1
         self.last = StepResult(self.steps, self.time, done.length, done.limiter, done.limits)
         if self.auditor is not None:
@@ -221,6 +222,26 @@ class Simulation(State, Shown):
         if self.gauges is not None:
             self.gauges.after_step(self)
         return self.last
+
+    @plainly
+    def add_force(self, force: Callable[[float, Mapping[str, Any]], None]) -> None:
+        """Have `force(time, fields)` called in each step, before the scene's own forces.
+
+        force  adds its acceleration [m/s^2] to fields["acceleration"] in place. The fields are the run's own arrays, no
+               copies, rows in the order of the memory: NumPy's on a CPU; with backend "cuda" device arrays, which have
+               `__cuda_array_interface__`, so that `cupy.asarray(fields["velocity"])` shares them. Position (seen from
+               `plan.grid.origin`), velocity and mass belong to the state at `time` [s]; what passes compute, as the
+               density, to the step before.
+
+        On a GPU steps are then launched pass by pass. The limit of the step knows its acceleration, and no stiffness.
+        Raises InputError in a scene with an energy audit, which could not account for it, and behind the first step.
+        """
+        if self.auditor is not None:
+            raise InputError("add_force: the energy audit cannot account for it; leave out energy_audit.")
+        if self.steps:
+            raise InputError("add_force: the run has begun; add the force before the first step.")
+        self.own_forces.append(force)
+        self.current.clear()
 
     @_at_work
     def evaluate(self, on_demand: bool = True) -> None:

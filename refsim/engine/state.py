@@ -55,6 +55,7 @@ class State:
     current           fields that follow from the state and belong to the present one
     bound             whether the calls take the present arrays; `bindings` counts how often they were bound
     foreseen          whether the forces of the next step are launched
+    own_forces        functions of the user's that add to the acceleration
     """
 
     source: Path | None = None  # the checkpoint that it was resumed from
@@ -93,6 +94,7 @@ class State:
         self.greatest_speed = min(speeds, default=math.inf)  # [m/s] beyond which the run is taken to have diverged
         self.current: set[str] = set()
         self.bound, self.bindings, self.foreseen = False, 0, False
+        self.own_forces: list[Callable[[float, Mapping[str, Any]], None]] = []
 
     @property
     def count(self) -> int:

@@ -845,3 +845,28 @@ def test_printed_files_run_as_they_stand():
         kernel(*given)
         other[1, 128](*there)
         np.testing.assert_allclose(there[-1], given[-1], rtol=1e-5, atol=1e-5 * np.abs(given[-1]).max(), err_msg=name)
+
+
+def test_a_force_in_python_gets_the_devices_arrays():
+    """The same run as on the references; the arrays are those of the run, with `__cuda_array_interface__` on a GPU."""
+    box = rs.Box(lower=(0.0, 0.0, 0.0), cells=(2, 2, 2))
+    scene = rs.Scene(
+        spacing=0.1, support_radius=0.26, dtype="float64", step=1e-3, fluid=(box,), effects=(rs.Gravity(),)
+    )
+    oracle, run = rs.Simulation(scene, "numpy"), rs.Simulation(scene, "cuda")
+
+    def push(time, fields):
+        fields["acceleration"][...] = fields["acceleration"][...] + 1.5 + time
+
+    def push_device(time, fields):
+        array = fields["acceleration"]
+        array.copy_to_device(array.copy_to_host() + 1.5 + time)
+        assert array is run.fields["acceleration"]
+
+    oracle.add_force(push)
+    run.add_force(push_device)
+    for _ in range(3):
+        oracle.step()
+        run.step()
+    for name in ("position", "velocity", "acceleration"):
+        np.testing.assert_allclose(run.field(name), oracle.field(name), rtol=1e-12)
