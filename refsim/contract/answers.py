@@ -178,7 +178,7 @@ def large_case(target: Target) -> Iterator[Trial]:
     for dim in target.dims:
         yield Trial(LARGE[dim], functools.partial(_large, target, LARGE[dim]))
     if target.loader and target.variant == 0 and takes_neighbours(target.operation):
-        yield Trial(MANY, functools.partial(_many, target))
+        yield Trial(MANY, functools.partial(many, target))
 
 
 def _large(target: Target, name: str) -> Outcome:
@@ -191,9 +191,9 @@ def sampled(name: str) -> np.ndarray:
     return np.sort(case.random("rows").choice(case.count, SAMPLED_ROWS, replace=False))
 
 
-def _many(target: Target) -> Outcome:
-    """70,000 particles, where calls with 1,000 and 3,000 say that it ends in time."""
-    excluded = target.excludes(target.operation, target.varied(Inputs(cases.CASES[MANY](), target.dtype)))
+def many(target: Target, name: str = MANY) -> Outcome:
+    """70,000 particles, or so, where calls with 1,000 and 3,000 say that it ends in time."""
+    excluded = target.excludes(target.operation, target.varied(Inputs(cases.CASES[name](), target.dtype)))
     if excluded:
         raise NotJudged(excluded)
     seconds = seconds_of_many(target)
@@ -201,7 +201,7 @@ def _many(target: Target) -> Outcome:
         raise NotJudged(
             MANY_PARTICLES, f"a call would take {seconds:.0f} s of the processor, and {MOST_SECONDS:g} s are allowed"
         )
-    return _large(target, MANY)
+    return _large(target, name)
 
 
 def seconds_of_many(target: Target) -> float:

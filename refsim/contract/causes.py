@@ -258,9 +258,11 @@ class Wrong:
         for name in self.fields:
             own = np.broadcast_to(inputs[name][i], inputs[name].shape).copy()
             yield f"the answer has {name}_i in place of {name}_j", self.answer(inputs.replaced(**{name: own}), i)
+        alone = self.answer(without_walls(self.some([i])))
         for words, sign in (("leaves out the particle itself", -1), ("counts the particle itself twice", 1)):
-            yield f"your program {words}", right + sign * self.answer(without_walls(self.some([i])))
-        adds = np.array([np.atleast_1d(self.part(i, j)) for j in self.near(i)[:80]]).reshape(-1, len(right))
+            yield f"your program {words}", right + sign * alone
+        pairs = (self.answer(without_walls(self.some([i, j]))) for j in self.near(i)[:80])
+        adds = np.array([np.atleast_1d(both - alone) for both in pairs]).reshape(-1, len(right))
         for words, sign in (("is missing", -1), ("is counted twice", 1)) if len(adds) else ():
             best = int(np.argmin(np.abs(self.got[k] - right - sign * adds).sum(1)))
             yield f"off by one: in each wrong row one neighbour {words}", right + sign * adds[best]
@@ -309,10 +311,6 @@ class Wrong:
         """The oracle's answer to altered inputs in one row."""
         return oracle(self.operation, inputs, np.array([row]))[self.name][0][0]
 
-    def part(self, i: int, j: int) -> np.ndarray:
-        """What particle j adds to the row of particle i."""
-        return self.answer(without_walls(self.some([i, j]))) - self.answer(without_walls(self.some([i])))
-
     def apart(self, i: int) -> np.ndarray:
         """Distances [m] of all particles' nearest images from particle i, infinite of its own."""
         x, period = self.inputs["position"], period_of(self.operation, self.inputs)
@@ -327,18 +325,12 @@ class Wrong:
         ]
 
     def values(self) -> dict[str, Any]:
-        """The worst row in numbers, and the nearest pair in it."""
+        """The worst row in numbers."""
         k, i = self.worst, int(self.number[self.worst])
-        near = self.near(i) if self.sums else self.every[:0]
         got, right = (np.asarray(v[k]).tolist() for v in (self.got, self.right))
+        bound = float(self.error[k] / self.ratio[k]) if np.isfinite(self.ratio[k]) else None
         told = {"output": self.name, "row": i, "got": got, "expected": right, "error": float(self.error[k])}
-        told["bound"] = float(self.error[k] / self.ratio[k]) if np.isfinite(self.ratio[k]) else None
-        told["neighbours"] = len(near)
-        with contextlib.suppress(*REFUSED):
-            for j in map(int, near[:1]):
-                share, adds = float(self.apart(i)[j]) / self.inputs.case.support_radius, self.part(i, j).tolist()
-                told["pair"] = {"particle": j, "over_support": share, "adds": adds}
-        return told
+        return told | {"bound": bound, "neighbours": len(self.near(i)) if self.sums else 0}
 
 
 def reach_of(operation: Operation, inputs: Inputs) -> float:

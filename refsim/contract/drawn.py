@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from refsim.contract.answers import MOST_SECONDS, sampled, seconds_of_many
+from refsim.contract.answers import many
 from refsim.contract.bounds import errors, oracle, takes_neighbours
-from refsim.contract.causes import judgement
+from refsim.contract.causes import REFUSED, judgement
 from refsim.contract.inputs import Inputs, all_pairs, period_of
 from refsim.contract.properties import RANKS, Usual, by_ranks
-from refsim.contract.target import Judged, Outcome, Target, Trial
+from refsim.contract.target import MOST_SOUGHT, Judged, NotJudged, Outcome, Sought, Target, Trial
 from refsim.core import cases
 from refsim.core.errors import InputError
 from refsim.core.period import period_group
@@ -96,16 +96,29 @@ def _inputs(target: Target, drawn: Drawn) -> Inputs:
     return inputs.replaced(period=period_group((x, y, z), target.dtype))
 
 
-def _judged(target: Target, drawn: Drawn) -> Outcome:
-    inputs, lists = _inputs(target, drawn), (None, None)
+def _judged(target: Target, drawn: Drawn) -> Outcome | None:
+    """The outcome of one input; None where the operation's arguments cannot be made from it."""
+    cases.CASES[drawn.case.name] = lambda: drawn.case  # where some arguments look for it
+    try:
+        return _on(target, drawn)
+    finally:
+        del cases.CASES[drawn.case.name]
+
+
+def _on(target: Target, drawn: Drawn) -> Outcome | None:
+    operation = target.operation
+    try:
+        inputs = _inputs(target, drawn)
+        answer = oracle(operation, inputs)
+    except REFUSED:
+        return None
+    lists = (None, None)
     if target.listed and target.backend != "numpy":
-        neighbours, walls = all_pairs(inputs, target.place, period_of(target.operation, inputs))
+        neighbours, walls = all_pairs(inputs, target.place, period_of(operation, inputs))
         lists = (with_room(neighbours, drawn.gap), walls)
     before, after = target.launch(inputs, *lists)
-    answer = oracle(target.operation, inputs)
-    return judgement(
-        target, Judged(inputs, before, after, answer, errors(target.operation, inputs, before, after, None, answer))
-    )
+    found = errors(operation, inputs, before, after, None, answer)
+    return judgement(target, Judged(inputs, before, after, answer, found))
 
 
 def with_room(neighbours: Any, gap: int) -> Any:
@@ -121,29 +134,27 @@ def with_room(neighbours: Any, gap: int) -> Any:
     return neighbours._replace(start=start, entries=entries)
 
 
-def _smallest(target: Target, name: str) -> Outcome:
+def _smallest(target: Target, name: str) -> Outcome | None:
     """The outcome of a drawn input; where it fails, a smaller one that fails is kept."""
     drawn = draw(target, name)
-    outcome = _judged(target, drawn)
-    kept = target.sought.smallest
-    if outcome.passed or outcome.not_judged or (kept and len(kept[1].case.position) <= max(drawn.case.count, 1)):
+    outcome, kept = _judged(target, drawn), target.sought.smallest
+    if not outcome or outcome.passed or outcome.not_judged:
         return outcome
-    quiet, calls, step = (
-        dataclasses.replace(target.quiet(), sought=dataclasses.replace(target.sought, answers=10**6)),
-        0,
-        drawn.case.count,
-    )
+    quiet = dataclasses.replace(target.quiet(), sought=Sought(answers=MOST_SOUGHT))
+    calls, step = 0, drawn.case.count
     while step > 1 and calls < MOST_CALLS:
         step, place = (step + 1) // 2, 0
         while place < drawn.case.count and calls < MOST_CALLS:
-            keep = np.delete(drawn.case.position, slice(place, place + step), 0)
-            fewer = dataclasses.replace(drawn, case=dataclasses.replace(drawn.case, position=keep))
             calls += 1
-            if _judged(quiet, fewer).passed:
+            keep = np.delete(drawn.case.position, slice(place, place + step), 0)
+            fewer = dataclasses.replace(drawn.case, position=keep, name=f"{name} {calls}")
+            other = _judged(quiet, dataclasses.replace(drawn, case=fewer))
+            if other is None or other.passed:
                 place += step
             else:
-                drawn = fewer
-    target.sought.smallest = outcome_name(target, name), drawn
+                drawn = dataclasses.replace(drawn, case=fewer)
+    if kept is None or drawn.case.count < kept[1].case.count:
+        target.sought.smallest = outcome_name(target, name), drawn
     return outcome
 
 
@@ -157,11 +168,10 @@ def _many(target: Target) -> Outcome | None:
     count = BEYOND_16_BITS[int(target.seed or 0) // 2 % 3]
     name = f"many_{count}"
     cases.CASES.setdefault(name, functools.cache(lambda: cases.Case(name, 3, cases.cloud(name, count, 3))))
-    if target.excludes(target.operation, target.varied(Inputs(cases.CASES[name](), target.dtype))):
+    try:
+        return many(target, name)
+    except NotJudged:
         return None
-    if seconds_of_many(target) > MOST_SECONDS:
-        return None
-    return judgement(target, target.on_case(name, rows=sampled(name)))
 
 
 def _by_ranks(target: Target, name: str) -> Outcome:

@@ -67,7 +67,7 @@ class Outcome:
                 with `words` that say why it was not tried in spite of what is declared
     kernel      smoothing kernel of the inputs, "" for that of the case; `dim` their dimension
     telling     whether the right answer differs from zero, so that the trial could fail
-    values      of a wrong answer: output, row, got, expected, error, bound, neighbours, and the pair that matters
+    values      of a wrong answer: output, row, got, expected, error, bound and neighbours
     signs       of a wrong answer, from which a cause is voted; `traits` of the inputs, see `refsim.contract.causes`
     seconds     of wall time that the trial took
     """
@@ -123,10 +123,6 @@ def told_values(values: Mapping[str, Any]) -> str:
     text = f"{values['output']} of particle {values['row']}: got {got}, expected {expected}, error {error:.3g}"
     text += "" if values["bound"] is None else f", bound {values['bound']:.3g}"
     text += f", {values['neighbours']} neighbour{'s' if values['neighbours'] != 1 else ''}"
-    pair = values.get("pair")
-    if pair:
-        adds = "" if pair["adds"] is None else f", which adds {_number(pair['adds'])}"
-        text += f"; the pair with particle {pair['particle']} at r = {pair['over_support']:.4g} h{adds}"
     return text
 
 
