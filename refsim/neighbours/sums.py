@@ -104,6 +104,8 @@ class Pairs:
     """
 
     def __init__(self, i, count, j, row, column, between=None, same=None):
+        if (np.diff(row) < 0).any():
+            raise ValueError("Pairs must be sorted by their row of i.")
         cuts = [slice(k, k + CHUNK) for k in range(0, max(len(row), 1), CHUNK)]
         self.links = [(row[c], column[c], between and between.at(c)) for c in cuts]
         self.i, self.count, self.j, self.same = i, count, j, same  # same: rows of the i among the j

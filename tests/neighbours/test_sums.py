@@ -57,3 +57,8 @@ def test_pairs_of_other_things():
     assert (value.tolist(), size.tolist()) == ([199, 0, 50], [201, 0, 50])
     assert of.most(lambda i, j, ij: j.mass).value.tolist() == [100, -np.inf, 10]
     assert of.any(lambda i, j, ij: j.mass > 50).holds.tolist() == [True, False, False]
+
+
+def test_pairs_in_disorder_are_refused():
+    with pytest.raises(ValueError, match="sorted"):
+        Pairs(Fields(scale=[2.0, 3.0]), 2, Fields(mass=[1.0]), np.array([1, 0]), np.array([0, 0]))
