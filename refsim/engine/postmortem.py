@@ -45,9 +45,7 @@ SHOWN = 500  # particles at most in the neighbourhood
 
 def write_postmortem(simulation: State, stop: RunStopped, folder: Path, replay: str, checkpoint: Path | None) -> Path:
     """Write both files into `folder`; the path of the JSON. Raises RunStopped or InputError where that fails."""
-    found = examine(simulation, stop)
-    row = found.pop("row")
-    near = _neighbourhood(simulation, row)
+    found, near = examine(simulation, stop)
     path = folder / POSTMORTEM
     found |= {
         "last_checkpoint": str(checkpoint) if checkpoint else None,
@@ -59,11 +57,14 @@ def write_postmortem(simulation: State, stop: RunStopped, folder: Path, replay: 
     return path
 
 
-def examine(simulation: State, stop: RunStopped) -> dict[str, Any]:
-    """What went wrong where, from the state at the stop; `row` is the particle's place in the arrays."""
+def examine(simulation: State, stop: RunStopped) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """What went wrong where, from the state at the stop, and all fields of the particles around, nearest first."""
     cause, row, count = _cause(simulation, stop)
     fields = {name: _host(simulation, name) for name in simulation.plan.particle_fields}
-    result: dict[str, Any] = {
+    limits = _limits_now(simulation, fields)
+    built = np.array(simulation.backend.host(simulation.build_position))
+    fields["position_at_list_build"] = simulation.plan.grid.absolute(built)
+    found = {
         "reason": stop.reason,
         "message": str(stop),
         "step": simulation.steps,
@@ -72,17 +73,12 @@ def examine(simulation: State, stop: RunStopped) -> dict[str, Any]:
         "dtype": simulation.plan.grid.dtype,
         "cause": cause,
         "bad_particles": count,
-        "row": row,
-        "particle": None,
+        "particle": None if row is None else {name: values[row].tolist() for name, values in fields.items()},
         "last_step_limits": simulation.last.limits if simulation.last else None,
         "last_step_length": simulation.last.length if simulation.last else None,
-        "limits_now": _limits_now(simulation, fields),
+        "limits_now": limits,
     }
-    if row is not None:
-        result["particle"] = {name: values[row].tolist() for name, values in fields.items()} | {
-            "position_at_list_build": _build_position(simulation)[row].tolist()
-        }
-    return result
+    return found, {} if row is None else _neighbourhood(simulation, fields, row)
 
 
 def _cause(simulation: State, stop: RunStopped) -> tuple[str, int | None, int]:
@@ -147,22 +143,18 @@ def _limits_now(simulation: State, fields: dict[str, np.ndarray]) -> dict[str, f
     return stable_steps(simulation.limits, Extremes(speed, force, rate if math.isfinite(rate) else 0.0))
 
 
-def _neighbourhood(simulation: State, row: int | None) -> dict[str, np.ndarray]:
+def _neighbourhood(simulation: State, fields: dict[str, np.ndarray], row: int) -> dict[str, np.ndarray]:
     """All fields of the particles around one, nearest first: within two support radii of its last finite place."""
-    if row is None:
-        return {}
-    fields = {name: _host(simulation, name) for name in simulation.plan.particle_fields}
-    place = fields["position"][row].astype(float)
+    grid, place = simulation.plan.grid, fields["position"][row].astype(float)
     if not np.isfinite(place).all():
-        place = _build_position(simulation)[row].astype(float)
+        place = fields["position_at_list_build"][row].astype(float)
     with np.errstate(all="ignore"):
-        apart = nearest_image(fields["position"].astype(float) - place, simulation.plan.grid.period)
+        apart = nearest_image(fields["position"].astype(float) - place, grid.period)
         distance = np.linalg.norm(apart, axis=1)
     distance[row] = 0.0
-    near = np.flatnonzero(distance <= 2 * simulation.plan.grid.support_radius)
+    near = np.flatnonzero(distance <= 2 * grid.support_radius)
     near = near[np.argsort(distance[near], kind="stable")][:SHOWN]
-    result = {name: values[near] for name, values in fields.items()}
-    return result | {"position_at_list_build": _build_position(simulation)[near]}
+    return {name: values[near] for name, values in fields.items()}
 
 
 def _not_finite(values: np.ndarray) -> np.ndarray:
@@ -175,7 +167,3 @@ def _host(simulation: State, name: str) -> np.ndarray:
     """A field's values; positions as places in the scene."""
     values = simulation.host(name)
     return simulation.plan.grid.absolute(values) if name == "position" else values
-
-
-def _build_position(simulation: State) -> np.ndarray:
-    return simulation.plan.grid.absolute(np.array(simulation.backend.host(simulation.build_position)))
