@@ -6,7 +6,7 @@ import numpy as np
 
 from refsim.backends.arrays import Backend
 from refsim.core.cases import CASES, VARIATIONS, Case, Exact, Variation, at, closed_form, cloud, groups, hard_input
-from refsim.isosurface import BITS_SET, Contour, case_table, reference
+from refsim.isosurface import BITS_SET, Contour, case_table, operations
 from refsim.isosurface.table import CaseTable
 from refsim.sparse_grid import SparseGrid, nodes
 from refsim.sparse_grid.reference import node_table
@@ -52,13 +52,13 @@ def extraction(name: str, dtype: str) -> dict:
 
 def follow(given: dict) -> dict:
     """Later arguments of the extraction from blocks, states, values, table and contour."""
-    found = {n: v for n, (v, _) in reference.classify(given["blocks"], given["node_state"]).items()}
+    found = {n: v for n, (v, _) in operations.classify(given["blocks"], given["node_state"]).items()}
     found = {n: v.astype(np.uint8) for n, v in found.items()}
     found["edge_first"] = Backend("numpy").running_sum(BITS_SET[found["crossings"]])
     found["facet_first"] = Backend("numpy").running_sum(given["table"].count[found["cell_case"]])
-    cells = reference.facets(given["blocks"], *found.values(), given["table"])
+    cells = operations.facets(given["blocks"], *found.values(), given["table"])
     found |= {n: v.astype(np.int32) for n, (v, _) in cells.items()}
-    points = reference.edge_points(given["blocks"], given["node_value"], given["contour"], found["vertex_edge"])
+    points = operations.edge_points(given["blocks"], given["node_value"], given["contour"], found["vertex_edge"])
     found["vertex_position"] = points["vertex_position"][0].astype(given["node_value"].dtype)
     return found
 

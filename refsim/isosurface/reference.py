@@ -1,92 +1,73 @@
-"""NumPy oracle of isosurfaces: cells of all nodes at once, polygons followed edge by edge, no table.
-
-Each function returns {output: (value, scale)}; integers have the scale infinity: they are compared exactly.
-"""
+"""Isosurfaces: corners and edges of a cell, polygons followed edge by edge, no table; crossings by linear values."""
 
 import math
 
 import numpy as np
 
-from refsim.core.operation import operations
-from refsim.sparse_grid.reference import Lookup, dimension
 
-operation = operations(paper="Lorensen & Cline 1987")
-
-
-def _corner_states(blocks, node_state):
-    """(nodes, 2^dim) states of each cell's corners, 2 where there is no node; corner c stands at its bits."""
-    dim = dimension(blocks)
-    find = Lookup(blocks)
-    bits = np.array([[c & 1, c >> 1 & 1, c >> 2] for c in range(2**dim)])
-    corner = find(find.coordinates[:, None, :] + bits[None])
-    known = np.append(np.asarray(node_state, dtype=int), 2)
-    return known[corner]
+def corner_places(dim):
+    """Corner c = 4 z + 2 y + x of a cell stands at (x, y, z): (2^dim, 3), dimensionless."""
+    return np.array([[c & 1, c >> 1 & 1, c >> 2] for c in range(2**dim)])
 
 
-@operation(
-    "states of a cell's corners", outputs="crossings cell_case", exact="crossings cell_case", tolerance=0.0,
-    reason="integers",
-)  # fmt: skip
-def classify(blocks, node_state):
-    """Cut edges and corner states (dimensionless): bits 1 <- state_0 + state_a = 1; case = sum_c state_c 2^c.
-
-    A cell of which a corner is unknown (2) or missing has case 0.
-    """
-    states = _corner_states(blocks, node_state)
-    count = states.shape[1]
-    case = np.where((states < 2).all(1), (states * 2 ** np.arange(count)).sum(1), 0)
-    pairs = states[:, [1, 2, 4][: count.bit_length() - 1]]
-    cut = (pairs + states[:, :1] == 1) & (pairs < 2) & (states[:, :1] < 2)
-    crossings = (cut * 2 ** np.arange(cut.shape[1])).sum(1)
-    sure = np.full(len(case), np.inf)
-    return {"crossings": (crossings, sure), "cell_case": (case, sure)}
-
-
-def _edges(dim):
+def cell_edges(dim):
+    """Edges e = (lower corner, axis) of a cell, dimensionless."""
     return [(c, a) for a in range(dim) for c in range(2**dim) if not c >> a & 1]
 
 
-def polygons(case, dim):
-    """Oriented polygons of one cell as tuples of edges, found by going round the faces of each inside corner.
+def crossings(states, dim):
+    """Bits 1 <- state_0 + state_a = 1 of the edges from a cell's lowest corner along each axis, dimensionless."""
+    ends = states[:, [1, 2, 4][:dim]]
+    cut = (ends + states[:, :1] == 1) & (ends < 2) & (states[:, :1] < 2)
+    return (cut * 2 ** np.arange(dim)).sum(1)
+
+
+def case(states):
+    """case = sum_c state_c 2^c of a cell, 0 where a corner is unknown (2); dimensionless."""
+    return np.where((states < 2).all(1), (states * 2 ** np.arange(states.shape[1])).sum(1), 0)
+
+
+def joined(inside):
+    """Groups = inside corners of a face that its rim joins, dimensionless numbers."""
+    groups = []
+    for c in inside:
+        near = [g for g in groups if any((c ^ o).bit_count() == 1 for o in g)]
+        groups = [g for g in groups if g not in near] + [sum(near, [c])]
+    return groups
+
+
+def segments(case, dim):
+    """{e: f}, segments e -> f = the surface's on the faces of a cell, between cut edges; dimensionless numbers.
 
     On a square face a point on edge e is joined to the one on the other cut edge at e's inside corner's side: the
     segment from e separates e's inside corner, and those joined to it along the face's rim, from the others.
     """
-    edges = _edges(dim)
-    place = [np.array([(c >> b & 1) + (0.5 if b == a else 0.0) for b in range(3)]) for c, a in edges]
-    inside = [bool(case >> c & 1) for c in range(2**dim)]
-    cut = [e for e, (c, a) in enumerate(edges) if inside[c] != inside[c | 1 << a]]
-    arrows = {}
+    corner, ends = corner_places(dim), [{c, c | 1 << a} for c, a in cell_edges(dim)]
+    place, found = [corner[list(pair)].mean(axis=0) for pair in ends], {}
     for axis, side in [(2, 0)] if dim == 2 else [(axis, side) for axis in range(3) for side in (0, 1)]:
-        on_face = [c for c in range(2**dim) if c >> axis & 1 == side]
-        outward = np.zeros(3)
-        outward[axis] = 1.0 if dim == 2 else 2.0 * side - 1.0
-        groups = []  # inside corners of this face, joined along its rim
-        for c in on_face:
-            if inside[c]:
-                near = [g for g in groups if any(bin(c ^ o).count("1") == 1 for o in g)]
-                groups = [g for g in groups if g not in near] + [sum(near, [c])]
-        for group in groups:
-            ends = [e for e in cut if {edges[e][0], edges[e][0] | 1 << edges[e][1]} <= set(on_face)]
-            ends = [e for e in ends if {edges[e][0], edges[e][0] | 1 << edges[e][1]} & set(group)]
-            if not ends:
-                continue
-            a, b = ends
-            middle = np.mean([[c & 1, c >> 1 & 1, c >> 2] for c in group], axis=0)
-            towards = np.cross(place[b] - place[a], outward) @ (middle - place[a])
-            if (towards < 0) != (dim == 2):
-                a, b = b, a
-            arrows[a] = b
+        on_face = {c for c in range(2**dim) if c >> axis & 1 == side}
+        inside, outward = {c for c in on_face if case >> c & 1}, np.eye(3)[axis] * (1 if dim == 2 else 2 * side - 1)
+        for group in joined(inside):
+            cut = [e for e, pair in enumerate(ends) if pair <= on_face and pair & set(group) and pair - inside]
+            if cut:
+                a, b = cut
+                towards = np.cross(place[b] - place[a], outward) @ (corner[group].mean(axis=0) - place[a])
+                a, b = (b, a) if (towards < 0) != (dim == 2) else (a, b)
+                found[a] = b
+    return found
+
+
+def polygons(case, dim):
+    """Oriented polygons of one cell = tuples of edges (dimensionless), found by going from segment to segment."""
+    arrows, found = segments(case, dim), []
     if dim == 2:
-        return [(a, b) for a, b in sorted(arrows.items(), key=lambda arrow: arrow[1])]
-    found = []
+        return sorted(arrows.items(), key=lambda arrow: arrow[1])
     for start in sorted(arrows):
-        if any(start in loop for loop in found):
-            continue
-        loop = [start]
-        while arrows[loop[-1]] != start:
-            loop.append(arrows[loop[-1]])
-        found.append(tuple(loop))
+        if not any(start in loop for loop in found):
+            loop = [start]
+            while arrows[loop[-1]] != start:
+                loop.append(arrows[loop[-1]])
+            found.append(tuple(loop))
     return found
 
 
@@ -94,112 +75,51 @@ _FACETS = {}
 
 
 def cell_facets(case, dim):
-    """Facets of one cell, computed once."""
+    """Facets of one cell = its polygons cut into triangles, computed once; dimensionless numbers of edges."""
     if (case, dim) not in _FACETS:
-        _FACETS[case, dim] = _cell_facets(case, dim)
+        loops = polygons(case, dim)
+        _FACETS[case, dim] = loops if dim == 2 else [facet for loop in loops for facet in triangles(loop)]
     return _FACETS[case, dim]
 
 
-def _cell_facets(case, dim):
-    """Facets of one cell: polygons cut by ears so that no diagonal lies in a face and the sum of the diagonals' squares
-    is least; of equal ways the first when sorted."""
-    if dim == 2:
-        return polygons(case, dim)
-    edges = _edges(3)
-    middle = {e: [(c >> b & 1) + 0.5 * (b == a) for b in range(3)] for e, (c, a) in enumerate(edges)}
+def triangles(loop):
+    """Triangles of a polygon: no diagonal lies in a face, and the sum_ of the diagonals' squares is least.
 
-    def share_face(e, f):
-        points = [[c >> b & 1 for b in range(3)] for k in (e, f) for c in (edges[k][0], edges[k][0] | 1 << edges[k][1])]
-        return any(len({p[b] for p in points}) == 1 for b in range(3))
-
-    def ways(loop):
-        """Sets of triangles."""
-        if len(loop) == 3:
-            return {frozenset([loop])}
-        found = set()
-        for k in range(len(loop)):
-            ear = (loop[k - 1], loop[k], loop[(k + 1) % len(loop)])
-            if not share_face(ear[0], ear[2]):
-                rest = ways(loop[:k] + loop[k + 1 :])
-                found |= {way | {ear} for way in rest}
-        return found
-
-    def pairs(triangle):
-        return [tuple(sorted((triangle[k - 1], triangle[k]))) for k in range(3)]
-
-    def turned(triangle):
-        k = triangle.index(min(triangle))
-        return triangle[k:] + triangle[:k]
-
-    result = []
-    for loop in polygons(case, dim):
-        rim = {frozenset((loop[k - 1], loop[k])) for k in range(len(loop))}
-        best = min(
-            (
-                sum(
-                    round(4 * math.dist(middle[a], middle[b]) ** 2)
-                    for a, b in {pair for t in way for pair in pairs(t)}
-                    if frozenset((a, b)) not in rim
-                ),
-                sorted(turned(t) for t in way),
-            )
-            for way in ways(loop)
-        )
-        result += best[1]
-    return result
-
-
-@operation(
-    "table of cases; inside corners that are diagonal on a face are separate", outputs="vertex_edge facets",
-    exact="vertex_edge facets", tolerance=0.0, reason="integers",
-)  # fmt: skip
-def facets(blocks, crossings, cell_case, edge_first, facet_first, table):
-    """Edge 3 i + a of each vertex, vertices of each facet = v(edges of the case); dimensionless numbers.
-
-    Of the table only `merged` is used: whether cells with more than four corners inside take their complement's facets.
+    Of equal ways the first when sorted; dimensionless numbers of edges, the lowest first.
     """
-    dim = dimension(blocks)
-    find = Lookup(blocks)
-    crossings, cell_case = np.asarray(crossings, dtype=int), np.asarray(cell_case, dtype=int)
-    nodes, axes = np.nonzero(crossings[:, None] >> np.arange(3) & 1)
-    vertex_edge = 3 * nodes + axes
-    vertex = {int(e): v for v, e in enumerate(vertex_edge)}
-    states = 2 ** (2**dim)
-    edges = _edges(dim)
-    rows = []
-    for i in np.flatnonzero((cell_case > 0) & (cell_case < states - 1)):
-        case = int(cell_case[i])
-        if table.merged and case.bit_count() > 2 ** (dim - 1):
-            own = [facet[::-1] for facet in cell_facets(states - 1 - case, dim)]
-        else:
-            own = cell_facets(case, dim)
-        for facet in own:
-            lower = [find.coordinates[i] + [edges[e][0] >> b & 1 for b in range(3)] for e in facet]
-            at = find(np.array(lower))
-            rows.append([vertex[3 * int(n) + edges[e][1]] for n, e in zip(at, facet, strict=True)])
-    value = np.array(rows, dtype=int).reshape(-1, dim)
-    return {
-        "vertex_edge": (vertex_edge, np.full(len(vertex_edge), np.inf)),
-        "facets": (value, np.full(value.shape, np.inf)),
-    }
+    rim = {frozenset((loop[k - 1], loop[k])) for k in range(len(loop))}
+
+    def cost(way):
+        sides = {frozenset((t[k - 1], t[k])) for t in way for k in range(3)} - rim
+        turned = [t[t.index(min(t)) :] + t[: t.index(min(t))] for t in way]
+        return sum(round(4 * math.dist(*(edge_middle(e) for e in side)) ** 2) for side in sides), sorted(turned)
+
+    return min(map(cost, ways(loop)))[1]
 
 
-@operation(
-    "linear crossing of an edge", outputs="vertex_position", entrywise=True,
-    reason="one rounding in each of the two differences, the quotient, the sum and the product",
-)  # fmt: skip
-def edge_points(blocks, node_value, contour, vertex_edge):
-    """Vertices x = h (j + t e_a) [m], t = (c - f0)/(f1 - f0) with the values at the edge's ends."""
-    find = Lookup(blocks)
-    edge = np.asarray(vertex_edge, dtype=int)
-    node, axis = np.divmod(edge, 3)
-    way = np.eye(3, dtype=int)[axis]
-    start = find.coordinates[node]
-    value = np.asarray(node_value, dtype=float)
-    low, high = value[node], value[find(start + way)]
-    share = (float(contour.level) - low) / (high - low)
-    position = float(contour.cell_size) * (start + share[:, None] * way)
-    # conditioning of the share: both differences are rounded relative to the values
-    loose = (np.abs(low) + np.abs(high) + abs(float(contour.level))) / np.abs(high - low)
-    scale = float(contour.cell_size) * (np.abs(start) + 1 + loose[:, None] * way)
-    return {"vertex_position": (position, scale)}
+def ways(loop):
+    """All sets of triangles = a polygon cut by ears, without diagonals in a face; dimensionless numbers of edges."""
+    if len(loop) == 3:
+        return {frozenset([loop])}
+    found = set()
+    for k in range(len(loop)):
+        ear = (loop[k - 1], loop[k], loop[(k + 1) % len(loop)])
+        if not (np.isin(2 * edge_middle(ear[0]), (0, 2)) & (edge_middle(ear[0]) == edge_middle(ear[2]))).any():
+            found |= {way | {ear} for way in ways(loop[:k] + loop[k + 1 :])}
+    return found
+
+
+def edge_middle(e):
+    """Middle = (c + c')/2 of a cell's edge in space, [cells]."""
+    c, a = cell_edges(3)[e]
+    return corner_places(3)[[c, c | 1 << a]].mean(axis=0)
+
+
+def share(level, low, high):
+    """t = (c - f_0)/(f_1 - f_0) with the values at the edge's ends, dimensionless."""
+    return (level - low) / (high - low)
+
+
+def crossing_point(h, j, way, t):
+    """x = h (j + t e_a) [m]."""
+    return h * (j + t * way)

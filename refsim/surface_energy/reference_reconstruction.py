@@ -12,7 +12,7 @@ import numpy as np
 
 from refsim.core.errors import RunStopped
 from refsim.isosurface import Mesh
-from refsim.isosurface import reference as isosurface
+from refsim.isosurface import operations as isosurface
 from refsim.sparse_grid import Blocks, PointList
 from refsim.sparse_grid.reference import Lookup, covering
 from refsim.sparse_grid.tables import blocks_of, keys_at
@@ -46,7 +46,7 @@ class ReferenceReconstruction:
         blocks, cells = self._cells(position)
 
         # level set and marching cubes
-        state = self._of(operations.node_states(position, cells, blocks, term), "node_state")
+        state = self._of(operations.node_states(position, cells, blocks, term))[0]
         mesh = self._mesh(position, cells, blocks, state)
 
         # samples, the particle nearest to each, and the points of the fit
@@ -74,19 +74,19 @@ class ReferenceReconstruction:
                 outward = self._fitted_normals(mesh.vertices, blocks, coefficients, outward)
             if volume is not None:
                 term = term._replace(inset=self.dtype.type(self._enclosing(mesh, outward, volume)))
-            inset_mesh = Mesh(self._of(operations.inset(mesh.vertices, outward, term), "inset_position"), mesh.facets)
+            inset_mesh = Mesh(self._of(operations.inset(mesh.vertices, outward, term))[0], mesh.facets)
             after_place, after, _ = self._facet_samples(inset_mesh)
             if self.tension.quadrature == "facets":
                 place, area = after_place, after
             else:
-                place = self._of(operations.inset(place, normal, term), "inset_position")
+                place = self._of(operations.inset(place, normal, term))[0]
                 change = np.divide(after, facet_area, out=np.ones_like(after), where=facet_area > 0)
                 area = area * change[facet]
             nearest, _, _ = self.offsets(liquid, place, False)
 
         # components of few particles have no tension
-        label = self._of(operations.components(blocks, state), "node_label")
-        size = self._of(operations.component_sizes(cells, label), "component_size")
+        label = self._of(operations.components(blocks, state))[0]
+        size = self._of(operations.component_sizes(cells, label))[0]
         tense = np.array([p >= 0 and size[p] >= self.tension.least_component(self.dim) for p in nearest], bool)
         area = np.where(tense, area, 0)
 
@@ -99,16 +99,16 @@ class ReferenceReconstruction:
     def force(self, samples: Samples, blocks: Blocks) -> Any:
         """Force of the surface's tension on the nodes of `blocks` (nodes, 3) [N], (4.18*)."""
         found = operations.surface_force(samples.position, samples.area, samples.normal, None, blocks, self.term)
-        return self._of(found, "node_force")
+        return self._of(found)[0]
 
     def extents(self, position: Any) -> Any:
         """Along how many axes the liquid round each particle spreads (n,); below dim - 1 it is a filament."""
         blocks, cells = self._cells(position)
-        return self._of(operations.extents(position, cells, blocks, self.term), "extent")
+        return self._of(operations.extents(position, cells, blocks, self.term))[0]
 
     def sample_counts(self, nearest: Any, count: int) -> Any:
         """Samples of which each of `count` particles is the nearest, int32."""
-        return self._of(operations.sample_counts(nearest, np.empty(count)), "sample_count")
+        return self._of(operations.sample_counts(nearest, np.empty(count)))[0]
 
     def most_in_a_cell(self, surface: Surface) -> int:
         """Largest number of particles in one cell."""
@@ -122,9 +122,7 @@ class ReferenceReconstruction:
     def offsets(self, liquid: Liquid, place: Any, fitted: bool) -> tuple[Any, ...]:
         """(nearest particle, direction away from it, points of the fit if `fitted`) of places (s, 3) [m]."""
         position, number, blocks, cells = liquid
-        found = operations.offsets(position, number, cells, blocks, self.term, place, None)
-        nearest, away = self._of(found, "nearest"), self._of(found, "offset_direction")
-        return nearest, away, self._of(found, "fit_position") if fitted else None
+        return self._of(operations.offsets(position, number, cells, blocks, self.term, place, None))
 
     # Stages
 
@@ -153,18 +151,15 @@ class ReferenceReconstruction:
         return PointList(np.searchsorted(cell[order], np.arange(64 * len(blocks.keys) + 1)), order, cell)
 
     def _mesh(self, position: Any, cells: PointList, blocks: Blocks, state: Any) -> Mesh:
-        found = isosurface.classify(blocks, state)
-        crossings, case = self._of(found, "crossings"), self._of(found, "cell_case")
         table: Any = SimpleNamespace(merged=self.merged)
-        made = isosurface.facets(blocks, crossings, case, None, None, table)
-        edge = self._of(made, "vertex_edge")
+        cuts = self._of(isosurface.classify(blocks, state))
+        edge, facets = self._of(isosurface.facets(blocks, *cuts, None, None, table))
         vertices = operations.exit_points(position, cells, blocks, state, self.term, edge)
-        return Mesh(self._of(vertices, "vertex_position"), self._of(made, "facets"))
+        return Mesh(self._of(vertices)[0], facets)
 
     def _facet_samples(self, mesh: Mesh) -> tuple[Any, ...]:
         """(centroids [m], areas, normals) of the facets."""
-        found = operations.facet_samples(mesh.vertices, mesh.facets)
-        return tuple(self._of(found, name) for name in ("sample_position", "sample_area", "facet_normal"))
+        return self._of(operations.facet_samples(mesh.vertices, mesh.facets))
 
     def _poisson_samples(self, mesh: Mesh, facet_area: Any, blocks: Blocks, step: int) -> tuple[Any, ...]:
         """(place [m], area, facet) of Poisson-disk samples, which share the whole area evenly, (4.5)."""
@@ -174,24 +169,20 @@ class ReferenceReconstruction:
         whole = before[-1] / AREA_UNITS
         count = math.ceil(CANDIDATES * DENSEST[self.dim] * whole / self.tension.disk_radius ** (self.dim - 1))
         dice = Dice(self.tension.seed + 7919 * step, count)
-        found = operations.candidates(mesh.vertices, mesh.facets, before, dice)
-        place, facet = self._of(found, "candidate_position"), self._of(found, "candidate_facet")
-        accepted = self._of(operations.poisson_disk(place, None, blocks, dice, self.term), "accepted") == 1
+        facet, place = self._of(operations.candidates(mesh.vertices, mesh.facets, before, dice))
+        accepted = self._of(operations.poisson_disk(place, None, blocks, dice, self.term))[0] == 1
         area = np.full(accepted.sum(), whole * unit / max(accepted.sum(), 1), self.dtype)
         return place[accepted], area, facet[accepted]
 
     def _fit(self, points: Any, blocks: Blocks) -> Any:
         """Coefficients of the splines at the nodes, (3.6)."""
         listed = self._list(points, blocks, 0.5)
-        found = operations.fit_weights(points, listed, blocks, self.term)
-        splines, weight = self._of(found, "fit_splines"), self._of(found, "node_weight")
-        return self._of(
-            operations.fit(splines, listed, blocks, self.term, weight, np.flatnonzero(weight)), "coefficients"
-        )
+        splines, weight = self._of(operations.fit_weights(points, listed, blocks, self.term))
+        return self._of(operations.fit(splines, listed, blocks, self.term, weight, np.flatnonzero(weight)))[1]
 
     def _fitted_normals(self, place: Any, blocks: Blocks, coefficients: Any, outward: Any) -> Any:
         chosen = operations.mls_normals if self.tension.normals == "mls" else operations.spline_normals
-        return self._of(chosen(place, None, blocks, self.term, coefficients, outward), "sample_normal")
+        return self._of(chosen(place, None, blocks, self.term, coefficients, outward))[2]
 
     def _enclosing(self, mesh: Mesh, normal: Any, volume: float) -> float:
         """(r - delta)/h with which the surface encloses `volume` [m^dim], by bisection; delta is 0 to LARGEST_INSET
@@ -215,7 +206,7 @@ class ReferenceReconstruction:
             deep, shallow = (middle, shallow) if within(middle) < volume else (deep, middle)
         return 0.5 * (deep + shallow)
 
-    def _of(self, answer: dict[str, Any], name: str) -> Any:
-        """An output of a reference in the run's dtype; integers are int32."""
-        value = np.asarray(answer[name][0])
-        return value.astype(self.dtype if value.dtype.kind == "f" else np.int32)
+    def _of(self, answer: dict[str, Any]) -> tuple[Any, ...]:
+        """The outputs of a reference in the run's dtype; integers are int32."""
+        values = (np.asarray(value) for value, _ in answer.values())
+        return tuple(value.astype(self.dtype if value.dtype.kind == "f" else np.int32) for value in values)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from refsim.boundary.penetration import reference as reference
+from refsim.boundary.penetration import operations as operations
 from refsim.core.effect import Pass
 from refsim.core.fields import Field
 from refsim.core.scalars import int32

@@ -13,7 +13,7 @@ import numpy as np
 
 from refsim.backends.arrays import Backend, choose
 from refsim.boundary.mesh import SurfaceMesh
-from refsim.boundary.sampling import reference as reference
+from refsim.boundary.sampling import operations as operations
 from refsim.boundary.signed_distance import LEAST_BAND, DistanceField, NarrowBand, signed_distance
 from refsim.core.checked import Printed, plainly
 from refsim.core.effect import literal_errata

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from refsim.boundary.sampling import CUTOFF, HEXAGONAL, STEP, WIDTH, facet_counts, reference, relaxation_step
+from refsim.boundary.sampling import CUTOFF, HEXAGONAL, STEP, WIDTH, facet_counts, operations, relaxation_step
 from refsim.boundary.signed_distance.cases import SHAPES, bodies
 from refsim.core.cases import CASES, Case, Exact, closed_form, groups, hard_input, readings
 
@@ -13,7 +13,7 @@ from refsim.core.cases import CASES, Case, Exact, closed_form, groups, hard_inpu
 def _facets(case, grid):
     mesh = SHAPES[case.name]() if case.name in SHAPES else bodies(case)
     corner, facets = mesh.vertices.astype(grid.dtype), mesh.faces.astype(np.int32)
-    area = reference.areas(corner, facets)["facet_area"][0]
+    area = operations.areas(corner, facets)["facet_area"][0]
     last = facet_counts(area, HEXAGONAL, 0.1 * case.spacing)
     count = int(last[-1]) if len(last) else 0
     return {

@@ -11,7 +11,7 @@ import numpy as np
 
 from refsim.backends.arrays import Backend, choose
 from refsim.boundary.mesh import SurfaceMesh, areas
-from refsim.boundary.signed_distance import reference as reference
+from refsim.boundary.signed_distance import operations as operations
 from refsim.core.checked import plainly
 from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY

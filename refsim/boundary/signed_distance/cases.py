@@ -7,7 +7,7 @@ import numpy as np
 
 from refsim.boundary import signed_distance
 from refsim.boundary.mesh import SurfaceMesh
-from refsim.boundary.signed_distance import BandGrid, DistanceField, TriangleLists, Triangles, band_grid, reference
+from refsim.boundary.signed_distance import BandGrid, DistanceField, TriangleLists, Triangles, band_grid, operations
 from refsim.core.cases import CASES, VARIATIONS, Case, Exact, Variation, at, closed_form, groups, hard_input, takes
 from refsim.sparse_grid.tables import blocks_of, keys_at
 from refsim.winding_number import clusters
@@ -114,19 +114,19 @@ def band_of(name: str, dtype: str) -> dict:
 
 def follow(triangles: Triangles, grid: BandGrid, dtype: str) -> dict:
     """Later arguments from triangles and grid."""
-    count = reference.count_blocks(triangles, grid)["block_count"][0].astype(np.int32)
+    count = operations.count_blocks(triangles, grid)["block_count"][0].astype(np.int32)
     first = np.concatenate([[0], np.cumsum(count)]).astype(np.int32)
-    pairs = {n: v for n, (v, _) in reference.list_blocks(triangles, grid, first).items()}
+    pairs = {n: v for n, (v, _) in operations.list_blocks(triangles, grid, first).items()}
     key, triangle = pairs["pair_key"].astype(np.int64), pairs["pair_triangle"].astype(np.int32)
     order = np.argsort(key, kind="stable")
     keys, begin = np.unique(key[order], return_index=True)
     blocks = blocks_of(keys, 3)
     lists = TriangleLists(np.append(begin, len(key)).astype(np.int32), triangle[order])
-    near = {n: v for n, (v, _) in reference.nearest(triangles, grid, blocks, lists).items()}
+    near = {n: v for n, (v, _) in operations.nearest(triangles, grid, blocks, lists).items()}
     unsigned, closest = near["unsigned_distance"].astype(dtype), near["closest"].astype(np.int32)
-    signed = reference.signs(triangles, grid, blocks, closest, unsigned, None, None)["distance"][0].astype(dtype)
+    signed = operations.signs(triangles, grid, blocks, closest, unsigned, None, None)["distance"][0].astype(dtype)
     rows = signed_distance.block_rows(keys)
-    filled = reference.fill(grid, rows, closest, signed)
+    filled = operations.fill(grid, rows, closest, signed)
     after = filled["inside_after"][0].astype(np.uint8)
     field = DistanceField(
         blocks.keys, blocks.neighbour, filled["distance"][0].astype(dtype), closest, after, grid.spacing,
@@ -196,7 +196,7 @@ def cube_distance(place: np.ndarray) -> np.ndarray:
 def _cube(name):
     """|phi| or phi at the unit cube's nodes by hand."""
     given = band_of("unit_cube", "float64")
-    known, band = cube_distance(0.5 * reference.node_table(given["band_blocks"])), 1.25
+    known, band = cube_distance(0.5 * operations.node_table(given["band_blocks"])), 1.25
     answers = {"unsigned_distance": np.minimum(np.abs(known), band), "distance": np.minimum(known, band)}
     return Exact(CASES["unit_cube"](), {}, {name: answers[name]})
 
@@ -210,7 +210,7 @@ closed_form("signed_distance.signs", signs_of_a_cube=lambda: _cube("distance"))
 def inside_of_a_thick_box():
     """Nodes deeper than the band of 1/8 m are at -1/8 m; blocks whose line ends inside are followed by inside."""
     given = band_of("thick_box", "float64")
-    place = 0.0625 * reference.node_table(given["band_blocks"])
+    place = 0.0625 * operations.node_table(given["band_blocks"])
     over = np.abs(place) - np.array([0.65, 0.55, 0.45])
     known = np.linalg.norm(np.maximum(over, 0), axis=1) + np.minimum(over.max(1), 0)
     after = (known.reshape(-1, 64)[:, 3] < 0).astype(np.uint8)
@@ -282,7 +282,7 @@ def _obtuse(order: list[int]) -> Exact:
     """
     corner = np.array([[1.5, 1.5, 1.5], [1.5, 5.5, 1.5], [1.5, -2.5, 2.5]])
     blocks = blocks_of(keys_at(np.zeros((1, 3), int)), 3)
-    node = reference.node_table(blocks).astype(float)
+    node = operations.node_table(blocks).astype(float)
     distance = np.full(64, np.inf)
     for k in range(3):
         edge, away = corner[(k + 1) % 3] - corner[k], node - corner[k]

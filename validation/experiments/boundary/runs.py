@@ -658,7 +658,7 @@ def needle_edges(trial: Trial) -> None:
     tip = np.array(made.vertices)[np.argmax(np.linalg.norm(made.vertices, axis=1))]
     place = tip + random.uniform(-0.04, 0.04, (600, 3))
     distance = band.backend.host(band.at(band.backend.asarray(place))[0])
-    inside = solid_angles(place - mesh.origin, mesh.corners)[0].sum(1) > 2 * np.pi
+    inside = solid_angles(place - mesh.origin, mesh.corners).sum(1) > 2 * np.pi
     clear = np.abs(distance) > 0.01  # half a spacing: nearer the trilinear distance rounds the tip off
     trial.check("wrong signs", int(((distance < 0) != inside)[clear].sum()), equals=0)
     _check_even(trial, sample(mesh, 0.012, backend=trial.backend).position, least=0.5)
