@@ -152,8 +152,8 @@ class ReferenceReconstruction:
 
     def _mesh(self, position: Any, cells: PointList, blocks: Blocks, state: Any) -> Mesh:
         table: Any = SimpleNamespace(merged=self.merged)
-        cuts = self._of(isosurface.classify(blocks, state))
-        edge, facets = self._of(isosurface.facets(blocks, *cuts, None, None, table))
+        crossings, case = self._of(isosurface.classify(blocks, state))
+        edge, facets = self._of(isosurface.facets(blocks, crossings, case, None, None, table))
         vertices = operations.exit_points(position, cells, blocks, state, self.term, edge)
         return Mesh(self._of(vertices)[0], facets)
 
