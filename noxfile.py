@@ -25,6 +25,7 @@ NIGHT = {  # minutes, and the command
     "laws": (130, (*VALIDATION, "laws", "--minutes", "110", "--seed", SEED)),
     "attack": (75, (*VALIDATION, "attack", "--minutes", "60", "--seed", SEED)),
     "peers": (180, (*VALIDATION, "run", "boundary", "mpm_droplet", "surface_reconstruction", "timing", "--peers")),
+    "plain": (90, ("env", "REFSIM_PLAIN=1", *PYTEST, "tests/ladder/test_pairing.py", "-k", "cpu")),
     "lessons": (30, (*PYTHON, "scripts/lessons.py", "--warm")),
     "checks": (960, (*VALIDATION, "check", "--jobs", CORES)),
     "verify": (40, (*VALIDATION, "verify", "--draw", "20")),
@@ -62,7 +63,7 @@ for _name in NIGHT:
 @nox.session(venv_backend="none")
 def nightly(session: nox.Session) -> None:
     """Every task of the night, and the environments."""
-    for name in (*NIGHT, *(f"environments-{version}" for version in PYTHONS), "lowest", "extras"):
+    for name in (*NIGHT, *(f"environments-{version}" for version in PYTHONS), "lowest", "newest", "extras"):
         session.notify(name)
 
 
@@ -73,12 +74,19 @@ def settings() -> configparser.ConfigParser:
     return read
 
 
-def installed(session: nox.Session, tests: tuple[str, ...], extras: str, *packages: str) -> None:
-    """Install the wheel with an extra, and test it from a copy of the repository without refsim/."""
+def installed(
+    session: nox.Session, tests: tuple[str, ...], extras: str, *packages: str, newest: tuple[str, ...] = ()
+) -> None:
+    """Install the wheel with an extra, and test it from a copy of the repository without refsim/.
+
+    newest  packages that are then replaced by their newest versions, whatever the wheel allows
+    """
     folder = Path(session.create_tmp()).resolve()
     session.run("python", "-m", "pip", "wheel", "-q", "--no-deps", "-w", str(folder), ".")
     (wheel,) = folder.glob("refsim-*.whl")
     session.install(f"{wheel}{extras}", *packages)
+    if newest:
+        session.install("--upgrade", "--no-deps", *newest)
     copy = folder / "without_package"
     shutil.rmtree(copy, ignore_errors=True)
     for name in BESIDE:
@@ -103,6 +111,13 @@ def lowest(session: nox.Session) -> None:
     """The wheel with the lowest versions that setup.cfg allows."""
     lines = settings()["options"]["install_requires"].split()
     installed(session, TESTS, "", *TOOLS, *(line.replace(">=", "==") for line in lines))
+
+
+@nox.session(python=PYTHONS[-1])
+def newest(session: nox.Session) -> None:
+    """The wheel with the newest Numba, beyond the bound of setup.cfg, which is raised where this passes."""
+    tests = (*TESTS, "tests/backends", "tests/ladder/test_pairing.py")
+    installed(session, tests, "", *TOOLS, newest=("numba", "llvmlite"))
 
 
 @nox.session(python=PYTHONS[0])

@@ -16,6 +16,7 @@ import numpy as np
 from refsim.backends.cache import recorded
 from refsim.backends.cache_files import is_stored
 from refsim.backends.compile import Kernel
+from refsim.backends.plain import PlainKernel
 from refsim.backends.scratch import Scratch
 from refsim.backends.threads import cores
 from refsim.backends.workers import Task, Worker
@@ -69,6 +70,8 @@ def missing(calls: Iterable[Call]) -> list[Task]:
     found: dict[tuple[int, Any], Task | None] = {}
     for kernel, values in calls:
         program = kernel.on("cpu") if isinstance(kernel, Kernel) else kernel
+        if isinstance(program, PlainKernel):
+            program, values = program.program(values)
         if not hasattr(program, "store"):  # plain Python, or nothing is stored
             continue
         try:

@@ -17,7 +17,7 @@ from typing import Any
 import numba
 
 from refsim.backends.cache_files import check_files, is_shared, is_stored, refuse_foreign
-from refsim.backends.private import names
+from refsim.backends.fast.private import names
 from refsim.core.locks import in_turn
 
 _REFSIM = pathlib.Path(__file__).parents[1]

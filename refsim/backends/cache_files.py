@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from refsim.backends.private import names
+from refsim.backends.fast.private import names
 from refsim.core.errors import InputError
 
 DIGEST_BYTES = 32

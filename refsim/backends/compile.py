@@ -20,10 +20,10 @@ from numba import njit
 
 from refsim.backends import plain
 from refsim.backends.cache import cached
+from refsim.backends.fast.linking import linked
+from refsim.backends.fast.private import names, supported
+from refsim.backends.fast.rows import over_rows
 from refsim.backends.launching import direct_launch, kinds_of
-from refsim.backends.linking import linked
-from refsim.backends.private import names, supported
-from refsim.backends.rows import over_rows
 from refsim.backends.runtime import simulated, stream
 from refsim.backends.threads import choose_layer
 
@@ -92,10 +92,7 @@ def _set_compiler(dispatcher: Any, packed: bool) -> None:
         numba.get_num_threads()  # loads what `over_rows` calls
         return compile_plainly(signature)
 
-    private = names("order")
-    if private is None:
-        dispatcher.compile = compile_here
-        return
+    private: Any = names("fast")
 
     @private.global_compiler_lock
     def compile_so(signature: Any) -> Any:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backends.private import lose, lost, names
+from refsim.backends.fast.private import lose, lost, names
 from refsim.backends.runtime import branch, stream
 
 SCALARS = {

@@ -11,19 +11,26 @@ import os
 import pathlib
 import sys
 import types
+import warnings
 from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
 from typing import Any
 
 from refsim.backends.cache import cache_folder, cached
+from refsim.backends.fast.private import lost, names
 from refsim.backends.written import is_fixed, kind_of, written
 from refsim.core.writing import write_once
 
 
 @functools.cache
 def chosen() -> bool:
-    """Whether this process takes the plain road."""
-    return os.environ.get("REFSIM_PLAIN", "0") not in ("", "0")
+    """Whether this process takes the plain road; a warning says where a private name is the reason."""
+    if os.environ.get("REFSIM_PLAIN", "0") not in ("", "0"):
+        return True
+    if names("fast") is None:
+        warnings.warn(lost()["fast"], stacklevel=2)
+        return True
+    return False
 
 
 def made(

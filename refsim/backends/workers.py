@@ -25,11 +25,15 @@ START = "import sys; sys.path[:] = sys.argv[1:]; from refsim.backends.workers im
 
 @dataclass(frozen=True)
 class Task:
-    """A kernel, by module and name, and the pickled types for which its code is wanted."""
+    """A kernel, by module and name, and the pickled types for which its code is wanted.
+
+    Of a plain loop they are those of the arguments that it takes; `kinds` are those for which it is written.
+    """
 
     module: str
     name: str
     types: bytes
+    kinds: Any = None
 
     @classmethod
     def of(cls, program: Any, types: tuple) -> "Task | None":
@@ -41,12 +45,13 @@ class Task:
             sent = pickle.dumps(tuple(types))
         except (pickle.PicklingError, AttributeError, TypeError):
             return None
-        return None if b"__main__" in sent else cls(module, name, sent)
+        return None if b"__main__" in sent else cls(module, name, sent, getattr(program, "kinds", None))
 
     def store(self) -> None:
         """Compile the kernel in this process and store its code."""
         found = attrgetter(self.name)(importlib.import_module(self.module))
         program = found.on("cpu") if hasattr(found, "on") else found
+        program = program if self.kinds is None else program.of(self.kinds)
         program.store(pickle.loads(self.types))
 
 

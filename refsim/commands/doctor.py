@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from refsim.backends.arrays import host_memory, simulated, unavailable
-from refsim.backends.private import lost
+from refsim.backends.fast.private import lost
 from refsim.backends.threads import cores
 from refsim.commands import CommandResult, command, in_bytes, in_time, table
 from refsim.core.errors import RefsimError

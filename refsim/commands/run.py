@@ -10,7 +10,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from refsim.backends.loading import load_without_rules
 from refsim.commands import CommandResult, command, in_time, planned, table, takes
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.stopping import Interrupted, heeding
@@ -41,7 +40,6 @@ checkpoint.h5, report.json and, if the run stops, a post-mortem. Ctrl-C ends the
 @takes("--quiet", action="store_true", help="no progress")
 def execute(options: argparse.Namespace) -> CommandResult:
     """Run the scene, or go on from the checkpoint."""
-    load_without_rules()
     simulation, folder = _begin(options)
     simulation.timings.began = options.began
     until = simulation.plan.scene.end_time if options.until is None else options.until

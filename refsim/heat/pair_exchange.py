@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from refsim.backends.compile import cpu_kernel, formula, kernel
-from refsim.backends.rows import over_rows
+from refsim.backends.fast.rows import over_rows
 from refsim.core.errors import InputError
 from refsim.core.period import Period
 from refsim.heat.formulas import pair_share

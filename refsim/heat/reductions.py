@@ -7,7 +7,7 @@ import numpy as np
 
 from refsim.backends.chunks import CHUNKS, limits
 from refsim.backends.compile import formula, kernel
-from refsim.backends.staging import AT_A_TIME, buffer, staged
+from refsim.backends.fast.staging import AT_A_TIME, buffer, staged
 from refsim.backends.tuples import three
 from refsim.heat.formulas import missing_factor
 from refsim.heat.kernels import capacity_of, scaled_distance, weight_at

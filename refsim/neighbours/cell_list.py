@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from refsim.backends.bits import WORD, lowest, marked
 from refsim.backends.compile import formula, kernel
+from refsim.backends.fast.bits import WORD, lowest, marked
 from refsim.neighbours import formulas
 from refsim.neighbours.limits import NEIGHBOUR_CAPACITY, WALL_CAPACITY
 from refsim.neighbours.rows import NeighbourRows

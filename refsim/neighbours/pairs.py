@@ -22,7 +22,7 @@ period or None, and then what the pair function names, in its order, each field 
 radius. A list with positions of its own, as of walls, is one of other particles. Without positions (None) the sum goes
 over all entries of the list, near and far; its numbers have the type of FIELD, or of the first value that is no field.
 A branch on a parameter that is None leaves no code. A CPU puts the fields of the near neighbours side by side before it
-computes with them (`refsim.backends.staging`); where the list carries packed fields, those are read, ahead of their use
+computes with them (`refsim.backends.fast.staging`); where the list carries packed fields, those are read ahead of use
 (`refsim.neighbours.packed_cuda`).
 """
 
@@ -38,8 +38,8 @@ from typing import Any
 import numpy as np
 from numba import types
 
-from refsim.backends import staging
 from refsim.backends.compile import formula, overloaded
+from refsim.backends.fast import staging
 from refsim.backends.templates import filled_in
 from refsim.backends.written import NONE
 from refsim.neighbours.formulas import to_nearest_image

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from refsim.backends import compile as compiler
-from refsim.backends import launching, private
+from refsim.backends import launching
+from refsim.backends.fast import private
 from refsim.backends.runtime import simulated
 from refsim.commands import doctor
 

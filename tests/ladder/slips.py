@@ -27,7 +27,7 @@ from unittest import mock
 
 import numpy as np
 
-from refsim.backends import rows
+from refsim.backends.fast import rows
 from refsim.contract import Target
 from refsim.contract.answers import on_case
 from refsim.contract.ladder import climbing

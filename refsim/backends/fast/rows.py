@@ -10,11 +10,11 @@ from typing import Any
 
 from llvmlite import ir
 from numba import types
-from numba.extending import lower_builtin, overload, type_callable
+from numba.extending import lower_builtin, type_callable
 
-from refsim.backends.private import names
+from refsim.backends.fast.private import names
 
-_private = names("rows")
+_private = names("fast")
 cgutils: Any = _private and _private.cgutils
 PARTS = 16  # of the rows, for each thread
 
@@ -29,14 +29,6 @@ def over_rows(body: Any, rows: int, arguments: tuple) -> None:
 
 
 over_rows.written = "loop"  # type: ignore[attr-defined]
-
-
-def _looped(body: Any, rows: int, arguments: tuple) -> Any:
-    def loop(body: Any, rows: int, arguments: tuple) -> None:
-        for i in range(rows):
-            body(i, *arguments)
-
-    return loop
 
 
 def _typed(context: Any) -> Any:
@@ -139,8 +131,6 @@ def _borrowed(context: Any, builder: ir.IRBuilder, kind: types.Type, value: Any)
     return value
 
 
-if cgutils is None:
-    overload(over_rows, jit_options={"error_model": "numpy"}, strict=False)(_looped)
-else:
+if cgutils is not None:  # else all kernels take the plain road
     type_callable(over_rows)(_typed)
     lower_builtin(over_rows, types.Any, types.Any, types.BaseTuple)(_lowered)

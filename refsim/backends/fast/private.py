@@ -1,7 +1,7 @@
 """Private names of Numba and numba-cuda. They stand in this module alone; each is looked up once.
 
-A feature that needs such names takes them from `names`. Where one of them is gone it does without: kernels then are
-compiled, kept and launched in the public way. `lost` says what that costs, and `refsim doctor` prints it.
+A feature that needs such names takes them from `names`. Where one of them is gone it does without: kernels then run as
+plain loops, are not kept, or are launched publicly. `lost` says what that costs, and `refsim doctor` prints it.
 """
 
 import functools
@@ -24,33 +24,21 @@ class Feature:
 
 
 FEATURES = {
-    "start": Feature(
+    "fast": Feature(
         (
-            "numba.core.caching:Cache", "numba.core.caching:Cache.load_overload",
-            "numba.core.caching:Cache._load_overload", "numba.core.caching:Cache._guard_against_spurious_io_errors",
-            "numba.core.cpu:CPUContext", "numba.core.runtime:rtsys", "numba.core.runtime:rtsys.initialize",
-        ),
-        "a run whose kernels are compiled starts about 0.3 s later",
-    ),
-    "linking": Feature(
-        (
+            "numba.core:cgutils", "numba.core.cgutils:voidptr_t", "numba.core.cgutils:intp_t",
+            "numba.core.cgutils:get_or_insert_function", "numba.core.cgutils:pack_struct",
+            "numba.core.cgutils:alloca_once_value", "numba.core.cgutils:for_range",
+            "numba.core.cgutils:unpack_tuple", "numba.core.cgutils:get_null_value",
             "numba.core.codegen:JITCodeLibrary", "numba.core.codegen:JITCodeLibrary._optimize_final_module",
             "numba.core.codegen:JITCodeLibrary._finalize_final_module",
             "numba.core.codegen:JITCodeLibrary._finalize_dynamic_globals", "numba.core.compiler:CompilerBase",
             "numba.core.compiler:DefaultPassBuilder", "numba.core.compiler:DefaultPassBuilder.define_nopython_pipeline",
             "numba.core.compiler_machinery:LoweringPass", "numba.core.compiler_machinery:register_pass",
             "numba.core.typed_passes:AnnotateTypes", "numba.core.typed_passes:NativeLowering",
+            "numba.core.compiler_lock:global_compiler_lock",
         ),
-        "compiling takes about a quarter longer",
-    ),
-    "rows": Feature(
-        (
-            "numba.core:cgutils", "numba.core.cgutils:voidptr_t", "numba.core.cgutils:intp_t",
-            "numba.core.cgutils:get_or_insert_function", "numba.core.cgutils:pack_struct",
-            "numba.core.cgutils:alloca_once_value", "numba.core.cgutils:for_range",
-            "numba.core.cgutils:unpack_tuple", "numba.core.cgutils:get_null_value",
-        ),
-        "loops over particles run on one thread",
+        "kernels run as plain loops, which take longer to compile and to run (see docs/guarantees.md)",
     ),
     "cache": Feature(
         (
@@ -61,10 +49,6 @@ FEATURES = {
             "numba.core.caching:IndexDataCacheFile._open_for_write",
         ),
         "compiled kernels are not kept, and every process compiles them anew",
-    ),
-    "order": Feature(
-        ("numba.core.compiler_lock:global_compiler_lock",),
-        "sums over neighbours may differ in their last bits from those of another kernel",
     ),
     "launch": Feature(
         ("numba.cuda.cudadrv.driver:_to_core_stream", "numba.cuda.typing.typeof:Purpose",

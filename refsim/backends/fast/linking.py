@@ -10,13 +10,13 @@ from typing import Any
 
 from numba.extending import overload
 
-from refsim.backends.private import names, supported
+from refsim.backends.fast.private import names, supported
 
 
 @functools.cache
 def _compiler() -> dict[str, Any]:
     """The option of `numba.jit` that leaves machine code out; none where it cannot be left out."""
-    numba: Any = names("linking")
+    numba: Any = names("fast")
     if numba is None:
         return {}
 

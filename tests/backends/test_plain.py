@@ -1,0 +1,50 @@
+"""The plain road on a CPU: every operation's loops as `refsim show` prints them, against the references."""
+
+import json
+import os
+import subprocess
+import sys
+
+CASE = "two_particles"
+COMPILED = (
+    "sph.density",
+    "sph.gravity",
+    "heat.pair_exchange",
+)  # a sum over neighbours, a loop, a host function's loops
+PROGRAM = """
+import json, sys
+from refsim import contract
+from refsim.core import cases
+from refsim.core.operation import REGISTRY
+cases.discover()
+answers = {}
+for name in sys.argv[2:] or REGISTRY:
+    for variant in range(len(REGISTRY[name].variants) if len(sys.argv) == 2 else 1):
+        answers[f"{name} {variant}"] = str(contract.run(name, "cpu", "float64", sys.argv[1], variant))
+program = REGISTRY["sph.density"].program("cpu")
+print(json.dumps([type(program).__name__, answers]))
+"""
+
+
+def outcomes(*operations, **around):
+    """What the contract says of the operations on the plain road."""
+    run = subprocess.run(
+        [sys.executable, "-c", PROGRAM, CASE, *operations], capture_output=True, text=True,
+        env={**os.environ, "PYTHONPATH": ":".join(sys.path), "REFSIM_PLAIN": "1", **around},
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr[-2000:]
+    kind, answers = json.loads(run.stdout.splitlines()[-1])
+    assert kind == "PlainKernel"
+    return answers
+
+
+def test_every_operation_keeps_the_contract_as_python():
+    answers = outcomes(NUMBA_DISABLE_JIT="1")
+    assert len(answers) > 250
+    assert not [answer for answer in answers.values() if not answer.startswith("pass")]
+
+
+def test_compiled_loops_keep_the_contract_and_are_kept(tmp_path):
+    answers = outcomes(*COMPILED, REFSIM_CACHE_DIR=str(tmp_path))
+    assert not [answer for answer in answers.values() if not answer.startswith("pass")]
+    assert len(list(tmp_path.rglob("*.nbc"))) > 3
