@@ -11,7 +11,7 @@ from refsim.core.terms import Terms, certain, trace, where
 from refsim.mpm import reference as ref
 from refsim.neighbours.sums import Fields, Pairs
 from refsim.sparse_grid.reference import Lookup, node_table
-from refsim.sph.reference import carried
+from refsim.sph.operations import carried
 from refsim.surface_energy.reference import spline, spline_derivative
 
 BLOCK_BYTES = 2**26

@@ -59,11 +59,6 @@ def kernel_slope(r, smoothing):
     return _of_support(SLOPE, r, smoothing, int(smoothing.dim) + 1)
 
 
-def kernel_gradient(separation, distance, smoothing):
-    """grad W_ij = W'(r) x_ij/r (b, m, 3) [1/m^(dim+1)] of separations (b, m, 3); 0 for particles at one place."""
-    return (kernel_slope(distance, smoothing) / np.where(distance > 0, distance, 1.0))[..., None] * separation
-
-
 def viscosity_laplacian(r, smoothing):
     """A (h - r) [1/m^(dim+2)] inside the support, A = 40/(pi h^5) in 2D and 45/(pi h^6) in 3D."""
     h = float(smoothing.support_radius)

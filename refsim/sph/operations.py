@@ -1,5 +1,7 @@
 """Operations of weakly compressible SPH: which equations make each, its kernels, variants, tolerance and why."""
 
+import math
+
 import numpy as np
 
 from refsim.core.operation import SYMMETRY, Program, operations, without
@@ -306,6 +308,33 @@ def extremes(
     return {"extremes": (value, np.array([*value[:4], size, *counts]))}
 
 
+def carried(position, residual, shift, size):
+    """x <- x + residual + shift [m], and what its rounding to the type of x leaves: ((sum, scale), (rest, scale)).
+
+    size: scale of `shift`. The rest is summed exactly (math.fsum). Where it is within the rounding of `shift` from half
+    of the distance to the next number, the sum may be rounded to that one: there its scale is that of x.
+    """
+    x, r = np.asarray(position, dtype=float), np.asarray(residual, dtype=float)
+    kind = np.asarray(position).dtype
+    added, small = r + shift, np.abs(r) + size
+    place = (x + added).astype(kind).astype(float)
+    known, rest = np.isfinite(place), np.full(x.shape, np.nan)
+    rest[known] = [math.fsum(parts) for parts in zip(x[known], added[known], -place[known])]
+    gap = np.abs(place - np.nextafter(place.astype(kind), kind.type(0)).astype(float))  # towards 0, the smaller one
+    close = np.abs(rest) > 0.5 * gap - 32 * np.finfo(kind).eps * small
+    return (x + added, np.abs(x) + small), (rest, small + np.where(close, 2 * np.abs(place), 0.0))
+
+
+def at_planes(bounds, x, v, rest):
+    """x <- its nearest place between the walls' planes [m]; v [m/s] and residual 0 there; flags of those stopped."""
+    if bounds is None:
+        return x, v, rest, np.zeros(len(x), dtype=bool)
+    lower, upper = np.asarray(bounds.lower, dtype=float), np.asarray(bounds.upper, dtype=float)
+    beyond = (x < lower) | (x > upper)
+    rest = None if rest is None else tuple(np.where(beyond, 0.0, part) for part in rest)
+    return np.clip(x, lower, upper), np.where(beyond, 0.0, v), rest, beyond.any(1)
+
+
 @operation(
     "leap-frog with a changing step", paper="standard", outputs="position_residual velocity position displacement",
     optional="bounds position_residual shift",
@@ -327,9 +356,9 @@ def kick_drift(acceleration, build_position, bounds, timestep, shift, position_r
     change = ref.drifted(i, v, drift)
     x, rest = Terms(position, rank=1) + change, None
     if position_residual is not None:
-        total, rest = ref.carried(position, position_residual, *change)
+        total, rest = carried(position, position_residual, *change)
         x = Terms(*total, 1)
-    x_at, v_at, rest, stopped = ref.at_planes(bounds, x.value, v.value, rest)
+    x_at, v_at, rest, stopped = at_planes(bounds, x.value, v.value, rest)
     x, v = Terms(x_at, x.size, 1), Terms(v_at, v.size, 1)
     moved = x.value - np.asarray(build_position, dtype=float)
     squares = (moved**2).sum(1), ((np.abs(moved) + x.size) ** 2).sum(1)

@@ -163,30 +163,3 @@ def kicked(i, kick):
 def drifted(i, v, drift):
     """Leap-frog: x <- x + dt v + shift; the change [m]."""
     return drift * v + i.shift
-
-
-def carried(position, residual, shift, size):
-    """x <- x + residual + shift [m], and what its rounding to the type of x leaves: ((sum, scale), (rest, scale)).
-
-    size: scale of `shift`. The rest is summed exactly (math.fsum). Where it is within the rounding of `shift` from half
-    of the distance to the next number, the sum may be rounded to that one: there its scale is that of x.
-    """
-    x, r = np.asarray(position, dtype=float), np.asarray(residual, dtype=float)
-    kind = np.asarray(position).dtype
-    added, small = r + shift, np.abs(r) + size
-    place = (x + added).astype(kind).astype(float)
-    known, rest = np.isfinite(place), np.full(x.shape, np.nan)
-    rest[known] = [math.fsum(parts) for parts in zip(x[known], added[known], -place[known])]
-    gap = np.abs(place - np.nextafter(place.astype(kind), kind.type(0)).astype(float))  # towards 0, the smaller one
-    close = np.abs(rest) > 0.5 * gap - 32 * np.finfo(kind).eps * small
-    return (x + added, np.abs(x) + small), (rest, small + np.where(close, 2 * np.abs(place), 0.0))
-
-
-def at_planes(bounds, x, v, rest):
-    """x <- its nearest place between the walls' planes [m]; v [m/s] and residual 0 there; flags of those stopped."""
-    if bounds is None:
-        return x, v, rest, np.zeros(len(x), dtype=bool)
-    lower, upper = np.asarray(bounds.lower, dtype=float), np.asarray(bounds.upper, dtype=float)
-    beyond = (x < lower) | (x > upper)
-    rest = None if rest is None else tuple(np.where(beyond, 0.0, part) for part in rest)
-    return np.clip(x, lower, upper), np.where(beyond, 0.0, v), rest, beyond.any(1)

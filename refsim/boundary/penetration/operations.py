@@ -5,7 +5,7 @@ import numpy as np
 from refsim.boundary.penetration import reference as ref
 from refsim.boundary.signed_distance.reference import Sampled
 from refsim.core.operation import operation, without
-from refsim.sph.reference import at_planes, carried
+from refsim.sph.operations import at_planes, carried
 
 PUSHES, LEFT = 16, 128
 ROUNDING = 4e-7  # of a position, relative, in float32
