@@ -6,6 +6,7 @@ import pytest
 
 from refsim.__main__ import main
 from refsim.commands.numbered import SOURCES, named, stated
+from refsim.core.operation import REGISTRY
 
 
 @pytest.mark.parametrize("source", SOURCES, ids=lambda source: source.title)
@@ -34,3 +35,9 @@ def test_an_equation_is_shown(capsys):
     found = json.loads(capsys.readouterr().out)
     assert (found["functions"], found["equation"]) == ([], "J(5)")
     assert "J(9)" in found["reason"]
+
+
+def test_equations_of_an_operation_are_found_through_what_it_calls():
+    names = {name: [f.__name__ for f in REGISTRY[name].equations()] for name in ("sph.momentum", "iisph.relax")}
+    assert names["sph.momentum"] == ["pressure_force", "wall_pressure_force", "viscous_force"]
+    assert {"moved", "moved_at_walls", "relaxed", "density_error"} <= {*names["iisph.relax"]}
