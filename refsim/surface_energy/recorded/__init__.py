@@ -80,7 +80,7 @@ class DeviceReconstruction(Reconstruction):
         for _ in range(3):  # blocks for particles that have left theirs, then capacity for vertices and facets
             if graph is not None and graph.particles == position.shape[0]:
                 found = graph.surface(position, number, volume)
-                if graph.sufficed:
+                if found is not None:
                     return found if self.reused else found.kept()
             last, margin = self._graph, self.grid.programs.width if self.reused else 0
             blocks, sure = self.grid.programs.with_margin(position, self.below, self.above, margin)
@@ -118,7 +118,6 @@ class SurfaceGraph:
 
     sure      (blocks,) whether all blocks in reach of a block's particles exist
     compiled  whether all of its kernels are compiled: they can then be recorded without being launched first
-    sufficed  whether blocks and capacities sufficed the last time
     """
 
     def __init__(
@@ -126,7 +125,7 @@ class SurfaceGraph:
         compiled: bool,
     ) -> None:  # fmt: skip
         self.owner, self.blocks, self.sure = reconstruction, blocks, sure
-        self.particles, self.compiled, self.sufficed = particles, compiled, True
+        self.particles, self.compiled = particles, compiled
         self.table = case_tables(reconstruction.backend, reconstruction.dim, reconstruction.table_merged)[0]
         self.kind = reconstruction.tension.normals
         self.least = np.int32(reconstruction.tension.least_component(reconstruction.dim))
@@ -151,8 +150,8 @@ class SurfaceGraph:
             return made[0] * MARGIN // (MARGIN + 1), made[1] * MARGIN // (MARGIN + 1)
         return int(found[EDGES]), int(found[FACETS])
 
-    def surface(self, position: Any, number: Any, volume: float | None = None) -> RecordedSurface:
-        """The surface of particles `number` (n,) at `position` (n, 3) [m], where it fits (`sufficed`).
+    def surface(self, position: Any, number: Any, volume: float | None = None) -> RecordedSurface | None:
+        """The surface of particles `number` (n,) at `position` (n, 3) [m]; None where it does not fit.
 
         volume  that it encloses [m^dim], for which the host looks at its normals; None where the inset is given
         """
@@ -172,14 +171,18 @@ class SurfaceGraph:
         self.mark.wait()
         a, view, counts = self.arrays, self._view, self.found.values
         vertices, facets = int(counts[VERTICES]), int(counts[MADE])
-        self.sufficed = not counts[MISSING] and facets == counts[FACETS]
-        if volume is not None:
+        suffices = not counts[MISSING] and facets == counts[FACETS]
+        if volume is not None and suffices:
             mesh = Mesh(view("vertex_position", vertices), view("facets", facets))
             normal, moved = view("vertex_normal", vertices), view("inset_position", vertices)
             inset = self.owner.dtype.type(self.owner.enclosing(mesh, normal, volume))
             self.owner._run("inset", mesh.vertices, normal, self.owner.term._replace(inset=inset), moved)
-            samples[0]()
+        for call in samples:
+            call()
         self.compiled = True
+        ended = self.ended.read()
+        if not suffices:
+            return None
         names = ("sample_position", "sample_normal", "sample_area", "nearest")
         place, normal, area, nearest = (view(name, facets) for name in names)  # `position` belongs to the graphs
         self.samples = Samples(place, normal, area, nearest, a["sample_count"])
@@ -195,7 +198,6 @@ class SurfaceGraph:
             "offset_direction": lambda: view("outward", facets),
             "sample_place": lambda: view("sample_place", facets),
         }
-        ended = self.ended.read()
         made = RecordedSurface(self.samples, padded, self.blocks, cells, later)
         made.seconds = self.owner._seconds
         made.most_in_a_cell, made.unfound = int(ended[MOST]), bool(ended[UNFOUND])
