@@ -23,7 +23,6 @@ from refsim.io.scenes import scene_from_checkpoint, scene_to_checkpoint
 from refsim.scene.plan import Plan, make_plan
 
 OF_RUN = ("time", "steps", "previous_length", "first_length", "stopped_at_walls", "limiters")
-OF_LISTS = ("margin", "velocities_set")
 
 
 class Clock(msgspec.Struct, frozen=True, kw_only=True):
@@ -90,12 +89,9 @@ def load_checkpoint(path: str | os.PathLike[str]) -> SavedRun:
     if clock.origin != plan.grid.origin:
         raise wrong(f"its positions are relative to {list(clock.origin)} m, the scene's to {list(plan.grid.origin)} m")
     state = {name: saved.arrays.get(f"field.{name}") for name, f in plan.fields.items() if f.state}
-    build_position = saved.arrays.get("build_position")
-    position = plan.fields["position"]
-    for name, values, f in (
-        *((name, values, plan.fields[name]) for name, values in state.items()),
-        ("build_position", build_position, position),
-    ):
+    arrays = state | {"build_position": saved.arrays.get("build_position")}
+    for name, values in arrays.items():
+        f = plan.fields[name.removeprefix("build_")]
         shape, dtype = f.shape(plan.grid.count), f.numpy_dtype(plan.grid.dtype)
         if values is None or values.shape != shape or values.dtype != dtype:
             has = "nothing" if values is None else f"{values.dtype} {values.shape}"
@@ -105,7 +101,7 @@ def load_checkpoint(path: str | os.PathLike[str]) -> SavedRun:
         table, columns = gauges[gauge.name], 1 + len(gauge.columns(plan.grid.dim))
         if table is None or table.shape[1:] != (columns,):
             raise wrong(f"what the gauge {gauge.name} has measured is no table of {columns} columns")
-    return SavedRun(file, plan, clock, state, build_position, gauges, notes)  # type: ignore[arg-type]
+    return SavedRun(file, plan, clock, state, arrays["build_position"], gauges, notes)  # type: ignore[arg-type]
 
 
 def snapshot(
@@ -124,7 +120,8 @@ def snapshot(
         backend=cast(Literal["numpy", "cpu", "cuda"], run.backend.name),
         squared_displacement=None if math.isinf(displacement := lists.squared_displacement) else displacement,
         **{name: getattr(run, name) for name in OF_RUN},
-        **{name: getattr(lists, name) for name in OF_LISTS},
+        margin=lists.margin,
+        velocities_set=lists.velocities_set,
         density_taken=bool(run.previous_length > 0 and run.backend.host(run.timestep)[1] == 0),
         list_built=lists.built,
         versions=versions(),

@@ -17,8 +17,8 @@ import json
 import os
 import re
 import time
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from io import BufferedReader
 from pathlib import Path
@@ -100,12 +100,8 @@ def whole_checkpoint(path: str | os.PathLike[str]) -> tuple[Path, Checkpoint, tu
     Raises InputError where there is no whole one.
     """
     path = Path(path)
-    if os.path.isdir(path):
-        candidates = _newest_first(path)
-    else:
-        candidates = [path, previous_path(path)]
     passed: list[Unreadable] = []
-    for file in candidates:
+    for file in _newest_first(path) if path.is_dir() else (path, previous_path(path)):
         try:
             saved = read_checkpoint(file)
         except Unreadable as error:
@@ -217,8 +213,7 @@ def read_checkpoint(path: str | os.PathLike[str], what: str = "checkpoint") -> C
     """
     import h5py
 
-    with _opened(path, what) as file:
-        head = _head(file, what)
+    with _opened(path, what) as (file, head):
         size = os.fstat(file.fileno()).st_size
         if size != int(head[5]):
             raise Unreadable(what, path, f"is cut short or damaged (it has {size} of {int(head[5])} bytes)")
@@ -229,32 +224,29 @@ def read_checkpoint(path: str | os.PathLike[str], what: str = "checkpoint") -> C
             return Checkpoint(arrays, json.loads(root["attributes"].asstr()[()]))
 
 
-def _opened(path: str | os.PathLike[str], what: str) -> BufferedReader:
+@contextmanager
+def _opened(path: str | os.PathLike[str], what: str) -> Iterator[tuple[BufferedReader, re.Match[bytes]]]:
+    """A file that stands behind its first block, and that block as `HEAD` divides it."""
     try:
-        return open_regular(path)
+        with open_regular(path) as file:
+            yield file, _head(file.read(BLOCK), path, what)
     except FileNotFoundError:
         raise Unreadable(what, path, "does not exist") from None
     except OSError as error:
         raise Unreadable(what, path, f"cannot be read ({error.strerror})") from error
 
 
-def _head(file: BufferedReader, what: str) -> re.Match[bytes]:
-    """The block at the beginning of a file, which then stands behind it, as `HEAD` divides it."""
-    try:
-        block = file.read(BLOCK)
-    except OSError as error:
-        raise Unreadable(what, file.name, f"cannot be read ({error.strerror})") from error
+def _head(block: bytes, path: str | os.PathLike[str], what: str) -> re.Match[bytes]:
     found = HEAD.match(block)
     if not block.startswith(f"refsim {what}\n".encode()):
-        raise Unreadable(what, file.name, f"is not a {what} (it does not begin as one)")
+        raise Unreadable(what, path, f"is not a {what} (it does not begin as one)")
     if found is not None and int(found[3]) != VERSION:
-        older = f"has format version {int(found[3])}, and this refsim reads version {VERSION}"
-        raise Unreadable(what, file.name, older)
+        raise Unreadable(what, path, f"has format version {int(found[3])}, and this refsim reads version {VERSION}")
     if found is None or found.end() != BLOCK:
-        raise Unreadable(what, file.name, f"is cut short or damaged (its first lines are not those of a {what})")
+        raise Unreadable(what, path, f"is cut short or damaged (its first lines are not those of a {what})")
     return found
 
 
 def _written_ns(path: Path, what: str = "checkpoint") -> int:
-    with _opened(path, what) as file:
-        return int(_head(file, what)[4])
+    with _opened(path, what) as (_, head):
+        return int(head[4])

@@ -126,9 +126,13 @@ def _largest_error(times: np.ndarray, values: list[Any]) -> float:
 def melt_front(simulation: Simulation) -> float:
     """Melted depth from the first held layer on [m]; its largest error [%] over the last three quarters of the time."""
     spacing, wide = simulation.plan.grid.spacing, simulation.plan.grid.period[1] / simulation.plan.grid.spacing
+    return float(_molten(simulation).sum() * spacing / round(wide) ** 2 + 0.5 * spacing)
+
+
+def _molten(simulation: Simulation) -> np.ndarray:
+    """Share of each particle of the second part, the ice, that is liquid."""
     ice = slice(simulation.plan.state.sizes[0], None)
-    molten = np.clip(simulation.field("enthalpy")[ice] / simulation.field("latent_heat")[ice], 0, 1).sum()
-    return float(molten * spacing / round(wide) ** 2 + 0.5 * spacing)
+    return np.clip(simulation.field("enthalpy")[ice] / simulation.field("latent_heat")[ice], 0, 1)
 
 
 def _detected(times: np.ndarray, values: list[Any]) -> float:
@@ -224,8 +228,7 @@ def surface_normals(simulation: Simulation) -> tuple[float, float]:
 
 def melting(simulation: Simulation) -> float:
     """Share of the ball that is ice; its melt time is that at which none is left."""
-    ice = slice(simulation.plan.state.sizes[0], None)
-    return 1 - float(np.clip(simulation.field("enthalpy")[ice] / simulation.field("latent_heat")[ice], 0, 1).mean())
+    return 1 - float(_molten(simulation).mean())
 
 
 def _resting(times: np.ndarray, values: list[Any]) -> float:
@@ -317,17 +320,14 @@ def damped_cosine(time: np.ndarray, value: np.ndarray, guess: float) -> dict[str
     }  # fmt: skip
 
 
-def _nominal(simulation: Simulation) -> float:
-    """Nominal radius of a drop, from its viscosity [spacings]."""
-    return float((liquid_of(simulation.plan.effects).dynamic_viscosity / drops.THIN) ** 2)
-
-
-def flat_tension(simulation: Simulation) -> float:
-    """Tension of a flat surface of the scene's model in 2D over the nominal one, from the map's pressure jumps."""
-    models = {"akinci_2013": "akinci", "jiang_zhu_2023": "jiang_zhu", "dong_2016": "dong"}
-    (model,) = (models[name] for name in simulation.plan.effects if name in models)
-    wanted = {"model": model, "dim": 2, **BASE}
-    return float(next(e for e in sigma_map() if all(e[name] == v for name, v in wanted.items()))["flat_laplace"])
+def _drop(simulation: Simulation) -> tuple[float, float]:
+    """(radius of a disc [spacings], tension of its model's flat surface in 2D over the nominal one, by the map)."""
+    models, effects = ("akinci_2013", "jiang_zhu_2023", "dong_2016"), simulation.plan.effects
+    (model,) = (name[:-5] for name in effects if name in models)
+    wanted = {"model": model, "dim": 2, **BASE}.items()
+    simulation.evaluate()
+    _, radius = drops.inside(simulation, (liquid_of(effects).dynamic_viscosity / drops.THIN) ** 2)
+    return radius, next(float(entry["flat_laplace"]) for entry in sigma_map() if wanted <= entry.items())
 
 
 def _jump(times: np.ndarray, values: list[Any]) -> float:
@@ -338,9 +338,8 @@ def _jump(times: np.ndarray, values: list[Any]) -> float:
 @watched(lambda scene: scene.end_time / 3 * (1 + 2 * np.arange(1, drops.SNAPSHOTS + 1) / drops.SNAPSHOTS), _jump)
 def surface_tension_jump(simulation: Simulation) -> Any:
     """Pressure of the pair forces within a disc, its radius, and the flat tension: R P over the last."""
-    simulation.evaluate()
-    _, size = drops.inside(simulation, _nominal(simulation))
-    return inner_pressure(simulation, drops.BALLS * size), size, flat_tension(simulation)
+    size, flat = _drop(simulation)
+    return inner_pressure(simulation, drops.BALLS * size), size, flat
 
 
 def _swing(times: np.ndarray, values: list[Any]) -> float:
@@ -353,11 +352,7 @@ def _swing(times: np.ndarray, values: list[Any]) -> float:
 @watched(lambda scene: scene.end_time * np.linspace(0, 1, 1 + round(drops.PERIODS * drops.PER_PERIOD)), _swing)
 def surface_tension_frequency(simulation: Simulation) -> Any:
     """Mode 2 of a disc; at first its radius and the flat tension. Frequency over Rayleigh's with the flat tension."""
-    known = None
-    if simulation.steps == 0:
-        simulation.evaluate()
-        known = drops.inside(simulation, _nominal(simulation))[1], flat_tension(simulation)
-    return drops.second_moment(simulation, 2), known
+    return drops.second_moment(simulation, 2), None if simulation.steps else _drop(simulation)
 
 
 @watched(lambda scene: scene.end_time * np.linspace(0, 1, drops.SNAPSHOTS_ON_PLANE + 1)[1:], mean)
