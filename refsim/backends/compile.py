@@ -314,8 +314,8 @@ class Kernel:
     def _wrapper(self, backend: str) -> Callable:
         """The loop as a function whose source is a file of the cache folder, where Numba's cache looks for it."""
         source = getattr(sys.modules[self.__module__], "__file__", None) or self.body.__code__.co_filename
-        module = f"{self.__module__}.{self.__name__}_{backend}"
-        function = plain.made(self.source(backend), self.__name__, pathlib.Path(source), module, self._named(backend))
+        named = self._named(backend)
+        function = plain.made(self.source(backend), self.__name__, pathlib.Path(source), self.__module__, named)
         function.__doc__ = self.__doc__
         return function
 
