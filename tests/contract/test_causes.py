@@ -181,13 +181,12 @@ def test_rows_with_room_behind_them_hold_the_same_neighbours():
     assert made.start[1] == 5
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_every_operation_takes_drawn_inputs(seed):
+def test_every_operation_takes_drawn_inputs():
     """The references, which agree with themselves: no argument is left that cannot be made, but for one or two."""
     tried = 0
     for operation in REGISTRY.values():
-        target = Target(operation, "numpy", "float64", seed=seed, dims=(2, 3))
-        drawn = draw(target, f"drawn {seed}.0")
+        target = Target(operation, "numpy", "float64", seed=0, dims=(2, 3))
+        drawn = draw(target, "drawn 0.0")
         few = dataclasses.replace(drawn, case=dataclasses.replace(drawn.case, position=drawn.case.position[:70]))
         outcome = judged_on(target, few)
         assert outcome is None or outcome.passed, str(outcome)
