@@ -49,7 +49,10 @@ def as_on_the_site(app: Any, page: str, source: list[str]) -> None:
 
         text = text.replace("<!-- checks -->", "\n".join(table()))
     if page == "equations":
-        text = text.replace("<!-- equations -->", "\n".join(equations()))
+        from refsim.commands import discover, equations
+
+        discover()
+        text = equations.page(lines=True)
     if page == "api":
         text = text.replace("<!-- api -->", "\n".join(api()))
     if page.startswith("lessons/") and not page.endswith(IN_THE_BROWSER):
@@ -111,45 +114,6 @@ def lesson(name: str) -> str:
         offered = f"[In the browser, without installing]({live}); {offered}"
     parts[0] = parts[0].lstrip().replace("\n\n", f"\n\n{offered}\n\n", 1)
     return re.sub(r"`docs/(\w+)\.md`", r"{doc}`../\1`", "".join(parts))
-
-
-def equations() -> Iterator[str]:
-    """Of each source each number: its formula, where it stands, errata, and the operations that hold it."""
-    from refsim.commands import discover
-    from refsim.commands.numbered import SOURCES, Stated, stated
-    from refsim.core.operation import REGISTRY
-
-    def place(found: Stated) -> str:
-        return f"`{found.module.removeprefix('refsim.').replace('.', '/')}.py:{found.line}` {found.name}"
-
-    discover()
-    users: dict[tuple[str, str], list[str]] = {}
-    for name, operation in REGISTRY.items():
-        for function in (operation.program("numpy"), *operation.equations()):
-            users.setdefault((function.__module__, function.__name__), []).append(name)
-    for source, errata in zip(SOURCES, _errata()):
-        yield f"\n## {source.title[:1].upper()}{source.title[1:]}\n\n{source.note}\n"
-        yield "| number | formula | reference | one neighbour, particle or node | errata | operations |"
-        yield "| --- | --- | --- | --- | --- | --- |"
-        for number in source.numbers:
-            functions = stated().get((source.title, number), [])
-            first = [found for found in functions if found.module.endswith(".reference")]
-            formula = "<br>".join(f"`{found.words}`" for found in first) or source.reason(number)
-            names = dict.fromkeys(f"`{n}`" for found in first for n in users.get((found.module, found.name), ()))
-            known = ", ".join(e for e, where in errata if number in re.findall(r"(?<=\()[\d.]+(?=\))|P\d", where))
-            cells = (source.label(number), formula.replace("|", BAR), *("<br>".join(map(place, part)) for part in (
-                first, functions[len(first) :])), known, "<br>".join(names))  # fmt: skip
-            yield f"| {' | '.join(cells)} |"
-
-
-def _errata() -> list[list[tuple[str, str]]]:
-    """(number, place) of the errata of each source, in the page's order."""
-    text = (ROOT / "docs" / "errata.md").read_text(encoding="utf-8")
-    rows = re.compile(
-        r"^(?:\| ([EM]\d+) \| [\w ]+ \| ([^|]*) \||- ([EM]\d+) ([^:(]*(?:\([\d.]+\)[^:(]*)*))", re.MULTILINE
-    )
-    parts = re.split(r"^## ", text, flags=re.MULTILINE)[1:]
-    return [[(a or c, b or d) for a, b, c, d in rows.findall(part)] for part in parts]
 
 
 def films() -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""`refsim show OPERATION`: its equation, formula, reference and program, as they stand in the sources.
+"""`refsim show NAME`: an operation or an equation of a source, with the code that stands for it.
 
 With `--backend` it prints the program as a file of its own (`refsim.commands.printed`), where it is one loop over rows.
 """
@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from refsim.commands import CommandResult, command, takes
-from refsim.commands.numbered import Numbered, named, stated
+from refsim.commands.equations import Equation, equation, equations, page
 from refsim.commands.printed import printed
 from refsim.core.checked import suggestion
 from refsim.core.errors import InputError
@@ -124,28 +124,38 @@ def describe(operation: Operation, program: str) -> dict[str, list[Source]]:
     return found
 
 
-def _equation(source: Numbered, number: str) -> CommandResult:
-    """The functions that state a numbered equation of a source."""
-    found = [source_of(s.module, s.name) for s in stated().get((source.title, number), [])]
-    reason = "" if found else source.reason(number)
-    lines = [f"{source.title}: {source.label(number)}", *([reason] if reason else []), *(f"\n{s}" for s in found)]
-    about = {"source": source.title, "equation": source.label(number), "reason": reason}
-    return CommandResult(about | {"functions": [asdict(s) for s in found]}, "\n".join(lines), verbatim=True)
+def shown(found: Equation) -> CommandResult:
+    """What is printed in the source, how it is read, and the code that stands for it."""
+    lines = [f"{found.name}, {found.source}", found.printed]
+    for heading, words in (("read", found.reading), ("not implemented", found.reason)):
+        lines += [f"{heading}: {words}"] * bool(words)
+    lines += [f"tests: tests/ladder/test_pairing.py -k {name}" for name in found.operations]
+    code = {"reference": found.references, "program": found.kernels}
+    sources = {key: [source_of(*place) for place in places] for key, places in code.items()}
+    for key, heading in (("reference", "Reference"), ("program", "One neighbour or particle")):
+        lines += ["", f"## {heading}", *(f"\n{source}" for source in sources[key])] * bool(sources[key])
+    data = {key: [asdict(source) for source in of_kind] for key, of_kind in sources.items()}
+    return CommandResult(asdict(found) | data, "\n".join(lines), verbatim=True)
 
 
-@command("show", "print equation, formula, reference and program of an operation")
-@takes("operation", help="its name, such as sph.momentum; `refsim list` names all; or an equation's number, 'J(10)'")
+@command("show", "print an operation, or an equation of a source, and the code that stands for it")
+@takes("operation", metavar="NAME",
+       help="an operation, such as sph.momentum (`refsim list` names all); an equation of a source, such as"
+       ' "J(10)" or "thesis (3.16)"; or `equations` for a list of those')  # fmt: skip
 @takes("--backend", metavar="PROGRAM",
        help="print the program (cpu, cuda, or another one of the operation) as a file that runs by itself")  # fmt: skip
 def execute(options: argparse.Namespace) -> CommandResult:
-    """Print the sources of one operation, or of an equation, or a program as a file that runs by itself."""
-    operation, number = REGISTRY.get(options.operation), named(options.operation)
-    if number is not None:
-        return _equation(*number)
+    """Print an operation, one of its programs as a file that runs by itself, an equation, or the list of equations."""
+    operation = REGISTRY.get(options.operation)
+    if options.operation == "equations":
+        return CommandResult({"equations": [asdict(e) for e in equations()]}, page().rstrip(), verbatim=True)
+    of_source = None if operation is not None else equation(options.operation)
+    if of_source is not None:
+        return shown(of_source)
     if operation is None:
-        near = suggestion(options.operation, REGISTRY)
         raise InputError(
-            f"There is no operation or equation {options.operation!r}; {near} `refsim list` has all names."
+            f"There is no operation {options.operation!r}; {suggestion(options.operation, REGISTRY)} `refsim list` has"
+            " all names."
         )
     programs = [name for name in operation.names() if name != "numpy"]
     program = options.backend or "cpu"

@@ -11,12 +11,14 @@ The reference takes the same names, less the neighbour structures and the output
 is the margin: the relative distance of the decision from flipping.
 """
 
+import ast
 import functools
 import importlib
 import inspect
 import itertools
-import types
-from collections.abc import Callable, Mapping
+import sys
+import textwrap
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeVar
 
@@ -164,18 +166,14 @@ class Operation:
 
     def equations(self) -> list[Callable]:
         """Functions of reference.py that the plain NumPy program in operations.py calls, directly or through others."""
-        waiting, found = [inspect.unwrap(self.program("numpy"))], dict[Callable, None]()
-        while waiting and self.entry("numpy").module == "operations":
-            function = waiting.pop(0)
-            if function not in found:
-                found[function] = None
-                known = function.__globals__
-                modules = [m for m in known.values() if inspect.ismodule(m) and m.__name__.endswith(".reference")]
-                for name in _names_in(function.__code__):
-                    named = [known.get(name), *(getattr(module, name, None) for module in modules)]
-                    judges = (".operations", ".reference")
-                    waiting += [f for f in named if inspect.isfunction(f) and f.__module__.endswith(judges)]
-        return [function for function in found if function.__module__.endswith(".reference")]
+        waiting: list[Any] = [inspect.unwrap(self.program("numpy"))] * (self.entry("numpy").module == "operations")
+        found = dict[Any, None]()
+        while waiting:
+            place = waiting.pop(0)
+            if place not in found:
+                found[place] = None
+                waiting += _called(place)
+        return [f for f in found if inspect.isfunction(f) and f.__module__.endswith(".reference")]
 
     def bind(self, program: str, lookup: Callable[[str], Any]) -> Callable[[], None]:
         """A call without arguments: the program of that name on the values that `lookup` gives for its arguments."""
@@ -408,12 +406,6 @@ def backend_of(program: str) -> str:
     return program.partition(":")[0]
 
 
-def _names_in(code: types.CodeType) -> dict[str, None]:
-    """Names that a function uses, in order, also inside of comprehensions."""
-    inner = [part for part in code.co_consts if isinstance(part, types.CodeType)]
-    return dict.fromkeys([*code.co_names, *(name for part in inner for name in _names_in(part))])
-
-
 def _names(given: Names) -> tuple[str, ...]:
     return tuple(given.split()) if isinstance(given, str) else given
 
@@ -429,6 +421,21 @@ def _overrides(variant: str | Mapping[str, Any], folder: str) -> dict[str, Any]:
     if isinstance(variant, str):
         return dict.fromkeys(variant.split())
     return {name: Made(folder, value) if isinstance(value, str) else value for name, value in variant.items()}
+
+
+def _called(place: Any) -> Iterator[Any]:
+    """Functions and classes of references and operations that the source of one of them calls, or hands on as m.f."""
+    known = vars(sys.modules[place.__module__])
+    for part in ast.walk(ast.parse(textwrap.dedent(inspect.getsource(place)))):
+        named = [part.func] if isinstance(part, ast.Call) else part.bases if isinstance(part, ast.ClassDef) else []
+        found = [known.get(name.id) for name in named if isinstance(name, ast.Name)]
+        if isinstance(part, ast.Attribute) and isinstance(part.value, ast.Name):
+            module = known.get(part.value.id)
+            found = [getattr(module, part.attr, None)] if inspect.ismodule(module) else []
+        for one in found:
+            judges = inspect.isroutine(one) or inspect.isclass(one)
+            if judges and (one.__module__ or "").rpartition(".")[2] in ("reference", "operations"):
+                yield one
 
 
 @functools.cache

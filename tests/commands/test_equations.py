@@ -1,0 +1,86 @@
+"""`refsim show "J(10)"` and docs/equations.md: each numbered equation of the sources, and what stands for it."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from refsim.__main__ import main
+from refsim.commands.equations import equation, equations, page
+from refsim.commands.show import shown
+from refsim.core.operation import REGISTRY
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+NUMBERED = {
+    "Jiang & Zhu 2023": [f"J({n})" for n in range(1, 22)],
+    "Dong, Zhang & Chen 2016": [f"D({n})" for n in range(1, 12)],
+    "thesis": [
+        *(f"(2.{n})" for n in range(1, 14) if n != 12), *(f"(3.{n})" for n in range(1, 20)),
+        *(f"(4.{n})" for n in range(1, 20)), "Algorithm 1", "Algorithm 2",
+    ],  # the thesis has no (2.12)
+    "Shao & Song 2017": [f"M({n})" for n in range(1, 5)],
+    "patent CN104318598A": [f"P{n}" for n in range(1, 9)],
+}  # fmt: skip
+CHAPTERS = ("Jiang and Zhu", "Dong", "Thesis", "Shao and Song", "Patent")  # of the errata, in the order of the sources
+
+
+def test_the_page_is_what_the_code_says():
+    written = (DOCS / "equations.md").read_text(encoding="utf-8")
+    assert written == page(), "run `refsim show equations > docs/equations.md`"
+
+
+@pytest.mark.parametrize("source", NUMBERED)
+def test_every_number_of_a_source_is_there_in_its_order(source):
+    numbers = [e.number for e in equations() if e.source == source]
+    assert [number for number in numbers if number in NUMBERED[source]] == NUMBERED[source]
+
+
+def test_each_has_functions_of_both_kinds_and_a_test_or_a_reason():
+    for found in equations():
+        stands = found.references and found.kernels and found.operations
+        assert bool(stands) != bool(found.reason), found.name
+        assert found.printed, found.name
+
+
+def test_the_errata_that_are_named_are_those_of_the_source():
+    chapters = re.split(r"^## ", (DOCS / "errata.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
+    for source, heading in zip(NUMBERED, CHAPTERS, strict=True):
+        (chapter,) = (chapter for chapter in chapters if chapter.startswith(heading))
+        for found in (e for e in equations() if e.source == source):
+            for erratum in re.findall(r"\b[EMP]\d+\b", found.reading):
+                assert re.search(rf"\b{erratum}\b", chapter), f"{found.name} names {erratum}"
+
+
+def test_all_can_be_shown():
+    for found in equations():
+        text = shown(found).text
+        assert all(f"def {name}(" in text for _, name in (*found.references, *found.kernels)), found.name
+
+
+@pytest.mark.parametrize(("name", "parts"), [
+    ("J(10)", ("(p_i + p_j)/(2 rho_j)", "E24", "sph/reference.py:", "def pressure_force(i, j", "def pressure_pair(")),
+    ("thesis (4.15)", ("def node_momentum(j, p, jp)", "-k mpm.particle_to_grid", "refsim/mpm/particle_to_grid.py:")),
+    ("j (1)", ("not implemented: J(4) is its discrete form",)),
+    ("D(7)", ("lost in the source", "E34", "def force_shape(")),
+])  # fmt: skip
+def test_an_equation_is_shown_with_its_code(name, parts, capsys):
+    assert main(["show", name]) == 0
+    text = capsys.readouterr().out
+    assert all(part in text for part in parts)
+
+
+def test_what_no_source_has_is_said(capsys):
+    assert equation("J(22)") is None
+    assert main(["show", "J(22)"]) == 2
+    assert "'J(22)'" in capsys.readouterr().err
+
+
+def test_equations_of_an_operation_are_found_through_what_it_calls():
+    """Also through other functions of operations.py, local ones, and classes."""
+    called = {name: {f.__name__ for f in REGISTRY[name].equations()} for name in (
+        "sph.momentum", "iisph.relax", "mpm.particle_to_grid", "heat.explicit",
+    )}  # fmt: skip
+    assert called["sph.momentum"] == {"pressure_force", "wall_pressure_force", "viscous_force"}
+    assert called["iisph.relax"] >= {"moved", "moved_at_walls", "relaxed", "density_error"}
+    assert called["mpm.particle_to_grid"] >= {"node_mass", "node_momentum", "stress_force", "spline_weight"}
+    assert called["heat.explicit"] >= {"flow", "conductance", "temperature_of"}
