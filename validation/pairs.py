@@ -29,8 +29,6 @@ _TWICE, _COHESION, _FILTER = "take the place of 'sph", "an effect with cohesion"
 NEVER = {
     ("weakly_compressible", "mpm_liquid"): "do not go together",
     ("iisph", "two_way_coupling"): _TWICE,
-    ("mesh_boundary", "particle_shifting"): "would both correct positions",
-    ("particle_shifting", "shape_matching"): "would tear solids apart",
     ("two_way_coupling", "akinci_2013"): _COHESION,
     ("two_way_coupling", "dong_2016"): _COHESION,
     ("two_way_coupling", "becker_teschner_2007"): _COHESION,

@@ -145,14 +145,17 @@ class HasPlanes:
 
 def open_axis(grid: Discretisation, others: Mapping[str, Effect]) -> str:
     """The first axis along which a scene has neither a period nor planes on both sides; "" where it is closed."""
+    return next((axis for axis, length in zip("xyz", closed_box(grid, others)) if length == math.inf), "")
+
+
+def closed_box(grid: Discretisation, others: Mapping[str, Effect]) -> list[float]:
+    """Lengths [m] of the box that a period or planes on both sides close along each axis; infinite where none do."""
+    lengths = []
     for axis in range(grid.dim):
-        closed = grid.period[axis] > 0 or any(
-            all(abs(float(corner[axis])) < math.inf for corner in effect.domain(grid))
-            for effect in having(others, HasPlanes)
-        )
-        if not closed:
-            return "xyz"[axis]
-    return ""
+        between = [np.subtract(*effect.domain(grid)[::-1])[axis] for effect in having(others, HasPlanes)]
+        period = [grid.period[axis]] if grid.period[axis] > 0 else []
+        lengths.append(float(min([*period, *between], default=math.inf)))
+    return lengths
 
 
 class FindsSurface:

@@ -1,25 +1,33 @@
 """Particle shifting after Sun et al. 2017: displacements that keep the particles evenly spaced.
 
-Displacements beside dt v keep the linear momentum, since velocities stay, but neither angular momentum nor energy. At a
-detected surface only their tangential part acts. Free drops and collisions do without them.
+Displacements beside dt v keep the linear momentum, since velocities stay, but neither angular momentum nor energy. Near
+a free surface only their tangential part acts; what is near it, and its normal, follow from sums that the step makes.
 """
 
 import dataclasses
-from typing import Any, ClassVar, Literal, NamedTuple
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
-from refsim.core.capabilities import CorrectsPositions, open_axis
+import numpy as np
+
+from refsim.core.capabilities import BringsWalls, CorrectsPositions, HasPlanes, closed_box, having, open_axis
 from refsim.core.checked import NotNegative
 from refsim.core.effect import Discretisation, Effect, Others, Pass
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
-from refsim.particle_shifting import reference as reference
+from refsim.particle_shifting import operations as operations
 from refsim.smoothing import smoothing
-from refsim.sph import DETECTION, LARGEST_SHIFT, LIQUID, SETS, SHIFT, liquid_of, surface_of
-from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
+from refsim.sph import FILLING, LARGEST_SHIFT, LIQUID, NUMBER_DENSITY, SETS, SHIFT, liquid_of
+
+if TYPE_CHECKING:
+    from refsim.core.effect import InitialState
 
 CONCENTRATION_GRADIENT = Field(
     "concentration_gradient", "1/m", "gradient of the concentration, sum_j V_j (1 + 0.2 (W_ij/W(d))^4) grad W_ij", 3
 )
+FILLING_GRADIENT = Field("filling_gradient", "1/m", "gradient of the filling, sum_j V_j grad W_ij: inward normal", 3)
+LEAST_NORMAL = 0.05  # of h times the gradient of the filling, below which a surface has no direction
+LEAST_FULL = 0.97  # share of a box that liquid without a surface fills at least
 PASSING_SHIFT = dataclasses.replace(SHIFT, state=False)  # that no later density takes
 
 
@@ -29,42 +37,48 @@ class Shifting(NamedTuple):
     length: float  # A 2 h_s [m]
     inverse_neighbour: float  # 1/W(d) [m^dim]
     largest: float  # of v_max dt
+    least: float = 0.0  # gradient of the filling below which a surface has no direction [1/m]
+    whole: float = 1.0  # factor of the filling: 1, or 1/delta0 of the number density [m^dim]
 
 
 class ParticleShifting(Effect, CorrectsPositions, frozen=True, kw_only=True):
     """Displacements down the gradient of the particles' concentration.
 
     strength  A, 0 for none; Sun et al. 2017 have 1, with which vortices at Re 50 to 200 decay too fast
-    surface   "detected": at the surface that `surface_detection` finds only the tangential part acts; "none": the
-              liquid has no surface, as in a periodic box or between walls on all sides, and its continuity equation
-              takes the shifts (Sun et al. 2019)
+    surface   "detected": near a free surface, where less than 0.97 of the space is filled, only the tangential part
+              acts; "none": the liquid has no surface, as in a full periodic box or a full one between walls on all
+              sides, and its continuity equation takes the shifts (Sun et al. 2019)
     """
 
     name: ClassVar[str] = "particle_shifting"
     scales: ClassVar[tuple[str, ...]] = ("strength",)
     periodic: ClassVar[bool] = True
+    needed: ClassVar[tuple[str, ...]] = (LIQUID,)
 
     strength: NotNegative = 2.2
     surface: Literal["detected", "none"] = "detected"
 
-    def needs(self) -> tuple[str, ...]:
-        return (LIQUID, DETECTION) if self._at_surface() else (LIQUID,)
-
     def check(self, grid: Discretisation, others: Others) -> None:
         if self.strength == 0:
             return
-        if "shape_matching" in others:
-            raise InputError(f"{self.name}: it would tear solids apart; leave it out of a scene with shape_matching.")
         if self.surface == "none":
             axis = open_axis(grid, others)
             if axis:
                 raise InputError(
-                    f"{self.name}: surface = 'none', but the scene is open along {axis}; set surface = 'detected' and"
-                    f" add the effect {DETECTION}."
+                    f"{self.name}: surface = 'none', but the scene is open along {axis}; set surface = 'detected'."
                 )
-        for effect in others.values():
-            if effect is not self and isinstance(effect, CorrectsPositions) and effect.corrects_positions():
-                raise InputError(f"{self.name} and {effect.name} would both correct positions; keep one of them.")
+
+    def initial(self, grid: Discretisation, state: "InitialState", others: Others) -> Mapping[str, np.ndarray]:
+        """Nothing. Raises InputError for a box that is not full where the liquid is said to have no surface."""
+        walled = any(not isinstance(effect, HasPlanes) for effect in having(others, BringsWalls))
+        if self.strength > 0 and self.surface == "none" and not walled:
+            filled = grid.count * grid.spacing**grid.dim / float(np.prod(closed_box(grid, others)))
+            if filled < LEAST_FULL:
+                raise InputError(
+                    f"{self.name}: surface = 'none', but the liquid fills {filled:.2g} of its box and has a free"
+                    " surface, which would compress it; set surface = 'detected'."
+                )
+        return {}
 
     def corrects_positions(self) -> bool:
         return self.strength > 0
@@ -76,19 +90,24 @@ class ParticleShifting(Effect, CorrectsPositions, frozen=True, kw_only=True):
         if self.strength == 0:
             return ()
         if self._at_surface():
-            return (CONCENTRATION_GRADIENT, PASSING_SHIFT, *surface_of(others).near_fields(), SURFACE_NORMAL)
+            filling = FILLING if liquid_of(others).advances() else NUMBER_DENSITY
+            return (CONCENTRATION_GRADIENT, PASSING_SHIFT, filling, FILLING_GRADIENT)
         return (CONCENTRATION_GRADIENT, SHIFT)
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         if self.strength == 0:
             return ()
-        names: dict[str, str | None] = {"smoothing": "gradient_smoothing"}
-        crowding = Pass("particle_shifting.crowding", writes=(CONCENTRATION_GRADIENT.name,), names=names)
-        if self._at_surface():
-            detected = (*surface_of(others).near_passes(), color_gradient_pass())
-            return (crowding, *detected, Pass("particle_shifting.shift", writes=("shift",), stage="motion"))
-        names = {"near_surface": None, "surface_normal": None}
-        return (crowding, Pass("particle_shifting.shift", writes=("shift",), names=names, stage="motion"))
+        surface = self._at_surface()
+        names: dict[str, str | None] = {} if "shape_matching" in others else {"phase": None}
+        if not surface:
+            names |= {"filling": None, "filling_gradient": None}
+        elif not liquid_of(others).advances():
+            names["filling"] = "number_density"
+        gradients = (CONCENTRATION_GRADIENT.name, *((FILLING_GRADIENT.name,) if surface else ()))
+        return (
+            Pass("particle_shifting.crowding", writes=gradients, names=names | {"smoothing": "gradient_smoothing"}),
+            Pass("particle_shifting.shift", writes=("shift",), names=names, stage="motion"),
+        )
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         if self.strength == 0:
@@ -97,15 +116,11 @@ class ParticleShifting(Effect, CorrectsPositions, frozen=True, kw_only=True):
 
         liquid = liquid_of(others)
         kernel = smoothing(SETS[liquid.kernels][1], grid.support_radius, grid.dim)
-        group = Shifting(
-            grid.real(self.strength * grid.support_radius),
-            grid.real(1 / float(kernel_value(grid.spacing, kernel))),
-            grid.real(LARGEST_SHIFT),
-        )
-        found: dict[str, Any] = {"shifting": group}
-        if self._at_surface():
-            found |= {**normal_term(liquid, grid), **surface_of(others).near_groups(grid, others)}
-        return found
+        numbers = (
+            self.strength * grid.support_radius, 1 / float(kernel_value(grid.spacing, kernel)), LARGEST_SHIFT,
+            LEAST_NORMAL / grid.support_radius, 1.0 if liquid.advances() else 1 / liquid.rest_number_density(grid),
+        )  # fmt: skip
+        return {"shifting": Shifting(*map(grid.real, numbers))}
 
     def energy(self, grid: Discretisation, others: Others) -> None:
         """None: its displacements do work that is not summed."""

@@ -6,16 +6,18 @@ from refsim.core.cases import Exact, at, closed_form, example, groups, particles
 from refsim.particle_shifting import ParticleShifting, Shifting
 from refsim.smoothing.cases import for_each_kernel
 
-example(ParticleShifting(), brings="concentration_gradient near_surface shift")
+example(ParticleShifting(), brings="concentration_gradient filling_gradient number_density shift")
 
 takes("particle_shifting.crowding", shifting="inverse_neighbour")
-takes("particle_shifting.shift", shifting="length largest")
+takes("particle_shifting.shift", shifting="length largest least whole")
 PAIR = at("shifted_pair", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
 
 groups(
     # some of the particles would go beyond the longest shift; W(d) is about that of a spacing
-    shifting=lambda case, grid: Shifting(*map(grid.real, (0.02 * case.support_radius, case.spacing**case.dim, 0.04)))
+    shifting=lambda case, grid: Shifting(
+        *map(grid.real, (0.02 * case.support_radius, case.spacing**case.dim, 0.04, 1 / case.support_radius, 1.02))
+    )
 )
 
 
@@ -25,14 +27,23 @@ def _gradients(case, random):
     return random.normal(0, 1, (case.count, 3)) / case.support_radius
 
 
+particles("filling_gradient")(_gradients)
+
+
+@particles("filling")
+def _filling(case, random):
+    """Of a surface and of a lattice."""
+    return random.uniform(0.6, 1.1, case.count)
+
+
 def moving(case, grid):
     """Largest values of a step with v_max = 3 m/s."""
     return np.array([9.0, 0, 0, 0, 0, 0, 0], dtype=grid.dtype)
 
 
 GIVEN = {
-    "mass": [2.0, 3.0], "density": [1000.0, 500.0], "walls": None, "near_surface": None, "surface_normal": None,
-    "extremes": [16.0, 0, 0, 0, 0, 0, 0], "timestep": [0.5, 0.25],
+    "mass": [2.0, 3.0], "density": [1000.0, 500.0], "walls": None, "filling": None, "filling_gradient": None,
+    "phase": None, "extremes": [16.0, 0, 0, 0, 0, 0, 0], "timestep": [0.5, 0.25],
 }  # fmt: skip
 MOST = 0.5 * 1.0  # A 2 h_s v_max dt [m^2]
 
@@ -40,9 +51,9 @@ MOST = 0.5 * 1.0  # A 2 h_s v_max dt [m^2]
 @for_each_kernel("particle_shifting.crowding")
 def apart(w):
     """The neighbour stands at W(d): sum_j V_j 1.2 W' e_ij."""
-    gradient = 1.2 * w.slope * np.array([[0.0, 3.0 / 500.0, 0.0], [0.0, -2.0 / 1000.0, 0.0]])
-    given = GIVEN | {"shifting": Shifting(0.5, 1 / (w.share * w.own), 1e9)}
-    return Exact(PAIR, given, {"concentration_gradient": gradient})
+    gradient = w.slope * np.array([[0.0, 3.0 / 500.0, 0.0], [0.0, -2.0 / 1000.0, 0.0]])
+    given = GIVEN | {"shifting": Shifting(0.5, 1 / (w.share * w.own), 1e9), "filling_gradient": np.zeros((2, 3))}
+    return Exact(PAIR, given, {"concentration_gradient": 1.2 * gradient, "filling_gradient": gradient})
 
 
 def _shifted(gradient, shift, largest=1e9, **more):
@@ -62,9 +73,16 @@ def along_the_surface():
     """Near the surface only the part across the normal is left, and nothing where the normal has no direction."""
     normal = np.array([[3.0, 4.0, 0.0], [0.0, 0.01, 0.0]])
     along = -MOST * 3.0 * np.array([-0.48, 0.36, 0.0])  # (0, 1) less (0, 1).n n, n = (0.6, 0.8)
-    near = np.array([1, 1], np.uint8)
     gradient = [[0.0, 3.0, 0.0], [0.0, -2.0, 0.0]]
-    return _shifted(gradient, [along, np.zeros(3)], near_surface=near, surface_normal=normal)
+    found = {"filling": [0.9, 0.9], "filling_gradient": normal, "shifting": Shifting(0.5, 1.0, 1e9, 0.05)}
+    return _shifted(gradient, [along, np.zeros(3)], **found)
+
+
+@closed_form("particle_shifting.shift")
+def inside_and_solid():
+    """Where all is filled the normal does not count; a solid stays."""
+    found = {"filling": [1.0, 1.25], "filling_gradient": np.ones((2, 3)), "phase": [0, 1]}
+    return _shifted([[0.0, 3.0, 0.0], [0.0, -2.0, 0.0]], [[0.0, -3 * MOST, 0.0], [0.0, 0.0, 0.0]], **found)
 
 
 @closed_form("particle_shifting.shift")

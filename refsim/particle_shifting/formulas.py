@@ -2,7 +2,15 @@
 
 from refsim.backends.compile import formula
 
-SMALLEST_NORMAL = 0.05  # shorter colour gradients J(19) have no direction
+EMPTY, FULL = 0.97, 1.0  # filling up to which only a tangential shift is left, and from which on the whole one is
+
+
+@formula
+def near_share(filling):
+    """f = (1 - s)/0.03 in 0 to 1 [-] of the filling s: how near a surface is; a lattice's outermost layer has s = 0.69
+    to 0.88."""
+    real = type(filling)
+    return min(max((real(FULL) - filling) / real(FULL - EMPTY), real(0)), real(1))
 
 
 @formula

@@ -3,45 +3,65 @@
 import math
 
 from refsim.backends.compile import formula, kernel
-from refsim.backends.tuples import added, over, scaled
+from refsim.backends.tuples import added, difference, dot, over, scaled, three
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, set_vector
-from refsim.particle_shifting.formulas import SMALLEST_NORMAL, shifting_pair
-from refsim.smoothing.formulas import gradient_factor, kernel_value
-from refsim.sph.kernels import central_momentum_pair
+from refsim.particle_shifting.formulas import near_share, shifting_pair
+from refsim.smoothing.formulas import (
+    gradient_factor,
+    kernel_slope,
+    kernel_value,
+    safe_distance,
+    viscosity_laplacian,
+)
+from refsim.sph.formulas import central_viscosity_pair, pressure_pair
+from refsim.sph.kernels import LIQUID_PHASE
 
 
 @pair
 def crowding_pair(r, x_ij, mass_j, density_j, smoothing, shifting):
-    """Gradient of the concentration by a neighbour [1/m]."""
-    f = shifting_pair(mass_j / density_j, kernel_value(r, smoothing), gradient_factor(r, smoothing), shifting)
-    return f * x_ij[0], f * x_ij[1], f * x_ij[2]
+    """Gradients of the concentration and of the filling by a neighbour [1/m]."""
+    g = gradients(mass_j / density_j, r, x_ij, smoothing, shifting)
+    return g[0], g[1], g[2], g[3], g[4], g[5]
+
+
+@formula
+def gradients(volume, r, x_ij, smoothing, shifting):
+    """V_j (1 + 0.2 (W_ij/W(d))^4) grad W_ij and V_j grad W_ij [1/m]."""
+    slope = gradient_factor(r, smoothing)
+    f, g = shifting_pair(volume, kernel_value(r, smoothing), slope, shifting), volume * slope
+    return f * x_ij[0], f * x_ij[1], f * x_ij[2], g * x_ij[0], g * x_ij[1], g * x_ij[2]
 
 
 @pair
 def wall_crowding_pair(r, x_ij, volume_j, smoothing, shifting):
-    """Gradient of the concentration by a wall particle [1/m]."""
-    f = shifting_pair(volume_j, kernel_value(r, smoothing), gradient_factor(r, smoothing), shifting)
-    return f * x_ij[0], f * x_ij[1], f * x_ij[2]
+    """Gradients of the concentration and of the filling by a wall particle [1/m]."""
+    g = gradients(volume_j, r, x_ij, smoothing, shifting)
+    return g[0], g[1], g[2], g[3], g[4], g[5]
 
 
 @kernel(lanes=True)
 def crowding(
-    i, lane, position, mass, density, neighbours, walls, smoothing, shifting, period, concentration_gradient
+    i, lane, position, mass, density, neighbours, walls, smoothing, shifting, period, filling_gradient,
+    concentration_gradient,
 ):  # fmt: skip
-    """Gradient of the concentration [1/m]."""
+    """Gradients of the concentration and of the filling [1/m]."""
     s = neighbour_sum(crowding_pair, i, lane, neighbours, position, period, mass, density, smoothing, shifting)
-    set_vector(concentration_gradient, i, lane, with_walls(s, i, lane, position, walls, smoothing, shifting, period))
+    put_gradients(i, lane, s, position, walls, smoothing, shifting, period, filling_gradient, concentration_gradient)
 
 
-@formula
-def with_walls(gradient, i, lane, position, walls, smoothing, shifting, period):
-    """The gradient of the concentration [1/m] with the wall particles' part."""
-    if walls is None:
-        return gradient
-    return added(
-        gradient, neighbour_sum(wall_crowding_pair, i, lane, walls, position, period, walls.volume, smoothing, shifting)
-    )
+@formula(inlined=True)
+def put_gradients(
+    i, lane, sums, position, walls, smoothing, shifting, period, filling_gradient, concentration_gradient
+):  # fmt: skip
+    """Write what `crowding` says [1/m] with the neighbours' sums; the walls' are added."""
+    if walls is not None:
+        sums = added(
+            sums, neighbour_sum(wall_crowding_pair, i, lane, walls, position, period, walls.volume, smoothing, shifting)
+        )
+    set_vector(concentration_gradient, i, lane, sums[0:3])
+    if filling_gradient is not None:
+        set_vector(filling_gradient, i, lane, sums[3:6])
 
 
 @pair
@@ -49,51 +69,56 @@ def fused_pair(
     r, x_ij, velocity_i, velocity_j, mass_j, density_j, pressure_i, pressure_j, gradient_smoothing, fluid,
     central_viscosity, shifting,
 ):  # fmt: skip
-    """J(10) and the viscosity along the line of centres [N/m^3], gradient of the concentration [1/m]."""
-    a = central_momentum_pair(
-        r, x_ij, velocity_i, velocity_j, mass_j, density_j, pressure_i, pressure_j, gradient_smoothing, fluid,
-        central_viscosity,
-    )  # fmt: skip
-    s = crowding_pair(r, x_ij, mass_j, density_j, gradient_smoothing, shifting)
-    return a[0], a[1], a[2], s[0], s[1], s[2]
+    """J(10) and the viscosity along the line of centres [N/m^3], gradients of concentration and filling [1/m]."""
+    apart = safe_distance(r, gradient_smoothing)
+    share = mass_j / (density_j * apart)  # V_j/r: one division serves all terms
+    slope = kernel_slope(r, gradient_smoothing)
+    p = pressure_pair(share, pressure_i, pressure_j, slope, fluid)
+    parting = dot(difference(velocity_j, velocity_i), x_ij)
+    laplacian = viscosity_laplacian(r, gradient_smoothing)
+    p += central_viscosity_pair(share, central_viscosity, laplacian) * (parting / apart)
+    a = scaled(x_ij, p)
+    f = shifting_pair(share, kernel_value(r, gradient_smoothing), slope, shifting)
+    g = share * slope
+    return a[0], a[1], a[2], f * x_ij[0], f * x_ij[1], f * x_ij[2], g * x_ij[0], g * x_ij[1], g * x_ij[2]
 
 
 @kernel(lanes=True)
 def crowding_and_momentum(
     i, lane, position, velocity, mass, density, pressure, neighbours, walls, gradient_smoothing, fluid,
-    central_viscosity, shifting, period, acceleration, concentration_gradient,
+    central_viscosity, shifting, period, acceleration, filling_gradient, concentration_gradient,
 ):  # fmt: skip
-    """Gradient of the concentration [1/m], and J(10) with the viscosity along the line of centres; the latter are
-    added to the acceleration [m/s^2]."""
+    """Gradients of concentration and filling [1/m], and J(10) with the viscosity along the line of centres; the latter
+    are added to the acceleration [m/s^2]."""
     sums = neighbour_sum(
         fused_pair, i, lane, neighbours, position, period, velocity, mass, density, pressure, gradient_smoothing, fluid,
         central_viscosity, shifting,
     )  # fmt: skip
     add_vector(acceleration, i, lane, over(sums[0:3], density[i]))
-    s = with_walls(sums[3:6], i, lane, position, walls, gradient_smoothing, shifting, period)
-    set_vector(concentration_gradient, i, lane, s)
+    put_gradients(
+        i, lane, sums[3:9], position, walls, gradient_smoothing, shifting, period, filling_gradient,
+        concentration_gradient,
+    )  # fmt: skip
 
 
 @kernel
-def shift(i, concentration_gradient, near_surface, surface_normal, shifting, extremes, timestep, shift):
-    """Displacement of a step beside dt v [m]."""
+def shift(i, concentration_gradient, filling, filling_gradient, phase, shifting, extremes, timestep, shift):
+    """Displacement of a step beside dt v [m]; none of solids."""
     zero = type(shifting.length)(0)
     longest = math.sqrt(extremes[0]) * timestep[1]
-    scale = -shifting.length * longest
-    sx, sy, sz = scaled(
-        (concentration_gradient[i, 0], concentration_gradient[i, 1], concentration_gradient[i, 2]), scale
-    )
-    if near_surface is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
-        if near_surface[i]:
-            nx, ny, nz = surface_normal[i, 0], surface_normal[i, 1], surface_normal[i, 2]
-            length = math.sqrt(nx * nx + ny * ny + nz * nz)
-            if length < type(length)(SMALLEST_NORMAL):
-                sx, sy, sz = zero, zero, zero
-            else:
-                along = (sx * nx + sy * ny + sz * nz) / (length * length)
-                sx, sy, sz = sx - along * nx, sy - along * ny, sz - along * nz
-    size = math.sqrt(sx * sx + sy * sy + sz * sz)
+    s = scaled(three(concentration_gradient, i), -shifting.length * longest)
+    if filling is not None:
+        n = three(filling_gradient, i)
+        length = math.sqrt(dot(n, n))
+        across = s
+        if not length < shifting.least:
+            across = scaled(n, dot(s, n) / (length * length))
+        s = difference(s, scaled(across, near_share(filling[i] * shifting.whole)))
+    if phase is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
+        if phase[i] != LIQUID_PHASE:
+            s = zero, zero, zero
+    size = math.sqrt(dot(s, s))
     most = shifting.largest * longest
     if size > most:
-        sx, sy, sz = sx * (most / size), sy * (most / size), sz * (most / size)
-    set_vector(shift, i, None, (sx, sy, sz))
+        s = scaled(s, most / size)
+    set_vector(shift, i, None, s)

@@ -50,6 +50,7 @@ ADVANCED_EXCESS = Field(
     "advanced_excess", "kg/m^3 (kg/m^2 in 2D)", "rho - rho0 at the end of the step before", state=True
 )
 SHIFT = Field("shift", "m", "displacement of a step beside dt v", 3, state=True)  # for the next density
+FILLING = Field("filling", "-", "share of space that the told volumes fill, 1 on a lattice and less at a surface")
 SUMMED_DENSITY = Field("summed_density", "kg/m^3 (kg/m^2 in 2D)", "density J(7), beside an advanced one")
 PRESSURE = Field("pressure", "Pa", "pressure p, J(9)")
 OWN_PRESSURE = Field("own_pressure", "Pa", "pressure of a particle in its own force, -p where p < 0 inside")
@@ -116,13 +117,11 @@ class Diffusion(NamedTuple):
     stretch: float  # rho0/c^2 [kg s^2/m^(dim + 2)]: times g, the slope of the density at rest
 
 
-class Restoring(NamedTuple):
-    """Parameters of an advanced density's return to the summed one in kernels."""
+class Recount(NamedTuple):
+    """Parameters of the filling and of an advanced density's return to the counted one in kernels."""
 
     rate: float  # [1/s]
-    own: float  # W(0) [1/m^dim]
-    inverse_neighbours: float  # 1/(delta0 - W(0)) [m^dim]
-    volume: float  # 1/delta0 [m^dim]
+    whole: float  # 1/sum_j d^dim W_ij of the lattice [-]
 
 
 class Lean(NamedTuple):
@@ -148,13 +147,6 @@ def lattice_number_density(shape: str, support_radius: float, spacing: float, di
     steps = lattice(reach, dim) * spacing
     distance = np.sqrt((steps**2).sum(1))
     return float(kernel_value(distance, smoothing(shape, support_radius, dim)).sum())
-
-
-def own_number_density(shape: str, support_radius: float, dim: int) -> float:
-    """W(0) [1/m^dim]."""
-    from refsim.smoothing.reference import kernel_value
-
-    return float(kernel_value(0.0, smoothing(shape, support_radius, dim)))
 
 
 def central_coefficient(dynamic_viscosity: float, dim: int) -> float:
@@ -199,7 +191,7 @@ class WeaklyCompressible(
     density            "continuity" (the continuity equation, advanced from step to step) or "summation" (J(7)); by
                        default advanced, and summed where `literal` or another effect of the scene needs it
     diffusion          delta of the diffusion of an advanced density, after Fourtakas et al. 2019; 0 for none
-    restoring          rate [c/h] at which an advanced density returns inside the liquid to the summed one, which
+    restoring          rate [c/h] at which an advanced density returns inside the liquid to the counted one, which
                        sees particles crowd (after Colagrossi & Landrini 2003); by default 0.3 beside tension, else 0
     gradient           "plain" or "corrected" (renormalised after Bonet & Lok 1999: the pressure force of a lattice is
                        that of the pressure's gradient; it keeps the linear, not the angular momentum)
@@ -343,8 +335,7 @@ class WeaklyCompressible(
         summed = (SUMMED_DENSITY,) if self._sums_wanted(others) else ()
         if not self.advances():
             return (*own, *summed) if "two_way_coupling" in others else own  # whose density counts no particles
-        number = (NUMBER_DENSITY,) if self.restoring else ()
-        return (*own, DENSITY_EXCESS, ADVANCED_EXCESS, *summed, *number)
+        return (*own, DENSITY_EXCESS, ADVANCED_EXCESS, *summed)
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         viscous = self.dynamic_viscosity > 0
@@ -396,7 +387,7 @@ class WeaklyCompressible(
 
     def _sums_wanted(self, others: Others) -> bool:
         """Whether an effect needs a sum of J(8), which an advanced density does without."""
-        if self.tensile_control == "inside" or self.restoring:
+        if self.tensile_control == "inside":
             return True
         rest = (effect for effect in others.values() if effect is not self)
         return any(f in (NUMBER_DENSITY, ASYMMETRY) for effect in rest for f in effect.fields(others))
@@ -404,15 +395,8 @@ class WeaklyCompressible(
     def _density_passes(self, others: Others) -> tuple[Pass, ...]:
         if not self.advances():
             return (Pass("sph.density", writes=("density", "number_density", "asymmetry")),)
-        return (continuity_pass(others, LIQUID_ALONE), *self.summed_passes(others), self._kept(others))
-
-    def _kept(self, others: Others) -> Pass:
-        """The pass that keeps the density for the next step."""
-        taken = {"number_density": bool(self.restoring), "phase": self.restoring and "two_way_coupling" in others}
-        return Pass(
-            "sph.keep_density", updates=("advanced_excess",), stage="motion",
-            names={name: None for name, there in taken.items() if not there},
-        )  # fmt: skip
+        kept = Pass("sph.keep_density", updates=("advanced_excess",), stage="motion")
+        return (continuity_pass(others, LIQUID_ALONE), *self.summed_passes(others), kept)
 
     def summed_passes(self, others: Others) -> tuple[Pass, ...]:
         """J(7) and J(8) beside a density that is advanced or another effect's, where an effect needs them."""
@@ -581,26 +565,24 @@ class WeaklyCompressible(
         near = surface_of(others).near_groups(grid, others) if self.tensile_control == "inside" else {}
         return {
             **near,
-            **(self.spreading(grid, others) | self._restored(grid) if self.advances() else {}),
+            **(self.spreading(grid, others) if self.advances() else {}),
             "viscosity": ViscosityTerm(grid.real(sign * self.dynamic_viscosity)) if viscous else None,
             "central_viscosity": CentralViscosity(central) if self.central() else None,
         }
 
-    def _restored(self, grid: Discretisation) -> dict[str, Any]:
-        """Parameter group of the return to the summed density."""
-        if not self.restoring:
-            return {"restoring": None}
-        rest, own = self.rest_number_density(grid), own_number_density(self.sum_kernel(), grid.support_radius, grid.dim)
-        rate = self.restoring * self.sound_speed / grid.support_radius
-        return {"restoring": Restoring(*map(grid.real, (rate, own, 1 / (rest - own), 1 / rest)))}
-
     def spreading(self, grid: Discretisation, others: Others) -> dict[str, Any]:
-        """Parameter groups of the diffusion of an advanced density."""
+        """Parameter groups of an advanced density: of its diffusion and of its return to the counted one."""
+        recount = None
+        if self.restoring or finds_filling(others):
+            rest = lattice_number_density(SETS[self.kernels][1], grid.support_radius, grid.spacing, grid.dim)
+            rate = (self.restoring or 0.0) * self.sound_speed / grid.support_radius
+            recount = Recount(grid.real(rate), grid.real(1 / (rest * grid.spacing**grid.dim)))
         if self.diffusion == 0:
-            return {"diffusion": None, "lean": None}
+            return {"diffusion": None, "lean": None, "recount": recount}
         coefficient = 0.5 * self.diffusion * grid.support_radius * self.sound_speed
         stretch = self.rest_density / self.sound_speed**2
-        return {"diffusion": Diffusion(grid.real(coefficient), grid.real(stretch)), **lean(grid, others)}
+        diffusion = Diffusion(grid.real(coefficient), grid.real(stretch))
+        return {"diffusion": diffusion, "recount": recount, **lean(grid, others)}
 
     def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
         stiffening = 2 * cohesive_pressure(grid, others) / self.rest_density
@@ -622,11 +604,17 @@ def continuity_pass(others: Others, names: Mapping[str, str | None]) -> Pass:
     shifts = any(SHIFT in effect.fields(others) for effect in others.values())
     left_out = {} if having(others, BringsWalls) else {"wall_strain": None}
     left_out |= {} if shifts else {"shift": None}
+    left_out |= {} if finds_filling(others) else {"filling": None}
     return Pass(
         "sph.continuity",
-        writes=("density_excess", "density"),
+        writes=(*(("filling",) if finds_filling(others) else ()), "density_excess", "density"),
         names={"smoothing": "gradient_smoothing", **names, **left_out},
     )
+
+
+def finds_filling(others: Others) -> bool:
+    """Whether an effect reads the filling, by which it knows what is near a surface."""
+    return any(FILLING in effect.fields(others) for effect in others.values() if effect.name != LIQUID)
 
 
 def liquid_of(others: Others) -> WeaklyCompressible:

@@ -36,10 +36,9 @@ from refsim.sph import (
     Fluid,
     Gravity,
     Lean,
-    Restoring,
+    Recount,
     ViscosityTerm,
     WeaklyCompressible,
-    own_number_density,
 )
 
 example(WeaklyCompressible(sound_speed=12.0, dynamic_viscosity=0.3, density="summation"), brings="density pressure")
@@ -120,13 +119,10 @@ def _diffusion(case, grid):
     return {"diffusion": Diffusion(grid.real(grid.support_radius), grid.real(REST_DENSITY / 400))}
 
 
-@groups("restoring")
-def _restoring(case, grid):
+@groups("recount")
+def _recount(case, grid):
     """Half of the way back in a second."""
-    fluid = case.effects[FLUID]
-    rest = fluid.rest_number_density(case.grid("float64"))
-    own = own_number_density(fluid.sum_kernel(), case.grid("float64").support_radius, grid.dim)
-    return {"restoring": Restoring(*map(grid.real, (0.5, own, 1 / (rest - own), 1 / rest)))}
+    return {"recount": Recount(grid.real(0.5), grid.real(0.99))}
 
 
 groups(field=lambda case, grid: np.array([0.3, -9.81, 1.7], dtype=grid.dtype))
@@ -193,7 +189,7 @@ def two_particles(w):
     )  # fmt: skip
 
 
-ALONE = {"phase": None, "rest_density": None, "shift": None}  # no solids
+ALONE = {"phase": None, "rest_density": None, "shift": None, "recount": None, "filling": None}  # no solids
 
 
 @for_each_kernel("sph.continuity")
@@ -268,6 +264,26 @@ def moving_walls(w):
 
 
 @for_each_kernel("sph.continuity")
+def counted_by_walls(w):
+    """s = (V W(0) + V_b W(h/2)) w of a particle at rest and a wall particle; d rho = rho rate (s - 1), f = 1 in dense
+    walls; s = 1 in a solid.
+    """
+    place = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 9.0, 0.0]])
+    volume, whole = 30.0, 0.125
+    filled = whole * w.own * (2.0 / 1100 + 2 * volume * w.share)
+    given = {
+        **ALONE, "mass": [2.0], "velocity": np.zeros((1, 3)), "fluid": WATER, "diffusion": None, "lean": None,
+        "advanced_excess": [100.0], "timestep": [0.5, 0.25], "walls": WallParticles(place, np.full(3, volume)),
+        "wall_strain": None, "wall_motion": None, "recount": Recount(0.5, whole), "filling": [0.0],
+    }  # fmt: skip
+    excess = 100 + 0.25 * 0.5 * 1100 * (filled - 1)
+    return Exact(
+        at("counted_by_walls", [0, 0, 0], place), given,
+        {"filling": [filled], "density_excess": [excess], "density": [1000 + excess]},
+    )  # fmt: skip
+
+
+@for_each_kernel("sph.continuity")
 def liquid_beside_a_solid(w):
     """The solid's 3 kg of 900 kg/m^3 come nearer: rho_1 V_2 2 |W'(h/2)|, no diffusion; the solid keeps its density."""
     rate = 1100 * 3.0 / 900.0 * 2 * w.slope
@@ -275,6 +291,7 @@ def liquid_beside_a_solid(w):
         "mass": [2.0, 3.0], "velocity": [[7.0, 2.0, 0.0], [3.0, 0.0, -5.0]], "fluid": WATER,
         "advanced_excess": [100.0, 0.0], "timestep": [0.5, 0.25], "diffusion": Diffusion(0.5, 2.0),
         "lean": Lean(3.5, 20.0, -1.5), "rest_density": [1000.0, 900.0], "phase": [0, 1], "shift": None,
+        "recount": None, "filling": None,
     }  # fmt: skip
     return Exact(PAIR, given, {"density_excess": [100 + 0.25 * rate, 0.0], "density": [1100 + 0.25 * rate, 900.0]})
 
@@ -282,19 +299,7 @@ def liquid_beside_a_solid(w):
 @closed_form("sph.keep_density")
 def kept():
     """The same value."""
-    given = {"density_excess": [1.5, -2.25], "number_density": None, "phase": None, "restoring": None, "fluid": WATER}
-    return Exact(PAIR, given, {"advanced_excess": [1.5, -2.25]})
-
-
-@closed_form("sph.keep_density")
-def restored():
-    """Half of the way to rho0 (delta/delta0 - 1) inside, a quarter where f = 1/2, none at a surface; delta0 = 10."""
-    three = Case("three", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 2.0, 0.0]]))
-    given = {
-        "density_excess": [20.0, -4.0, 7.0], "number_density": [10.5, 8.4, 7.0], "phase": None,
-        "restoring": Restoring(2.0, 2.0, 0.125, 0.1), "timestep": [0.5, 0.25], "fluid": WATER,
-    }  # fmt: skip
-    return Exact(three, given, {"advanced_excess": [35.0, -4.0 - 0.25 * 156.0, 7.0]})
+    return Exact(PAIR, {"density_excess": [1.5, -2.25]}, {"advanced_excess": [1.5, -2.25]})
 
 
 @closed_form("sph.state")

@@ -47,7 +47,7 @@ LOOSE, SURROUNDED = 0.75, 0.85  # -sum V_j r W'/dim of liquid and walls: 1 far f
 
 @formula
 def surrounded_share(around):
-    """f = (s - 0.75)/0.1 in 0 to 1 [-], share of the walls' strain in the density; s = -sum V_j r W'/dim [-]."""
+    """f = (s - 0.75)/0.1 in 0 to 1 [-], share of the walls' strain and of the return; s = -sum V_j r W'/dim [-]."""
     real = type(around)
     share = (around - real(LOOSE)) / real(SURROUNDED - LOOSE)
     return min(max(share, real(0)), real(1))
@@ -69,19 +69,6 @@ def least_excess(excess, rest_density):
     """e = max(rho - rho0, -STRETCHED rho0) [kg/m^dim]: a liquid that is pulled further apart breaks."""
     least = -type(excess)(STRETCHED) * rest_density
     return least if excess < least else excess
-
-
-@formula
-def restored_excess(excess, number_density, rest_density, share, restoring):
-    """e + share f (rho0 (delta/delta0 - 1) - e) [kg/m^dim], f of (delta - W(0))/(delta0 - W(0)); `share` = rate dt.
-
-    Re-initialisation by the summed density (Colagrossi & Landrini 2003), by a share in each step and away from surfaces
-    alone, where the sum lacks neighbours.
-    """
-    real = type(excess)
-    inside = surrounded_share((number_density - restoring.own) * restoring.inverse_neighbours)
-    summed = rest_density * (number_density * restoring.volume - real(1))
-    return excess + share * inside * (summed - excess)
 
 
 @formula

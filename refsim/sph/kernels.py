@@ -119,9 +119,11 @@ def wall_gradient(i, lane, position, walls, smoothing, weight, period):
 @pair
 def continuity_pair(
     r, x_ij, velocity_i, velocity_j, mass_j, rest_density_j, phase_j, advanced_excess_i, advanced_excess_j, shift_i,
-    shift_j, smoothing, fluid, diffusion, lean, own_rest, per_step,
+    shift_j, smoothing, fluid, diffusion, lean, recount, own_rest, per_step,
 ):  # fmt: skip
-    """(d rho_i/dt)/rho_i by the flow [1/s], d rho_i/dt by diffusion [kg/(m^dim s)], by liquid alone, and -V_j r W'."""
+    """(d rho_i/dt)/rho_i by the flow [1/s], d rho_i/dt by diffusion [kg/(m^dim s)], by liquid alone, -V_j r W' and,
+    where it is counted, V_j W_ij.
+    """
     slope = gradient_factor(r, smoothing)
     rest = fluid.rest_density if rest_density_j is None else rest_density_j
     volume = mass_j / (rest + advanced_excess_j)
@@ -136,15 +138,18 @@ def continuity_pair(
         if phase_j is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
             if phase_j != LIQUID_PHASE:
                 spread = type(r)(0)
-    return formulas.continuity_pair(volume, approach, slope), spread, -volume * slope * r * r
+    filled = type(r)(0)
+    if recount is not None:
+        filled = volume * kernel_value(r, smoothing)
+    return formulas.continuity_pair(volume, approach, slope), spread, -volume * slope * r * r, filled
 
 
 @pair
 def wall_continuity_pair(
-    r, x_ij, velocity_i, shift_i, place_j, volume_j, wall_strain_j, smoothing, wall_motion, number, per_step
+    r, x_ij, velocity_i, shift_i, place_j, volume_j, wall_strain_j, smoothing, wall_motion, recount, number, per_step
 ):
-    """(d rho_i/dt)/rho_i by a wall particle [1/s], at rest or moving beyond the planes of `wall_motion`, -V_b r W' and
-    (d rho_i/dt)/rho_i by its strain, `number` = rho_i/m_i [1/m^dim].
+    """(d rho_i/dt)/rho_i by a wall particle [1/s], at rest or moving beyond the planes of `wall_motion`, -V_b r W',
+    (d rho_i/dt)/rho_i by its strain, `number` = rho_i/m_i [1/m^dim], and, where it is counted, V_b W_ib.
     """
     approach = dot(velocity_i, x_ij)
     if wall_motion is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
@@ -156,15 +161,19 @@ def wall_continuity_pair(
     given = type(r)(0)
     if wall_strain_j is not None:
         given = number * wall_strain_j * kernel_value(r, smoothing)
-    return formulas.continuity_pair(volume_j, approach, slope), -volume_j * slope * r * r, given
+    filled = type(r)(0)
+    if recount is not None:
+        filled = volume_j * kernel_value(r, smoothing)
+    return formulas.continuity_pair(volume_j, approach, slope), -volume_j * slope * r * r, given, filled
 
 
 @kernel(lanes=True)
 def continuity(
     i, lane, position, velocity, mass, rest_density, phase, advanced_excess, wall_strain, shift, neighbours, walls,
-    wall_motion, smoothing, fluid, diffusion, lean, period, timestep, density_excess, density,
+    wall_motion, smoothing, fluid, diffusion, lean, recount, period, timestep, filling, density_excess, density,
 ):  # fmt: skip
-    """Continuity equation with diffusion and shifts: density after the step [kg/m^dim], and its excess over rho0.
+    """Continuity equation with diffusion, shifts and the return to the counted density: density after the step
+    [kg/m^dim], its excess over rho0, and the share of space that is told to be filled.
 
     Solids, where there are any, keep their rest density.
     """
@@ -174,15 +183,17 @@ def continuity(
             if first_lane(lane):
                 density_excess[i] = type(rest)(0)
                 density[i] = rest
+                if filling is not None:
+                    filling[i] = type(rest)(1)
             return
     per_step = inverse_step(timestep, rest)
     sums = neighbour_sum(
         continuity_pair, i, lane, neighbours, position, period, velocity, mass, rest_density, phase, advanced_excess,
-        shift, smoothing, fluid, diffusion, lean, rest, per_step,
+        shift, smoothing, fluid, diffusion, lean, recount, rest, per_step,
     )  # fmt: skip
     fields = position, velocity, mass, advanced_excess, density_excess, density
-    given = rest, per_step, timestep, smoothing
-    put_advanced(i, lane, sums, fields, given, walls, wall_strain, shift, wall_motion, period)
+    given = fields, rest, per_step, timestep, smoothing, period
+    put_advanced(i, lane, sums, given, walls, wall_strain, shift, wall_motion, recount, filling)
 
 
 @formula
@@ -193,20 +204,29 @@ def inverse_step(timestep, zero_like):
 
 
 @formula(inlined=True)
-def put_advanced(i, lane, sums, fields, given, walls, wall_strain, shift, wall_motion, period):
+def put_advanced(i, lane, sums, given, walls, wall_strain, shift, wall_motion, recount, filling):
     """Write what `continuity` says [kg/m^dim] with the neighbours' sums; the walls' are added."""
+    fields, rest, per_step, timestep, smoothing, period = given
     position, velocity, mass, advanced_excess, density_excess, density = fields
-    rest, per_step, timestep, smoothing = given
-    rate, spread, fill = sums
+    rate, spread, fill, filled = sums
+    strain = type(rest)(0)
     if walls is not None:
         number = (rest + advanced_excess[i]) / mass[i]
-        beside, filled, strain = neighbour_sum(
+        beside, around, strain, more = neighbour_sum(
             wall_continuity_pair, i, lane, walls, position, period, velocity, shift, walls.position, walls.volume,
-            wall_strain, smoothing, wall_motion, number, per_step,
+            wall_strain, smoothing, wall_motion, recount, number, per_step,
         )  # fmt: skip
-        rate += beside + formulas.surrounded_share((fill + filled) / type(fill)(smoothing.dim)) * strain
+        rate, fill, filled = rate + beside, fill + around, filled + more
+    inside = formulas.surrounded_share(fill / type(fill)(smoothing.dim))
+    rate += inside * strain
+    excess = advanced_excess[i]
+    if recount is not None:
+        share = (filled + mass[i] / (rest + excess) * own_share(smoothing)) * recount.whole
+        rate += recount.rate * inside * (share - type(share)(1))
+        if filling is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
+            if first_lane(lane):
+                filling[i] = share
     if first_lane(lane):
-        excess = advanced_excess[i]
         excess += timestep[1] * ((rest + excess) * rate + spread)
         excess = formulas.least_excess(excess, rest)
         density_excess[i] = excess
@@ -216,22 +236,22 @@ def put_advanced(i, lane, sums, fields, given, walls, wall_strain, shift, wall_m
 @pair
 def continuity_and_sums_pair(
     r, x_ij, velocity_i, velocity_j, mass_j, rest_density_j, phase_j, advanced_excess_i, advanced_excess_j, shift_i,
-    shift_j, gradient_smoothing, smoothing, fluid, diffusion, lean, own_rest, per_step,
+    shift_j, gradient_smoothing, smoothing, fluid, diffusion, lean, recount, own_rest, per_step,
 ):  # fmt: skip
     """Terms of the continuity equation and those of J(7), J(8) and sum W_ij x_ij."""
     a = continuity_pair(
         r, x_ij, velocity_i, velocity_j, mass_j, rest_density_j, phase_j, advanced_excess_i, advanced_excess_j, shift_i,
-        shift_j, gradient_smoothing, fluid, diffusion, lean, own_rest, per_step,
+        shift_j, gradient_smoothing, fluid, diffusion, lean, recount, own_rest, per_step,
     )  # fmt: skip
     s = density_moment_pair(r, x_ij, mass_j, smoothing)
-    return a[0], a[1], a[2], s[0], s[1], s[2], s[3], s[4]
+    return a[0], a[1], a[2], a[3], s[0], s[1], s[2], s[3], s[4]
 
 
 @kernel(lanes=True)
 def continuity_and_sums(
     i, lane, position, velocity, mass, rest_density, phase, advanced_excess, wall_strain, shift, neighbours, walls,
-    wall_motion, gradient_smoothing, smoothing, fluid, diffusion, lean, period, timestep, number_density, asymmetry,
-    summed_density, density_excess, density,
+    wall_motion, gradient_smoothing, smoothing, fluid, diffusion, lean, recount, period, timestep, number_density,
+    asymmetry, summed_density, filling, density_excess, density,
 ):  # fmt: skip
     """`continuity`, and J(7) [kg/m^dim] beside it; J(8) where `number_density` is requested, |sum W_ij x_ij| where
     `asymmetry` is."""
@@ -239,18 +259,20 @@ def continuity_and_sums(
     per_step = inverse_step(timestep, rest)
     sums = neighbour_sum(
         continuity_and_sums_pair, i, lane, neighbours, position, period, velocity, mass, rest_density, phase,
-        advanced_excess, shift, gradient_smoothing, smoothing, fluid, diffusion, lean, rest, per_step,
+        advanced_excess, shift, gradient_smoothing, smoothing, fluid, diffusion, lean, recount, rest, per_step,
     )  # fmt: skip
     fields = position, velocity, mass, advanced_excess, density_excess, density
-    given = rest, per_step, timestep, gradient_smoothing
-    put_advanced(i, lane, sums[0:3], fields, given, walls, wall_strain, shift, wall_motion, period)
+    given = fields, rest, per_step, timestep, gradient_smoothing, period
+    put_advanced(i, lane, sums[0:4], given, walls, wall_strain, shift, wall_motion, recount, filling)
     if phase is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
         if phase[i] != LIQUID_PHASE and first_lane(lane):
             density_excess[i] = type(rest)(0)
             density[i] = rest
+            if filling is not None:
+                filling[i] = type(rest)(1)
     groups = smoothing, fluid
     put_sums(
-        i, lane, sums[3:8], (position, mass), walls, groups, period, number_density, asymmetry, summed_density
+        i, lane, sums[4:9], (position, mass), walls, groups, period, number_density, asymmetry, summed_density
     )  # fmt: skip
 
 
@@ -263,21 +285,9 @@ def wall_moves(place, wall_motion):
 
 
 @kernel
-def keep_density(
-    i, density_excess, number_density, phase, fluid, restoring, timestep, advanced_excess
-):  # fmt: skip
-    """The excess of the density at the end of the step [kg/m^dim], from which the next one goes on.
-
-    That of liquid returns to the summed one where `restoring` is given.
-    """
-    excess = density_excess[i]
-    if restoring is not None:
-        share = restoring.rate * timestep[1]
-        if phase is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
-            if phase[i] != LIQUID_PHASE:
-                share = type(excess)(0)
-        excess = formulas.restored_excess(excess, number_density[i], fluid.rest_density, share, restoring)
-    advanced_excess[i] = excess
+def keep_density(i, density_excess, advanced_excess):
+    """The excess of the density at the end of the step [kg/m^dim], from which the next one goes on."""
+    advanced_excess[i] = density_excess[i]
 
 
 @kernel

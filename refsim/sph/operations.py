@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from refsim.core.operation import SYMMETRY, Program, operations, without
-from refsim.core.terms import Terms, length, maximum
+from refsim.core.terms import Terms, length, maximum, where
 from refsim.neighbours.sums import Fields, neighbours, wall_particles
 from refsim.sph import reference as ref
 
@@ -53,14 +53,15 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
 
 
 @operation(
-    "continuity equation with diffusion and shifts",
+    "continuity equation with diffusion, shifts and return to the counted density",
     paper="Colagrossi & Landrini 2003; Molteni & Colagrossi 2009; Fourtakas et al. 2019; Sun et al. 2019",
-    outputs="density_excess density",
-    optional="walls wall_strain wall_motion diffusion lean period rest_density phase shift",
+    outputs="filling density_excess density",
+    optional="walls wall_strain wall_motion diffusion lean period rest_density phase shift recount filling",
     variants=(
-        "walls wall_strain wall_motion diffusion lean period rest_density phase shift",
+        "walls wall_strain wall_motion diffusion lean period rest_density phase shift recount filling",
         "walls wall_strain wall_motion period shift",
-        "period wall_motion rest_density phase", "period shift", "walls wall_strain wall_motion rest_density phase",
+        "period wall_motion rest_density phase", "period shift filling",
+        "walls wall_strain wall_motion rest_density phase recount filling",
     ),
     tolerance=12.0, reason="one rounding in each of distance, slope, volume, velocity difference, projection,"
     " quotients, product and sum",
@@ -74,7 +75,8 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
                 "sph.density.density": "summed_density",
             },
             variants=(
-                "walls wall_strain wall_motion period rest_density phase shift", "diffusion lean period number_density",
+                "walls wall_strain wall_motion period rest_density phase shift",
+                "diffusion lean period number_density recount filling",
             ),
         )
     },
@@ -82,9 +84,9 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
 )  # fmt: skip
 def continuity(
     position, velocity, mass, rest_density, phase, advanced_excess, wall_strain, shift, walls, wall_motion, smoothing,
-    fluid, diffusion, lean, period, timestep, rows=None,
+    fluid, diffusion, lean, recount, period, timestep, rows=None,
 ):  # fmt: skip
-    """Density [kg/m^dim] a step after rho0 + advanced_excess, and its excess over rho0.
+    """Density [kg/m^dim] a step after rho0 + advanced_excess, its excess over rho0, and the filling [-], 1 in solids.
 
     `timestep` [s] has the step's length second; walls rest, or move by `wall_motion` beyond its planes. Solids (`phase`
     not 0) keep their rest density and take no part in the diffusion.
@@ -103,35 +105,23 @@ def continuity(
     strain = around(ref.strain) + at_walls(ref.strain)
     if shift is not None and dt != 0:
         strain += around(ref.transport) + at_walls(ref.transport_at_walls)
+    filled, share = (around(ref.filling) + at_walls(ref.filling)) / int(smoothing.dim), 1.0
     if walls is not None and wall_strain is not None:
-        filled = (around(ref.filling) + at_walls(ref.filling)) / int(smoothing.dim)
         strain += ref.interior(filled) * at_walls(ref.handed_on) / own.volume
+    if recount is not None:
+        share = (around(ref.told_volume) + at_walls(ref.told_volume)) * float(recount.whole)
+        strain += ref.returned(filled, share, float(recount.rate))
     if diffusion is not None:
         slope = float(diffusion.stretch) * np.array([float(part) for part in lean])
         spread = around(ref.diffusion, delta_h_c=diffusion.coefficient, lean=slope)
     excess = ref.advanced(own, strain, spread, dt)
-    return {"density_excess": excess, "density": own.rest + excess}
+    return {"filling": where(own.liquid, share, 1.0), "density_excess": excess, "density": own.rest + excess}
 
 
-@operation(
-    "rho of the step before, restored", paper="Colagrossi & Landrini 2003", outputs="advanced_excess",
-    optional="number_density phase restoring",
-    variants=("number_density phase restoring", "number_density restoring", ""), tolerance=8.0,
-    reason="one rounding in each of the number density's share, its slope of 10, differences and products",
-    invariants="reordering",
-)  # fmt: skip
-def keep_density(density_excess, number_density, phase, fluid, restoring, timestep, rows=None):
-    """advanced_excess = e = rho - rho0 [kg/m^dim] when the next step begins, nearer to J(8) with `restoring`.
-
-    Solids (`phase` not 0) keep theirs.
-    """
-    liquid = 1.0 if phase is None else np.asarray(phase) == 0
-    i = Fields(excess=density_excess, number=number_density, liquid=liquid).at(rows)
-    if restoring is None:
-        return {"advanced_excess": i.excess}
-    rate, own, inverse, volume = (float(part) for part in restoring)
-    step = rate * float(timestep[1])
-    return {"advanced_excess": ref.restored(i, float(fluid.rest_density), step, own, inverse, volume)}
+@operation("rho of the step before", paper="standard", outputs="advanced_excess", invariants="reordering")
+def keep_density(density_excess, rows=None):
+    """advanced_excess = rho - rho0 [kg/m^dim] when the next step begins."""
+    return {"advanced_excess": Fields(excess=density_excess).at(rows).excess}
 
 
 @operation(

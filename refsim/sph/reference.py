@@ -66,6 +66,16 @@ def filling(i, j, ij):
     return -j.volume * ij.r * ij.slope
 
 
+def told_volume(i, j, ij):
+    """s_i = sum_j V_j W_ij, i itself included, over that of a lattice: the share of space that is filled; [-]."""
+    return j.volume * ij.W
+
+
+def returned(filled, share, rate):
+    """Colagrossi & Landrini 2003, in small shares: strain += rate f (s - 1) [1/s], f of `interior`."""
+    return rate * interior(filled) * (share - 1)
+
+
 def interior(filled):
     """f from 0 at filled = 0.75 to 1 at 0.85; dimensionless."""
     return clip(10 * filled - 7.5, 0, 1)
@@ -79,12 +89,6 @@ def handed_on(i, b, ib):
 def advanced(i, strain, spread, dt):
     """e_i <- e_i + dt (rho_i strain + spread) [kg/m^dim], at least -0.05 rho0: liquid pulled further apart breaks."""
     return i.liquid * maximum(i.excess + dt * (i.density * strain + spread), -0.05 * i.rest)
-
-
-def restored(i, rest, rate_dt, own, inverse, volume):
-    """e + rate dt f (rho0 (delta V - 1) - e) [kg/m^dim], V = 1/delta0; f of (delta - W(0))/(delta0 - W(0))."""
-    f = i.liquid * interior((i.number - own) * inverse)
-    return i.excess + rate_dt * f * (rest * (i.number * volume - 1) - i.excess)
 
 
 def state(i, stiffness, rest, exponent):

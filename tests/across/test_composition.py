@@ -56,7 +56,7 @@ SCENES = {name: pairs.scene(name, name, "float32") for name in pairs.EFFECTS} | 
         rs.SurfaceEnergy(surface_tension=0.5, contact_angle=60.0, embedding="none", iterations=2), MPM,
         rs.MpmWalls(lower=(-5.0, -5.0, -0.2), upper=(5.0, 5.0, 5.0)),  # images in one wall alone
     ),
-    "shifting": scene(ADVANCED, GRAVITY, HOLDING, DETECTION, rs.ParticleShifting()),
+    "shifting": scene(ADVANCED, GRAVITY, HOLDING, rs.ParticleShifting()),
     "advanced tension": scene(ADVANCED, TENSION),
     "advanced heat": scene(ADVANCED, WARM),
     "advanced coupling": scene(ADVANCED, GRAVITY, HOLDING, SHAPE, COUPLING),

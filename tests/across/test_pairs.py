@@ -32,7 +32,7 @@ def test_every_effect_is_paired():
     assert set(pairs.EFFECTS) == set(EFFECTS)
 
 
-@pytest.mark.parametrize("some", [slice(1, None, 3), pytest.param(slice(None), marks=pytest.mark.slow)], ids=str)
+@pytest.mark.parametrize("some", [slice(2, None, 3), pytest.param(slice(None), marks=pytest.mark.slow)], ids=str)
 def test_backends_agree_on_pairs(some):
     """A third of them, with every effect, and at night all; `validation.pairs.compare` states the bound."""
     chosen = list(pairs.pairs())[some]

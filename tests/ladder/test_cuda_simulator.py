@@ -494,7 +494,7 @@ def basin(dtype):
         dim=2, dtype=dtype, spacing=spacing, support_radius=2.6 * spacing, skin=0.05,
         fluid=(rs.Box(cells=(5, 4, 1), velocity=(1.0, 0.0, 0.0)),),
         effects=(
-            liquid, rs.Gravity(acceleration=(2.0, -9.81, 0.0)), rs.SurfaceDetection(), rs.ParticleShifting(),
+            liquid, rs.Gravity(acceleration=(2.0, -9.81, 0.0)), rs.ParticleShifting(),
             rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.14, 0.2, 0.0), open_faces=("+y",), model="extrapolated"),
         ),
     )  # fmt: skip

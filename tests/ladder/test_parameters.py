@@ -458,9 +458,10 @@ def box_walls(dim):
 
 
 def shifting(dim, strength):
-    """Sun et al. 2017 (7): A 2 h_s = A h; W(d); the longest shift is v_max dt/2."""
+    """Sun et al. 2017 (7): A 2 h_s = A h; W(d); the longest shift is v_max dt/2; delta0 of the lattice."""
     neighbour = float(kernel("wendland_c2", D, dim))
-    return {"shifting": {"length": strength * H, "inverse_neighbour": 1 / neighbour, "largest": 0.5}}
+    group = {"length": strength * H, "inverse_neighbour": 1 / neighbour, "largest": 0.5, "least": 0.05 / H}
+    return {"shifting": group | {"whole": 1 / rest_number_density(dim)}}
 
 
 def surface_of_run(dim):
@@ -545,10 +546,9 @@ BETWEEN = rs.MpmWalls(
 )  # fmt: skip
 
 
-def restoring(dim, rate):
-    """delta0 of the lattice, and W(0) of Wendland C2: 7/(pi h^2) and 21/(2 pi h^3)."""
-    delta0, own = rest_number_density(dim), {2: 7 / (math.pi * H**2), 3: 21 / (2 * math.pi * H**3)}[dim]
-    return {"rate": rate, "own": own, "inverse_neighbours": 1 / (delta0 - own), "volume": 1 / delta0}
+def recount(dim, rate):
+    """1/(delta0 d^dim) of the lattice."""
+    return {"rate": rate, "whole": 1 / (rest_number_density(dim) * D**dim)}
 
 
 def water(**changes):
@@ -603,11 +603,10 @@ SETUPS = {
         PULL), lambda dim: box_walls(dim) | {"lean": {"x": 0.3, "y": -9.7, "z": 0.0}}),
     # delta h_s c with h_s = h/2, and the slope rho0 g/c^2 of the density at rest
     "advanced liquid": ((water(density="continuity", diffusion=0.05, restoring=0.4), PULL),
-        lambda dim: (liquid(dim, clamp=0) | {"restoring": restoring(dim, 0.4 * C / H),
+        lambda dim: (liquid(dim, clamp=0) | {"recount": recount(dim, 0.4 * C / H),
         "diffusion": {"coefficient": 0.025 * H * C, "stretch": RHO / C**2},
         "lean": {"x": 0.3, "y": -9.7, "z": 0.0}})),
-    "shifting": ((rs.ParticleShifting(strength=1.5), WATER, rs.SurfaceDetection()), lambda dim: (shifting(dim, 1.5)
-        | normal_term(dim) | {"near_surface_limit": detection(dim)["near_surface_limit"]})),
+    "shifting": ((rs.ParticleShifting(strength=1.5), WATER), lambda dim: shifting(dim, 1.5)),
     "shifting without surface": ((rs.ParticleShifting(surface="none"), WATER, rs.BoxWalls(lower=WALLS[0],
     upper=WALLS[1])),
         lambda dim: shifting(dim, 2.2)),
@@ -670,8 +669,9 @@ SETUPS = {
     "two-way": ((rs.TwoWayCoupling(), WATER, rs.ShapeMatching()), coupling, (3,)),
     # four crossings of the support radius by sound; diffusion as in "advanced liquid"
     "two-way, advanced liquid": (lambda dim: (rs.TwoWayCoupling(),
-        water(density="continuity", diffusion=0.05, viscosity="central"), rs.ShapeMatching(), PULL),
+        water(density="continuity", diffusion=0.05, restoring=0.4, viscosity="central"), rs.ShapeMatching(), PULL),
         lambda dim: {"delay": {"tau": 4 * H / C}, "lean": {"x": 0.3, "y": -9.7, "z": 0.0},
+        "recount": recount(dim, 0.4 * C / H),
         "diffusion": {"coefficient": 0.025 * H * C, "stretch": RHO / C**2}}, (3,)),
     "two-way, printed": ((rs.TwoWayCoupling(literal=("all",), density_weighted=True), water(state="tait"),
         rs.ShapeMatching()), lambda dim: coupling(dim, 7, 1, 1, 1, 1), (3,)),

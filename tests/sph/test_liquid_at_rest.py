@@ -8,6 +8,7 @@ import pytest
 import refsim as rs
 from refsim import make_plan, simulate
 from tests.running import advanced, run_to
+from validation import pairs
 from validation.experiments.flows import runs as flows
 from validation.experiments.liquid.runs import pushed
 from validation.running import Context
@@ -51,7 +52,7 @@ def shaken(simulation, size, seed=3):
 ])  # fmt: skip
 def test_a_tank_rests_and_weighs_what_it_holds(cells, ratio, dim, shake, gradient):
     """From the lattice, and shaken with particle shifting; mean values of the last half second."""
-    shifting = (rs.SurfaceDetection(), rs.ParticleShifting()) if shake else ()
+    shifting = (rs.ParticleShifting(),) if shake else ()
     simulation = shaken(
         rs.Simulation(tank(cells, ratio, dim, effects=shifting, gradient=gradient), "cpu", threads=2), shake
     )
@@ -184,11 +185,55 @@ def test_tensile_control_pushes_apart_what_a_negative_pressure_pulls_together(pu
     assert pushes["everywhere"] == pytest.approx(pushes["none"] * (1 if pull > 0 else 7 / 3), rel=1e-12)
 
 
-def test_shifting_and_tensile_control_find_the_surface_once():
-    launches = make_plan(
-        tank(6, 2.6, 2, effects=(rs.SurfaceDetection(), rs.ParticleShifting()), tensile_control="inside")
-    )
-    assert list(launches.launches()).count("surface_detection.near_surface") == 1
+@pytest.mark.parametrize("excess", [-30.0, 50.0])
+def test_a_density_that_is_told_wrong_returns_to_the_counted_one(excess):
+    """A lattice at rest in a periodic box: d rho/dt = r c/h (rho0 - rho), so that the excess falls as exp(-r c t/h)."""
+    scene = rs.Scene(
+        dim=2, dtype="float64", spacing=0.1, support_radius=0.26, period=(0.8, 0.8, 0.0), step=1e-3,
+        fluid=(rs.Box(cells=(8, 8, 1)),),
+        effects=(rs.WeaklyCompressible(sound_speed=20.0, density="continuity", restoring=0.01),),
+    )  # fmt: skip
+    simulation = rs.Simulation(scene, "numpy")
+    simulation.set_field("advanced_excess", np.full(64, excess))
+    for _ in range(50):
+        simulation.step()
+    left = math.exp(-0.01 * 20.0 / 0.26 * (simulation.time - 1e-3))  # the last step's density is the next one's
+    assert simulation.field("advanced_excess") == pytest.approx(np.full(64, excess * left), rel=1e-4)
+
+
+def test_solids_and_particles_beside_a_mesh_are_shifted_as_they_should():
+    """Solids stay where their motion brings them; what a mesh corrects moves by dt v and the shift."""
+    for other in ("shape_matching", "mesh_boundary"):
+        shifted, plain = (
+            rs.Simulation(made, "numpy")
+            for made in (pairs.scene("particle_shifting", other), pairs.scene("weakly_compressible", other))
+        )
+        shifted.step()
+        shift = shifted.field("shift")
+        solid = shifted.field("phase") != 0 if other == "shape_matching" else np.zeros(len(shift), bool)
+        assert np.abs(shift[~solid]).max() > 1e-7
+        assert not shift[solid].any()
+        if other == "mesh_boundary":
+            plain.step()
+            apart = shifted.field("position") - plain.field("position")
+            assert apart == pytest.approx(shift, abs=1e-12)
+
+
+def test_a_free_surface_that_shifting_is_not_told_of_is_refused():
+    """A tank that is open above, one with a lid a cell over the water, and none where the water fills it."""
+    for height, open_faces in ((0.9, ()), (0.9, ("+y",)), (0.8, ())):
+        scene = rs.Scene(
+            dim=2, spacing=0.1, support_radius=0.26, fluid=(rs.Box(cells=(8, 8, 1)),),
+            effects=(
+                rs.WeaklyCompressible(sound_speed=20.0), rs.ParticleShifting(surface="none"),
+                rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.8, height, 0.0), open_faces=open_faces),
+            ),
+        )  # fmt: skip
+        if height == 0.8:
+            rs.Simulation(scene, "numpy").step()
+            continue
+        with pytest.raises(rs.InputError, match="set surface = 'detected'"):
+            rs.Simulation(scene, "numpy")
 
 
 def test_it_costs_nothing_where_the_density_is_summed():
@@ -263,7 +308,6 @@ def with_clamped_tension():
 @pytest.mark.parametrize(("make", "words"), [
     (without_walls(density="continuity", diffusion=-0.1), "diffusion = -0.1 is not possible; give 0 to 0.17"),
     (without_walls(density="continuity", diffusion=0.5), "diffusion = 0.5 is not possible; give 0 to 0.17"),
-    (with_effects(rs.ParticleShifting()), "needs effect 'surface_detection'; add it"),
     (lambda: rs.ParticleShifting(strength=-1.0), "strength = -1.0 is not possible"),
     (without_walls(tensile_control="everywhere", density="continuity"), "but the scene is open along x"),
     (without_walls(tensile_control="inside", density="continuity"), "needs effect 'surface_detection'; add it"),

@@ -116,9 +116,9 @@ def forget(i, c, held, position_residual):
 
 @reduction(into="displacement", how="largest count", rows="moving.position")
 def kick_drift(
-    i, acceleration, identity, build_position, bounds, timestep, solid_field, penetration, moving: Moving
+    i, acceleration, identity, build_position, bounds, timestep, shift, solid_field, penetration, moving: Moving
 ):  # fmt: skip
-    """Leap-frog step v += (dt_previous + dt)/2 a, x += dt v, with patent P8 for particles that would enter the solid.
+    """Leap-frog step v += (dt_previous + dt)/2 a, x += dt v + shift, with patent P8 where it would enter the solid.
 
     Where there is a residual, x + residual is advanced; a corrected place has none.
 
@@ -128,7 +128,10 @@ def kick_drift(
     corrections, position_residual, velocity, position = moving
     start = three(position, i)
     v = added(three(velocity, i), scaled(three(acceleration, i), timestep[0]))
-    x = advanced(i, position, position_residual, scaled(v, timestep[1]))
+    drift = scaled(v, timestep[1])
+    if shift is not None:
+        drift = added(drift, three(shift, i))
+    x = advanced(i, position, position_residual, drift)
     corrected = False
     if penetration.swept:
         begun = real(1)

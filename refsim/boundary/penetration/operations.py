@@ -14,19 +14,20 @@ ROUNDING = 4e-7  # of a position, relative, in float32
 @operation(
     "leap-frog and patent P8 with E26 to E28", paper="patent CN104318598A, 2014",
     outputs="corrections position_residual velocity position displacement", exact="corrections",
-    optional="bounds position_residual",
+    optional="bounds position_residual shift",
     variants=(
-        without("bounds position_residual", timestep="long_steps"), "", without("bounds", penetration="as_printed"),
+        without("bounds position_residual shift", timestep="long_steps"), "shift", "",
+        without("bounds shift", penetration="as_printed"),
         without("bounds", timestep="long_steps", penetration="everywhere"),
     ),
     reason="one rounding in each product and sum; the scale counts those of distance and normal",
     invariants="reordering", cases="towards_edges outside_the_grid",
 )  # fmt: skip
 def kick_drift(
-    acceleration, identity, build_position, bounds, timestep, solid_field, penetration, corrections,
+    acceleration, identity, build_position, bounds, timestep, shift, solid_field, penetration, corrections,
     position_residual, velocity, position,
 ):  # fmt: skip
-    """Leap-frog for v [m/s] and x [m]; patent P8 where a particle would enter the solid.
+    """Leap-frog for v [m/s] and x [m], with a shift [m]; patent P8 where a particle would enter the solid.
 
     Swept: x becomes the first point of the path with phi < 0; P8 is repeated, up to 16 times in all, while
     phi < -h/128. position_residual, displacement: as `sph.kick_drift`; a corrected place has no residual. The scale
@@ -41,9 +42,11 @@ def kick_drift(
     )
     box = tuple(np.asarray(corner, dtype=float) for corner in (penetration.lower, penetration.upper))
     v, v_scale = old_v + kick * a, np.abs(old_v) + np.abs(kick * a)
-    x, x_scale, rest = old_x + drift * v, np.abs(old_x) + np.abs(drift) * v_scale, None
+    extra = np.zeros_like(v) if shift is None else np.asarray(shift, dtype=float)
+    change, change_scale = drift * v + extra, np.abs(drift) * v_scale + np.abs(extra)
+    x, x_scale, rest = old_x + change, np.abs(old_x) + change_scale, None
     if position_residual is not None:
-        (x, x_scale), rest = carried(position, position_residual, drift * v, np.abs(drift) * v_scale)
+        (x, x_scale), rest = carried(position, position_residual, change, change_scale)
     hit, jumped, grazing = np.zeros((3, len(x)), dtype=bool)
     margin, exact = np.full((2, len(x)), np.inf)
     if penetration.swept and len(x):

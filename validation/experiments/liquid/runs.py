@@ -28,7 +28,6 @@ from refsim import (
     ShapeMatching,
     Simulation,
     SolidBox,
-    SurfaceDetection,
     TwoWayCoupling,
     WeaklyCompressible,
     make_plan,
@@ -77,7 +76,7 @@ def _walls(kind: str, upper: tuple[float, float, float]) -> BoxWalls:
 
 
 def _shifting(shifted: bool) -> tuple:
-    return (SurfaceDetection(), ParticleShifting()) if shifted else ()
+    return (ParticleShifting(),) if shifted else ()
 
 
 def _still(simulation: Simulation) -> float:

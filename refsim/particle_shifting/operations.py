@@ -1,0 +1,59 @@
+"""Operations of particle shifting: which equations make each, its kernels, variants, tolerance and why."""
+
+import numpy as np
+
+from refsim.core.operation import Program, operations, without
+from refsim.core.terms import where
+from refsim.neighbours.sums import Fields, neighbours, wall_particles
+from refsim.particle_shifting import reference as ref
+
+operation = operations(paper="Sun et al. 2017")
+_SURFACE = "filling filling_gradient"
+FUSED = {
+    name: Program(
+        "kernels", "crowding_and_momentum", also=("sph.central_momentum",), names={"smoothing": "gradient_smoothing"},
+        variants=("walls period", "walls filling_gradient", "period"), packed=packed,
+    )
+    for name, packed in (("cpu:fused", ""), ("cuda:fused", "fused_pair"))
+}  # fmt: skip
+
+
+@operation(
+    "(7), gradients of concentration and filling", outputs="filling_gradient concentration_gradient",
+    optional="walls period filling_gradient", tolerance=16.0,
+    reason="one rounding in each of distance, kernel and slope, and four in the power",
+    variants=("walls period", "period filling_gradient", ""), invariants="translation reordering",
+    programs=FUSED, packed="crowding_pair",
+)  # fmt: skip
+def crowding(position, mass, density, walls, smoothing, shifting, period, rows=None):
+    """Gradients of the concentration and of the filling [1/m], over liquid and walls."""
+    i = Fields(position=position, volume=np.asarray(mass, dtype=float) / np.asarray(density, dtype=float))
+    around, at_walls = (neighbours(i, j, smoothing, period=period, rows=rows) for j in (i, wall_particles(walls)))
+    inverse = float(shifting.inverse_neighbour)
+    return {
+        "concentration_gradient": around(ref.concentration_gradient, inverse=inverse)
+        + at_walls(ref.concentration_gradient, inverse=inverse),
+        "filling_gradient": around(ref.filling_gradient) + at_walls(ref.filling_gradient),
+    }
+
+
+@operation(
+    "(7), tangential at the surface", outputs="shift", optional=f"{_SURFACE} phase", tolerance=12.0,
+    reason="one rounding in each of a root, a length, products and sums of the projection, and the bound",
+    variants=tuple(without(names, extremes="moving") for names in (f"{_SURFACE} phase", "phase", "", _SURFACE)),
+    invariants="reordering",
+)  # fmt: skip
+def shift(concentration_gradient, filling, filling_gradient, phase, shifting, extremes, timestep, rows=None):
+    """Displacement [m] of a step beside dt v, no longer than `largest` v_max dt; none of solids (`phase` not 0).
+
+    `extremes` has v_max^2 first, `timestep` dt second.
+    """
+    liquid = None if phase is None else np.asarray(phase) == 0
+    i = Fields(gradient=concentration_gradient, filling=filling, normal=filling_gradient, liquid=liquid).at(rows)
+    longest = float(np.sqrt(float(extremes[0])) * float(timestep[1]))
+    s = ref.shift(i, float(shifting.length), longest)
+    if filling is not None:
+        s = ref.beside_surface(i, s, float(shifting.least), float(shifting.whole))
+    if phase is not None:
+        s = where(i.liquid, s, 0.0)
+    return {"shift": ref.bounded(s, float(shifting.largest) * longest)}
