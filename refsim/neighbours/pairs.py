@@ -60,6 +60,7 @@ from refsim.neighbours.rows import over_lanes, row_of
 
 HEAD = """\
 def sums(pair, i, lane, listed, places, box, {given}):
+    "Sums over the neighbours of particle i of what `{pair}` gives."
 """
 ROW = "    first, stride, count = row_of(listed, i, lane)\n"
 PLAIN_ROWS = {
@@ -214,7 +215,7 @@ def loop_source(
         rows = PLAIN_ROWS["cpu" if "start" in listed else "cuda"]
         loop = loop.replace("for k in range(count):\n        at = first + k * stride", rows)
     text = filled_in(
-        HEAD + ("" if plain else ROW) + loop, lines, given=", ".join(given),
+        HEAD + ("" if plain else ROW) + loop, lines, given=", ".join(given), pair=pair.__name__,
         smoothing=other, real=f"listed.{held[0]}.dtype.type" if held else f"type({other})",
         source=source, totals=", ".join(f"over_lanes(s{n}, lane)" for n in sums), **words,
     )  # fmt: skip
