@@ -115,12 +115,14 @@ def bring(state: State, names: Iterable[str]) -> None:
 
 def needed(state: State, name: str) -> frozenset[int]:
     """Numbers of the passes on which a field depends that follows from the state; none for other fields."""
-    wanted, taken, more = {name}, set[int](), {-1}
-    while more and not state.plan.fields[name].state:
-        more = {k for k, (_, p) in enumerate(state.force_passes) if p.written & wanted} - taken
-        taken |= more
-        wanted.update(*((*p.written, *p.reads) for k, (_, p) in enumerate(state.force_passes) if k in more))
-    return frozenset(taken)
+    if name not in state.needs:
+        wanted, taken, more = {name}, set[int](), {-1}
+        while more and not state.plan.fields[name].state:
+            more = {k for k, (_, p) in enumerate(state.force_passes) if p.written & wanted} - taken
+            taken |= more
+            wanted.update(*((*p.written, *p.reads) for k, (_, p) in enumerate(state.force_passes) if k in more))
+        state.needs[name] = frozenset(taken)
+    return state.needs[name]
 
 
 def launch_pass(state: State, p: Pass, *own: dict[str, Any]) -> None:

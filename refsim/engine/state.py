@@ -92,6 +92,7 @@ class State:
         self.limits = step_limits(plan)
         speeds = (effect.greatest_speed(grid) for effect in having(plan.effects, LimitsSpeed))
         self.greatest_speed = min(speeds, default=math.inf)  # [m/s] beyond which the run is taken to have diverged
+        self.needs: dict[str, frozenset[int]] = {}  # numbers of the passes on which a field depends, once asked for
         self.current: set[str] = set()
         self.bound, self.bindings, self.foreseen = False, 0, False
         self.own_forces: list[Callable[[float, Mapping[str, Any]], None]] = []
