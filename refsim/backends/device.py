@@ -328,7 +328,7 @@ NON_FINITE, DIVERGED, STEP_TOO_SMALL, OUT_OF_RANGE, COMPRESSED = 1, 2, 3, 4, 5
 
 @cuda_kernel
 def choose_step(extremes, limits, factor, fixed, smallest, greatest_speed, most_crushed, timestep, clock):  # noqa: ANN001, ANN201
-    """The next step's length from the particles' extremes, as `refsim.engine.stepping.HostStepper` does on the host.
+    """The next step's length from the particles' extremes, as `refsim.engine.stepping.advance` does on the host.
 
     `limits` (k, 5) are StepLimits. If the run cannot go on, the clock holds the reason and the step is zero, so that
     later kernels move nothing.
