@@ -238,8 +238,15 @@ class Wrong:
         """The first sign of altered inputs that give the program's answer in all rows."""
         for words, inputs in self.altered():
             with contextlib.suppress(*REFUSED):
-                if self.agrees(oracle(self.operation, inputs, self.number)[self.name][0], self.every):
+                answer = oracle(self.operation, inputs, self.number)[self.name][0]
+                part, off = self.right - answer, self.got - self.right
+                large = np.abs(part) > NEAR * np.abs(part).max(initial=0.0)
+                share = float(np.median(off[large] / part[large])) if "without" in words and large.any() else 0.0
+                if self.agrees(answer, self.every):
                     yield words
+                    return
+                if share and self.agrees(self.right + share * part, self.every):
+                    yield f"the part of {words.split()[-1]} is {1 + share:.5g} times as large as right"
                     return
 
     def by_rows(self) -> Iterator[str]:
@@ -258,6 +265,9 @@ class Wrong:
         for name in self.fields:
             own = np.broadcast_to(inputs[name][i], inputs[name].shape).copy()
             yield f"the answer has {name}_i in place of {name}_j", self.answer(inputs.replaced(**{name: own}), i)
+            other = -inputs[name]
+            other[i] = inputs[name][i]
+            yield f"the answer has -{name}_j in place of {name}_j", self.answer(inputs.replaced(**{name: other}), i)
         alone = self.answer(without_walls(self.some([i])))
         for words, sign in (("leaves out the particle itself", -1), ("counts the particle itself twice", 1)):
             yield f"your program {words}", right + sign * alone
@@ -289,7 +299,7 @@ class Wrong:
                     yield f"the answer has {words} {name}.{member}", other(**{name: changed})
         for name, (words, share) in itertools.product(self.fields, SHARES.items()):
             yield f"the answer has {words} {name}", other(**{name: inputs[name] * inputs[name].dtype.type(share)})
-        yield "the answer is that without z of the positions", other(position=inputs["position"] * [1, 1, 0])
+        yield "the answer is that in the plane z = 0", other(position=inputs["position"] * [1, 1, 0])
         if "walls" in taken and inputs["walls"] is not None:
             for axis, turn in zip("xyz", 1 - 2 * np.eye(3, dtype=inputs.dtype)):
                 mirrored = inputs["walls"]._replace(position=inputs["walls"].position * turn)

@@ -232,8 +232,8 @@ CAUSES = {  # {fault: words of the right first cause}
     "64 neighbours": "with up to 59 neighbours, wrong from 309",
     "32 neighbours": "right with up to 32 neighbours, wrong from 33", "no cut": "no cut at r = h",
     "no period": "that without period", "one image": "wrong only with period", "no walls": "that without walls",
-    "mirrored walls": "wall particles are mirrored", "half walls": "wrong only with walls",
-    "walls off": "wrong only with walls", "no z": "without z",
+    "mirrored walls": "wall particles are mirrored", "half walls": "the part of walls is 0.5 times",
+    "walls off": "the part of walls is 1.01 times", "no z": "in the plane z = 0",
     "adds": "holds no number before the call; it must assign it", "not written": "does not write density",
     "float32 sum": "single precision", "float32 factor": "single precision", "float32 positions": "single precision",
     "prefix sums": "float32", "a race": "a race between threads", "two threads": "a race between threads",
@@ -244,12 +244,12 @@ CAUSES = {  # {fault: words of the right first cause}
     "same amount": "the same amount", "r = 0 left out": "one neighbour is missing", "raises": "it raised IndexError",
     "changes an input": "it changed its input mass", "writes behind": "it wrote behind the end of density",
     "m for V": "m_j in place of m_j/rho_j", "p_i for p_j": "pressure_i in place of pressure_j",
-    "rho_i for rho_j": "density_i in place of density_j", "p_i - p_j": "p_i - p_j has another sign",
+    "rho_i for rho_j": "density_i in place of density_j", "p_i - p_j": "-pressure_j in place of pressure_j",
     "opposite": "with the opposite sign", "half": "0.5 times as large", "no viscosity": "that without viscosity",
-    "twice mu": "twice viscosity.coefficient", "minus mu": "opposite sign of viscosity.coefficient",
-    "Laplacian of the plane": "wrong only with viscosity", "Laplacian off": "wrong only with viscosity",
-    "v_j alone": "wrong only with viscosity", "z missing": "wrong in z alone", "wall share": "wrong only with walls",
-    "overwrites": "it must add", "0 by 0": "that is NaN or infinite",
+    "twice mu": "the part of viscosity is 2 times", "minus mu": "the part of viscosity is -1 times",
+    "Laplacian of the plane": "wrong only with viscosity", "Laplacian off": "the part of viscosity is 1.001 times",
+    "v_j alone": "wrong only with viscosity", "z missing": "wrong in z alone",
+    "wall share": "the part of walls is 0.5 times", "overwrites": "it must add", "0 by 0": "that is NaN or infinite",
 }  # fmt: skip
 FORCES = list(CAUSES)[list(CAUSES).index("m for V") :]
 VARIANTS = {"walls": (0, 6), "period": (0, 7), "image": (0, 7), "viscosity": (0, 3), "mu": (0, 3), "Laplacian": (0, 3)}
