@@ -544,6 +544,8 @@ class Body:
         if function is hasattr and isinstance(kinds[0], Group):
             return node, Known(self.value_of(node.args[1]) in kinds[0].names)
         named = {word.arg: self.value(word.value) for word in node.keywords}
+        if self.writer.backend in getattr(function, "written_on", {}):
+            function = function.written_on[self.writer.backend]()
         if hasattr(function, "written"):  # the sum over neighbours
             function = function.written(kinds)
         if hasattr(function, "entry"):

@@ -24,6 +24,8 @@ def _on_cuda(moments, before, floor, lost):
     return rotation_cuda.solved_rotation
 
 
+solved_rotation.written_on = {"cuda": lambda: _on_cuda(None, None, None, None)}  # see refsim.backends.written
+
 # On a CPU the matrices are freed by the count of references to them, which the kernels' bodies leave out.
 for _target, _chosen in (("cpu", _on_cpu), ("cuda", _on_cuda)):
     overloaded(solved_rotation, _chosen, (_target,), _nrt=True)
