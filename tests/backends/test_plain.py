@@ -25,6 +25,18 @@ program = REGISTRY["sph.density"].program("cpu")
 print(json.dumps([type(program).__name__, answers]))
 """
 
+AHEAD = """
+import numpy as np
+from refsim.backends.ahead import missing
+from refsim.backends.workers import Worker
+from refsim.sph.kernels import gravity
+calls = [(gravity, (np.zeros(3, np.float32), np.zeros((4, 3), np.float32)))]
+(task,) = missing(calls)
+worker = Worker()
+print(worker.store(task), missing(calls))
+worker.close()
+"""
+
 
 def outcomes(*operations, **around):
     """What the contract says of the operations on the plain road."""
@@ -48,3 +60,9 @@ def test_compiled_loops_keep_the_contract_and_are_kept(tmp_path):
     answers = outcomes(*COMPILED, REFSIM_CACHE_DIR=str(tmp_path))
     assert not [answer for answer in answers.values() if not answer.startswith("pass")]
     assert len(list(tmp_path.rglob("*.nbc"))) > 3
+
+
+def test_a_plain_loop_is_compiled_ahead(tmp_path):
+    around = {"REFSIM_PLAIN": "1", "REFSIM_CACHE_DIR": str(tmp_path), "PYTHONPATH": ":".join(sys.path)}
+    run = subprocess.run([sys.executable, "-c", AHEAD], capture_output=True, text=True, env={**os.environ, **around})
+    assert run.stdout.split() == ["b'.'", "[]"], run.stderr[-2000:]
