@@ -52,7 +52,7 @@ def as_on_the_site(app: Any, page: str, source: list[str]) -> None:
         from refsim.commands import discover, equations
 
         discover()
-        text = equations.page(lines=True)
+        text = equations.page(site=True)
     if page == "api":
         text = text.replace("<!-- api -->", "\n".join(api()))
     if page.startswith("lessons/") and not page.endswith(IN_THE_BROWSER):

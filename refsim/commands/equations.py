@@ -171,15 +171,17 @@ COLUMNS = ("number", "printed", "read", "reference", "neighbour or particle", "o
 OTHERS_COLUMNS = ("operation", "paper", "equation", "reference", "program")
 
 
-def page(lines: bool = False) -> str:
-    """docs/equations.md; on the site with the lines of functions, which change from day to day."""
+def page(site: bool = False) -> str:
+    """docs/equations.md; on the site with the lines of functions, and with what is after other sources."""
     parts = [HEAD]
     for source, own in itertools.groupby(equations(), lambda equation: equation.source):
-        rows = [_cells(equation, lines) for equation in own]
+        rows = [_cells(equation, site) for equation in own]
         parts += [f"## {source[:1].upper()}{source[1:]}\n", *_table(COLUMNS, rows), ""]
-    told = {name for equation in equations() for name in equation.operations}
-    rows = [_cells_of(operation, lines) for operation in REGISTRY.values() if operation.name not in told]
-    return "\n".join([*parts, "## Other sources\n", *_table(OTHERS_COLUMNS, rows), ""])
+    if site:
+        told = {name for equation in equations() for name in equation.operations}
+        rows = [_cells_of(operation) for operation in REGISTRY.values() if operation.name not in told]
+        parts += ["## Other sources\n", *_table(OTHERS_COLUMNS, rows), ""]
+    return "\n".join(parts)
 
 
 def _cells(equation: Equation, lines: bool) -> tuple[str, ...]:
@@ -191,10 +193,10 @@ def _cells(equation: Equation, lines: bool) -> tuple[str, ...]:
     )  # fmt: skip
 
 
-def _cells_of(operation: Operation, lines: bool) -> tuple[str, ...]:
+def _cells_of(operation: Operation) -> tuple[str, ...]:
     references, program = _places(operation.name)
     named = f"`{operation.name}`", operation.paper, f"`{operation.equation}`"
-    return (*named, _listed(references, lines), _listed([program], lines))
+    return (*named, _listed(references, True), _listed([program], True))
 
 
 def _listed(places: Iterable[Place], lines: bool) -> str:
