@@ -24,7 +24,8 @@ def _on_cuda(moments, before, floor, lost):
     return rotation_cuda.solved_rotation
 
 
-solved_rotation.written_on = {"cuda": lambda: _on_cuda(None, None, None, None)}  # see refsim.backends.written
+# What stands for it in a file that is printed (`refsim.backends.written`).
+solved_rotation.written_on = {"cuda": lambda: _on_cuda(None, None, None, None)}  # type: ignore[attr-defined]
 
 # On a CPU the matrices are freed by the count of references to them, which the kernels' bodies leave out.
 for _target, _chosen in (("cpu", _on_cpu), ("cuda", _on_cuda)):
