@@ -153,7 +153,6 @@ class Named:
         self.locals: set[str] = set()
         self.tree: ast.FunctionDef | None = None
         self.result: Any = NUMBER
-        self.source: Any = None
 
     def node(self) -> ast.Name:
         """The name where it is used."""
@@ -172,8 +171,7 @@ class Writer:
         key = (function if source is None else id(source), tuple(kinds.items()))
         if key not in self.made:
             made = self.made[key] = Named(wanted, function)
-            made.source = source or source_of(function)
-            body = Body(self, made.source, kinds)
+            body = Body(self, source or source_of(function), kinds)
             made.tree, made.result, made.locals = body.written(), body.result, body.locals
             self.order.append(made)
         return self.made[key]
@@ -228,13 +226,14 @@ class Writer:
         assert named.tree is not None
         named.tree.name = named.wanted
         text = ast.unparse(ast.fix_missing_locations(named.tree))
-        marked = "prange(" in text
-        exact = getattr(named.value, "ordered", False)
+        marked, exact = "prange(" in text, getattr(named.value, "ordered", False)
         options = {
             "cpu": f'@njit({"parallel=True, " * marked}{"fastmath=FAST, " * (not exact)}error_model="numpy")',
             "cuda": "@cuda.jit" if named is self.order[-1] else "@cuda.jit(device=True)",
         }
-        return "\n".join([options[self.backend], *(wrapped(line) for line in text.splitlines())])
+        head, quotes, words = text.partition('"""')
+        words, end, code = words.partition('"""')
+        return "\n".join([options[self.backend], _wrapped_lines(head) + quotes + words + end + _wrapped_lines(code)])
 
 
 class Body:
@@ -313,12 +312,8 @@ class Body:
             self.locals.add(name)
             before.append(ast.Assign([ast.Name(name, ast.Store())], value))
             return ast.Name(name, ast.Load())
-        if not kind.names:
-            members: list[ast.expr] = [
-                ast.Subscript(value, ast.Constant(k), ast.Load()) for k in range(len(kind.parts))
-            ]
-        else:
-            members = [ast.Attribute(value, name, ast.Load()) for name in kind.names]
+        members: list[ast.expr] = [ast.Attribute(value, name, ast.Load()) for name in kind.names]
+        members = members or [ast.Subscript(value, ast.Constant(k), ast.Load()) for k in range(len(kind.parts))]
         parts = [self.unpacked(member, part, before) for member, part in zip(members, kind.parts)]
         if not kind.names:
             return ast.Tuple(parts, ast.Load())
@@ -639,6 +634,10 @@ def class_text(kind: type) -> str:
         default = f" = {ast.unparse(part.value)}" if part.value else ""
         members.append(f"    {ast.unparse(part.target)}: object{default}" + (f"  # {said.strip()}" if said else ""))
     return "\n".join([*head, *members])
+
+
+def _wrapped_lines(text: str) -> str:
+    return "\n".join(map(wrapped, text.split("\n")))
 
 
 def wrapped(line: str) -> str:
