@@ -61,7 +61,7 @@ class Program:
         return self.names.get(f"{part.name}.{argument}", self.names.get(argument, argument))
 
 
-PLAIN = {"numpy": Program("reference"), "cpu": Program("kernels"), "cuda": Program("kernels")}
+PLAIN = {"numpy": Program("operations"), "cpu": Program("kernels"), "cuda": Program("kernels")}
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ class Operation:
 
     def equations(self) -> list[Callable]:
         """Functions of reference.py that the plain NumPy program in operations.py calls, directly or through others."""
-        waiting: list[Any] = [inspect.unwrap(self.program("numpy"))] * (self.entry("numpy").module == "operations")
+        waiting: list[Any] = [inspect.unwrap(self.program("numpy"))]
         found = dict[Any, None]()
         while waiting:
             place = waiting.pop(0)
@@ -305,10 +305,9 @@ def operation(
     """
 
     def enter_on(reference: Reference) -> Reference:
-        folder, _, module = reference.__module__.rpartition(".")
+        folder = reference.__module__.rpartition(".")[0]
         written, flags, left_out = _names(outputs or adds), _names(exact), _names(optional)
         made = {**(programs or {}), **({"cuda:packed": Program("kernels", packed=packed)} if packed else {})}
-        made |= {} if module == PLAIN["numpy"].module else {"numpy": module}
         chosen = variants or ((dict.fromkeys(left_out), {}) if left_out else ({},))
         register(
             Operation(

@@ -1,4 +1,4 @@
-"""NumPy oracle of the neighbour search, and sums over neighbours: all pairs, in blocks of rows of at most 64 MB."""
+"""NumPy oracle of the neighbour search: all pairs, in blocks of rows of at most 64 MB."""
 
 import numpy as np
 
@@ -35,38 +35,10 @@ def pair_blocks(query, source, rows=None, period=None):
         yield place, separation, np.sqrt(x * x + y * y + z * z)
 
 
-def rows_of(array, rows):
-    """The rows of an array that are asked for, all by default, in float64."""
-    array = np.asarray(array, dtype=float)
-    return array if rows is None else array[rows]
-
-
 def other_particles(place, count, rows=None):
     """Mask (b, count), False where a query of the block meets itself."""
     own = np.arange(count)[place] if rows is None else np.asarray(rows)[place]
     return own[:, None] != np.arange(count)[None, :]
-
-
-class Sums:
-    """Sums over neighbours and, beside each, its scale, the sum of the absolute terms.
-
-    Sums(n) holds a number for each of n particles, Sums(n, 3) a vector.
-    """
-
-    def __init__(self, *shape):
-        self.value, self.scale = np.zeros(shape), np.zeros(shape)
-
-    def add(self, place, terms, scale=None):
-        """Add the terms (b, m) or (b, m, 3) of m neighbours to the sums of the particles `place`.
-
-        scale: what counts in place of |terms|, as where each term is a difference that may cancel.
-        """
-        self.value[place] += terms.sum(1)
-        self.scale[place] += (np.abs(terms) if scale is None else scale).sum(1)
-
-    def total(self, divisor=1.0):
-        """(value, scale), both divided by a positive divisor."""
-        return self.value / divisor, self.scale / divisor
 
 
 def neighbour_list(position, radius, rows=None, period=None):

@@ -3,7 +3,6 @@
 import numpy as np
 
 from refsim.core.operation import operation
-from refsim.neighbours.reference import Sums
 from refsim.winding_number import reference as ref
 
 # Relative distance from a triangle's plane, or from a cluster's reach, within which a row is not judged
@@ -28,14 +27,17 @@ def winding(viewpoint, clusters):
     """Winding numbers [dimensionless] at points, of clusters beyond their reach by their dipoles."""
     points, first = np.asarray(viewpoint, dtype=float), np.asarray(clusters.first)
     corners = np.asarray(clusters.corner, dtype=float).reshape(-1, 3, 3)
-    sums = Sums(len(points))
+    value, scale = np.zeros((2, len(points)))
     for k in range(len(first) - 1):
         away, reach = np.asarray(clusters.middle[k], dtype=float) - points, float(clusters.reach[k])
         distance = np.linalg.norm(away, axis=1)
         far, near = distance > reach, np.flatnonzero(~(distance > reach))
-        sums.add(far, ref.dipole_angle(np.asarray(clusters.dipole[k], dtype=float), away[far]))
+        angle = ref.dipole_angle(np.asarray(clusters.dipole[k], dtype=float), away[far])
+        value[far] += angle.sum(1)
+        scale[far] += np.abs(angle).sum(1)
         seen = points[near], corners[first[k] : first[k + 1]]
         angle = ref.solid_angles(*seen)
-        sums.add(near, angle, np.abs(angle) + rounding(*seen))
-        sums.scale[np.abs(distance - reach) <= UNDECIDED * reach] = np.inf
-    return {"winding_number": sums.total(4 * np.pi)}
+        value[near] += angle.sum(1)
+        scale[near] += (np.abs(angle) + rounding(*seen)).sum(1)
+        scale[np.abs(distance - reach) <= UNDECIDED * reach] = np.inf
+    return {"winding_number": (value / (4 * np.pi), scale / (4 * np.pi))}

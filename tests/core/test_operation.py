@@ -17,7 +17,7 @@ def reference(monkeypatch):
     def speed(distance):
         return {"speed": (distance, distance)}
 
-    speed.__module__ = "made_up.reference"
+    speed.__module__ = "made_up.operations"
     return speed
 
 

@@ -29,7 +29,7 @@ COMPILED_ONLY = "test_cuda_typing.py"  # runs no kernel
 IMPORT_SECONDS = 0.3
 JUDGES = ("reference", "operations")  # modules: equations; what registers them and sums
 IMPORTED = {  # by them, beside each other, numpy and math
-    "reference": ("typing", "refsim.core.operation", "refsim.core.terms"),
+    "reference": ("refsim.core.terms",),
     "operations": ("typing", "refsim.core.operation", "refsim.core.terms", "refsim.neighbours.sums"),
 }
 UNIT = re.compile(r"\[[^\]]*\]|dimensionless|flags?\b", re.IGNORECASE)
@@ -257,7 +257,7 @@ def wordless(operations, root):
     owners = by_folder(operations, root)
     for path in sorted([*root.rglob("formulas.py"), *root.rglob("reference.py"), *root.rglob("operations.py")]):
         listed = {operation.function for operation in owners.get(path.parent, ())}
-        apart = path.with_name("operations.py").exists()  # then a reference holds equations alone
+        apart = path.with_name("operations.py").exists()  # else it is the judge of a search, no equations
         asked = (("unit", UNIT),) if path.stem == "operations" else (("equation", EQUATION), ("unit", UNIT))
         for name, node in functions(path).items():
             equation = path.stem == "reference" and apart and isinstance(node, ast.FunctionDef)
