@@ -191,6 +191,10 @@ class CorrectsPositions:
         """Whether it does so with these parameters; the neighbour list is then not audited."""
         raise NotImplementedError  # an effect with this capability defines it
 
+    def parts_from_density(self) -> bool:
+        """Whether the particles part from an advanced density by it."""
+        return False
+
 
 class BalancesCohesion:
     """Has cohesion whose pressure the equation of state is to balance."""

@@ -83,6 +83,9 @@ class ParticleShifting(Effect, CorrectsPositions, frozen=True, kw_only=True):
     def corrects_positions(self) -> bool:
         return self.strength > 0
 
+    def parts_from_density(self) -> bool:
+        return self._at_surface()  # elsewhere the density takes the shifts
+
     def _at_surface(self) -> bool:
         return self.surface == "detected" and self.strength > 0
 

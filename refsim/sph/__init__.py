@@ -13,6 +13,7 @@ import numpy as np
 from refsim.core.capabilities import (
     BalancesCohesion,
     BringsWalls,
+    CorrectsPositions,
     FindsSurface,
     FollowsScene,
     HasErrata,
@@ -72,6 +73,9 @@ MASS_RATIO = 1.5
 # `restoring` beside tension: from 0.1 to 0.3 discs of R = 8 d keep their density to 0.4 % and their jump to 10 %;
 # without it they crowd by 7 % in five capillary times (tests/surface_tension/test_models.py)
 RESTORING = 0.3
+# beside shifting: after a splash 998 of 1,001 kg/m^3 are counted, 902 without; waves are damped by less than 0.01 a
+# period more (docs/liquid.md)
+SLOW = 0.003
 DIFFUSION = 0.1  # delta, by default
 MOST_DIFFUSIVE = (
     0.17  # delta up to which the acoustic step 0.4 h/c resolves diffusion: its fastest rate is 28 delta c/h
@@ -192,7 +196,8 @@ class WeaklyCompressible(
                        default advanced, and summed where `literal` or another effect of the scene needs it
     diffusion          delta of the diffusion of an advanced density, after Fourtakas et al. 2019; 0 for none
     restoring          rate [c/h] at which an advanced density returns inside the liquid to the counted one, which
-                       sees particles crowd (after Colagrossi & Landrini 2003); by default 0.3 beside tension, else 0
+                       sees where particles are (after Colagrossi & Landrini 2003); by default 0.003 where shifting acts
+                       beside a surface, else 0.3 beside tension, else 0
     gradient           "plain" or "corrected" (renormalised after Bonet & Lok 1999: the pressure force of a lattice is
                        that of the pressure's gradient; it keeps the linear, not the angular momentum)
     tensile_control    p_i + p_j becomes p_j - p_i where p_i < 0 (Sun et al. 2018): "none", "inside" (but at the surface
@@ -239,8 +244,10 @@ class WeaklyCompressible(
         viscosity = self.viscosity or ("laplacian" if printed else "central")
         restoring = self.restoring
         if restoring is None:
-            pulled = density == "continuity" and having(others, PullsParticles)
-            restoring = RESTORING if pulled else 0.0
+            restoring = 0.0
+            if density == "continuity":
+                drifts = any(effect.parts_from_density() for effect in having(others, CorrectsPositions))
+                restoring = SLOW if drifts else RESTORING if having(others, PullsParticles) else 0.0
         return msgspec.structs.replace(self, density=density, viscosity=viscosity, restoring=restoring)
 
     def needs(self) -> tuple[str, ...]:

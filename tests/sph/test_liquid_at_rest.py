@@ -7,6 +7,7 @@ import pytest
 
 import refsim as rs
 from refsim import make_plan, simulate
+from refsim.core.capabilities import settled
 from tests.running import advanced, run_to
 from validation import pairs
 from validation.experiments.flows import runs as flows
@@ -199,6 +200,18 @@ def test_a_density_that_is_told_wrong_returns_to_the_counted_one(excess):
         simulation.step()
     left = math.exp(-0.01 * 20.0 / 0.26 * (simulation.time - 1e-3))  # the last step's density is the next one's
     assert simulation.field("advanced_excess") == pytest.approx(np.full(64, excess * left), rel=1e-4)
+
+
+def test_shifting_beside_a_surface_brings_the_slow_return():
+    """Not where the density takes the shifts, nor where it is summed, nor where a rate is given."""
+    shifting, tension = rs.ParticleShifting(), rs.Akinci2013(surface_tension=0.07)
+    for effects, given, rate in (
+        ((shifting,), {}, 0.003), ((shifting, tension), {"density": "continuity"}, 0.003), ((), {}, 0.0),
+        ((shifting,), {"restoring": 0.0}, 0.0), ((shifting,), {"density": "summation"}, 0.0),
+        ((rs.ParticleShifting(strength=0.0),), {}, 0.0), ((rs.ParticleShifting(surface="none"),), {}, 0.0),
+    ):  # fmt: skip
+        liquid = rs.WeaklyCompressible(sound_speed=20.0, **given)
+        assert settled((liquid, *effects))["weakly_compressible"].restoring == rate, (given, effects)
 
 
 def test_solids_and_particles_beside_a_mesh_are_shifted_as_they_should():
