@@ -126,7 +126,7 @@ def describe(operation: Operation, program: str) -> dict[str, list[Source]]:
 
 def shown(found: Equation) -> CommandResult:
     """What is printed in the source, how it is read, and the code that stands for it."""
-    lines = [f"{found.name}, {found.source}", found.printed]
+    lines = [found.name if found.source == "thesis" else f"{found.name}, {found.source}", found.printed]
     for heading, words in (("read", found.reading), ("not implemented", found.reason)):
         lines += [f"{heading}: {words}"] * bool(words)
     lines += [f"tests: tests/ladder/test_pairing.py -k {name}" for name in found.operations]
@@ -153,9 +153,10 @@ def execute(options: argparse.Namespace) -> CommandResult:
     if of_source is not None:
         return shown(of_source)
     if operation is None:
+        near = f"{suggestion(options.operation, REGISTRY)} " if "." in options.operation else ""
         raise InputError(
-            f"There is no operation {options.operation!r}; {suggestion(options.operation, REGISTRY)} `refsim list` has"
-            " all names."
+            f"There is no operation or equation {options.operation!r}; {near}`refsim list` has all operations,"
+            " `refsim show equations` all equations."
         )
     programs = [name for name in operation.names() if name != "numpy"]
     program = options.backend or "cpu"

@@ -72,7 +72,7 @@ def test_an_equation_is_shown_with_its_code(name, parts, capsys):
 def test_what_no_source_has_is_said(capsys):
     assert equation("J(22)") is None
     assert main(["show", "J(22)"]) == 2
-    assert "'J(22)'" in capsys.readouterr().err
+    assert "no operation or equation 'J(22)'" in capsys.readouterr().err
 
 
 def test_equations_of_an_operation_are_found_through_what_it_calls():
