@@ -101,7 +101,7 @@ def whole_checkpoint(path: str | os.PathLike[str]) -> tuple[Path, Checkpoint, tu
     """
     path = Path(path)
     passed: list[Unreadable] = []
-    for file in _newest_first(path) if path.is_dir() else (path, previous_path(path)):
+    for file in _newest_first(path) if os.path.isdir(path) else (path, previous_path(path)):
         try:
             saved = read_checkpoint(file)
         except Unreadable as error:

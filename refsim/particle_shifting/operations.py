@@ -22,7 +22,7 @@ FUSED = {
     "(7), gradients of concentration and filling", outputs="filling_gradient concentration_gradient",
     optional="walls period filling_gradient", tolerance=16.0,
     reason="one rounding in each of distance, kernel and slope, and four in the power",
-    variants=("walls period", "period filling_gradient", ""), invariants="translation reordering",
+    variants=("walls period filling_gradient", "period", ""), invariants="translation reordering",
     programs=FUSED, packed="crowding_pair",
 )  # fmt: skip
 def crowding(position, mass, density, walls, smoothing, shifting, period, rows=None):
