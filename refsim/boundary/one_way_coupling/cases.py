@@ -52,6 +52,24 @@ def dragged_by_one_particle():
     return Exact(case, given, {"acceleration": drag * (wall - 2 * velocity)})
 
 
+@closed_form("one_way_coupling.wall_viscosity")
+def dragged_from_below():
+    """The same with a wall particle below the plane of each axis, and two between the planes of two axes, at rest.
+
+    They are once to five times as large, so that none stands for another one.
+    """
+    resting = rubbing_on_one_particle()
+    beside = [[-0.85, math.sqrt(1 - 0.85**2), 0], [math.sqrt(1 - 0.75**2), -0.75, 0]]
+    place = np.array([[-1, 0, 0], [0, -1, 0], [0.6, 0, -0.8], *beside])
+    wall, velocity = np.array([3.0, 0.0, -1.0]), resting.given["velocity"]
+    given = resting.given | {
+        "walls": WallParticles(place, 0.25 * np.arange(1, 6)),
+        "wall_motion": WallMotion(np.array([-0.9, -0.8, -0.7]), np.full(3, np.inf), wall),
+    }
+    drag = -resting.expected["acceleration"] / velocity
+    return Exact(at("dragged_from_below", [0, 0, 0], place), given, {"acceleration": drag * (6 * wall - 15 * velocity)})
+
+
 @groups("wall_motion")
 def _wall_motion(case, grid):
     """Beyond a plane that parts the wall particles; moving across it would be no shear, so along x and y."""
