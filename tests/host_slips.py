@@ -15,7 +15,6 @@ import datetime
 import importlib
 import inspect
 import json
-import multiprocessing
 import multiprocessing.pool
 import os
 import pathlib
@@ -37,6 +36,8 @@ from slips import altered, parsed, sites  # noqa: E402
 
 PACKAGES = ("engine", "gauges", "motion", "scene", "study", "boundary", "contract")
 HARMLESS = tomllib.loads(pathlib.Path(__file__).with_name("harmless_host.toml").read_text(encoding="utf-8"))
+CALLS = "REFSIM_CALLS"
+CALLED: set[str] = set()  # by the test that runs
 MEMORY = 6 << 30  # bytes that a slip may make a test take
 COMPILED = ("formulas", "kernels", "reference", "cases", "operations")  # judged by the contract, or its own inputs
 
@@ -72,55 +73,49 @@ def changes(function: types.FunctionType) -> list[tuple[int, Any]]:
     return [(n, change) for n, change in sites(tree) if not {id(nodes[n])} & (words | outside)]
 
 
-class Calls:
-    """A plugin of pytest that writes which functions of the packages each test calls, and its seconds."""
+def pytest_configure() -> None:
+    """As a plugin of a worker of pytest: the packages' functions note that they were called."""
+    if "PYTEST_XDIST_WORKER" not in os.environ or CALLS not in os.environ:
+        return
+    for function in [f for package in os.environ[CALLS].split(",") for f in functions(package) if changes(f)]:
+        tree = parsed(function)
+        definition = tree.body[0]
+        assert isinstance(definition, ast.FunctionDef)
+        definition.body[:0] = ast.parse(f"__import__('host_slips').CALLED.add({place(function)!r})").body
+        definition.decorator_list = []
+        space = dict(function.__globals__)
+        with contextlib.suppress(NameError):  # in an annotation
+            exec(compile(ast.fix_missing_locations(tree), function.__code__.co_filename, "exec"), space)
+            function.__code__ = space[function.__name__].__code__
 
-    def __init__(self, packages: tuple[str, ...], into: pathlib.Path) -> None:
-        self.into = into
-        self.seen = sys.called = set[str]()  # type: ignore[attr-defined]
-        for function in [f for package in packages for f in functions(package) if changes(f)]:
-            tree = parsed(function)
-            note = ast.parse(f"__import__('sys').called.add({place(function)!r})").body
-            tree.body[0].body[:0] = note  # type: ignore[attr-defined]
-            tree.body[0].decorator_list = []  # type: ignore[attr-defined]
-            space = dict(function.__globals__)
-            with contextlib.suppress(NameError):  # in an annotation
-                exec(compile(ast.fix_missing_locations(tree), function.__code__.co_filename, "exec"), space)
-                function.__code__ = space[function.__name__].__code__
 
-    def pytest_runtest_logstart(self) -> None:
-        self.seen.clear()
-        self.began = time.process_time()
+def pytest_runtest_protocol(item: Any) -> None:
+    CALLED.clear()
+    item.began = time.process_time()
 
-    def pytest_runtest_logfinish(self, nodeid: str) -> None:
-        row = {"test": nodeid, "seconds": time.process_time() - self.began, "calls": sorted(self.seen)}
-        with self.into.open("a", encoding="utf-8") as file:
+
+def pytest_runtest_teardown(item: Any) -> None:
+    """Write which functions the test has called, and its seconds."""
+    if worker := os.environ.get("PYTEST_XDIST_WORKER"):
+        row = {"test": item.nodeid, "seconds": time.process_time() - item.began, "calls": sorted(CALLED)}
+        with pathlib.Path(os.environ["REFSIM_CALLS_FOLDER"], f"{worker}.jsonl").open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
-
-
-def map_one(job: tuple[str, str, tuple[str, ...]]) -> None:
-    """Run one file of tests and write what they call."""
-    import pytest
-
-    path, into, packages = job
-    with open(os.devnull, "w") as out, contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
-        plugin = Calls(packages, pathlib.Path(into) / f"{path.replace('/', '.')}.jsonl")
-        pytest.main(["-q", "-n", "0", "-p", "no:cacheprovider", "--tb=no", path], plugins=[plugin])
 
 
 def callers(jobs: int, packages: tuple[str, ...], folder: str) -> dict[str, list[tuple[float, str]]]:
     """Tests that call each function, quick ones first."""
-    tests = sorted(str(p.relative_to(ROOT)) for p in (ROOT / folder).rglob("test_*.py")) or [folder]
-    tests = [t for t in tests if not t.startswith(("tests/times", "tests/ladder/test_slips"))]
     found: dict[str, list[tuple[float, str]]] = {}
     with tempfile.TemporaryDirectory() as into:
-        with multiprocessing.get_context("spawn").Pool(jobs, maxtasksperchild=1) as pool:
-            pool.map(map_one, [(t, into, packages) for t in tests], chunksize=1)
-        for path in pathlib.Path(into).iterdir():
-            for row in map(json.loads, path.read_text(encoding="utf-8").splitlines()):
+        path = os.pathsep.join(filter(None, (str(ROOT / "tests"), os.environ.get("PYTHONPATH"))))
+        environment = {CALLS: ",".join(packages), "REFSIM_CALLS_FOLDER": into, "PYTHONPATH": path}
+        command = [sys.executable, "-m", "pytest", "-q", "-n", str(jobs), "-p", "host_slips", "--tb=line", folder]
+        done = subprocess.run(command, cwd=ROOT, env=os.environ | environment, capture_output=True, text=True)
+        print(*done.stdout.splitlines()[-12:], sep="\n", flush=True)
+        for file in pathlib.Path(into).iterdir():
+            for row in map(json.loads, file.read_text(encoding="utf-8").splitlines()):
                 for name in row["calls"]:
                     found.setdefault(name, []).append((row["seconds"], row["test"]))
-    return {key: sorted(rows) for key, rows in found.items()}
+    return {name: sorted(rows) for name, rows in found.items()}
 
 
 def noticed(module: str, name: str, number: int, tests: list[str], seconds: float) -> tuple[str, str]:
