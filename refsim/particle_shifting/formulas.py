@@ -10,7 +10,10 @@ def near_share(filling):
     """f = (1 - s)/0.03 in 0 to 1 [-] of the filling s: how near a surface is; a lattice's outermost layer has s = 0.69
     to 0.88."""
     real = type(filling)
-    return min(max((real(FULL) - filling) / real(FULL - EMPTY), real(0)), real(1))
+    share = (real(FULL) - filling) / real(FULL - EMPTY)
+    if share < real(0):
+        return real(0)
+    return real(1) if share > real(1) else share  # NaN stays: a GPU's min and max drop it
 
 
 @formula
