@@ -21,6 +21,7 @@ from refsim.core.fields import BASE, POSITION_RESIDUAL
 from refsim.core.operation import REGISTRY
 from refsim.mpm.memory import grid_bytes
 from refsim.study.memory import bytes_of
+from tests import running
 from validation import pairs
 
 LIQUID = rs.WeaklyCompressible(sound_speed=12.0, clamp_pressure=False, density="summation")  # pulled together: it moves
@@ -106,9 +107,7 @@ def test_shifting_without_a_surface_takes_none_from_another_effect():
     for more in ((), (DETECTION,)):
         simulation = rs.Simulation(scene(ADVANCED, tank, shifting, marked, *more), "numpy")
         simulation.set_field("velocity", np.sin(20 * simulation.field("position")[:, [1, 2, 0]]))
-        for _ in range(2):
-            simulation.step()
-        alone.append(simulation.field("position"))
+        alone.append(running.advanced(simulation, 2).field("position"))
     assert np.array_equal(*alone)
 
 
@@ -213,10 +212,7 @@ def state(simulation):
 
 
 def advanced(*effects, steps=15):
-    simulation = rs.Simulation(scene(*effects))
-    for _ in range(steps):
-        simulation.step()
-    return simulation
+    return running.advanced(rs.Simulation(scene(*effects)), steps)
 
 
 @pytest.mark.parametrize(
@@ -256,8 +252,7 @@ def test_a_run_takes_the_memory_that_its_plan_says(dim):
     try:
         before, _ = tracemalloc.get_traced_memory()
         simulation = rs.Simulation(plan)
-        for _ in range(3):
-            simulation.step()
+        running.advanced(simulation, 3)
         held, peak = (b - before for b in tracemalloc.get_traced_memory())
     finally:
         tracemalloc.stop()

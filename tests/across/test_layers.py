@@ -133,7 +133,7 @@ def test_what_writes_no_file_by_itself_is_not_found():
     assert not list(writes_of_their_own(harmless))
 
 
-def long_signatures(root=ROOT):
+def long_signatures():
     """Functions with more than MOST_ARGUMENTS that may be given by place, `self` not counted.
 
     The registry's programs and pair functions are none of them: their arguments are bound by name.
@@ -143,7 +143,7 @@ def long_signatures(root=ROOT):
         for operation in REGISTRY.values()
         for entry in map(operation.entry, operation.names())
     }
-    for module, path in modules(root).items():
+    for module, path in modules(ROOT).items():
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.FunctionDef) and (module, node.name) not in bound:
                 names = [a.arg for a in (*node.args.posonlyargs, *node.args.args) if a.arg not in ("self", "cls")]

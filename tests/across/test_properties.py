@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from refsim import BoxWalls, Cloud, Gravity, JiangZhu2023, Scene, Simulation, WeaklyCompressible
+from tests.running import advanced
 
 SEEDS = range(4)
 SPACING, H = 0.1, 0.22
@@ -47,10 +48,7 @@ def relaxed(random, count, dim, side):
 
 
 def run(scene, steps=12, backend="cpu"):
-    simulation = Simulation(scene, backend)
-    for _ in range(steps):
-        simulation.step()
-    return simulation
+    return advanced(Simulation(scene, backend), steps)
 
 
 def state(simulation):

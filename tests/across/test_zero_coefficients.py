@@ -17,6 +17,7 @@ from refsim import make_plan
 from refsim.commands.plan import describe_plan
 from refsim.core.effect import Extremes
 from refsim.scene.passes import accounts
+from tests.running import advanced
 from validation import pairs
 
 PEBBLE = pathlib.Path(__file__).parents[2] / "refsim" / "examples" / "pebble.obj"
@@ -268,10 +269,7 @@ def test_a_zero_decides_nothing(name, k):
         plans = make_plan(without), make_plan(with_it)
         assert beside(name, plans[1]) == dict(plans[0].effects)
         assert counted(plans[0]) == counted(plans[1])
-        runs = [rs.Simulation(plan, "numpy") for plan in plans]
-        for run in runs:
-            for _ in range(3):
-                run.step()
+        runs = [advanced(rs.Simulation(plan, "numpy"), 3) for plan in plans]
         assert runs[0].time == runs[1].time
         for field in ("position", "velocity"):
             assert np.array_equal(runs[0].field(field), runs[1].field(field)), field

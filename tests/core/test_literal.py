@@ -12,6 +12,7 @@ from refsim.boundary.mesh import surface_mesh
 from refsim.boundary.sampling import sample
 from refsim.core.capabilities import HasErrata
 from refsim.scene.files import load_scene
+from tests.running import advanced
 from validation import pairs
 
 REQUIRED = {
@@ -74,10 +75,7 @@ TETRAHEDRON = surface_mesh(
 def moved(*effects, **scene):
     """Velocities after three steps of a block of 4^3 particles, in float64."""
     given = {"spacing": 0.05, "support_radius": 0.13, "dtype": "float64", "fluid": (rs.Box(cells=(4, 4, 4)),)} | scene
-    simulation = rs.Simulation(rs.Scene(**given, effects=effects), backend="numpy")
-    for _ in range(3):
-        simulation.step()
-    return simulation.field("velocity")
+    return advanced(rs.Simulation(rs.Scene(**given, effects=effects), "numpy"), 3).field("velocity")
 
 
 def liquid(**given):

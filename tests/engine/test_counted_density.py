@@ -8,6 +8,7 @@ import pytest
 from refsim import BoxWalls, Cloud, Gravity, RunStopped, Scene, Simulation, WeaklyCompressible, simulate
 from refsim.engine import counting
 from refsim.engine.counting import LARGEST, NOTED, counted
+from tests.running import advanced
 
 D, SOUND = 0.05, 20.0
 
@@ -103,9 +104,7 @@ def test_a_large_difference_stops_the_run(often, tmp_path, factor):
 
 
 def test_a_run_that_goes_on_reports_the_same(often, tmp_path):
-    whole = displaced(block(), 1.03)
-    for _ in range(4):
-        whole.step()
+    whole = advanced(displaced(block(), 1.03), 4)
     whole.checkpoint(tmp_path / "middle.h5")
     resumed = Simulation.resume(tmp_path / "middle.h5")
     assert resumed.counting.greatest == whole.counting.greatest
@@ -119,9 +118,7 @@ def test_looks_change_nothing(monkeypatch):
     for every in (1, 10**9):
         monkeypatch.setattr(counting, "EVERY", every)
         simulation = Simulation(block(dtype="float32", effects=(Gravity(acceleration=(0.0, -1.0, 0.0)),)), "numpy")
-        for _ in range(5):
-            simulation.step()
-        found.append(simulation.field("position"))
+        found.append(advanced(simulation, 5).field("position"))
     assert (found[0] == found[1]).all()
 
 

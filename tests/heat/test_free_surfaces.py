@@ -1,6 +1,5 @@
 """A thin insulated body conducts along itself as its material does, and heat is kept."""
 
-import itertools
 import math
 
 import numpy as np
@@ -8,6 +7,7 @@ import pytest
 from scipy.special import erfc
 
 from refsim import Box, Cloud, HeatConduction, Scene, Simulation, WeaklyCompressible
+from tests.running import advanced
 
 CELLS = 16
 
@@ -83,9 +83,7 @@ def test_turned_and_uneven_strips_conduct_alike():
     expected, _ = rate(run)
     again = bar(straight, 2, 2.5, {"scheme": "explicit"})
     again.set_field("position", turned)
-    for _ in range(6):
-        again.step()
-    assert again.field("temperature") == pytest.approx(run.field("temperature"), abs=1e-9)
+    assert advanced(again, 6).field("temperature") == pytest.approx(run.field("temperature"), abs=1e-9)
     assert rate(bar(moved, 2, 2.5, {"scheme": "explicit"}))[0] == pytest.approx(expected, rel=0.015)
 
 
@@ -105,9 +103,7 @@ def test_copper_heats_a_thin_bar_of_steel():
             dim=2, dtype="float64", spacing=d, support_radius=2.5 * d, step=0.25, effects=(heat,),
             fluid=(Box(cells=(n, 3, 1)), Box(lower=(n * d, 0.0, 0.0), cells=(n, 3, 1))),
         )  # fmt: skip
-        run = Simulation(scene, "numpy")
-        for _ in range(16):
-            run.step()
+        run = advanced(Simulation(scene, "numpy"), 16)
         x, t = run.field("position")[:, 0], run.field("temperature")
         places = np.unique(x.round(9))
         return float(np.interp((n * d) + 0.015, places, [t[abs(x - place) < 1e-7].mean() for place in places]))
@@ -137,9 +133,7 @@ def test_hard_places_keep_heat_and_range(kind):
         "numpy",
     )
     before = math.fsum(run.field("mass") * run.field("temperature"))
-    for _ in range(5):
-        run.step()
-    after = run.field("temperature")
+    after = advanced(run, 5).field("temperature")
     assert after.min() >= -1e-9
     assert after.max() <= 100 + 1e-9
     assert math.fsum(run.field("mass") * after) == pytest.approx(before, rel=1e-13)
@@ -186,12 +180,8 @@ def test_a_liquid_and_a_resumed_run_are_compensated_alike(tmp_path):
         fluid=(Box(cells=(6, 3, 1), velocity=(1.0, 0.0, 0.0)), Box(lower=(0.6, 0.0, 0.0), cells=(6, 3, 1))),
         effects=(WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=1.0), heat),
     )  # fmt: skip
-    run = Simulation(scene, "numpy")
-    for _ in range(4):
-        run.step()
+    run = advanced(Simulation(scene, "numpy"), 4)
     run.checkpoint(tmp_path / "half")
-    again = Simulation.resume(tmp_path / "half")
-    for one, _ in itertools.product((run, again), range(4)):
-        one.step()
-    assert (run.field("temperature") == again.field("temperature")).all()
+    again = advanced(Simulation.resume(tmp_path / "half"), 4)
+    assert (advanced(run, 4).field("temperature") == again.field("temperature")).all()
     assert run.field("temperature")[:18].mean() < 50.0

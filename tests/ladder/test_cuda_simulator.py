@@ -21,6 +21,7 @@ from refsim.engine.binding import step_launches
 from refsim.neighbours.reference import neighbour_list, pair_blocks
 from refsim.study.memory import bytes_of
 from tests.across import test_composition as composition
+from tests.running import advanced
 
 pytestmark = pytest.mark.skipif(
     not runtime.simulated(), reason="runs in the CUDA simulator only: set NUMBA_ENABLE_CUDASIM=1 NUMBA_DISABLE_JIT=1"
@@ -540,11 +541,6 @@ def test_run_follows_the_references_and_repeats_bit_for_bit(scene, dtype, steps,
             assert np.abs(values - oracle.field(name)).max() <= tolerance * largest, name
 
 
-def advance(simulation, steps):
-    for _ in range(steps):
-        simulation.step()
-
-
 def test_an_audit_of_the_energy_is_the_cpus():
     """Every second step, with cohesion, of which pairs are summed."""
     audited = msgspec.structs.replace(droplet("float64"), energy_audit=rs.EnergyAudit(every=2, bound=1e6))
@@ -574,7 +570,7 @@ def test_run_of_a_crushed_liquid_is_noted_and_stops_as_on_the_host():
     oracle, run = rs.Simulation(scene, "numpy"), rs.Simulation(scene, "cuda")
     for each in (oracle, run):
         with pytest.raises(rs.RunStopped) as stopped:
-            advance(each, 30)
+            advanced(each, 30)
         assert stopped.value.reason == "compressed"
     assert 1 < run.steps == oracle.steps
     assert run.notes == oracle.notes
@@ -612,7 +608,7 @@ def test_run_of_mpm_under_tension_watches_its_crowding():
     )  # fmt: skip
     oracle, run = rs.Simulation(scene, "cpu"), rs.Simulation(scene, "cuda")
     for s in (oracle, run):
-        advance(s, 2)
+        advanced(s, 2)
     for name in ("position", "volume_ratio", "deformation", "crowding", "greatest_crowding"):
         expected = oracle.field(name)
         assert np.abs(run.field(name) - expected).max() <= 1e-12 * np.abs(expected).max(), name
@@ -637,7 +633,7 @@ def test_run_of_mpm_under_tension_in_every_way_is_the_cpus(parameters):
     )  # fmt: skip
     oracle, run = rs.Simulation(scene, "numpy"), rs.Simulation(scene, "cuda")
     for s in (oracle, run):
-        advance(s, 2)
+        advanced(s, 2)
     for name in ("position", "volume_ratio", "crowding"):
         expected = oracle.field(name)
         assert np.abs(run.field(name) - expected).max() <= 1e-12 * np.abs(expected).max(), name
@@ -696,9 +692,7 @@ def test_slow_motion_and_forces_far_away_are_those_of_the_references(far):
     runs = [rs.Simulation(scene, name) for name in ("cuda", "numpy")]
     start = runs[0].field("position").astype(float)
     for run in runs:
-        for _ in range(5):
-            run.step()
-        run.evaluate()
+        advanced(run, 5).evaluate()
     for name in ("density", "acceleration"):
         assert runs[0].field(name) == pytest.approx(runs[1].field(name), rel=1e-4, abs=1e-3)
     cuda, reference = (
@@ -735,7 +729,7 @@ def test_a_profiled_run_is_the_same_run_and_names_every_pass():
         rs.Simulation(dam_break("float32"), "cuda"), rs.Simulation(dam_break("float32"), "cuda", profile=True),
     )  # fmt: skip
     for run in (plain, profiled):
-        advance(run, 3)
+        advanced(run, 3)
     for name in plain.fields:
         assert np.array_equal(plain.field(name), profiled.field(name)), name
     assert "step" in plain.timings.stages
@@ -800,10 +794,7 @@ def test_passes_that_need_nothing_of_each_other_may_come_in_any_order(monkeypatc
     runs = []
     for order in (device.launch_after, last_first):
         monkeypatch.setattr(device, "launch_after", order)
-        run = rs.Simulation(STEPPED[name], "cuda")
-        for _ in range(3):  # in the first one calls are launched one by one
-            run.step()
-        runs.append(run)
+        runs.append(advanced(rs.Simulation(STEPPED[name], "cuda"), 3))  # the first launches calls one by one
     assert any(turned)
     for field in runs[0].plan.fields:
         np.testing.assert_array_equal(runs[1].field(field), runs[0].field(field), err_msg=field)

@@ -196,8 +196,7 @@ def test_a_density_that_is_told_wrong_returns_to_the_counted_one(excess):
     )  # fmt: skip
     simulation = rs.Simulation(scene, "numpy")
     simulation.set_field("advanced_excess", np.full(64, excess))
-    for _ in range(50):
-        simulation.step()
+    advanced(simulation, 50)
     left = math.exp(-0.01 * 20.0 / 0.26 * (simulation.time - 1e-3))  # the last step's density is the next one's
     assert simulation.field("advanced_excess") == pytest.approx(np.full(64, excess * left), rel=1e-4)
 
@@ -262,10 +261,6 @@ def without_walls(**changes):
             effects=(rs.WeaklyCompressible(sound_speed=10.0, **changes),),
         )
     )  # fmt: skip
-
-
-def with_effects(*effects):
-    return lambda: make_plan(tank(6, 2.6, 2, effects=effects))
 
 
 def test_walls_that_do_not_hold_the_liquid_are_noted():
