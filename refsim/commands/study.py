@@ -25,7 +25,7 @@ DESCRIPTION = """Run a scene at several spacings, and with every other setting c
 observable is, where its error comes from, and which setting is the cheapest for an error. Each run's result is kept in
 the study's folder, so that the same command goes on where it was stopped. The name of a panel (refsim advise lists
 them) stands for its packaged scene and observable; --points measures the panel's settings anew, beside those on
-file. A panel whose particles no box or ball gives is measured so without it."""
+file. Panels whose particles are not a box or a ball are measured in the same way without --points."""
 FAILED = 3
 GIVEN = ("levels", "finer", "ratio", "error", "reaches", "backend", "threads", "scheduler")  # as `study` takes them
 
