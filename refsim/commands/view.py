@@ -6,7 +6,7 @@ import webbrowser
 from pathlib import Path
 
 from refsim.commands import CommandResult, command, in_bytes, takes
-from refsim.core.writing import output_path, writing
+from refsim.core.writing import output_path
 
 DESCRIPTION = (
     "Show a run in the browser: turn, play, colour by any field, clip. With --html the page is written to a file, which"
@@ -27,9 +27,8 @@ def execute(options: argparse.Namespace) -> CommandResult:
     given = None if options.html is None else output_path(options.html, "page")
     page = view(options.run, options.frames, fields)
     path = given or Path(tempfile.mkdtemp(prefix="refsim_")) / "view.html"
-    with writing("page", path, "nothing is left of it"):
-        page.save(path)
-    size = path.stat().st_size
+    page.save(path)
+    size = len(page.html.encode())
     words = f"{path}  {in_bytes(size)}"
     if page.left_out:
         words += f"\nfields left out: {', '.join(page.left_out)}; --fields selects others"

@@ -25,7 +25,7 @@ from refsim.core.locks import unlock
 from refsim.core.writing import Content, remove_stale_temporaries, replace_file, replace_files, writing
 from refsim.io.checkpoint import checkpoint_bytes, read_checkpoint
 from refsim.io.scenes import scene_to_checkpoint
-from refsim.io.vtp import DTYPES, Head, read_arrays, read_head, vtp_bytes
+from refsim.io.vtp import DTYPES, Head, head_of, read_arrays, read_head, vtp_bytes
 
 if TYPE_CHECKING:
     from refsim.scene.plan import Plan
@@ -175,7 +175,7 @@ class ParticleWriter:
             if given != kinds:
                 raise ValueError(f"the frame has the fields {_field_list(given)}, the run writes {_field_list(kinds)}")
         number = int(self._heads[-1].path.stem) + 1 if self._heads else 0
-        files: dict[Path, Content] = {
+        files = {
             self.folder / f"{number + k:06d}.vtp": vtp_bytes(frame.position, frame.fields, float(frame.time))
             for k, frame in enumerate(frames)
         }
@@ -189,7 +189,7 @@ class ParticleWriter:
             else:
                 replace_files(files)
             self._afresh = False
-            heads = [*self._heads, *map(read_head, files)]
+            heads = [*self._heads, *(head_of(file, content, len(content)) for file, content in files.items())]
             self._write_collection(heads)
         self._heads = heads
 

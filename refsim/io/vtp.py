@@ -113,6 +113,11 @@ def read_head(path: Path) -> Head:
             size = os.fstat(file.fileno()).st_size
     except OSError as error:
         raise InputError(f"frame {path} cannot be read ({error.strerror}); {ADVICE}.") from None
+    return head_of(path, text, size)
+
+
+def head_of(path: Path, text: bytes | bytearray, size: int) -> Head:
+    """The head of a file of `size` bytes that begins with `text`. Raises InputError as `read_head` does."""
     found = HEAD.match(text)
     if found is None:
         raise InputError(f"frame {path} is damaged, or not of refsim (it does not begin as one); {ADVICE}.")

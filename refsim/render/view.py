@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim.core.errors import InputError
-from refsim.core.writing import replace_file
+from refsim.core.writing import write_file
 from refsim.io.frames import Frame
 from refsim.render.looks import MAP, OBSTACLE, level_axes, liquid_colour, solid_colour
 from refsim.render.saved_run import SavedRun, chosen_frames, open_run, usual_range
@@ -40,8 +40,8 @@ class View:
     left_out: tuple[str, ...] = ()
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write the page to a file."""
-        replace_file(Path(path), self.html.encode())
+        """Write the page to a file. Raises as `refsim.core.writing.write_file` does."""
+        write_file(path, self.html, "page")
         return Path(path)
 
     def _repr_html_(self) -> str:

@@ -1,9 +1,12 @@
 """Commands on full disks and through links: one sentence, and nothing half-written."""
 
 import errno
+import io
 import json
 import os
 import pathlib
+import re
+import shutil
 import subprocess
 import sys
 
@@ -132,6 +135,46 @@ def test_an_older_file_stays_whole_whatever_is_refused(ran, capsys, disk, name, 
         assert (ran / "precious").read_bytes() == old  # the link was not followed
     assert outcome == 0
     assert allowed > 2
+
+
+INTO = {  # words of commands that write into the folder "out", which is there
+    "view": ["view", "run", "--html", "out/page.html"],
+    "render": ["render", "run", "--gauges", "-o", "out/plots.png"],
+    "example": ["example", "droplet", "--output", "out", "--overwrite"],
+    "run": ["run", "tank.toml", "--backend", "numpy", "--quiet", "--until", "5e-4", "--output", "out"],
+}
+
+
+@pytest.mark.parametrize("name", INTO)
+def test_a_folder_that_vanishes_is_told(ran, capsys, disk, name):
+    """Before the first, second, ... open, write, rename or fsync it is removed: one sentence that says so, or all
+    is written already."""
+    allowed, unharmed, outcomes = 0, False, set()
+    while not unharmed:
+        shutil.rmtree("out", ignore_errors=True)
+        os.mkdir("out")
+        disk.space, disk.error = allowed, lambda: shutil.rmtree("out", ignore_errors=True)
+        outcomes.add(outcome := main(INTO[name]))
+        unharmed, disk.space = disk.space >= 0, 10**9
+        err = re.sub("^note: .*\n", "", capsys.readouterr().err, flags=re.MULTILINE)
+        assert not list(ran.rglob("*.tmp"))
+        assert outcome == 2 or (outcome, "Traceback" in err) == (0, False)
+        if outcome:
+            assert "(No such file or directory); give a" in one_sentence(err)
+        allowed += 1
+    assert (outcome, outcomes, allowed > 5) == (0, {0, 2}, True)
+
+
+def test_a_disk_that_takes_a_little_at_a_time_gets_all(ran, monkeypatch):
+    class Slow(io.FileIO):
+        def write(self, data):
+            return super().write(data[:4097])
+
+    assert main(INTO["view"][:-1] + ["page.html"]) == 0
+    monkeypatch.setattr(writing, "open", lambda path, mode, buffering: Slow(path, mode.replace("b", "")), raising=False)
+    assert main(INTO["view"][:-1] + ["slow.html"]) == 0
+    assert (ran / "slow.html").read_bytes() == (ran / "page.html").read_bytes()
+    assert (ran / "page.html").stat().st_size > 2 * 4097
 
 
 @posix

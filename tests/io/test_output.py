@@ -139,7 +139,7 @@ def test_a_new_run_takes_the_place_of_the_old_one_with_its_first_frame(tmp_path,
         assert_files(path, [frame(step) for step in range(3)])
         disk.error = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         new = (5.0, np.zeros((2, 3)), {"a": np.arange(2, dtype="int32")})
-        for disk.space in range(4):  # the writes and fsyncs of both files
+        for disk.space in range(6):  # the opens, writes and fsyncs of both files
             with pytest.raises(RunStopped, match="disk is full"):
                 write_frames(writer, [new])
             assert_files(path, [frame(step) for step in range(3)])
