@@ -97,9 +97,7 @@ class DeviceReconstruction(Reconstruction):
         graph = self._graph
         if self.reused and graph is not None and samples is graph.samples and blocks is graph.blocks:
             return graph.force()
-        force = self._empty((nodes(blocks), 3))
-        self._run("surface_force", samples.position, samples.area, samples.normal, blocks, self.term, force)
-        return force
+        return super().force(samples, blocks)
 
     def sample_counts(self, nearest: Any, count: int) -> Any:
         xp, seen, wrapped = self.backend.library()
