@@ -12,7 +12,7 @@ from refsim.surface_energy.reference import share
 
 
 def repulsion(r, inverse_width):
-    """P3: Omega = exp(-r^2/w^2) of particles r [m] apart, dimensionless; v = sum_l Omega (x - x_l)/|x - x_l|."""
+    """P4: Omega = exp(-r^2/w^2) of particles r [m] apart, dimensionless; v = sum_l Omega (x - x_l)/|x - x_l|."""
     return np.exp(-(r**2) * inverse_width)
 
 
@@ -25,11 +25,11 @@ def direction(i, j, seed):
 
 
 def tangential(v, n):
-    """P3 with E24: v_t = (I - n n^T) v, dimensionless."""
+    """P4 with E24: v_t = (I - n n^T) v, dimensionless."""
     return v - (v * n).sum(1)[:, None] * n
 
 
 def held(move, longest):
-    """P4: x <- x + lambda r v_t - phi n; the first step [m], of at most the longest length."""
+    """P3, P4: x <- x + lambda r v_t - phi n; the first step [m], of at most the longest length."""
     length = np.linalg.norm(move, axis=1)[:, None]
     return np.where(length > longest, move * (longest / np.maximum(length, longest)), move)
