@@ -24,6 +24,7 @@ from refsim.scene.solids import SolidBox
 from refsim.sph import Gravity, WeaklyCompressible
 from validation.laws.scenes import Drawn
 from validation.laws.units import Unit, scaled, units_of, with_effect, without
+from validation.running import take_steps
 
 STEPS = 8
 AMPLIFIED = 1e8
@@ -61,8 +62,7 @@ def law(name: str) -> Callable[[Any], Any]:
 def run(scene: Scene, backend: str, steps: int = STEPS) -> Simulation:
     """The scene after some steps."""
     simulation = Simulation(scene, backend, threads=1 if backend == "cpu" else None)
-    for _ in range(steps):
-        simulation.step()
+    take_steps(simulation, steps)
     return simulation
 
 
@@ -262,8 +262,7 @@ def _momentum(drawn: Drawn, backend: str, what: str, of: Callable[[Any, Any], An
         return each.sum(0), float(np.abs(each).sum())
 
     before, size = total()
-    for _ in range(STEPS):
-        simulation.step()
+    take_steps(simulation, STEPS)
     after, later = total()
     return Found(float(np.abs(after - before).max()) / max(size, later), 1e-11, what.replace("_", " "))
 
@@ -278,8 +277,7 @@ def heat(drawn: Drawn, backend: str) -> Found | None:
     temperature = drawn.random().uniform(0, 100, simulation.count)
     simulation.set_field("temperature", temperature)
     before = conduction_sum(simulation)
-    for _ in range(STEPS):
-        simulation.step()
+    take_steps(simulation, STEPS)
     return Found(abs(conduction_sum(simulation) / before - 1), 1e-9, "temperatures at random")
 
 
@@ -414,8 +412,7 @@ def strip(drawn: Drawn, backend: str) -> Found:
         return float((mode * (simulation.field("temperature").astype(float) - 50)).sum())
 
     start = amplitude()
-    for _ in range(4):  # backward Euler is 0.1 % off in such steps
-        simulation.step()
+    take_steps(simulation, 4)  # backward Euler is 0.1 % off in such steps
     found = -math.log(amplitude() / start) / simulation.time
     exact = (math.pi / (along * d)) ** 2 * diffusivity
     return Found(abs(found / exact - 1), 0.02, f"{along} x {across} cells, h = {h / d:.2f} d", scene)
@@ -432,8 +429,7 @@ def free_fall(drawn: Drawn, backend: str) -> Found | None:
         return None
     m = simulation.field("mass").astype(float)[:, None]
     start = (m * simulation.field("velocity").astype(float)).sum(0) / m.sum()
-    for _ in range(STEPS):
-        simulation.step()
+    take_steps(simulation, STEPS)
     end = (m * simulation.field("velocity").astype(float)).sum(0) / m.sum()
     exact = np.array(gravity.acceleration) * (simulation.time - step / 2)  # velocities are those of half a step before
     size = float(np.abs(simulation.field("velocity")).max())
@@ -454,8 +450,7 @@ def resumed(drawn: Drawn, backend: str) -> Found:
     with tempfile.TemporaryDirectory() as folder:
         part.checkpoint(Path(folder) / "checkpoint.h5")
         resumed = Simulation.resume(Path(folder) / "checkpoint.h5", backend=backend)
-    for _ in range(STEPS - first):
-        resumed.step()
+    take_steps(resumed, STEPS - first)
     return Found(apart(places(whole), places(resumed)), 0.0, f"resumed after {first} steps")
 
 
