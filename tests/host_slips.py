@@ -43,7 +43,8 @@ COMPILED = ("formulas", "kernels", "reference", "cases", "operations")  # judged
 
 
 def functions(package: str) -> Iterator[types.FunctionType]:
-    """The functions and methods of a package's host code."""
+    """The functions and methods of a package's host code, each once."""
+    found: set[types.CodeType] = set()
     for path in sorted((ROOT / "refsim" / package).rglob("*.py")):
         name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
         if path.stem.startswith(COMPILED) or path.stem.endswith("_cuda"):
@@ -53,7 +54,9 @@ def functions(package: str) -> Iterator[types.FunctionType]:
             for value in vars(owner).values():
                 value = value.fget if isinstance(value, property) else getattr(value, "__func__", value)
                 value = inspect.unwrap(value) if callable(value) else value
-                if isinstance(value, types.FunctionType) and value.__code__.co_filename == str(path):
+                own = isinstance(value, types.FunctionType) and value.__code__.co_filename == str(path)
+                if own and value.__code__ not in found:
+                    found.add(value.__code__)
                     yield value
 
 
