@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.validation.test_validation import draw_line as drawn
 from validation.checks import CLAIM, FAIL, PASS, SHOWN, Check, read_all
 from validation.experiment import Experiment, Options, Picture, Run, discover
 from validation.perform import perform
@@ -31,14 +32,6 @@ def load_script():
 
 def computed(context, value):
     return Result({"value": value}, {"line": np.arange(value)})
-
-
-def drawn(data):
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(figsize=(2, 2))
-    axes.plot(data["line"])
-    return figure
 
 
 def made_up(name="fake", verdict=PASS, checks=1, runs=1):
