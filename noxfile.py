@@ -22,6 +22,7 @@ PYTEST = (*PYTHON, "-m", "pytest", "-q")
 NIGHT = {  # minutes, and the command
     "slow": (240, (*PYTEST, "-m", "slow", "--ignore", SLIPS)),
     "slips": (240, (*PYTEST, "-m", "slow", "-n", CORES, SLIPS)),
+    "host_slips": (240, (*PYTHON, "tests/host_slips.py", "--count", "300", "--seed", SEED, "--jobs", CORES)),
     "laws": (130, (*VALIDATION, "laws", "--minutes", "110", "--seed", SEED)),
     "attack": (75, (*VALIDATION, "attack", "--minutes", "60", "--seed", SEED)),
     "peers": (180, (*VALIDATION, "run", "boundary", "mpm_droplet", "surface_reconstruction", "timing", "--peers")),
@@ -32,14 +33,18 @@ NIGHT = {  # minutes, and the command
     "linkcheck": (20, (*PYTHON, "-m", "sphinx", "-q", "-b", "linkcheck", "docs", "build/linkcheck")),
 }
 TOOLS = ("pytest>=8", "pytest-xdist>=3.6", "pytest-benchmark>=4")  # configured in pyproject.toml
-TESTS = ("tests/journeys", "tests/smoothing", "tests/io/test_checkpoint.py", "tests/scene/test_checked.py")
+OF_TOOLS = (  # tests that import packages of the extra "test", beside OF_EXTRAS
+    "tests/across", "tests/io/test_output.py", "tests/isosurface", "tests/validation/test_attack.py",
+    "tests/validation/test_laws.py",
+)  # fmt: skip
 OF_EXTRAS = (
     "tests/contract/test_examples.py", "tests/contract/test_whole_runs.py", "tests/cluster", "tests/render",
     "tests/io/test_results.py", "tests/across/test_site.py",
 )  # fmt: skip
+EXAMPLES = ("cohesion", "dam_break_2d", "droplet", "melting", "mesh_boundary", "mpm_droplet", "water_drop")
 BESIDE = ("tests", "validation", "scripts", "docs", "figures", "pyproject.toml", "setup.cfg", "README.md", ".gitignore")
 
-PYTHONS = ("3.11", "3.12", "3.13")  # the oldest is that of setup.cfg
+PYTHONS = ("3.11", "3.12", "3.13", "3.14")  # the oldest is that of setup.cfg; the lowest NumPy is made for two of them
 
 nox.options.sessions = ["nightly"]
 nox.options.error_on_missing_interpreters = False
@@ -63,7 +68,8 @@ for _name in NIGHT:
 @nox.session(venv_backend="none")
 def nightly(session: nox.Session) -> None:
     """Every task of the night, and the environments."""
-    for name in (*NIGHT, *(f"environments-{version}" for version in PYTHONS), "lowest", "newest", "extras"):
+    lowest_too = (f"lowest-{version}" for version in PYTHONS[:2])
+    for name in (*NIGHT, *(f"environments-{version}" for version in PYTHONS), *lowest_too, "newest", "extras"):
         session.notify(name)
 
 
@@ -76,10 +82,12 @@ def settings() -> configparser.ConfigParser:
 
 def installed(
     session: nox.Session, tests: tuple[str, ...], extras: str, *packages: str, newest: tuple[str, ...] = ()
-) -> None:
+) -> dict[str, str | None]:
     """Install the wheel with an extra, and test it from a copy of the repository without refsim/.
 
     newest  packages that are then replaced by their newest versions, whatever the wheel allows
+
+    Returns the environment's variables.
     """
     folder = Path(session.create_tmp()).resolve()
     session.run("python", "-m", "pip", "wheel", "-q", "--no-deps", "-w", str(folder), ".")
@@ -98,25 +106,42 @@ def installed(
     around = {"REFSIM_CACHE_DIR": str(folder / "cache"), "PYTHONPATH": None}
     session.run("python", "-m", "refsim", "doctor", env=around)
     session.run("python", "-m", "pytest", "-q", "-p", "no:cacheprovider", *tests, env=around)
+    return around
+
+
+def least(session: nox.Session, *versions: str) -> None:
+    """Suite, lessons, examples and damaged meshes with the wheel and the packages alone that it requires."""
+    left_out = (f"--ignore={path}" for path in (*OF_EXTRAS, *OF_TOOLS))
+    around = installed(session, ("tests", *left_out), "", *TOOLS, *versions)
+    session.run("python", "scripts/lessons.py", env=around)
+    made = str(Path(session.create_tmp()).resolve() / "examples")
+    for name in EXAMPLES:
+        session.run("python", "-m", "refsim", "example", name, "--output", made, "--overwrite", env=around)
+        begin = ("-m", "refsim", "run", f"{made}/{name}.toml", "--output", f"{made}/{name}", "--overwrite", "--quiet")
+        session.run("python", *begin, "--until", "1e-3", env=around)
+    session.run("python", "tests/boundary/damaged_meshes.py", "--count", "5000", "--seed", SEED, env=around)
 
 
 @nox.session(python=PYTHONS)
 def environments(session: nox.Session) -> None:
-    """The wheel with each Python and the newest dependencies."""
-    installed(session, TESTS, "", *TOOLS)
+    """What `least` does, with each Python and the newest versions."""
+    least(session)
 
 
-@nox.session(python=PYTHONS[0])
+@nox.session(python=PYTHONS[:2])
 def lowest(session: nox.Session) -> None:
-    """The wheel with the lowest versions that setup.cfg allows."""
+    """What `least` does, with the lowest versions that setup.cfg allows."""
     lines = settings()["options"]["install_requires"].split()
-    installed(session, TESTS, "", *TOOLS, *(line.replace(">=", "==") for line in lines))
+    least(session, *(line.partition(",")[0].replace(">=", "==") for line in lines))
 
 
 @nox.session(python=PYTHONS[-1])
 def newest(session: nox.Session) -> None:
     """The wheel with the newest Numba, beyond the bound of setup.cfg, which is raised where this passes."""
-    tests = (*TESTS, "tests/backends", "tests/ladder/test_pairing.py")
+    tests = (
+        "tests/journeys", "tests/smoothing", "tests/io/test_checkpoint.py", "tests/backends",
+        "tests/ladder/test_pairing.py",
+    )  # fmt: skip
     installed(session, tests, "", *TOOLS, newest=("numba", "llvmlite"))
 
 
