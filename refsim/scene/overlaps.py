@@ -10,11 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY
 from refsim.winding_number import by_halves, clusters
 
 AT_ONCE = 1 << 19  # pairs of boxes or triangles compared in one array
 PARALLEL = 0.01  # sine of the angle between planes of triangles that lie in one plane but for rounding
+PIECES, PIECES_EACH = 1_000, 50  # into which triangles that meet may be cut: in all, and more for each of them
 BESIDE = 4.0  # tolerances from a piece to the points on its two sides
 
 
@@ -160,13 +162,15 @@ def _near_pairs(corners: np.ndarray, tolerance: float) -> Iterator[np.ndarray]:
 
 
 def boundary(
-    vertices: np.ndarray, faces: np.ndarray, meet: Meetings, tolerance: float
+    vertices: np.ndarray, faces: np.ndarray, meet: Meetings, tolerance: float, name: str
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The pieces of a mesh's triangles that bound the solid, wound counterclockwise as seen from outside.
 
     tolerance  [m] below which corners are one place and triangles lie in one plane
+    name       of the mesh, in messages
 
     Returns (vertices (v, 3) [m], faces (t, 3), triangle each comes from (t,), whether that one meets another (t,)).
+    Raises InputError where triangles cut each other into too many pieces, as in a crumpled or flattened mesh.
     """
     corners, pairs = vertices[faces], meet.pairs
     meeting = np.zeros(len(faces), bool)
@@ -183,10 +187,17 @@ def boundary(
         for own, others in ((s, t), (t, s)):
             cuts[own] += list(corners[others][[[0, 1], [1, 2], [2, 0]]]) if flat else [ends]
         lower[t] += [s] * flat
-    polygon = [
-        (points, t) for t in cuts for points in _cut(corners[t], cuts[t], float(reach[t]))
-        if _width(points) > BESIDE * least[t]
-    ]  # fmt: skip
+    polygon: list[tuple[np.ndarray, int]] = []
+    left = most = PIECES + PIECES_EACH * len(cuts)
+    for t in cuts:
+        pieces = _cut(corners[t], cuts[t], float(reach[t]), left)
+        left -= len(pieces)
+        if left < 0:
+            raise InputError(
+                f"{name} has {len(cuts):,} triangles that meet others, and these cut each other into more than {most:,}"
+                " pieces; unite its bodies before it is exported."
+            )
+        polygon += [(points, t) for points in pieces if _width(points) > BESIDE * least[t]]
     edge, direction, _ = edge_numbers(faces)
     clean = (np.bincount(edge.ravel()) == 2) & (np.bincount(edge.ravel(), direction.ravel()) == 0)
     clean[edge[meeting]] = False
@@ -237,8 +248,8 @@ def joined(points: np.ndarray, tolerance: float) -> np.ndarray:
     return connected(len(first), pairs[:, 0], pairs[:, 1])[place.reshape(-1)]
 
 
-def _cut(corner: np.ndarray, segments: Sequence[np.ndarray], tolerance: float) -> list[np.ndarray]:
-    """Convex pieces (m, 3) of a triangle (3, 3), none of which a segment (2, 3) crosses."""
+def _cut(corner: np.ndarray, segments: Sequence[np.ndarray], tolerance: float, most: int) -> list[np.ndarray]:
+    """Convex pieces (m, 3) of a triangle (3, 3), none of which a segment (2, 3) crosses unless they are over `most`."""
     x = corner[1] - corner[0]
     x = x / np.linalg.norm(x)
     normal = np.cross(x, corner[2] - corner[0])
@@ -263,6 +274,8 @@ def _cut(corner: np.ndarray, segments: Sequence[np.ndarray], tolerance: float) -
                     half += [p] * (sign * sp >= 0) + [p + sp / (sp - sq or 1) * (q - p)] * (sp * sq < 0)
             kept += [np.array(half) for half in new]
         pieces = kept
+        if len(pieces) > most:
+            break
     return [corner[0] + piece @ frame for piece in pieces]
 
 

@@ -176,7 +176,7 @@ def surface_mesh(vertices: np.ndarray, faces: np.ndarray, source: str = "mesh", 
                 f" ({_counted(count, 'triangle meets', 'triangles meet')} others, the first near {first} of the file)"
             )
         said.append(f"inside is where the winding number exceeds 1/2{words}")
-        vertices, faces, kept, meeting = boundary(vertices, faces, meet, near)
+        vertices, faces, kept, meeting = boundary(vertices, faces, meet, near, name)
         lost = np.setdiff1d(np.flatnonzero(hole == 0), kept).size
         if lost:
             said.append(f"{_counted(lost, 'triangle')} with the solid on both sides or on neither left out")

@@ -2,6 +2,7 @@
 
 import json
 import os
+import random
 import subprocess
 import sys
 
@@ -15,9 +16,11 @@ from refsim.boundary.sampling import sample
 from refsim.boundary.signed_distance import signed_distance
 from refsim.boundary.signed_distance.cases import crossed
 from refsim.core.errors import InputError
+from refsim.scene import overlaps
 from refsim.scene.meshes import mesh_files, read_mesh
 from refsim.scene.overlaps import winding
 from refsim.winding_number.reference import solid_angles
+from tests.boundary import damaged_meshes
 
 BOX = trimesh.creation.box((1.0, 1.0, 1.0))
 BALL = trimesh.creation.icosphere(3)
@@ -261,6 +264,15 @@ def test_a_wall_with_a_hole_is_open_in_the_hole_only(kind):
     assert len(made.position) == pytest.approx(made.expected, abs=1)
 
 
+def test_triangles_that_cut_each_other_without_end_are_refused(monkeypatch):
+    """Crumpled or flattened, some hundred triangles make millions of pieces, which takes minutes."""
+    assert surface_mesh(*wall_with_a_hole("sheets")).notes
+    monkeypatch.setattr(overlaps, "PIECES", 10)
+    monkeypatch.setattr(overlaps, "PIECES_EACH", 0)
+    with pytest.raises(InputError, match="cut each other into more than 10 pieces; unite its bodies"):
+        surface_mesh(*wall_with_a_hole("sheets"))
+
+
 def test_clusters_are_the_winding_number():
     """Of a ball of 5,120 triangles, at points around it, and near two crossing balls."""
     ball = trimesh.creation.icosphere(4)
@@ -434,3 +446,19 @@ def test_faces_are_wound_alike_without_packages_that_nothing_requires():
     """One face, three, all or six of a box, alone and beside a whole one, where networkx cannot be imported."""
     done = subprocess.run([sys.executable, "-c", WINDS], capture_output=True, text=True, timeout=120)
     assert not done.returncode, done.stderr
+
+
+def test_a_campaign_of_damaged_meshes_tells_what_went_wrong(monkeypatch, capsys):
+    """The least of it; a reader that raises, refuses a whole body or takes another volume is found."""
+    assert damaged_meshes.campaign(12, seed=1) == 0
+    assert "12 meshes, seed 1:" in capsys.readouterr().out
+    drawn = [damaged_meshes.drawn(random.Random(f"1 {k}")) for k in range(12)]
+    kept = next(k for k, (_, _, _, volume) in enumerate(drawn) if volume is not None)
+    ball = surface_mesh(BALL.vertices * 9, BALL.faces)
+    for answer, words in (
+        (lambda path: 1 / 0, "ZeroDivisionError"), (lambda path: ball, "and the body has"),
+        (lambda path: load_mesh("none.stl"), "the whole body is refused"),
+    ):  # fmt: skip
+        monkeypatch.setattr(damaged_meshes, "load_mesh", answer)
+        assert damaged_meshes.campaign(12, seed=1, only=kept) == 1
+        assert words in capsys.readouterr().out
