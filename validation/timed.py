@@ -44,10 +44,7 @@ CUBES: dict[str, tuple[Any, ...]] = {
     "tartakovsky": (THIN, refsim.TartakovskyMeakin2005(surface_tension=0.5)),
     "normal_difference": (THIN, refsim.NormalDifference2014(area_acceleration=0.1)),
     "continuity": (refsim.WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=1.0),),
-    "shifting": (
-        refsim.WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=1.0), refsim.SurfaceDetection(each_step=True),
-        refsim.ParticleShifting(),
-    ),
+    "shifting": (refsim.WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=1.0), refsim.ParticleShifting()),
 }  # fmt: skip
 
 

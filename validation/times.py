@@ -207,7 +207,7 @@ FAST, AS_FAST = "G particle-steps/s", "relative"  # to the rate of FASTEST
 BESIDE = {  # words of the cubes that must be nearly as fast
     "detection": "with surface detection", "akinci": "Akinci", "dong": "Dong", "he": "He", "csf": "CSF",
     "becker": "Becker & Teschner", "tartakovsky": "Tartakovsky & Meakin", "normal_difference": "normal differences",
-    "continuity": "continuity", "shifting": "with detection and shifting",
+    "continuity": "continuity", "shifting": "with shifting",
 }  # fmt: skip
 LINES = (
     Line("Jiang & Zhu cohesion, 59,319 particles", "60k jiang_zhu", "ms a step", 0.08),

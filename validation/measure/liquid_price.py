@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from refsim import Box, BoxWalls, Gravity, ParticleShifting, Scene, Simulation, SurfaceDetection, WeaklyCompressible
+from refsim import Box, BoxWalls, Gravity, ParticleShifting, Scene, Simulation, WeaklyCompressible
 from refsim.core.writing import write_file
 from refsim.surface_tension.akinci_2013 import Akinci2013
 from validation.filling import replaced
@@ -36,7 +36,7 @@ TANKS: dict[str, tuple[float, dict[str, Any], Any, tuple[Any, ...]]] = {
     "and extrapolated walls": (2.6, CENTRAL, "extrapolated", ()),
     "the default": (2.6, {}, None, ()),
     "without diffusion": (2.6, {"diffusion": 0.0}, None, ()),
-    "with detection and shifting": (2.6, {}, None, (SurfaceDetection(each_step=True), ParticleShifting())),
+    "with shifting": (2.6, {}, None, (ParticleShifting(),)),
     "the papers' liquid with tension": (2.6, PAPERS, None, TENSION),
     "advanced, with Akinci's tension": (2.6, ADVANCED, None, TENSION),
     "without `restoring`": (2.6, {**ADVANCED, "restoring": 0.0}, None, TENSION),
