@@ -43,7 +43,7 @@ def installed(tmp_path_factory):
     """A folder with the package and its metadata, as pip leaves them."""
     folder = tmp_path_factory.mktemp("site")
     assert [name for name in FILES if name.endswith(".py")] == [
-        f"refsim_drag/{name}.py" for name in ("__init__", "reference", "kernels")
+        f"refsim_drag/{name}.py" for name in ("__init__", "operations", "kernels")
     ]
     (folder / "refsim_drag").mkdir()
     for name, text in FILES.items():
