@@ -1,7 +1,7 @@
 """T11: inputs drawn at random, the same for the same seed; the smallest that fails is kept as a file.
 
 Numbers of particles are those at which blocks, lanes and index types end. Extent, place, spacing, support radius,
-masses, walls, periods, the order of the particles, ghosts and the room in rows of neighbours are drawn, too.
+masses, walls, periods, the order of the particles, ghosts and the capacity of rows of neighbours are drawn, too.
 """
 
 import dataclasses

@@ -22,8 +22,8 @@ FUSED = {
     "(7), gradients of concentration and filling", outputs="filling_gradient concentration_gradient",
     optional="walls period filling_gradient", tolerance=16.0,
     reason="one rounding in each of distance, kernel and slope, and four in the power",
-    variants=("walls period filling_gradient", "period", ""), invariants="translation reordering",
-    programs=FUSED, packed="crowding_pair",
+    variants=("walls period filling_gradient", "period filling_gradient", "period", ""),
+    invariants="translation reordering", programs=FUSED, packed="crowding_pair",
 )  # fmt: skip
 def crowding(position, mass, density, walls, smoothing, shifting, period, rows=None):
     """Gradients of the concentration and of the filling [1/m], over liquid and walls."""

@@ -37,7 +37,7 @@ def bytes_of(plan: Plan, backend: str) -> dict[str, int]:
 def check_memory(plan: Plan, backend: str) -> None:
     """Raises InputError where a run takes more memory than the machine has, with the spacing that fits.
 
-    On a GPU the host holds the fields alone: what the device has no room for stops the run.
+    On a GPU the host holds the fields alone: what the device has no memory for stops the run.
     """
     found = bytes_of(plan, backend)
     each = (found["fields"] if backend == "cuda" else found["total"]) / plan.grid.count
