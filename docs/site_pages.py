@@ -19,6 +19,7 @@ UNIT = re.compile(r"(?<=\d) (?=(?:[munk]?s|[KMG]iB|degrees|d|h|m|mm)\b|%)")
 CODE = re.compile(r"^(```.*?^```[^\n]*$)", re.MULTILINE | re.DOTALL)
 NAVIGATION = {
     "Begin": ("sph_by_hand", "mpm_by_hand", "scene_files", "results", "study", "sweep", "gallery"),
+    "Lessons": ("lessons",),
     "Liquids and walls": ("sph", "liquid", "iisph", "walls", "motions", "meshes", "gauges"),
     "Surface tension": ("surface_detection", "jiang_zhu_2023", "dong_2016", "models", "sigma_map"),
     "Solids, heat, melting": ("shape_matching", "two_way_coupling", "heat", "melting"),
@@ -27,7 +28,6 @@ NAVIGATION = {
         "equations", "errata", "refuted", "checks", "solutions", "accuracy_cost", "effects_cost", "laws", "stability",
         "energy_audit",
     ),
-    "Lessons": ("lessons",),
     "Contract": ("contract", "vectors"),
     "Contributing": ("contributing", "api", "changelog"),
     "Guarantees": ("guarantees", "public_names"),

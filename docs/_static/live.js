@@ -63,6 +63,8 @@ const Live = (() => {
     {"°": 1, degrees: 1, rad: 180 / Math.PI},
     {particles: 1, particle: 1},
     {spacings: 1, spacing: 1, d: 1},
+    {kPa: 1, Pa: 0.001},
+    {"kg/(m s)": 1},
   ];
 
   // The number that was written, such as 0.5, 0,5, 3/16 or 12 cm, in a unit; NaN for anything else, another unit too.

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from refsim import Cloud, Scene, Simulation, SurfaceDetection, WeaklyCompressible
+from refsim.examples import sph_by_hand
 from refsim.smoothing import smoothing
 from refsim.smoothing.reference import kernel_value
 from refsim.surface_detection import plane_moment
@@ -240,3 +241,85 @@ def test_particles_follow_mouse_finger_and_arrow_keys(opened):
     moved = (compare(browser) - before) / D
     assert moved[4] == pytest.approx((-0.3, 0.3))
     assert "Particle 5." in browser.value(SAID)
+
+
+def test_the_liquid_is_that_of_the_program(opened):
+    """200 steps of the hundred lines in Python; the energy never rises while the column collapses for a second."""
+    browser = opened("liquid_5_viscosity_in_the_browser")
+    times, _, places, energies = sph_by_hand.dam_break(until=200 * sph_by_hand.STEP, report=lambda _: None, every=200)
+    browser.value("liquid = Liquid.advance(Liquid.create(), 200), 0")
+    time, found, energy = browser.value("[liquid.time, Array.from(liquid.x.slice(0, 400)), Liquid.energy(liquid)]")
+    assert (len(times), time) == (200, pytest.approx(times[-1]))
+    np.testing.assert_allclose(np.reshape(found, (-1, 2)), places, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(energy, energies[-1], rtol=1e-6)
+    browser.value("for (let k = 0; k < 150; k++) LiquidPage.advance(10)")
+    time, energy = np.array(browser.value("LiquidPage.state.curve")).T
+    assert time[-1] > 0.97
+    assert np.diff(energy).max() < 0
+
+
+MEASURED = """
+    const start = some => Liquid.create({...PAGES[page].start, ...some});
+    const after = (some, seconds) => {
+        const made = start(some);
+        while (made.time < seconds) Liquid.advance(made);
+        return made;
+    };
+    const sum = values => values.reduce((a, b) => a + b, 0), total = made => sum(Liquid.energy(made));
+    const energy = (some, seconds) => total(after(some, seconds)) / total(start(some));
+    const weights = (some, k) => LiquidPage.around(start(some), k).total;
+    const explodes = some => [0.5, 1, 1.5, 2, 3, 4, 5, 6].find(step => energy({...some, step}, 0.3) > 2);
+"""
+LIQUID = {  # what each question of a page asks for, by the page's liquid; particle 6 is in the middle of an edge
+    "sum": (
+        "Math.hypot(...LiquidPage.around(start({}), 105).gradient)",
+        "Liquid.weight(start({}), 0) * 0.05 ** 2", "100 * (weights({kernel: 'spiky'}, 105) - 1)",
+    ),
+    "surface": ("weights({}, 6)", "weights({}, 0)", "weights({ratio: 3.2}, 6)", "1600 * (weights({}, 6) - 1)"),
+    "pressure": ("1 / 3", "Math.hypot(...Liquid.momentum(after({}, 0.1)))", "100 * (energy({form: 'plain'}, 0.1) - 1)"),
+    "walls": ("0.375", "100 * energy({}, 0.5)", "100 * energy({walls: 'particle', viscosity: 0}, 0.5)"),
+    "viscosity": ("100 * energy({}, 0.5)", "explodes({})", "explodes({viscosity: 2})"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("page", LIQUID)
+def test_answers_about_the_liquid_are_those_that_it_gives(opened, page):
+    browser = opened(f"liquid_{1 + list(LIQUID).index(page)}_{page}_in_the_browser")
+    exact = browser.value(f"(page => {{ {MEASURED} return [{', '.join(LIQUID[page])}]; }})('{page}')")
+    questions = browser.value(f"PAGES.{page}.questions")
+    assert len(questions) == len(exact)
+    for number, (one, value) in enumerate(zip(questions, exact), 1):
+        assert answered(browser, number, f"{value:.9f}", number % 2).startswith("Right. ")
+        wrong = [answered(browser, number, str(least), number % 2) for least, _, _ in one["wrong"]]
+        assert wrong == [f"Not yet. {says}" for _, _, says in one["wrong"]]
+        assert answered(browser, number, "-777", False) == f"Not yet. {one['hint']}"
+
+
+@in_each_width
+def test_a_particle_of_the_liquid_is_chosen_by_mouse_finger_and_keys(opened):
+    browser = opened("liquid_2_surface_in_the_browser")
+    x, y = browser.place("canvas")
+    metre = browser.value("document.querySelector('canvas').clientWidth")
+    for act, column in (
+        (browser.drag, 13),
+        (browser.touch, 0),
+    ):  # of the block's 14
+        act((x + (0.65 + 0.05 * (column + 0.5) - 1.0) * metre, y - (0.35 + 0.05 * 6.5 - 0.7) * metre))
+        assert browser.value("LiquidPage.state.chosen") == 6 * 14 + column
+    browser.value("document.querySelector('canvas').focus()")
+    browser.press("ArrowRight", 2)
+    browser.press("ArrowUp")
+    assert browser.value("LiquidPage.state.chosen") == 7 * 14 + 2
+    assert numbers(browser.value(SAID))[0] == 7 * 14 + 3
+    browser.press("Enter")
+    assert browser.value("LiquidPage.state.liquid.time / LiquidPage.state.liquid.dt") == pytest.approx(10)
+
+
+def test_the_liquid_does_not_move_by_itself_where_motion_is_not_wanted(opened, browser):
+    browser.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-reduced-motion", "value": "reduce"}])
+    try:
+        opened("liquid_4_walls_in_the_browser")
+        browser.click(".controls button")
+        assert browser.value("[LiquidPage.state.running, LiquidPage.state.curve.length]") == [False, 2]
+    finally:
+        browser.call("Emulation.setEmulatedMedia", features=[])
