@@ -15,7 +15,6 @@ from refsim.scene.refine import RATIO
 from refsim.scene.scene import Scene
 from refsim.study import KNOBS
 from refsim.study.convergence import Reference
-from refsim.study.methods import METHODS
 from refsim.study.panels import abouts, panel
 from refsim.study.panels import measured as measuring
 from refsim.study.panels.making import MADE
@@ -27,7 +26,7 @@ the study's folder, so that the same command goes on where it was stopped. The n
 them) stands for its packaged scene and observable; --points measures the panel's settings anew, beside those on
 file. Panels whose particles are not a box or a ball are measured in the same way without --points."""
 FAILED = 3
-GIVEN = ("levels", "finer", "ratio", "error", "reaches", "backend", "threads", "scheduler")  # as `study` takes them
+GIVEN = ("levels", "finer", "ratio", "error", "reaches", "backend", "threads")  # as `study` takes them
 
 
 @command("study", "say what accuracy costs in a scene", DESCRIPTION)
@@ -42,13 +41,10 @@ GIVEN = ("levels", "finer", "ratio", "error", "reaches", "backend", "threads", "
 @takes("--knobs", default=",".join(KNOBS), metavar="LIST", help=f"what to change ({','.join(KNOBS)})")
 @takes("--error", type=float, default=0.01, metavar="E", help="relative error to reach (0.01)")
 @takes("--with-spacing", default="", metavar="LIST", help="parameters in proportion to the spacing, by name")
-@takes("--method", nargs="?", const=",".join(METHODS), default="", metavar="LIST",
-       help=f"compare with other methods of {', '.join(METHODS)}; all without a LIST")  # fmt: skip
 @takes("--exact", type=float, metavar="VALUE", help="hold the observable against this value")
 @takes("--points", nargs="*", metavar="KEY", help="of a panel: measure these settings, all by default")
 @takes("--backend", default="cpu", help="cpu, cuda or numpy (cpu)")
 @takes("--threads", type=int, default=1, metavar="N", help="CPU threads of a run (1)")
-@takes("--scheduler", metavar="ADDRESS", help="do the runs on the workers of a Dask scheduler")
 @takes("--output", metavar="DIR", help="folder of the study (NAME_study for NAME.toml)")
 @takes("--quiet", action="store_true", help="no progress")
 def execute(options: argparse.Namespace) -> CommandResult:
@@ -73,8 +69,8 @@ def execute(options: argparse.Namespace) -> CommandResult:
     folder = results_folder(options.output, options.scene, "study")
     with kept_in(folder):
         given = {name: getattr(options, name) for name in GIVEN}
-        for key, name in (("knobs", "knobs"), ("with_spacing", "with_spacing"), ("methods", "method")):
-            given[key] = [word for word in getattr(options, name).split(",") if word]
+        for name in ("knobs", "with_spacing"):
+            given[name] = [word for word in getattr(options, name).split(",") if word]
         tell = (lambda text: None) if options.quiet else say
         command = _command(options)
         found = study(scene, options.observable, reference=reference, folder=folder, say=tell, command=command, **given)
@@ -115,5 +111,4 @@ def _command(options: argparse.Namespace) -> str:
     for name, usual in usual_ones.items():
         value = getattr(options, name)
         words += [] if value == usual else [f"--{name}", f"{value:g}"]
-    words += ["--method", options.method] if options.method else []
     return shlex.join(words + ([] if options.knobs == ",".join(KNOBS) else ["--knobs", options.knobs]))

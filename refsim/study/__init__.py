@@ -1,16 +1,14 @@
 """What accuracy costs in a scene: its value with an uncertainty, the sources of error, and the cheapest setting.
 
-Contents: study; the modules methods (other models), observables, convergence (orders and uncertainty), runs, tasks
-(runs in other processes), cost (seconds of a run from ten steps), memory, result and picture.
+Contents: study; the modules observables, convergence (orders and uncertainty), runs, tasks (runs of a sweep in other
+processes), cost (seconds of a run from ten steps), memory, result and picture.
 """
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -24,17 +22,15 @@ from refsim.scene.plan import Plan, make_plan
 from refsim.scene.refine import RATIO, notes, refined, spaced, without
 from refsim.scene.scene import Scene
 from refsim.study.convergence import converge
-from refsim.study.methods import others
 from refsim.study.observables import Observable, observable_of
 from refsim.study.result import Reference, Study
 from refsim.study.runs import Reading, Setting, kept, kept_or_made, key_of, machine, measure
-from refsim.study.tasks import Batch, weighed
+from refsim.study.tasks import weighed
 
 KNOBS = ("spacing", "support", "step", "precision", "tolerance", "backend", "effects")
 TOLERANCES = ("tolerance", "residual")  # parameters of effects that end an iteration
 TIGHTER = 10.0
 WIDER = 1.25  # of the support radius, at the same spacing
-WORKERS = "workers"  # in the keys of runs whose seconds are those of a scheduler's workers
 Say = Callable[[str], None]
 Watch = Callable[[Simulation], None]
 
@@ -49,14 +45,12 @@ def study(
     ratio: float = RATIO,
     knobs: Iterable[str] = KNOBS,
     with_spacing: Sequence[str] = (),
-    methods: Sequence[str] = (),
     error: float = 0.01,
     reference: Reference | None = None,
     reaches: float | None = None,
     backend: str = "cpu",
     threads: int = 1,
     folder: str | os.PathLike[str] | None = None,
-    scheduler: str | None = None,
     say: Say = lambda text: None,
     progress: Watch | None = None,
     command: str = "",
@@ -71,13 +65,11 @@ def study(
     ratio       of neighbouring spacings, about; the boxes' cells must fit
     knobs       which of "spacing", "support", "step", "precision", "tolerance", "backend" and "effects" to change
     with_spacing  parameters in proportion to the spacing, such as effects.weakly_compressible.dynamic_viscosity
-    methods     which of "liquid", "walls", "tension" and "heat" to compute by every other method, too, at all spacings
     error       relative error for which the cheapest setting is given
     reference   what the value is held against
     reaches     the study is of the first time [s] at which the observable has this value
     folder      where the runs' results are kept: a study that is called again goes on from there
     threads     of a CPU that a run takes; seconds are those of the processor, of all its threads
-    scheduler   address of a Dask scheduler, whose workers do the runs; the folder must be the same for them
     say         is given the lines of progress; `progress` is called after every step
     command     how the study was called, for its report
 
@@ -98,17 +90,8 @@ def study(
     remarks: list[str] = []  # about damaged results
     factors = spaced(scene, levels, levels // 2 if finer is None else finer, ratio) if "spacing" in chosen else (1.0,)
     settings = _settings(scene, plan, factors, chosen, with_spacing, backend, left_out)
-    settings += _by_methods(scene, factors, others(scene, methods, left_out), with_spacing, backend)
     place = None if folder is None else Path(folder)
-    if scheduler is None:
-        runs = _measured(settings, found, reaches, threads, place, say, progress, remarks)
-    else:
-        if place is None or not isinstance(observable, str):
-            raise InputError(
-                "study: with a scheduler it needs a folder for the results and an observable that is a text, as workers"
-                " read them; give folder, and FILE.py:function for a function of your own."
-            )
-        runs = _elsewhere(settings, observable, found, reaches, threads, place, scheduler, say, remarks)
+    runs = _measured(settings, found, reaches, threads, place, say, progress, remarks)
     worked = [(s.scene.spacing, r.value) for s, r in runs if s.kind == "spacing" and not r.failed]
     return Study(
         scene=scene,
@@ -118,7 +101,7 @@ def study(
         convergence=replace(converge(*zip(*worked)), scale=reference.scale if reference else 0.0) if worked else None,
         error=error,
         notes=(*notes(scene, factors), *remarks),
-        machine=machine() if scheduler is None else f"workers of {scheduler}",
+        machine=machine(),
         threads=threads,
         command=command,
         left_out=tuple(left_out),
@@ -166,18 +149,6 @@ def _settings(
     return made
 
 
-def _by_methods(
-    scene: Scene, factors: Sequence[float], methods: dict[str, Scene], with_spacing: Sequence[str], backend: str
-) -> list[Setting]:
-    """The runs of each other method, at all spacings."""
-    return [
-        Setting("method", f"{label}, spacing {scene.spacing / f:.4g} m", f, at, backend, label)
-        for label, other in methods.items()
-        for f in factors
-        for at in [other if f == 1 else refined(other, f, with_spacing)]
-    ]
-
-
 def _tolerances(scene: Scene) -> Iterator[tuple[int, str, float]]:
     for k, effect in enumerate(scene.effects):
         for name in TOLERANCES:
@@ -222,23 +193,3 @@ def _measured(
         done, took = done + work[k], took + reading.wall
         say(f"  {reading}")
     return [(setting, reading) for setting, reading in zip(settings, found) if reading is not None]
-
-
-def _elsewhere(
-    settings: Sequence[Setting], name: str, observable: Observable, reaches: float | None, threads: int, folder: Path,
-    scheduler: str, say: Say, remarks: list[str],
-) -> list[tuple[Setting, Reading]]:  # fmt: skip
-    """The same by the workers of a scheduler. Raises the error of a run that could not be computed."""
-    how: Any = {"reaches": reaches, "threads": threads, "timed": True}
-    batch = Batch(settings, observable, name, folder, WORKERS, remarks, say, **how)
-    failed: BaseException | None = None
-    with closing(batch.perform(scheduler=scheduler, say=say)) as outcomes:
-        for outcome, reading in outcomes:
-            if reading is None:
-                failed = outcome.error
-                say(f"{outcome.task.name}: {outcome.error}")
-            else:
-                say(f"{outcome.task.name}, {outcome.worker}: {reading}")
-    if failed is not None:
-        raise failed
-    return [(setting, batch.readings[key]) for setting, key in zip(settings, batch.keys)]

@@ -6,8 +6,6 @@ from typing import Any
 import numpy as np
 
 BLUE, VERMILION, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"  # Okabe & Ito's palette
-COLOURS = (BLUE, VERMILION, GREEN, "#CC79A7", "#E69F00", "#56B4E9", GREY, "#000000")
-MARKERS = "osD^vP*X"
 
 
 def draw(study: Any) -> Any:
@@ -17,11 +15,7 @@ def draw(study: Any) -> Any:
     figure = Figure(figsize=(11.0, 7.6), layout="constrained")
     (values, errors), (sources, changes) = figure.subplots(2, 2)
     _values(study, values)
-    compared = study.compared()
-    if compared is None:
-        _errors(study, errors)
-    else:
-        _methods(study, compared, errors)
+    _errors(study, errors)
     errors.axhline(100 * study.error, color=GREY, lw=1)
     errors.set_xlabel("seconds of the processor; on a GPU of the clock")
     _sources(study, sources)
@@ -75,31 +69,12 @@ def _errors(study: Any, axes: Any) -> None:
                 [advice.seconds], [100 * error], "D", color=colour, markerfacecolor=filled,
                 label=f"{100 * error:g} %: {advice.spacing:.3g} m" + ("" if advice.measured else ", estimated"),
             )  # fmt: skip
-    _finish(axes, "bound of the error [%]", "what an error costs")
-
-
-def _methods(study: Any, compared: Any, axes: Any) -> None:
-    judge, lines = compared
-    for k, line in enumerate(lines):
-        points = [(t, 100 * error) for t, error in zip(line.seconds, line.errors) if t > 0 and error > 0]
-        if points:
-            style = {"color": COLOURS[k % len(COLOURS)], "marker": MARKERS[k // len(COLOURS) % len(MARKERS)]}
-            axes.loglog(*zip(*points), label=line.label + " (some stopped)" * bool(line.failed), **style)
-    if judge.uncertainty:
-        axes.axhspan(1e-9, 100 * judge.uncertainty, color=GREY, alpha=0.15, lw=0)
-    errors = [study.error, *(e for line in lines for e in line.errors if e > 0)]
-    low, high = 60 * min(errors), 200 * max(errors)
-    axes.set_ylim(low * (low / high) ** (0.1 * len(lines)), high)  # above the legend
-    _finish(axes, "error [%]; grey: what is known", "what each method buys for a second")
-
-
-def _finish(axes: Any, label: str, title: str) -> None:
     if axes.get_legend_handles_labels()[0]:
         axes.legend(fontsize=8)
     _plain(axes.xaxis)
     _plain(axes.yaxis)
-    axes.set_ylabel(label)
-    axes.set_title(title, fontsize=9)
+    axes.set_ylabel("bound of the error [%]")
+    axes.set_title("what an error costs", fontsize=9)
 
 
 def _plain(axis: Any) -> None:
@@ -131,7 +106,7 @@ def _sources(study: Any, axes: Any) -> None:
 
 
 def _changes(study: Any, axes: Any) -> None:
-    rows = [row for row in study.rows() if row["what"] not in ("spacing", "method") and row["change"] is not None]
+    rows = [row for row in study.rows() if row["what"] != "spacing" and row["change"] is not None]
     rows.reverse()
     place = np.arange(len(rows))
     saved = [100 * (1 - row["cost"]) if row["what"] == "effect" else 100 * (row["cost"] - 1) for row in rows]

@@ -8,10 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from refsim.core.tables import columns, html_table, in_bytes, in_time, table
+from refsim.core.tables import html_table, in_bytes, in_time, table
 from refsim.core.writing import made_by, write_file
 from refsim.scene.scene import Scene
-from refsim.study import methods
 from refsim.study.convergence import Convergence, Reference
 from refsim.study.runs import Reading, Setting
 
@@ -266,56 +265,12 @@ class Study:
         "steps",
     )
 
-    def compared(self) -> tuple[Reference, list[methods.Line]] | None:
-        """What methods are held against, and what each of them found; None with one method or without a value."""
-        if not any(setting.method for setting, _ in self.runs):
-            return None
-        judge = methods.judge(self.runs, self.reference)
-        return None if judge is None else (judge, methods.lines(self.runs, judge))
-
-    def bought(self) -> list[dict[str, Any]]:
-        """One row for each method, as plain values.
-
-        limit       extrapolated, or the finest value where it cannot be
-        error       at its finest spacing, after `seconds`; the judge's uncertainty where it is not known to be larger
-        in_seconds  its error in the seconds of the scene as it is; `to_error`: its seconds to the study's error. None
-                    where that lies outside of its runs
-        """
-        found, own = self.compared(), None if self.base is None else self.base.seconds
-        return [
-            {
-                "method": line.label, "order": line.limit.order, "limit": line.limit.value,
-                "error": line.errors[-1], "seconds": line.seconds[-1],
-                "in_seconds": None if own is None else line.error_in(own),
-                "to_error": line.seconds_to(self.error), "failed": list(line.failed),
-            }
-            for line in (found[1] if found else ())
-        ]  # fmt: skip
-
-    def _methods(self, width: float) -> list[str]:
-        """What each method buys, as the lines of a table and what failed."""
-        found, own = self.compared(), None if self.base is None else self.base.seconds
-        if found is None:
-            return []
-        judge, within = found[0], "-" if own is None else in_time(own)
-        known = f" (± {percent(judge.uncertainty)})" if judge.uncertainty else ""
-        rows, failed = [], []
-        for row in self.bought():
-            to_error = "-" if row["to_error"] is None else in_time(row["to_error"])
-            order = f"{row['order']:.2f}" if math.isfinite(row["order"]) else "-"
-            error, at = (_above(row[name], judge.uncertainty) for name in ("error", "in_seconds"))
-            rows.append((row["method"], order, f"{row['limit']:.6g}", error, in_time(row["seconds"]), at, to_error))
-            failed += row["failed"]
-        head = ("method", "order", "limit", "error, finest", "seconds", f"in {within}", f"to {percent(self.error)}")
-        title = f"methods against {judge.words}, {judge.value:.6g}{known}:"
-        return ["", title, table(rows, head, range(1, len(head)), width), *failed]
-
     def cells(self) -> list[tuple[str, ...]]:
         """The table of runs that gave a value, as text, without its head (`HEAD`)."""
         made: list[tuple[str, ...]] = []
         limit = self.convergence
         for row in self.rows():
-            if row["what"] == "method" or row["failed"]:
+            if row["failed"]:
                 continue
             known = limit.relative if limit is not None and row["what"] == "spacing" else 0.0
             seconds = f"{row['seconds']:.3g}" + "*" * bool(row["unsettled"])
@@ -331,13 +286,12 @@ class Study:
 
     def text(self) -> str:
         """Table and answers for a terminal."""
-        width = columns()
-        lines = [table(self.cells(), self.HEAD, range(2, len(self.HEAD)), width), *self._without(), ""]
-        return "\n".join([*lines, *self.answers(), *self._methods(width)])
+        runs = table(self.cells(), self.HEAD, range(2, len(self.HEAD)))
+        return "\n".join([runs, *self._without(), "", *self.answers()])
 
     def _without(self) -> list[str]:
         """Runs that failed, and what was left out, a line each."""
-        failed = [f"{s.kind}, {s.label}: {r.failed}" for s, r in self.runs if r.failed and s.kind != "method"]
+        failed = [f"{s.kind}, {s.label}: {r.failed}" for s, r in self.runs if r.failed]
         return [*failed, *self.left_out]
 
     def data(self) -> dict[str, Any]:
@@ -357,7 +311,6 @@ class Study:
             "reference": None if self.reference is None else vars(self.reference),
             "sources": self.sources(),
             "cheapest": {name: None if found is None else vars(found) for name, found in advice.items()},
-            "methods": self.bought(),
             "runs": self.rows(),
             "left_out": list(self.left_out),
             "notes": list(self.notes),
@@ -388,7 +341,7 @@ class Study:
             f"<style>{STYLE}</style></head><body><h1>{title}</h1><ul>{answers}</ul>"
             f'<div><img alt="value against spacing, error against time, cost and change of each setting"'
             f' src="data:image/png;base64,{picture}"></div><div>{html_table("Runs", self.cells(), self.HEAD)}</div>'
-            f"<pre>{html.escape(chr(10).join(self._methods(math.inf)))}</pre><p>{how}</p></body></html>\n"
+            f"<p>{how}</p></body></html>\n"
         )
         write_file(path, text, "study")
         return Path(path)

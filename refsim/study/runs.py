@@ -48,10 +48,9 @@ class Setting:
     """One run that a study needs.
 
     kind    what differs from the user's scene: "spacing" (also for the scene itself), "support", "step", "precision",
-            "tolerance", "backend", "effect" or "method"
+            "tolerance", "backend" or "effect"
     label   in tables
     factor  of the spacing: the scene's spacing over this one
-    method  by which other method it is computed; "" for the scene's
     """
 
     kind: str
@@ -59,7 +58,6 @@ class Setting:
     factor: float
     scene: Scene
     backend: str
-    method: str = ""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Runs of studies and sweeps as tasks of `refsim.cluster`: what travels to another process, and what that one does."""
+"""Runs of sweeps as tasks of `refsim.cluster`: what travels to another process, and what that one does."""
 
 import os
 import shutil
@@ -33,19 +33,15 @@ class Work:
     folder      in which the result is kept, the whole path; below it the run leaves its checkpoints
     made_by     digest of the sources and versions that compute the result
     read        digest of the files that it reads, as they were when the key was made
-    timed       whether its seconds count: then a short run is repeated
     every       seconds of wall time between two checkpoints
     """
 
     key: str
     setting: Setting
     observable: str
-    reaches: float | None
-    threads: int
     folder: str
     made_by: tuple[tuple[str, str], ...]
     read: str
-    timed: bool
     every: float
 
 
@@ -54,14 +50,11 @@ def made_by() -> tuple[tuple[str, str], ...]:
     return ("sources", source_digest()), *sorted(versions().items())
 
 
-def task_of(
-    key: str, setting: Setting, observable: str, reaches: float | None, threads: int, folder: Path, timed: bool,
-    every: float = 60.0,
-) -> Task:  # fmt: skip
+def task_of(key: str, setting: Setting, observable: str, folder: Path, every: float = 60.0) -> Task:
     """The task that computes a run; its memory and its weight follow from the plan."""
     scene, whole = setting.scene, whole_name(observable)
     read = _read(scene, whole)
-    work = Work(key, setting, whole, reaches, threads, os.path.realpath(folder), made_by(), read, timed, every)
+    work = Work(key, setting, whole, os.path.realpath(folder), made_by(), read, every)
     work_of, memory = weighed(setting)
     return Task(key, setting.label, compute, (work,), work_of, memory, setting.backend == "cuda")
 
@@ -111,8 +104,7 @@ def compute(report: Report, work: Work) -> Reading:
             observable = observable_of(work.observable, make_plan(scene))
         except InputError as error:
             return Reading(float("nan"), 0.0, 0.0, 0, 0, 0, 0.0, failed=str(error))
-        repeats = runs.REPEATS if work.timed else 1
-        return runs.measure(work.setting, observable, work.reaches, work.threads, progress, repeats, place, work.every)
+        return runs.measure(work.setting, observable, None, 1, progress, 1, place, work.every)
 
     read = partial(_read, scene, work.observable)
     reading = runs.kept_or_made(folder, work.key, work.setting, made, read, work.read)
@@ -131,14 +123,13 @@ class Batch:
 
     def __init__(
         self, settings: Sequence[Setting], observable: Observable, name: str, folder: Path, where: str,
-        notes: list[str], say: Callable[[str], None], *, reaches: float | None = None, threads: int = 1,
-        timed: bool = False, every: float = 60.0,
+        notes: list[str], say: Callable[[str], None], every: float = 60.0,
     ) -> None:  # fmt: skip
         self.folder, self.notes = folder, notes
-        self.keys = [runs.key_of(setting, observable, reaches, threads, where) for setting in settings]
+        self.keys = [runs.key_of(setting, observable, None, 1, where) for setting in settings]
         self.readings = {key: reading for key in self.keys if (reading := self.kept(key)) is not None}
         self.tasks = [
-            task_of(key, setting, name, reaches, threads, self.place(key), timed, every)
+            task_of(key, setting, name, self.place(key), every)
             for key, setting in dict(zip(self.keys, settings)).items()
             if key not in self.readings
         ]

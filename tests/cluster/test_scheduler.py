@@ -128,15 +128,6 @@ def test_a_sweep_and_a_study_by_the_workers(cluster, folder, capsys):
     assert "4 runs, 4 of them computed now" in said.out
     again = sweep("grid.toml", folder="there", scheduler=cluster.address)
     assert (again.computed, [r.value for r in again.readings]) == (0, [r.value for r in here.readings])
-    words = ["study", "tank.toml", "--observable", "kinetic_energy", "--knobs", "precision", "--backend", "numpy"]
-    assert main([*words, "--scheduler", cluster.address]) == 0
-    said = capsys.readouterr()
-    assert "2 runs to do" in said.err
-    assert "float64, worker " in said.err
-    assert main([*words, "--scheduler", cluster.address]) == 0
-    assert "0 runs to do, 2 are on file" in capsys.readouterr().err
-    alone = refsim.study("tank.toml", "kinetic_energy", knobs=("precision",), backend="numpy", threads=1)
-    assert f"{alone.base.value:.6g}" in said.out
 
 
 @pytest.mark.filterwarnings("default")

@@ -352,12 +352,6 @@ def test_a_run_that_fails_at_every_level_is_exit_code_3(file, capsys):
     assert "no spacing gave a value" in capsys.readouterr().out
 
 
-def test_a_study_by_a_scheduler_needs_a_folder_and_a_text():
-    for more in ({}, {"folder": "x"}):
-        with pytest.raises(rs.InputError, match="with a scheduler it needs a folder for the results and an observable"):
-            studied(manufactured(2) if more else "front", scheduler="tcp://127.0.0.1:1", **more)
-
-
 def test_seconds_that_do_not_settle_are_said(monkeypatch):
     """Runs are repeated until two agree within 5 %; where none do it is said."""
     spent = iter([0.5, 0.9, 0.51, *[0.1 * 2**k for k in range(6)]])

@@ -45,7 +45,7 @@ def observable(folder):
 
 def killed_task(folder):
     """A task that writes a checkpoint at every step and whose first process is killed beyond half of the run."""
-    task = tasks.task_of("key", setting(folder, 1), "kinetic_energy", None, 1, folder / "store", False, 1e-9)
+    task = tasks.task_of("key", setting(folder, 1), "kinetic_energy", folder / "store", 1e-9)
     work = (*task.arguments, str(folder / "marker"), str(folder / "shares"))
     return dataclasses.replace(task, function=there.killed_run, arguments=work)
 

@@ -175,7 +175,7 @@ def test_a_killed_run_goes_on_from_its_checkpoint_with_the_same_bits(folder):
 
 
 def test_a_worker_with_other_sources_refuses(folder, monkeypatch):
-    (work,) = tasks.task_of("key", setting(folder, 0), "kinetic_energy", None, 1, folder, False).arguments
+    (work,) = tasks.task_of("key", setting(folder, 0), "kinetic_energy", folder).arguments
     monkeypatch.setattr(tasks, "source_digest", lambda: "other")
     with pytest.raises(InputError, match=r"the worker has another refsim.* than the caller \(sources"):
         tasks.compute(lambda share: None, work)
@@ -187,7 +187,7 @@ def test_a_file_that_changes_before_its_run_leaves_no_result(folder, name):
     """The key is that of the file before."""
     (folder / "own.py").write_text("import helper\ndef f(simulation):\n    return 1.0\n")
     (folder / "helper.py").write_text("")
-    (work,) = tasks.task_of("key", setting(folder, 0), "own.py:f", None, 1, folder, False).arguments
+    (work,) = tasks.task_of("key", setting(folder, 0), "own.py:f", folder).arguments
     with open(folder / name, "a") as file:
         file.write("CHANGED = 1\n")
     with pytest.raises(InputError, match=r"a file that it reads has changed .* call it again"):
