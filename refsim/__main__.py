@@ -22,6 +22,7 @@ from refsim.core.stopping import heeding
 from refsim.core.streams import any_letter
 from refsim.core.tables import columns, fitted
 from refsim.core.terminal import Bar, say
+from refsim.core.versions import version
 
 
 class _Parser(argparse.ArgumentParser):
@@ -108,9 +109,7 @@ def _execute(arguments: Sequence[str], began: Seconds) -> CommandResult:
         command = f"{parser.prog} {options.command}" if options.command else parser.prog
         raise InputError(f"unrecognized arguments: {' '.join(unknown)}; see {command} --help.")
     if options.version:
-        import refsim
-
-        return CommandResult({"version": refsim.__version__}, f"refsim {refsim.__version__}")
+        return CommandResult({"version": version()}, f"refsim {version()}")
     if options.command is None:
         return CommandResult({"commands": {name: c.summary for name, c in COMMANDS.items()}}, parser.format_help())
     options.began = began

@@ -56,11 +56,12 @@ from refsim.backends import runtime  # noqa: E402
 from refsim.commands.plan import describe_plan  # noqa: E402
 from refsim.core.operation import REGISTRY  # noqa: E402
 from refsim.core.streams import any_letter  # noqa: E402
+from refsim.core.versions import commit  # noqa: E402
 from refsim.core.writing import write_file  # noqa: E402
 from refsim.study.memory import bytes_of  # noqa: E402
 from validation import pairs, searches, timed  # noqa: E402
 from validation.experiments.melting.scene import scene_of  # noqa: E402
-from validation.reading import commit, environment  # noqa: E402
+from validation.reading import environment  # noqa: E402
 
 DTYPES = ("float32", "float64")
 MARK = "gpu_check result: "

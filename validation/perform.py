@@ -21,12 +21,12 @@ from refsim.cluster import perform as elsewhere
 from refsim.cluster.tasks import Task
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.terminal import Bar
-from refsim.core.versions import versions
+from refsim.core.versions import commit, versions
 from refsim.core.writing import write_file
 from validation.checks import Check, failed
 from validation.drawing import LONG_DATA, MEASURED, read_data, save_picture, shortened, style
 from validation.experiment import Options, Part, Picture, Run
-from validation.reading import commit, cores, processor
+from validation.reading import cores, processor
 from validation.results import Result, finite, load, origin, result_folder, save
 from validation.running import Context
 from validation.tables import Table

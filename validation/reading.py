@@ -11,7 +11,7 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-from refsim.core.versions import versions
+from refsim.core.versions import commit, versions
 from refsim.study.runs import Reading
 
 
@@ -46,12 +46,6 @@ def processor() -> str:
         return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
     except (OSError, StopIteration):
         return platform.processor() or platform.machine()
-
-
-@functools.cache
-def commit() -> str | None:
-    """Git commit of the sources; None outside a checkout."""
-    return told("git", "-C", str(Path(__file__).resolve().parent), "rev-parse", "HEAD")
 
 
 def device() -> dict[str, str]:

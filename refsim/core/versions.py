@@ -2,9 +2,31 @@
 
 import functools
 import platform
+import subprocess
+from pathlib import Path
 
 VERSION = "0.2.0"
 PACKAGES = ("numpy", "numba", "llvmlite", "numba-cuda", "cupy-cuda13x")
+
+
+@functools.cache
+def commit() -> str | None:
+    """Git commit of the sources that run, or of those that a release was built from; None where neither is known."""
+    package = Path(__file__).resolve().parents[1]
+    words = ("git", "-C", str(package), "rev-parse", "--show-toplevel", "HEAD")
+    try:
+        root, head = subprocess.run(words, capture_output=True, text=True, timeout=20, check=True).stdout.splitlines()
+        if Path(root).resolve() == package.parent:
+            return head
+    except (OSError, subprocess.SubprocessError, ValueError):
+        pass
+    written = package / "commit.txt"  # by `nox -s release`
+    return written.read_text(encoding="utf-8").strip() if written.is_file() else None
+
+
+def version() -> str:
+    """The version and, where it is known, the commit: 0.2.0+g followed by ten digits (PEP 440, a local version)."""
+    return VERSION if (found := commit()) is None else f"{VERSION}+g{found[:10]}"
 
 
 @functools.cache
@@ -18,4 +40,4 @@ def versions() -> dict[str, str]:
             found[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
             continue
-    return {"refsim": VERSION} | found
+    return {"refsim": version()} | found
