@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from refsim.core.extras import extra
 from refsim.core.stopping import held_back
-from refsim.render import water
 from refsim.render.looks import Camera, Cut, level_axes
 
 SUPERSAMPLING = 2  # pixels along a pixel's edge that are drawn and averaged
@@ -18,10 +17,9 @@ BOTTOM, TOP, SIDES = 0.13, 0.09, 0.04  # shares of a picture that are left to it
 SHADOW = 0.42  # darkness of the ground under a thick body
 LIGHT = (-0.45, 0.35, 0.82)  # towards the light: right of the viewer, away from him on the ground, up
 GROUND_CELLS = 768
+OPACITY, LAYERS = 0.45, 6  # of clear liquid; surfaces of it that are drawn one behind the other
 # Ambient and diffuse light on a body: shaded by its form; mildly, so that its colours can be read; not at all.
 SHADED, MILD, FLAT = (0.24, 0.90), (0.70, 0.30), (1.0, 0.0)
-
-Array = NDArray[np.float64]
 
 
 def pyvista() -> Any:
@@ -105,41 +103,29 @@ class Stage:
 
     def draw(self, bodies: Sequence[Body]) -> NDArray[np.uint8]:
         """The picture (height, width, 3) of the bodies."""
-        images, behind = self._opaque(bodies, (self.background,))
-        return _averaged(self._through_water(images, behind, bodies)[0], SUPERSAMPLING)
+        return self._images(bodies, self.background)[0]
 
     def draw_clear(self, bodies: Sequence[Body]) -> NDArray[np.float64]:
-        """The picture (height, width, 4), 0 to 1, of the bodies without a background.
-
-        On white it is exact. On other grounds coloured water is somewhat too bright, since one opacity has no colour.
-        """
-        images, behind = self._opaque(bodies, ("black", "white"))
-        on_black, on_white = (
-            _averaged(image, SUPERSAMPLING).astype(float) / 255.0
-            for image in self._through_water(images, behind, bodies)
-        )
+        """The picture (height, width, 4), 0 to 1, of the bodies without a background."""
+        on_black, on_white = (image / 255.0 for image in self._images(bodies, "black", "white"))
         passed = (on_white - on_black).min(2, keepdims=True).clip(0.0, 1.0)
         opacity = 1.0 - passed
         colour = np.divide(on_white - passed, opacity, out=np.zeros_like(on_white), where=opacity > 0)
         return np.concatenate([colour.clip(0.0, 1.0), opacity], axis=2)
 
-    def _opaque(
-        self, bodies: Sequence[Body], backgrounds: Sequence[str]
-    ) -> tuple[list[NDArray[np.uint8]], Array | None]:
-        """Images (height, width, 3) of what is opaque, and how far beyond the picture's middle that is [m].
-
-        The distances (height, width) are infinite where nothing is, and None without water.
-        """
+    def _images(self, bodies: Sequence[Body], *backgrounds: str) -> list[NDArray[np.uint8]]:
+        """The picture (height, width, 3) of the bodies on each background."""
         pv = pyvista()
         width, height = (SUPERSAMPLING * n for n in self.size)
         plotter = pv.Plotter(off_screen=True, window_size=(width, height), lighting="none")
         plotter.render_window.SetMultiSamples(0)  # edges are smooth by the averaging
+        if any(body.water for body in bodies):
+            plotter.enable_depth_peeling(LAYERS)
         try:
             self._lights(pv, plotter)
             self._surroundings(pv, plotter, bodies)
             for body in bodies:
-                if not body.water:
-                    self._add(pv, plotter, body)
+                self._add(pv, plotter, body)
             middle, half = self.frame()
             _, upward, towards = self.camera.axes(self.up)
             away = 4.0 * float(np.linalg.norm(self.high - self.low)) + 4.0 * half
@@ -153,51 +139,10 @@ class Stage:
             for background in backgrounds:
                 plotter.set_background(background)
                 plotter.render()
-                images.append(np.asarray(plotter.screenshot(return_img=True))[..., :3])
-            return images, _depths(plotter) - away if any(body.water for body in bodies) else None
+                images.append(_averaged(np.asarray(plotter.screenshot(return_img=True))[..., :3], SUPERSAMPLING))
+            return images
         finally:
             plotter.close()
-
-    def _through_water(
-        self, images: Sequence[NDArray[np.uint8]], behind: Array | None, bodies: Sequence[Body]
-    ) -> list[NDArray[Any]]:
-        """Images (height, width, 3) of what is opaque, with water before and around it.
-
-        behind  (height, width) of what is opaque, distance beyond the middle of the picture [m]; infinite for none
-        """
-        bodies = [body for body in bodies if body.water and body.facets is not None and len(body.facets)]
-        if not bodies or behind is None:
-            return list(images)
-        pv, shape = pyvista(), behind.shape
-        right, upward, towards = axes = self.camera.axes(self.up)
-        middle, half = self.frame()
-        metres = 2.0 * half / shape[0]
-        points, normals, colours, facets, count = [], [], [], [], 0
-        for body in bodies:
-            mesh = _with_normals(pv, body)
-            points.append(np.asarray(mesh.points, dtype=float) - middle)
-            normals.append(np.asarray(mesh.point_data["Normals"], dtype=float))
-            colours.append(np.asarray(mesh.point_data["colour"]) / 255.0)
-            facets.append(np.asarray(mesh.regular_faces) + count)
-            count += mesh.n_points
-        x, corners = np.concatenate(points), np.concatenate(facets)
-        place = np.stack([0.5 * shape[1] + x @ right / metres, 0.5 * shape[0] - x @ upward / metres], axis=1)
-        found = water.crossings(place, -x @ towards, corners, shape)
-        thickness, first = water.in_water(found, behind.ravel())
-        wet = first >= 0
-        own, weight = corners[found.facet[first[wet]]], found.weight[first[wet]][..., None]
-        maps = np.zeros((2, len(wet), 3))
-        for values, target in zip((np.concatenate(normals), np.concatenate(colours)), maps):
-            target[wet] = (weight * values[own]).sum(1)
-        maps[0][wet] /= np.linalg.norm(maps[0][wet], axis=1, keepdims=True).clip(1e-12)
-        surface = np.where(wet, found.depth[first], np.inf)
-        movable = ~wet | (behind.ravel() > surface)
-        normal, colour = (values.reshape(*shape, 3) for values in maps)
-        seen = water.shaded(
-            [np.asarray(image, dtype=np.float32) / 255.0 for image in images], thickness.reshape(shape), normal, colour,
-            wet.reshape(shape), axes, np.asarray(self.up), self._to_light(), metres, movable.reshape(shape),
-        )  # fmt: skip
-        return [255.0 * image for image in seen]
 
     def _lights(self, pv: Any, plotter: Any) -> None:
         right, _, towards = self.camera.axes(self.up)
@@ -273,6 +218,7 @@ class Stage:
         plotter.add_mesh(
             mesh, scalars="colour", rgb=True, smooth_shading=True, ambient=body.light[0], diffuse=body.light[1],
             specular=body.gloss, specular_power=35.0, show_scalar_bar=False,
+            opacity=OPACITY if body.water else 1.0, culling="back" if body.water else None,
         )  # fmt: skip
 
     def _add_balls(self, pv: Any, plotter: Any, body: Body, colours: NDArray) -> None:
@@ -307,23 +253,6 @@ def _with_normals(pv: Any, body: Body) -> Any:
         point_normals=True, cell_normals=False, split_vertices=body.edges, consistent_normals=False,
         auto_orient_normals=False,
     )  # fmt: skip
-
-
-def _depths(plotter: Any) -> Array:
-    """(height, width) distances [m] from the camera's plane to what is drawn, infinite where nothing is."""
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-    from vtkmodules.vtkRenderingCore import vtkWindowToImageFilter
-
-    copied = vtkWindowToImageFilter()
-    copied.SetInput(plotter.render_window)
-    copied.SetInputBufferTypeToZBuffer()
-    copied.ReadFrontBufferOff()
-    copied.ShouldRerenderOff()
-    copied.Update()
-    width, height, _ = copied.GetOutput().GetDimensions()
-    share = vtk_to_numpy(copied.GetOutput().GetPointData().GetScalars()).reshape(height, width)[::-1].astype(float)
-    near, far = plotter.camera.clipping_range
-    return np.where(share < 1.0, near + share * (far - near), np.inf)
 
 
 def _polygons(pv: Any, points: NDArray, facets: NDArray) -> Any:

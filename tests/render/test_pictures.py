@@ -11,6 +11,7 @@ import time
 
 import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 
 from refsim import Box, BoxWalls, Gravity, InputError, Scene, Simulation, WeaklyCompressible, simulate
@@ -22,7 +23,7 @@ from refsim.render.looks import Camera, camera_of, cut_of, level_axes
 from refsim.render.pictures import Look, Series, write_film, write_pictures
 from refsim.render.plane import loops
 from refsim.render.saved_run import SavedRun, chosen_frames, open_run
-from refsim.render.space import Stage
+from refsim.render.space import Body, Stage
 from refsim.render.surfaces import surface_around
 
 SMALL = (320, 240)
@@ -289,6 +290,23 @@ def test_a_run_in_3d_is_drawn_in_every_style(in_space):
     cut = picture(in_space, 0, cut="y=0")
     assert differ(cut, paper) > 300
     assert differ(picture(in_space, 0, camera="30,60,1.5"), paper) > 3000
+
+
+@needs_pyvista
+def test_a_solid_is_seen_through_clear_water():
+    """A cube inside a ball; without a background the picture is exact on white."""
+    ball, cube = trimesh.creation.icosphere(subdivisions=3, radius=0.8), trimesh.creation.box((0.5, 0.5, 0.5))
+    water = Body(ball.vertices, ball.faces, (0.16, 0.47, 0.78), water=True)
+    solid = Body(cube.vertices, cube.faces, (0.82, 0.42, 0.18))
+    corner = np.ones(3)
+    stage = Stage(-corner, corner, np.array([0.0, 0.0, 1.0]), Camera(), (64, 64), half_height=1.0)
+    alone, around = (stage.draw(bodies)[32, 32].astype(int) for bodies in ([water], [water, solid]))
+    assert alone[2] - alone[0] > 50
+    assert around[0] - around[2] > 50 + alone[0] - alone[2]
+    clear, on_white = stage.draw_clear([water, solid]), stage.draw([water, solid]) / 255.0
+    assert clear[..., :3] * clear[..., 3:] + 1.0 - clear[..., 3:] == pytest.approx(on_white, abs=0.01)
+    assert clear[32, 32, 3] == 1.0
+    assert 0.2 < clear[12, 32, 3] < 0.8
 
 
 @needs_pyvista
