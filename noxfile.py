@@ -150,3 +150,16 @@ def extras(session: nox.Session) -> None:
     """The wheel with every extra but that of a GPU, and Warp; the tests that need them, and the site."""
     names = [name for name in settings()["options.extras_require"] if name not in ("cuda", "dev")]
     installed(session, OF_EXTRAS, f"[{','.join(names)}]", "warp-lang")
+
+
+@nox.session(python=PYTHONS[0])
+def release(session: nox.Session) -> None:
+    """All that a change must pass, the validators of the files about the project, and what a person publishes."""
+    session.run("bash", ".ci/run", external=True)
+    session.install("cffconvert>=2")
+    session.run("cffconvert", "--validate")
+    session.install("check-jsonschema>=0.29", "jsonschema>=4")
+    workflows = (str(path) for path in Path(".github/workflows").glob("*.yml"))
+    session.run("check-jsonschema", "--builtin-schema", "vendor.github-workflows", *workflows)
+    session.install("-e", ".[docs]", "build")
+    session.run("python", "scripts/release.py", *session.posargs)

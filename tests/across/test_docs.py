@@ -3,6 +3,7 @@
 import contextlib
 import functools
 import io
+import json
 import pathlib
 import re
 import tomllib
@@ -195,6 +196,7 @@ def test_the_version_is_one():
     version = refsim.__version__
     assert f"version = {version}\n" in (ROOT / "setup.cfg").read_text()
     assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text()
+    assert json.loads((ROOT / "codemeta.json").read_text())["version"] == version
     assert re.search(r"^## (\d\S+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)[1] == version
 
 
@@ -206,3 +208,9 @@ def test_figures_stay_light():
     assert {pathlib.Path(name).suffix for name in pictures} == {".png", ".webp", ".svg"}
     assert not {name: size for name, size in pictures.items() if size > LARGEST_PICTURE}
     assert sum(sizes.values()) <= LARGEST_FOLDER
+
+
+def test_the_night_on_a_server_runs_sessions_that_there_are():
+    night = (ROOT / ".github" / "workflows" / "nightly.yml").read_text(encoding="utf-8")
+    named = re.search(r"session: \[(.*)\]", night)[1].split(", ")
+    assert set(named) <= set(re.findall(r'^    "(\w+)": \(', (ROOT / "noxfile.py").read_text(encoding="utf-8"), re.M))

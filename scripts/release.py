@@ -1,0 +1,123 @@
+"""What a release publishes, written into build/release: wheel, source archive, site, data, conda recipe, notes.
+
+    python scripts/release.py            # of a clean checkout whose versions agree; a person publishes the folder
+    python scripts/release.py --dry      # also of a checkout with changes
+
+The version is a file's, setup.cfg, and not a tag's: an archive without a repository builds the same package. A wheel
+made here bears the commit. `nox -s release` runs the checks before.
+"""
+
+import argparse
+import configparser
+import gzip
+import hashlib
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+FOLDER = ROOT / "build" / "release"
+STORED = ("figures/*.json*", "refsim/study/panels/*.json", "validation/data/*", "validation/papers/*")
+RECIPE = """\
+# rattler-build build --recipe recipe.yaml
+schema_version: 1
+package:
+  name: refsim
+  version: "{version}"
+source:
+  url: https://pypi.org/packages/source/r/refsim/refsim-{version}.tar.gz
+  sha256: {digest}
+build:
+  noarch: python
+  script: python -m pip install . --no-deps --no-build-isolation
+requirements:
+  host:
+    - python >=3.11
+    - pip
+    - setuptools >=77
+  run:
+    - python >=3.11
+{packages}
+tests:
+  - python:
+      imports: [refsim]
+  - script: [refsim --version]
+about:
+  summary: {summary}
+  license: MIT
+  license_file: LICENSE
+"""
+
+
+def run(*command: str) -> str:
+    return subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout.strip()
+
+
+def digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def notes(version: str) -> str:
+    """The changelog's part of a version; that of "Unreleased" where it has none yet."""
+    parts = dict(
+        re.findall(r"^## (\S+)[^\n]*\n(.*?)(?=^## |\Z)", (ROOT / "CHANGELOG.md").read_text("utf-8"), re.M | re.S)
+    )
+    return parts.get("Unreleased", parts[version]).strip() + "\n"
+
+
+def data(version: str) -> Path:
+    """The stored results, one archive whose bytes follow from their contents."""
+    made = FOLDER / f"refsim-data-{version}.tar.gz"
+    with gzip.GzipFile(made, "wb", mtime=0) as packed, tarfile.open(fileobj=packed, mode="w") as archive:
+        for path in sorted(path for words in STORED for path in ROOT.glob(words) if path.is_file()):
+            archive.add(path, f"refsim-data-{version}/{path.relative_to(ROOT)}", filter=_anonymous)
+    return made
+
+
+def _anonymous(member: tarfile.TarInfo) -> tarfile.TarInfo:
+    member.mtime, member.uid, member.gid, member.uname, member.gname, member.mode = 0, 0, 0, "", "", 0o644
+    return member
+
+
+def release(dry: bool) -> int:
+    settings = configparser.ConfigParser(interpolation=None)
+    settings.read(ROOT / "setup.cfg", encoding="utf-8")
+    version, commit = settings["metadata"]["version"], run("git", "rev-parse", "HEAD")
+    if changed := run("git", "status", "--porcelain"):
+        print(f"The checkout has changes; commit or remove them:\n{changed}")
+        if not dry:
+            return 2
+    shutil.rmtree(FOLDER, ignore_errors=True)
+    FOLDER.mkdir(parents=True)
+    written = ROOT / "refsim" / "commit.txt"
+    written.write_text(f"{commit}\n", "utf-8")
+    try:
+        run(sys.executable, "-m", "build", "-o", str(FOLDER), ".")
+    finally:
+        written.unlink()
+    run(sys.executable, "-m", "sphinx", "-W", "-q", "-b", "html", "docs", str(FOLDER / "site"))
+    source = FOLDER / f"refsim-{version}.tar.gz"
+    packages = "\n".join(f"    - {name}" for name in settings["options"]["install_requires"].split())
+    recipe = RECIPE.format(
+        version=version, digest=digest(source), packages=packages, summary=settings["metadata"]["description"]
+    )
+    (FOLDER / "recipe.yaml").write_text(recipe, "utf-8")
+    (FOLDER / "notes.md").write_text(notes(version), "utf-8")
+    shutil.make_archive(str(FOLDER / f"refsim-site-{version}"), "gztar", FOLDER, "site")
+    data(version)
+    print(f"refsim {version}, commit {commit}, in {FOLDER.relative_to(ROOT)}:")
+    for path in sorted(path for path in FOLDER.iterdir() if path.is_file()):
+        print(f"  {path.name:<40} {path.stat().st_size / 1e6:8.2f} MB  sha256 {digest(path)[:16]}")
+    print(
+        f"To publish: git tag v{version} {commit[:10]}; twine upload the wheel and the source archive; attach the rest."
+    )
+    return 0
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--dry", action="store_true", help="also with changes that are not committed")
+    raise SystemExit(release(parser.parse_args().dry))
