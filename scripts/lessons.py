@@ -13,6 +13,7 @@ the worked answers, 2 for a name that is no lesson, 4 if one failed.
 from __future__ import annotations
 
 import argparse
+import io
 import sys
 import time
 import traceback
@@ -45,6 +46,7 @@ def run_lesson(name: str, text: str, pictures: Path | None = None) -> dict[str, 
 
     matplotlib.use("Agg")
     from matplotlib import pyplot
+    from PIL import Image
 
     shown, drawn, inside = pyplot.show, 0, ""
 
@@ -57,7 +59,8 @@ def run_lesson(name: str, text: str, pictures: Path | None = None) -> dict[str, 
                 drawn += 1
                 if pictures is not None:
                     made = made_by(figure.savefig, format="png", dpi=DPI, bbox_inches="tight")
-                    write_file(pictures / f"{name}_{drawn}.png", made)
+                    palette = Image.open(io.BytesIO(made)).convert("RGB").quantize()
+                    write_file(pictures / f"{name}_{drawn}.png", made_by(palette.save, format="PNG", optimize=True))
         pyplot.close("all")
 
     namespace: dict[str, Any] = {"__name__": name}
