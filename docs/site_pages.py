@@ -21,11 +21,11 @@ NAVIGATION = {
     "Begin": ("sph_by_hand", "mpm_by_hand", "scene_files", "results", "study", "sweep", "gallery"),
     "Lessons": ("lessons",),
     "Liquids and walls": ("sph", "liquid", "iisph", "walls", "motions", "meshes", "gauges"),
-    "Surface tension": ("surface_detection", "jiang_zhu_2023", "dong_2016", "models", "sigma_map"),
+    "Surface tension": ("surface_detection", "jiang_zhu_2023", "dong_2016", "models"),
     "Solids, heat, melting": ("shape_matching", "two_way_coupling", "heat", "melting"),
     "Particles and a grid": ("mpm", "surface_energy", "isosurface", "mpm_droplet"),
     "Evidence": (
-        "equations", "errata", "refuted", "checks", "solutions", "accuracy_cost", "effects_cost", "laws", "stability",
+        "equations", "errata", "claims", "checks", "solutions", "accuracy_cost", "effects_cost", "laws", "stability",
         "energy_audit",
     ),
     "Contract": ("contract", "vectors"),

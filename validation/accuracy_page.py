@@ -13,8 +13,8 @@ import numpy as np
 from refsim.core.writing import write_file
 from refsim.study.advice import cheapest, duration, in_words, least, percent, price, settings
 from refsim.study.panels import Panel, Point, abouts, panel
+from validation import own_choices
 from validation.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, save_picture, style
-from validation.filling import replaced
 
 ROOT = Path(__file__).resolve().parent.parent
 FIGURES, PAGE = ROOT / "figures", ROOT / "docs" / "accuracy_cost.md"
@@ -81,18 +81,44 @@ def pictures(of: Panel) -> list[str]:
     return [picture, "", f"*Reference: {about.reference}{within}.*", ""]
 
 
-def page(text: str) -> str:
-    """docs/accuracy_cost.md with its generated parts renewed."""
+HEADER = """# What accuracy costs
+
+![Seconds that an error of five systems costs, on a CPU and on a GPU](../figures/accuracy_cost.png)
+
+*A line ends at the smallest error that `refsim advise` offers. A program writes this page; [accuracy and
+cost](study.md#stored-answers) explains its columns and how they are measured.*
+
+## Cheapest setting for an error
+"""
+MIDDLE = """
+## Error against seconds
+
+Each line joins the best settings of a method.
+
+<details><summary>A picture of each observable, with its reference</summary>
+"""
+CHOICES = """</details>
+
+## The papers' own choices
+
+Where refsim improves on a paper, `literal = "paper"` takes [the paper's own choice](errata.md) instead (`python -m
+validation own`).
+"""
+
+
+def page() -> str:
+    """docs/accuracy_cost.md."""
     known = [panel(name) for name in abouts()]
-    text = replaced(text, "answers", HEAD + [line for each in known for line in rows(each)], PAGE)
-    return replaced(text, "pictures", [line for each in known for line in pictures(each)][:-1], PAGE)
+    answers = [*HEAD, *(line for each in known for line in rows(each))]
+    drawn = [line for each in known for line in pictures(each)]
+    return "\n".join([HEADER, *answers, MIDDLE, *drawn, CHOICES, *own_choices.markdown()]) + "\n"
 
 
 def write() -> list[Path]:
     """Renew page and pictures; returns their paths."""
     import matplotlib.pyplot as plt
 
-    write_file(PAGE, page(PAGE.read_text(encoding="utf-8")))
+    write_file(PAGE, page())
     made = [PAGE]
     drawn = {f"accuracy_cost_{name}": partial(picture, panel(name)) for name in abouts()} | {"accuracy_cost": overview}
     for name, draw in drawn.items():

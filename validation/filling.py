@@ -2,8 +2,7 @@
 
 A page marks a number as `<!-- {TEMPLATE} -->number<!-- . -->`. A template is one of `str.format`: it names claims
 (`low`, `high`, `median`, `starts`, `keeping`, `values`) and the data of pictures (`picture[name][key]`); a number has
-`percent`, `less` (percent below 1) and `more` (percent above 1). `{own_drop_round.high.more:.1g}` is one. In a row of a
-table whose last cell names claims, the cell before is written from them.
+`percent`, `less` (percent below 1) and `more` (percent above 1). `{own_drop_round.high.more:.1g}` is one.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ import dataclasses
 import json
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,6 @@ from validation.drawing import read_data
 
 ROOT = Path(__file__).resolve().parent.parent
 MARKED = re.compile(r"<!-- (\{[^{}]*\}) -->.*?<!-- \. -->")
-NAMED = re.compile(r"`\w+`(?:, `\w+`)*")
 
 
 class Number(float):
@@ -128,18 +126,6 @@ def filled(template: str, records: Mapping[str, Recorded], own: Recorded | None 
         raise ValueError(f"{template!r} names what no record holds ({error!r})") from None
 
 
-def filled_page(text: str, records: Mapping[str, Recorded], finding: Callable[[str], str]) -> str:
-    """A page with the numbers and findings of the records. `finding` tells what was found of a claim."""
-    text = MARKED.sub(lambda found: f"<!-- {found[1]} -->{filled(found[1], records)}<!-- . -->", text)
-    return "\n".join(_row(line, records, finding) for line in text.split("\n"))
-
-
-def _row(line: str, records: Mapping[str, Recorded], finding: Callable[[str], str]) -> str:
-    cells = line.strip().removeprefix("| ").removesuffix(" |").split(" | ")
-    if not line.startswith("| ") or len(cells) < 3 or not NAMED.fullmatch(cells[-1]):
-        return line
-    names = re.findall(r"\w+", cells[-1])
-    if not set(names) <= set(records):
-        return line
-    cells[-2] = "<br>".join(dict.fromkeys(map(finding, names)))
-    return f"| {' | '.join(cells)} |"
+def filled_page(text: str, records: Mapping[str, Recorded]) -> str:
+    """A page with the numbers of the records."""
+    return MARKED.sub(lambda found: f"<!-- {found[1]} -->{filled(found[1], records)}<!-- . -->", text)

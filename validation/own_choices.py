@@ -20,7 +20,6 @@ from validation.running import Context
 
 ROOT = Path(__file__).resolve().parent.parent
 STORED = ROOT / "figures" / "own_choices.json"
-PAGE = ROOT / "docs" / "accuracy_cost.md"
 Measured = dict[str, Any]  # "value", and "remark" on how the run ended
 
 
@@ -151,25 +150,19 @@ def _shown(found: Measured) -> str:
     return f"{value} ({found['remark']})" if found["remark"] else value
 
 
-def markdown(stored: Mapping[str, Any]) -> list[str]:
-    """The table of docs/accuracy_cost.md."""
+def markdown() -> list[str]:
+    """The table of docs/accuracy_cost.md, from what is stored."""
     head = ['| paper | measured | refsim\'s default | `literal = "paper"` |', "| --- | --- | --- | --- |"]
     return head + [
         f"| {ROWS[name][0]} | {ROWS[name][2]} | {_shown(row['refsim'])} | {_shown(row['paper'])} |"
-        for name, row in stored.items()
+        for name, row in json.loads(STORED.read_text(encoding="utf-8")).items()
     ]
-
-
-def page(text: str, stored: Mapping[str, Any]) -> str:
-    """docs/accuracy_cost.md with this table renewed."""
-    from validation.filling import replaced
-
-    return replaced(text, "own choices", markdown(stored), PAGE)
 
 
 def write() -> list[Path]:
     """Measure, store, and renew the page; returns the paths."""
-    found = measure()
-    write_file(STORED, json.dumps(found, indent=1) + "\n")
-    write_file(PAGE, page(PAGE.read_text(encoding="utf-8"), found))
-    return [STORED, PAGE]
+    from validation import accuracy_page
+
+    write_file(STORED, json.dumps(measure(), indent=1) + "\n")
+    write_file(accuracy_page.PAGE, accuracy_page.page())
+    return [STORED, accuracy_page.PAGE]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,7 @@ from validation.checks import (
 )
 from validation.drawing import read_origin
 from validation.experiment import COMMANDS, Experiment, discover
-from validation.filling import ROOT, filled_page, records, replaced, stored, with_reasons
+from validation.filling import ROOT, filled_page, records, stored, with_reasons
 from validation.perform import Performed
 from validation.results import finite, origin
 
@@ -80,45 +80,63 @@ def _toml(value: Any) -> str:
 
 
 def write_pages() -> None:
-    """Renew the numbers of all pages."""
+    """Renew the numbers of all pages, and the page of claims."""
     for page in (ROOT / "docs").glob("*.md"):
         text = page.read_text(encoding="utf-8")
         if (new := renewed(text)) != text:
             write_file(page, new)
+    write_file(CLAIMS, claims_page())
 
 
 def renewed(text: str) -> str:
-    """A page with the numbers and findings on file, and the table of refuted sentences where it has one."""
-    entries = {entry.name: entry for entry in with_reasons(checks.read_all(CLAIM))}
-    if f"<!-- {TABLE} -->" in text:
-        text = replaced(text, TABLE, list(refuted(entries.values())), ROOT / "docs" / "refuted.md")
-    return filled_page(text, records(entries.values()), lambda name: finding(entries[name]))
+    """A page with the numbers on file."""
+    return filled_page(text, records(checks.read_all(CLAIM)))
 
 
-TABLE = "refuted sentences"
+CLAIMS = ROOT / "docs" / "claims.md"
+HEADER = """# What the five sources claim, and what was found
+
+*A program writes this page (`python -m validation claims --write`). [Checks](checks.md) explains the verdicts.*
+
+Each row is a sentence of a source, in the order of the source, with all claims that read it. A number is the median
+over the starts, with the least and the largest value in brackets. What a source leaves open (h, viscosity, units) is
+refsim's.
+"""
 
 
-def refuted(entries: Iterable[Entry]) -> Iterator[str]:
-    """A row for each sentence of which a reading is refuted: what was found by the source's own settings, and how own
-    readings went."""
-    of: dict[Sentence, list[Entry]] = {}
-    for entry in entries:
-        if entry.sentence:
-            of.setdefault(entry.sentence, []).append(entry)
-    bad = [said for said, read in of.items() if any(entry.verdict == REFUTED for entry in read)]
-    yield "| the source | found | where |\n| --- | --- | --- |"
-    for said in sorted(bad, key=lambda said: list(SYSTEMS).index(said.system)):
-        apart = {entry.name: entry.verdict for entry in of[said] if ":" in entry.verdict}
-        names = ", ".join(f"`{entry.name}`" for entry in of[said] if entry.name not in apart)
-        others = "".join(f"<br>`{name}`: {verdict}" for name, verdict in apart.items())
-        source = SYSTEMS[said.system].partition(":")[0]
-        yield f"| {said.says} *{source}, {said.place}:* {said.words}{others} | - | {names} |"
+def claims_page() -> str:
+    """docs/claims.md."""
+    of: dict[str, dict[Sentence, list[Entry]]] = {_source(system): {} for system in SYSTEMS}
+    for entry in with_reasons(checks.read_all(CLAIM)):
+        if said := entry.sentence:
+            of.setdefault(_source(said.system), {}).setdefault(said, []).append(entry)
+    lines = [HEADER]
+    for source, read in of.items():
+        lines += [f"## {source[0].upper()}{source[1:]}\n", "| the source says | found |", "| --- | --- |"]
+        for said in sorted(read, key=_place):
+            cells = (f"{said.says} *{said.place}:* {said.words}", "<br>".join(map(finding, read[said])))
+            lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _source(system: str) -> str:
+    return SYSTEMS.get(system, system).partition(":")[0].replace(" & ", " and ")
+
+
+def _place(said: Sentence) -> tuple[int, list[int]]:
+    """Where a sentence stands: abstract and introduction come first."""
+    parts = ("abstract", "introduction")
+    return next((k for k, part in enumerate(parts) if said.place.startswith(part)), 2), [
+        int(number) for number in re.findall(r"\d+", said.place.replace("claim", "9999"))
+    ]
 
 
 def finding(entry: Entry) -> str:
-    """Verdict and effect of a claim in a table of the page of its method."""
+    """Name, verdict and effect of a claim."""
     said = f"{entry.what}: {checks.in_range(entry)}" if entry.starts else entry.reason
-    return f"{entry.verdict}. {sentence(said)}".replace("|", "\\|")
+    verdict = f"**{REFUTED}**" if entry.verdict == REFUTED else entry.verdict
+    return f"`{entry.name}` {verdict}. {sentence(said)}"
 
 
 def sentence(words: str) -> str:

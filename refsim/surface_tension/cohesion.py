@@ -25,7 +25,7 @@ from refsim.sph import LIQUID, SETS, liquid_of, pressure_is_replaced
 from refsim.sph.flow import at_least
 
 COLLAPSE = 0.25  # Pi beyond which no density balances the cohesion
-# S = sigma/(rho0 c^2 d) up to which the middle of small drops keeps the rest density to 10 % (docs/sigma_map.md)
+# S = sigma/(rho0 c^2 d) up to which the middle of small drops keeps the rest density to 10 % (docs/models.md)
 KEEPS_DENSITY = 0.01
 STRAINED = 0.045  # Pi at which the bulk is compressed by 5 %, from which on a note warns
 DENSITY_KEPT = "small drops keep their density to 10 %"

@@ -22,8 +22,7 @@ from validation.reading import reading
 
 
 def test_the_page_is_what_the_stored_points_make():
-    text = accuracy_page.PAGE.read_text()
-    assert accuracy_page.page(text) == text, "python -m validation accuracy --draw"
+    assert accuracy_page.page() == accuracy_page.PAGE.read_text(), "python -m validation accuracy --draw"
 
 
 @pytest.mark.parametrize("name", abouts())

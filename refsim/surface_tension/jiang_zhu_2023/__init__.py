@@ -152,7 +152,7 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
 
     surface_tension     sigma [N/m]; nominal: turned into gamma by the Kirkwood-Buff integral (kirkwood_buff_sigma).
                         A drop of summed density has 2.57 times this by its jump and 1.95 times by its frequency (3D,
-                        radius of 10 spacings, h = 2.6 spacings; docs/sigma_map.md)
+                        radius of 10 spacings, h = 2.6 spacings; docs/models.md)
     gamma               coefficient of J(16) [m^4/(kg s^2)], instead of sigma
     pair_mode           "all", "soft" (pairs weighted by their soft surface weights), or by the surface set S:
                         "one_sided" (force on i in S without reaction: does not conserve momentum), "either", "both"
