@@ -110,7 +110,7 @@ def _overview(operations: dict[str, dict[str, Any]], effects: dict[str, dict[str
         methods.setdefault(name.partition(".")[0], []).append(operation["paper"])
     plain = [method for method, papers in methods.items() if set(papers) == {"standard"}]
     rows = [
-        (method, len(papers), ", ".join(dict.fromkeys(papers)))
+        (method, len(papers), "; ".join(_sources(papers)))
         for method, papers in sorted(methods.items())
         if method not in plain
     ]
@@ -122,6 +122,12 @@ def _overview(operations: dict[str, dict[str, Any]], effects: dict[str, dict[str
         table([(name, effect["summary"]) for name, effect in effects.items()], width=width),
     ]
     return "\n".join(lines)
+
+
+def _sources(papers: list[str]) -> list[str]:
+    """Each source once, without what is said of its use in an operation."""
+    parts = dict.fromkeys(part for paper in papers for part in paper.split("; "))
+    return [part for part in parts if not any(part.startswith(f"{other}, ") for other in parts)]
 
 
 def _operation(entry: tuple[str, dict[str, Any]]) -> str:

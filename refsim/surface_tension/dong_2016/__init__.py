@@ -47,7 +47,7 @@ class NormalCorrection(NamedTuple):
 
 
 class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
-    """Surface tension of a free liquid surface.
+    """Surface tension of a free liquid surface by a Lennard-Jones-like pair force.
 
     surface_tension   sigma [N/m]; nominal: turned into k by a sum over the neighbours on the lattice
     stiffness         k of D(7) [N/kg^2], instead of sigma

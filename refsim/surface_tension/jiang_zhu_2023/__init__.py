@@ -148,7 +148,7 @@ def kirkwood_buff_pressure(
 
 
 class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
-    """Surface tension of a free liquid surface.
+    """Surface tension of a free liquid surface by a pair force that changes sign and by area minimisation.
 
     surface_tension     sigma [N/m]; nominal: turned into gamma by the Kirkwood-Buff integral (kirkwood_buff_sigma).
                         A drop of summed density has 2.57 times this by its jump and 1.95 times by its frequency (3D,
