@@ -61,14 +61,6 @@ def test_the_runner_holds_worked_answers_to_their_judges():
         runner.run_lesson("toy", asked.replace("a = 1\n", begin % False + "a = 1\n"))
 
 
-def test_lesson_1_runs_with_its_answers(tmp_path):
-    done = runner.run_lesson(FIRST, LESSONS[FIRST], tmp_path)
-    assert done["score"](done["two_step"])[1] > 0.9  # precisions
-    assert done["score"](done["few"])[1] < 0.6
-    shown = sum(cell.text.count("plt.show()") for cell in cells(LESSONS[FIRST]) if cell.kind == "code")
-    assert len(list(tmp_path.glob("*.png"))) == shown
-
-
 def test_example_writes_the_lessons(tmp_path, capsys):
     given = ["example", "--lessons", str(tmp_path / "mine")]
     assert main(given) == 0

@@ -61,6 +61,7 @@ def test_a_plan_names_each_default_that_the_papers_have_otherwise_once():
     assert describe_plan(make_plan(scene(walls={}, density="summation")), "cpu")["defaults"] == []
 
 
+@pytest.mark.slow
 def test_spray_of_the_packaged_dam_break_breaks():
     """A particle that leaves others behind at the rim of the tank would have no density left."""
     simulation = rs.Simulation(load_scene(EXAMPLES / "dam_break_2d.toml"), threads=1)

@@ -140,7 +140,9 @@ LONG = {  # left to the nights: scenes that take 10 s to make, settings that tak
     "mpm_pressure", "tank_pressure", "contact_angle", "droplet", "implicit_pressure", "coupling", "detection_3d",
     "melt_front", "detection_2d", "spinning_body", *SOLIDS, "surface_normals",
 }  # fmt: skip
-AGAIN = {("heat", "runge_kutta_legendre_8")}  # which melting has by day
+AGAIN = {  # melting has theirs by day
+    ("heat", "runge_kutta_legendre_8"), ("heat", "implicit_8"), ("front", "d10"), ("vortex_decay", "n50_h3.2"),
+}  # fmt: skip
 
 
 def at_night(given, name):
@@ -203,6 +205,7 @@ def test_a_packaged_study_gives_the_stored_value(name, setting):
     assert parse(as_text(again)).points[setting].value == row["value"]
 
 
+@pytest.mark.slow
 def test_a_drop_that_was_stirred_is_measured_from_its_packaged_scene():
     """A small one keeps 30 %; what ran on a GPU has the scene of a CPU."""
     of = panel("surface_tension_jump")

@@ -77,6 +77,7 @@ def test_the_smallest_panel_is_measured_and_stored(tmp_path, monkeypatch, capsys
         assert stored.places[point.place].commit
 
 
+@pytest.mark.slow
 def test_a_drop_is_stirred_and_packaged():
     """Each reading begins from another start; the first one's is the packaged scene."""
     of = panel("contact_angle")

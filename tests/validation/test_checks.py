@@ -41,6 +41,7 @@ ENTRIES = filling.with_reasons(read_all())
 CLAIMS = {entry.name: entry for entry in ENTRIES if entry.kind == CLAIM}
 TESTABLE = [name for name, claim in CLAIMS.items() if claim.rule]
 MEASURED = [name for name in TESTABLE if CLAIMS[name].starts]
+LONG = {"mpm_momentum_none", "surface_fit_converges", "heat_order_matters", "heat_explicit_breaks"}  # seconds
 
 
 # What is on file
@@ -71,7 +72,7 @@ def test_what_is_written_follows_from_the_numbers_beside_it(name):
     assert claim.judge([low, *[claim.measured] * (claim.starts - 2), high][: claim.starts]) == claim.verdict
 
 
-@pytest.mark.parametrize("name", TESTABLE)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in LONG)) for n in TESTABLE])
 def test_the_null_model_of_a_family_refutes_every_claim(name):
     """Without its effect a claim must fail, by its own measure and its own bar."""
     claim = CLAIMS[name]

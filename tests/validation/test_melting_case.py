@@ -9,7 +9,6 @@ import pytest
 from refsim import SolidMesh
 from refsim.scene.plan import make_plan
 from refsim.scene.solids import body_cells
-from validation.checks import FAIL
 from validation.experiments.melting import pictures, scene
 from validation.experiments.melting import runs as melting
 from validation.experiments.melting.scene import scene_of
@@ -37,22 +36,6 @@ def test_scenes_have_the_counts_of_table_2(figure, liquid, solid):
     plan = make_plan(scene_of(figure))
     bodies = np.diff(plan.grid.solids.lattice.first)
     assert (plan.grid.count - bodies.sum(), bodies.sum()) == (liquid, pytest.approx(solid, rel=0.03))
-
-
-@pytest.fixture(scope="module")
-def cube():
-    """The ice cube of figure 4, small, until it is half molten."""
-    return melting.melt(Context(threads=1), "figure_4", 0.3, "cpu", [0.9, 0.5], 2.0)
-
-
-def test_a_run_keeps_frames_and_what_it_watched(cube):
-    values = cube.values
-    assert (values["inside_melted"], len(values["times"]), values["series"]["solid"][0]) == (0, 3, 125)
-    assert 0 < cube.arrays["solid_2"].sum() <= 63
-    assert values["series"]["mass"][-1] > values["series"]["mass"][0], "ice becomes heavier as water"
-    made_of = melting.EXPERIMENT.checked({"figure_4": cube})
-    assert made_of
-    assert not [m for m in made_of if m.verdict == FAIL], made_of
 
 
 def test_regions_fill_level_by_level():

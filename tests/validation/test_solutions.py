@@ -4,10 +4,7 @@ import numpy as np
 import pytest
 
 from refsim.study.panels.making import compressed
-from validation.experiment import Options, discover
-from validation.experiments.solutions import pictures, runs
 from validation.metrics import solutions as scene
-from validation.running import Context
 
 
 def test_compressed_heights_are_in_balance():
@@ -107,44 +104,3 @@ def test_plates_begin_at_rest_and_end_in_the_steady_flow():
         # the second difference is off by dy^2 / 12 of the fourth derivative of at most 37: 9.5e-4 with nu = 0.5
         bent = np.diff(flow(0.3), 2) / (height[1] - height[0]) ** 2
         np.testing.assert_allclose(change[1:-1], 0.5 * bent + push, atol=2e-3)
-
-
-def test_the_runs_at_small_size(monkeypatch):
-    """A few steps of every problem: judged, tabulated, drawn; the central form keeps angular momentum at any size."""
-    for name, value in {"SETTLED": 0.05, "MEANS": 3, "PERIODS": 0.5, "SWINGS": 0.6, "SPUN": 0.3, "MIXED": 0.1}.items():
-        monkeypatch.setattr(runs, name, value)
-    monkeypatch.setattr(runs, "SAMPLES", (0.002, 0.004))
-    short = {"STIRRED": 0.1, "RESTED": 0.1, "TENSION_PERIODS": 0.2, "WIDE": 5.0, "CLIMBED": 2.05, "TENSION_MEANS": 1}
-    for name, value in short.items():
-        monkeypatch.setattr(runs, name, value)
-    monkeypatch.setattr(
-        runs, "CELLS",
-        {"tank": (6, 8), "wave": (4, 5), "ellipse": (3, 4), "disc": (3, 4), "vortex": (6, 8), "vortices": (7, 8),
-         "couette": (12, 14), "poiseuille": (12, 14), "capillary": (9, 10), "drop": (3, 4), "meniscus": (2, 3),
-         "jurin": (3, 4)},
-    )  # fmt: skip
-    (quick,) = runs.planned(Options(quick=True))
-    assert quick.parameters == {"cells": 10, "backend": "cpu"}
-    planned = runs.planned(Options(backend="numpy"))
-    compared = {f"terms_{program}" for program in runs.COMPARED}
-    assert {run.key for run in planned if run.skip == "measured with --peers"} == compared
-    results = {run.key: run.function(Context(), **run.parameters) for run in planned if not run.skip}
-    column = results["tank_8"].arrays
-    assert np.polyfit(column["height"], column["pressure"], 1)[0] < -0.5
-    made = runs.EXPERIMENT.checked(results)
-    verdicts = {check.name: check.verdict for check in made}
-    assert verdicts["disc_kept.3"] == verdicts["disc_kept.4"] == "pass"
-    assert verdicts["drop_kept.3"] == verdicts["drop_kept.4"] == "pass"
-    assert {
-        "wave_period_off.central", "ellipse_error", "vortex_rate_off.laplacian", "vortices_rate_off.central",
-        "couette_steady.laplacian", "order.couette_central.steady", "poiseuille_error.central", "order.tank.error",
-        "capillary_crest_off", "drop_rate_off.laplacian", "meniscus_lifted_off.110", "jurin_risen_off",
-    } <= set(verdicts)  # fmt: skip
-    without, periodic, tense = discover()["solutions"].pictures
-    assert (len(without.needs), len(periodic.needs), len(tense.needs)) == (39, 24, 15)
-    drawn = ((without, pictures.TITLES), (periodic, pictures.PERIODIC), (tense, pictures.WITH_TENSION))
-    for picture, titles in drawn:
-        panels = picture.draw(picture.collect(results)).axes
-        assert [axes.get_title(loc="left") or axes.get_title() for axes in panels][: len(titles)] == [
-            title for title, _ in titles.values()
-        ]

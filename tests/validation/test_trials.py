@@ -6,20 +6,12 @@ import pytest
 
 from refsim import Box, InputError, JiangZhu2023, RunStopped, Scene, WeaklyCompressible
 from refsim.scene.plan import make_plan
-from validation import checks, judging, perform
+from validation import judging, perform
 from validation.__main__ import main
-from validation.experiment import Experiment, Options, discover
+from validation.experiment import Experiment, Options
 from validation.results import Result
 from validation.running import Context
 from validation.trials import Cell, StabilityMap, Trial, largest_stable, silent_up_to
-
-SHORT = [entry for entry in checks.read_all(checks.HARD_CASE) if entry.short]
-
-
-@pytest.mark.parametrize("entry", SHORT, ids=[entry.name for entry in SHORT])
-def test_a_hard_case_ends_as_on_file(entry):
-    result = discover()[entry.experiment].trials[entry.trial](Context(threads=1), backend="cpu", **entry.given)
-    assert result.values["outcome"] == entry.verdict, result.values
 
 
 # The outcomes

@@ -14,12 +14,11 @@ import pytest
 
 from refsim.core.errors import InputError, RunStopped
 from validation import __main__ as command
-from validation import drawing, judging, results, running
+from validation import judging, results, running
 from validation import perform as performing
 from validation.checks import Check, Checks
-from validation.experiment import Experiment, Options, Picture, Run, discover
+from validation.experiment import Experiment, Options, Picture, Run
 from validation.experiments.dam_break import runs as dam_runs
-from validation.experiments.dam_break.runs import EXPERIMENT as DAM_BREAK
 from validation.experiments.droplet import runs as droplet
 from validation.report import report
 from validation.results import Result
@@ -256,57 +255,6 @@ def test_pictures_are_drawn_from_their_files_alone(options, monkeypatch):
 
 
 # Tiny runs of the real cases
-def judged(case, found):
-    return {m.name: m for m in case.checked(found)}
-
-
-def draw_all(case, found, folder):
-    """Every picture that can be made of what was found; bodies in it have a quarter of the pixels of a side."""
-    whole = drawing.body_picture
-
-    def small(bodies, view, extent, pixels=640):
-        return whole(bodies, view, extent, pixels // 4)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(drawing, "body_picture", small)
-        for picture in discover()[case.name].pictures:
-            if set(picture.needs) <= set(found):
-                performing.write_data(picture, found, folder)
-                assert performing.redraw(picture, folder).stat().st_size > 3000
-
-
-def as_stored(folder, result):
-    results.save(folder, Result(result.values, result.arrays, {"machine": performing.machine(), "date": "2020-01-01"}))
-    return results.load(folder)
-
-
-def test_tiny_dam_break(tmp_path, monkeypatch):
-    monkeypatch.setattr(dam_runs, "SPAN", 0.05)  # no time is judged here
-    shares = []
-    context = Context(shares.append)
-    found = {
-        "detection_2d": dam_runs.collapse(context, columns=8, until=0.2, backend="cpu", samples=3),
-        "front_2d": dam_runs.surge(context, columns=6, backend="cpu"),
-    }
-    for k, columns in enumerate((6, 7, 8)):
-        cost = dam_runs.detection_cost(context, columns=columns, repeats=3, backend="cpu", moment=0.1)
-        found[f"detection_cost_{k + 1}"] = cost
-    found = {name: as_stored(tmp_path / name, result) for name, result in found.items()}
-    assert max(shares) >= 1.0
-    made = judged(DAM_BREAK, found)
-    assert made["lost_particles.detection_2d"].value == 0
-    assert 0.0 <= made["energy_rise.front_2d"].value < 0.05
-    assert made["f1.detection_2d.fan_scan"].value > 0.8
-    assert 0.2 < made["front.front_2d.martin_moyce_2.25in"].value + 0.2 < 0.6
-    # Every detector agrees with itself: the flags of a stored cloud are those of the moving one.
-    last = found["detection_2d"].arrays["position"][-1]
-    mass = np.full(len(last), 1000.0 * (0.5 / 8) ** 2, np.float32)
-    again = dam_runs.detect(context, "two_step", 8, 1, 4.0, (last, mass), "cpu").field("surface")
-    assert (again.astype(bool) == found["detection_2d"].arrays["two_step"][-1]).mean() > 0.98
-    draw_all(DAM_BREAK, found, tmp_path)
-    cost = found["detection_cost_3"].values["methods"]["two_step"]
-    assert cost["charged"] > cost["whole"] >= cost["scan"] + cost["normals"] > 0
-    assert set(found["detection_cost_3"].values["all_threads"]) == set(dam_runs.DETECTORS)
 
 
 def test_ledger_finds_a_lost_particle_and_gained_energy():
