@@ -40,9 +40,7 @@ def test_the_sph_front_is_that_of_the_experiment(sph):
         assert np.interp(at, T, Z) == pytest.approx(expected, rel=0.12)
 
 
-@pytest.mark.parametrize(
-    ("columns", "rows", "spacing", "until"), [(5, 10, 0.1, 1.0), (14, 3, 0.1, 0.8), (4, 12, 0.06, 0.5)]
-)
+@pytest.mark.parametrize(("columns", "rows", "spacing", "until"), [(14, 3, 0.1, 0.8), (4, 12, 0.06, 0.5)])
 @pytest.mark.parametrize(("viscosity", "bound"), [(None, 1e-12), (0.0, 1e-3)])
 def test_no_energy_of_the_sph_liquid_rises(columns, rows, spacing, until, viscosity, bound):
     """As shares of the first energy: to rounding with viscosity; without, up to what a step of 0.2 h/c leaves."""

@@ -650,34 +650,6 @@ def test_ledgers_of_corrected_positions():
 
 
 # Parameter groups
-def test_groups_of_walls_on_the_grid():
-    lower, upper = (1.0, 2.0, 3.0), (4.0, 5.0, 6.0)
-    everything = rs.MpmWalls(lower=lower, upper=upper).domain(grid())
-    assert np.array(everything).tolist() == [list(lower), list(upper)]
-    opened = rs.MpmWalls(lower=lower, upper=upper, open_faces=("+x", "-y")).domain(grid())
-    assert np.array(opened).tolist() == [[1.0, -math.inf, 3.0], [math.inf, 5.0, 6.0]]
-    flat = rs.MpmWalls(lower=lower, upper=upper).domain(grid(2))
-    assert np.array(flat).tolist() == [[1.0, 2.0, -math.inf], [4.0, 5.0, math.inf]]
-
-
-def test_groups_of_walls_that_stand():
-    flat = ("-x", "+x", "-y", "+y")
-    for faces, dim, stands in ((flat, 2, False), (flat, 3, True), (flat[:3], 2, True), ((*flat, "-z", "+z"), 3, False)):
-        walls = rs.MpmWalls(lower=(0.0, 0.0, 0.0), upper=(3.0, 3.0, 3.0), open_faces=faces)
-        assert walls.stand(grid(dim)) == stands
-
-
-def test_groups_of_contact():
-    """k cos(angle); nothing stands in the way of a liquid at rest: no field, no mirrors, no planes."""
-    for angle, pull in ((0.0, 0.4), (60.0, 0.2), (90.0, 0.0), (120.0, -0.2), (180.0, -0.4)):
-        assert rs.SurfaceEnergy(surface_tension=0.4, contact_angle=angle).contact_pull() == near(pull)
-    every = ("-x", "+x", "-y", "+y", "-z", "+z")
-    liquid, still = rs.MpmLiquid(bulk_modulus=3600.0, cell_size=0.3), rs.Gravity(acceleration=(0.0, 0.0, 0.0))
-    none = rs.MpmWalls(lower=(0.0, 0.0, 0.0), upper=(3.0, 3.0, 3.0), open_faces=every)
-    found = liquid.prepare(grid(), named(liquid, none, still))
-    assert [found[name] for name in ("field", "planes", "mirrors", "contact")] == [None] * 4
-    assert rs.MpmLiquid(bulk_modulus=3600.0).background(grid()).cell_size == 0.2
-    assert LIQUID.greatest_speed(grid()) == 130.0
 
 
 def test_groups_of_deformation_have_the_determinant_of_linear_algebra():

@@ -9,7 +9,6 @@ import math
 import pathlib
 
 import msgspec
-import numpy as np
 import pytest
 
 import refsim as rs
@@ -17,7 +16,6 @@ from refsim import make_plan
 from refsim.commands.plan import describe_plan
 from refsim.core.effect import Extremes
 from refsim.scene.passes import accounts
-from tests.running import advanced
 from validation import pairs
 
 PEBBLE = pathlib.Path(__file__).parents[2] / "refsim" / "examples" / "pebble.obj"
@@ -260,7 +258,7 @@ def followed(rest):
 
 @pytest.mark.parametrize("name, k", [(n, k) for n, k in CASES if followed(IDENTITIES[n][k][1])])
 def test_a_zero_decides_nothing(name, k):
-    """Density, restoring, viscosity and walls that the scene chooses, and the motion to the bit, on the references."""
+    """Density, restoring, viscosity and walls that the scene chooses; the law of absence has the motion."""
     rest = IDENTITIES[name][k][1]
     for others in (followed(rest), tuple(FOLLOWING if e is LIQUID else e for e in rest)):
         if name == "box_walls":  # is the one that brings walls
@@ -269,10 +267,6 @@ def test_a_zero_decides_nothing(name, k):
         plans = make_plan(without), make_plan(with_it)
         assert beside(name, plans[1]) == dict(plans[0].effects)
         assert counted(plans[0]) == counted(plans[1])
-        runs = [advanced(rs.Simulation(plan, "numpy"), 3) for plan in plans]
-        assert runs[0].time == runs[1].time
-        for field in ("position", "velocity"):
-            assert np.array_equal(runs[0].field(field), runs[1].field(field)), field
 
 
 @pytest.mark.parametrize("place", TERMS)
@@ -289,7 +283,7 @@ def test_a_limp_solid_still_melts():
     """Without stiffness and damping regions are not matched, but melting finds its tables."""
     heat = rs.HeatConduction(conductivity=0.0, temperature=5.0, melting_point=0.0)
     simulation = rs.Simulation(
-        scene(CLAMPED, LIMP, rs.TwoWayCoupling(), heat, rs.Melting(bookkeeping="water"), solid=True)
+        scene(CLAMPED, LIMP, rs.TwoWayCoupling(), heat, rs.Melting(bookkeeping="water"), solid=True), "numpy"
     )
     solid = int((simulation.field("phase") != 0).sum())
     simulation.step()

@@ -6,11 +6,6 @@ import subprocess
 import sys
 
 CASE = "two_particles"
-COMPILED = (
-    "sph.density",
-    "sph.gravity",
-    "heat.pair_exchange",
-)  # a sum over neighbours, a loop, a host function's loops
 PROGRAM = """
 import json, sys
 from refsim import contract
@@ -54,12 +49,6 @@ def test_every_operation_keeps_the_contract_as_python():
     answers = outcomes(NUMBA_DISABLE_JIT="1")
     assert len(answers) > 250
     assert not [answer for answer in answers.values() if not answer.startswith("pass")]
-
-
-def test_compiled_loops_keep_the_contract_and_are_kept(tmp_path):
-    answers = outcomes(*COMPILED, REFSIM_CACHE_DIR=str(tmp_path))
-    assert not [answer for answer in answers.values() if not answer.startswith("pass")]
-    assert len(list(tmp_path.rglob("*.nbc"))) > 3
 
 
 def test_a_plain_loop_is_compiled_ahead(tmp_path):

@@ -38,19 +38,6 @@ def test_distance_is_that_of_trimesh(ball_band):
     assert trimesh.proximity.closest_point(BALL, place[beyond])[1].min() > ball_band.band * (1 - 1e-6)
 
 
-def test_the_references_give_the_same_field_as_the_kernels():
-    random = np.random.default_rng(4)
-    coarse = trimesh.creation.icosphere(1)
-    coarse.vertices += random.uniform(-0.05, 0.05, coarse.vertices.shape)  # no two triangles are equally near to a node
-    place = random.uniform(-1.2, 1.2, (40, 3))
-    known, other = (signed_distance(meshed(coarse), 0.4, backend=name, dtype="float64") for name in ("numpy", "cpu"))
-    for part in ("keys", "neighbour", "closest", "inside_after"):
-        assert np.array_equal(getattr(known.field, part), getattr(other.field, part)), part
-    assert np.allclose(known.field.distance, other.field.distance, rtol=0, atol=1e-14)
-    for mine, theirs in zip((*known.at(place), *known.project(place)), (*other.at(place), *other.project(place))):
-        assert np.allclose(mine, theirs, rtol=0, atol=1e-12)
-
-
 @pytest.mark.parametrize("shape, spacing", [(needle, 0.004), (plate, 0.02)], ids=["needle", "plate"])
 def test_signs_are_those_of_the_winding_number(shape, spacing):
     """At random nodes, also where two faces of a sharp tip are equally near."""
@@ -77,23 +64,6 @@ def test_the_inside_beyond_all_blocks_is_marked():
     assert deep.any()
     assert (distance[deep] == -band.band).all()
     assert (slope[deep] == 0).all()
-
-
-def test_trilinear_error_is_of_second_order():
-    ball = meshed(trimesh.creation.icosphere(5))
-    directions = np.random.default_rng(4).normal(size=(2000, 3))
-    place = (
-        directions
-        / np.linalg.norm(directions, axis=1)[:, None]
-        * np.random.default_rng(5).uniform(0.95, 1.05, (2000, 1))
-    )
-    known = np.linalg.norm(place, axis=1) - 1
-    errors = []
-    for spacing in (0.2, 0.1):
-        distance, slope = signed_distance(ball, spacing, dtype="float64").at(place)
-        errors.append(np.sqrt(((distance - known) ** 2).mean()))
-        assert np.abs(np.linalg.norm(slope, axis=1) - 1).max() < 0.6 * spacing
-    assert 1.6 < np.log2(errors[0] / errors[1]) < 2.4
 
 
 def test_projection_stands_on_the_mesh(ball_band):

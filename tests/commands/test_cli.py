@@ -17,7 +17,6 @@ from refsim.backends.arrays import unavailable
 from refsim.commands import COMMANDS, discover, doctor
 from refsim.core.effect import EFFECTS
 from refsim.core.operation import BACKENDS, REGISTRY
-from refsim.io.frames import read_particles
 from refsim.scene import solids
 from refsim.scene.files import load_scene
 
@@ -522,24 +521,3 @@ def test_list_takes_a_filter(capsys):
     assert "did you mean melting?" in capsys.readouterr().err
     assert main(["list", "--all"]) == 0
     assert len(capsys.readouterr().out.splitlines()) > 300
-
-
-ONE_RUN = """
-import sys
-from refsim.__main__ import main
-code = main(["run", "tank.toml", "--output", sys.argv[1], "--until", "0.01", "--quiet"])
-import numba, numpy
-assert numba.njit(lambda a: a.sum())(numpy.ones(3)) == 3
-sys.exit(code)
-"""
-
-
-def test_a_run_with_loaded_kernels_is_that_which_compiled_them(scene, tmp_path):
-    """The process can compile afterwards."""
-    for name in ("compiled", "loaded"):
-        subprocess.run([sys.executable, "-c", ONE_RUN, name], cwd=tmp_path, capture_output=True, check=True)
-    first, second = (read_particles(tmp_path / name / "particles.pvd") for name in ("compiled", "loaded"))
-    assert len(first) > 2
-    for a, b in zip(first, second, strict=True):
-        assert all(np.array_equal(a.fields[name], b.fields[name]) for name in a.fields)
-        assert np.array_equal(a.position, b.position)

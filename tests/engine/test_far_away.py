@@ -123,13 +123,12 @@ def scenes(kind, at, ball=None):
 KINDS = ("walls", "tension", "period", "mesh", "mpm", "solid")
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("at", [(FAR, 0, -FAR), (-1_000, 10_000, 1_000)])
+@pytest.mark.parametrize(
+    "kind, at", [*((kind, (FAR, 0, -FAR)) for kind in KINDS), ("tension", (-1_000, 10_000, 1_000))]
+)
 def test_a_scene_far_away_is_the_scene_at_the_origin(kind, at, ball):
     if kind in ("walls", "period", "mpm"):
         at = (*at[:2], 0)
-    if kind == "mesh":
-        at = (FAR, 0, -FAR)
     near, far = (rs.Simulation(scenes(kind, where, ball)) for where in ((0, 0, 0), at))
     assert any(far.plan.grid.origin)
     assert near.plan.fields == far.plan.fields

@@ -28,11 +28,10 @@ def begun(backend, steps, **changes):
     return made
 
 
-@pytest.mark.parametrize("backend", ["numpy", "cpu"])
 @pytest.mark.parametrize("steps", [0, 1, 6])
-def test_fields_are_those_of_the_present_state(backend, steps):
+def test_fields_are_those_of_the_present_state(steps):
     """Before the first step as after each: as in a new run of particles that stand where these do."""
-    run = begun(backend, steps, dtype="float64")
+    run = begun("numpy", steps, dtype="float64")
     cloud = rs.Cloud(position=run.field("position"), velocity=run.field("velocity"), mass=run.field("mass"))
     new = rs.Simulation(dam(dtype="float64", fluid=(cloud,)), "numpy")
     new.evaluate()
@@ -41,18 +40,6 @@ def test_fields_are_those_of_the_present_state(backend, steps):
             found, expected = run.field(name), new.field(name)
             assert np.abs(expected).max() > 0, name
             assert np.abs(found - expected.astype(float)).max() <= 1e-10 * np.abs(expected).max(), name
-
-
-@pytest.mark.parametrize("backend", ["numpy", "cpu"])
-def test_reading_changes_no_bit_of_the_run(backend):
-    plain, read = rs.Simulation(dam(), backend), rs.Simulation(dam(), backend)
-    for step in range(60):
-        assert plain.step() == read.step()
-        for name in ("surface", "density", "acceleration")[step % 3 :]:
-            read.field(name)
-    for name, field in plain.plan.fields.items():
-        if field.state:
-            assert plain.field(name).tobytes() == read.field(name).tobytes(), name
 
 
 def launches(run, call):

@@ -1,13 +1,24 @@
 """Liquids that break codes: few particles, particles at one place, unequal masses, nothing that acts, borders, leavers.
 
-Hard cases that need a flow or a bisection are checks of experiments (`tests/validation/test_trials.py`). Kills and full
+Hard cases that need a flow or a bisection are checks of experiments (`python -m validation check`). Kills and full
 disks stand in `test_run.py`, drops far from the origin in `test_far_away.py`.
 """
 
 import numpy as np
 import pytest
 
-from refsim import Box, Cloud, Gravity, InputError, JiangZhu2023, RunStopped, Scene, Simulation, SurfaceDetection
+from refsim import (
+    Box,
+    BoxWalls,
+    Cloud,
+    Gravity,
+    InputError,
+    JiangZhu2023,
+    RunStopped,
+    Scene,
+    Simulation,
+    SurfaceDetection,
+)
 from refsim import WeaklyCompressible as Liquid
 from refsim.engine.stock import check_particles
 from refsim.io.checkpoint import read_checkpoint, write_checkpoint
@@ -147,3 +158,22 @@ def test_a_particle_that_leaves_at_9_c_is_not_lost_and_disturbs_no_other():
     alone, both = (sound(liquid(parts, tension(), step=step), 300) for parts in ((cube,), (cube, flung)))
     assert float(both.field("velocity")[-1, 0]) == pytest.approx(9 * SOUND, rel=1e-6)
     assert np.abs(both.field("position")[:-1] - alone.field("position")).max() <= 0.02 * D
+
+
+def test_a_closed_box_holds_random_spray():
+    """Particles that are flung about in it stay in it, and a plane has to stop some."""
+    random = np.random.default_rng(3)
+    position, velocity = random.uniform(0.05, 0.95, (60, 3)), random.normal(scale=20.0, size=(60, 3))
+    position[:, 2] = velocity[:, 2] = 0
+    made = Scene(
+        spacing=0.05, support_radius=0.12, dim=2, fluid=(Cloud(position=position, velocity=velocity),),
+        effects=(
+            Liquid(sound_speed=50.0, density_bound=100.0, density="summation"),
+            Gravity(acceleration=(0.0, -9.81, 0.0)), BoxWalls(lower=(0, 0, 0), upper=(1, 1, 1)),
+        ),
+    )  # fmt: skip
+    run = sound(made, 150)
+    x = run.field("position")
+    assert run.time > 0.05
+    assert ((x >= 0) & (x <= [1, 1, 0])).all()
+    assert run.stopped_at_walls > 0

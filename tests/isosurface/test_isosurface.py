@@ -82,15 +82,6 @@ def test_sphere_and_ellipsoid_are_closed_spheres_that_face_outward(radii, dtype)
     assert volume(mesh) == pytest.approx(4 / 3 * np.pi * np.prod(radii), rel=0.01)
 
 
-def test_area_and_volume_converge_in_second_order():
-    errors = []
-    for n in (6, 12, 24):
-        mesh = meshed(ball, n + 3, 1 / n, 3)
-        errors.append((abs(area(mesh) / (4 * np.pi) - 1), abs(volume(mesh) / (4 / 3 * np.pi) - 1)))
-    orders = np.log2(np.array(errors)[:-1] / np.array(errors)[1:])
-    assert np.abs(orders - 2).max() < 0.2, orders
-
-
 def test_circle_runs_against_the_clock():
     mesh = meshed(ball, 14, 0.08, 2)
     a, b = (mesh.vertices[mesh.facets[:, k]] for k in range(2))

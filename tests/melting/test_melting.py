@@ -1,19 +1,16 @@
 """Melting: which particles melt, the tables of nodes, bookkeeping, whole runs, bad input."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 import refsim as rs
-from refsim import load_scene, make_plan
+from refsim import make_plan
 from refsim.core.operation import REGISTRY
 from refsim.melting import MeltingRule
 from refsim.scene.solids import lattice_of
-from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
-from tests.running import advanced, run_to
+from refsim.shape_matching.phases import FLUID, SURFACE
+from tests.running import advanced
 
-EXAMPLE = Path(__file__).parents[2] / "refsim" / "examples" / "melting.toml"
 LIQUID = rs.WeaklyCompressible(sound_speed=40.0, dynamic_viscosity=50.0, state="tait", density="summation")
 BODY = rs.SolidBox(lower=(0.4, 0.4, 0.8), upper=(1.4, 1.4, 1.8), density=917.0)
 
@@ -121,23 +118,6 @@ def test_mass_and_rest_density_of_the_melt(bookkeeping, change):
 
 
 # Runs
-def half_molten(**options):
-    """A body whose left part is hot: that part melts in a few steps and the rest stays solid."""
-    return scene(highest=0.79, slope=1.0, **options)
-
-
-def test_the_rest_moves_on_as_a_body():
-    simulation = rs.Simulation(half_molten())
-    advanced(simulation, 150)
-    phase, v = simulation.field("phase")[:125], simulation.field("velocity")
-    assert ((phase == FLUID).sum(), (phase == INTERIOR).sum()) == (50, 9)
-    assert np.abs(v).max() < 10
-    x = simulation.field("position")[:125][phase != FLUID]
-    rest = simulation.plan.state.position[:125][phase != FLUID]
-    gap = np.abs(
-        np.linalg.norm(x[:, None] - x[None], axis=2) - np.linalg.norm(rest[:, None] - rest[None], axis=2)
-    ).max()
-    assert gap < 0.1, "half a spacing"
 
 
 def test_cells_of_a_mesh_outlive_its_file(tmp_path):
@@ -176,26 +156,3 @@ def test_a_solid_has_the_mesh_of_a_boundary(tmp_path):
     assert np.where(cells[:, 0] < 1, cells[:, 1] < 1.2, cells[:, 1] > 0.8).all()
     assert len(cells) == 2 * (2 * 4 * 2)
     assert any("[[solid]] number 1: " in note and "72 corners of open edges joined" in note for note in plan.notes)
-
-
-def test_ice_floats_and_melts_into_a_liquid_that_rests():
-    """The packaged example: its density is advanced, and the melt has mass and density of the water."""
-    simulation = rs.Simulation(load_scene(EXAMPLE), "cpu", threads=1)
-    liquid = simulation.plan.effects["weakly_compressible"]
-    assert liquid.advances()
-    run_to(simulation, 0.5)
-    liquid_before, densities = simulation.field("phase") == FLUID, []
-    while simulation.time < 0.6:
-        simulation.step()
-        densities.append(simulation.field("density").astype(float))
-    phase, position = simulation.field("phase"), simulation.field("position")
-    wet = phase == FLUID
-    assert 400 < wet.sum() < 456
-    assert simulation.field("mass")[wet] == pytest.approx(1000 * 0.2**3, rel=0.01)
-    # in the mean over 0.1 s: sound of particles that melt reaches 1.4 % at single ones
-    assert np.mean(densities, axis=0)[liquid_before] == pytest.approx(1000.0, rel=0.01)
-    assert position[~wet, 2].mean() > np.percentile(position[wet, 2], 75)
-    melts = rs.Melting(bookkeeping="immiscible")
-    effects = tuple(melts if isinstance(e, rs.Melting) else e for e in load_scene(EXAMPLE).effects)
-    with pytest.raises(rs.InputError, match="and melting brings another; set its bookkeeping = 'water'"):
-        make_plan(load_scene(EXAMPLE).with_(effects=effects, weakly_compressible__density="continuity"))

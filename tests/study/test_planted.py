@@ -11,13 +11,10 @@ import numpy as np
 import pytest
 
 import refsim
-from refsim import Box, Gravity, HeatConduction, Scene, Simulation, SolidBox, SolidMesh, WeaklyCompressible, make_plan
-from refsim.commands.plan import describe_plan
+from refsim import Box, Gravity, Scene, Simulation, SolidBox, SolidMesh, WeaklyCompressible, make_plan
 from refsim.study import runs
 from refsim.study.local_modules import forget, local_modules
-from refsim.study.memory import bytes_of
 from refsim.study.observables import observable_of
-from tests.study.test_cost import tank
 
 FLIGHT = {
     "spacing": 0.01, "support_radius": 0.026, "end_time": 0.002,
@@ -241,12 +238,3 @@ def test_a_resumed_run_counts_the_seconds_before_its_restart(tmp_path, monkeypat
 
 
 # What is counted
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_bytes_are_counted_once_and_are_those_that_a_run_allocates(dtype):
-    conduction = HeatConduction(temperature=10.0)  # has a table of two rows
-    plan = make_plan(tank(10, dtype=dtype, effects=(*tank().effects, conduction)))
-    assert len(plan.particle_fields) < len(plan.fields)
-    fields = {name: array.nbytes for name, array in Simulation(plan, "numpy").fields.items()}
-    assert plan.bytes_of_fields() == fields
-    assert bytes_of(plan, "cpu")["fields"] == sum(fields.values())
-    assert {name: f["bytes"] for name, f in describe_plan(plan, "cpu")["fields"].items()} == fields

@@ -219,20 +219,6 @@ def test_a_study_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
     assert len(done) == 4
 
 
-def test_levels_of_a_ball_have_one_mass():
-    scene = rs.Scene(
-        spacing=0.1, support_radius=0.26, dim=2, end_time=1e-4, fluid=(rs.Ball(radius=0.4, velocity=(1.0, 0.0, 0.0)),),
-        effects=(rs.WeaklyCompressible(sound_speed=20.0, density="summation"),),
-    )  # fmt: skip
-    found = refsim.study(scene, "kinetic_energy", backend="numpy", knobs=("spacing",))
-    rows = found.rows()
-    assert len({row["particles"] for row in rows}) == 3
-    assert [row["mass"] for row in rows] == pytest.approx([rows[0]["mass"]] * 3, rel=1e-12)
-    assert found.text().count(f" {rows[0]['mass']:.4g} ") == 3
-    assert any("keep the mass" in note for note in found.notes)
-    assert [row["value"] for row in rows] == pytest.approx([0.5 * rows[0]["mass"]] * 3, rel=1e-3)
-
-
 def test_a_file_of_the_scene_that_changes_during_a_run_leaves_no_result(tmp_path):
     np.save(tmp_path / "cloud.npy", 0.01 * np.indices((4, 4)).reshape(2, -1).T)
     scene = msgspec.structs.replace(block(), fluid=(rs.Cloud(file=str(tmp_path / "cloud.npy")),))

@@ -64,12 +64,6 @@ def turned(position, angle):
 
 
 # What is found
-def test_ring_of_a_disc_is_found_exactly_on_the_cpu():
-    position = disc()
-    simulation = detect(position, "cpu", "float32", spacing=0.01)
-    truth = arc_cover_surface(position[:, :2], PROBE)
-    assert 40 < truth.sum() < 80
-    np.testing.assert_array_equal(simulation.field("surface").astype(bool), truth)
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.3, 1.1])
@@ -78,13 +72,6 @@ def test_ring_of_a_disc_is_found_exactly_at_any_angle(method, angle):
     position = turned(disc(7.4), angle)
     truth = arc_cover_surface(position[:, :2], PROBE)
     np.testing.assert_array_equal(surface(position, method=method), truth)
-
-
-def test_faces_of_a_block_are_found_exactly_in_3d():
-    position = lattice(Box(cells=(7, 6, 5)), dim=3)
-    truth = cap_cover_surface(position, PROBE)
-    assert truth.sum() == 7 * 6 * 5 - 5 * 4 * 3
-    np.testing.assert_array_equal(surface(position, dim=3), truth)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -224,21 +211,6 @@ def test_a_film_on_a_wall_is_surface_and_one_between_two_walls_is_not(dim, norma
 
 
 # Symmetries
-@pytest.mark.parametrize(
-    "settings", [*({"method": method} for method in METHODS), THIN, {**THIN, "scan_normal": "corrected"}]
-)
-def test_flags_do_not_depend_on_place_angle_or_order(settings):
-    """On a disc with a film of two layers at its side."""
-    film = lattice(Box(cells=(14, 2, 1))) + [14.0, 0.0, 0.0]
-    position = np.vstack(
-        [jittered_disc(), film + 0.1 * np.random.default_rng(6).uniform(-1, 1, film.shape) * [1, 1, 0]]
-    )
-    found = surface(position, **settings)
-    assert 0 < found.sum() < len(found)
-    np.testing.assert_array_equal(surface(position + [300.0, -70.0, 0], **settings), found)
-    np.testing.assert_array_equal(surface(turned(position, 0.7), **settings), found)
-    order = np.random.default_rng(0).permutation(len(position))
-    np.testing.assert_array_equal(surface(position[order], **settings), found[order])
 
 
 # Normals
