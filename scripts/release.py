@@ -19,6 +19,10 @@ import tarfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from refsim.core.streams import any_letter  # noqa: E402
+
 FOLDER = ROOT / "build" / "release"
 STORED = ("figures/*.json*", "refsim/study/panels/*.json", "validation/data/*", "validation/papers/*")
 RECIPE = """\
@@ -117,7 +121,13 @@ def release(dry: bool) -> int:
     return 0
 
 
-if __name__ == "__main__":
+@any_letter()
+def main() -> int:
+    """Run the command; returns its exit code."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--dry", action="store_true", help="also with changes that are not committed")
-    raise SystemExit(release(parser.parse_args().dry))
+    return release(parser.parse_args().dry)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
