@@ -178,8 +178,8 @@ def further(found: Study, solved: Solved, threads: int | None, backend: str = "c
 
 
 HEAD = (
-    "| scene | exact | study | order | off by | sources: spacing, support, step | finer spacing [m] | value: foreseen,"
-    " found | seconds: foreseen, taken |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- |"
+    "| scene | exact | study | order | off by | sources: spacing, support, step | finer run: foreseen, found |\n"
+    "| --- | --- | --- | --- | --- | --- | --- |"
 )
 
 
@@ -190,12 +190,12 @@ def row(name: str, threads: int | None, backend: str = "cpu") -> str:
     limit, answer, sources = found.convergence, solved.answer(), found.sources()
     assert limit is not None
     shares = ", ".join(percent(sources[kind]) if kind in sources else "-" for kind in ("spacing", "support", "step"))
-    order, later = "-", "- | - | -"
+    order, later = "-", "-"
     if limit.asymptotic:
         finer = further(found, solved, threads, backend)
         order = f"{limit.order:.2f}"
-        foreseen = f"{finer.value:.5g}, {finer.run.value:.5g} | {finer.seconds:.3g}, {finer.run.seconds:.3g}"
-        later = f"{finer.spacing:.3g} | {foreseen}"
+        later = f"{finer.value:.5g}, {finer.run.value:.5g}"
+        print(f"{name}: {finer.spacing:.3g} m, {finer.seconds:.3g} s foreseen, {finer.run.seconds:.3g} s taken")
     return (
         f"| `{name}` | {answer:.5g} {found.unit} | {limit.value:.5g} ± {limit.uncertainty:.2g} | {order}"
         f" | {percent(limit.value / answer - 1, signed=True)} | {shares} | {later} |"
