@@ -43,8 +43,8 @@ CUBES: dict[str, tuple[Any, ...]] = {
     "becker": (THIN, refsim.BeckerTeschner2007(surface_tension=0.5)),
     "tartakovsky": (THIN, refsim.TartakovskyMeakin2005(surface_tension=0.5)),
     "normal_difference": (THIN, refsim.NormalDifference2014(area_acceleration=0.1)),
-    "continuity": (refsim.WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=1.0),),
-    "shifting": (refsim.WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=1.0), refsim.ParticleShifting()),
+    "continuity": (refsim.WeaklyCompressible(density="continuity", sound_speed=SOUND, dynamic_viscosity=1.0),),
+    "shifting": (refsim.WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=1.0),),
 }  # fmt: skip
 
 

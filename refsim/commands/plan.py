@@ -100,6 +100,9 @@ def _listed(parts: Iterable[Any]) -> list[dict[str, Any]]:
 
 def _defaults(plan: Plan) -> Iterator[str]:
     """What the scene leaves open and has otherwise than the papers."""
+    for name in plan.effects:
+        if name not in {e.name for e in plan.scene.effects}:
+            yield f"{name} joins the liquid, which names no density; the papers have none"
     for effect in plan.scene.effects:
         for name, printed in effect.in_papers.items() if isinstance(effect, capabilities.FollowsScene) else ():
             value = getattr(plan.effects.get(effect.name), name, printed)  # a box with all faces open is left out

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from refsim.core.checked import Printed
-from refsim.core.effect import Discretisation, Effect, InitialState, Pass, literal_errata
+from refsim.core.effect import EFFECTS, Discretisation, Effect, InitialState, Pass, literal_errata
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.walls import WallParticles
@@ -68,6 +68,15 @@ class FollowsScene:
 
     def settled(self, others: Mapping[str, Effect]) -> Effect:
         """This effect with those of its parameters that are None as the scene has them."""
+        raise NotImplementedError  # an effect with this capability defines it
+
+
+class Joins:
+    """May act in a scene that does not name it."""
+
+    @classmethod
+    def joins(cls, others: Mapping[str, Effect]) -> bool:
+        """Whether it does so beside these effects; with its usual parameters."""
         raise NotImplementedError  # an effect with this capability defines it
 
 
@@ -380,8 +389,12 @@ def having(effects: Mapping[str, Effect] | Iterable[Effect], capability: type[Ca
 def settled(effects: Iterable[Effect]) -> dict[str, Effect]:
     """Effects by name, with parameters that follow the scene as it has them; those that they need are among them.
 
-    A tension that launches nothing, since its coefficients are zero, decides nothing.
+    Effects that join the scene are, too. A tension that launches nothing, since its coefficients are zero, decides
+    nothing.
     """
     given = {effect.name: effect for effect in effects}
     acting = {name: e for name, e in given.items() if not isinstance(e, PullsParticles) or e.passes(given)}
+    absent = [kind for name, kind in EFFECTS.items() if name not in given and issubclass(kind, Joins)]
+    joining = {kind.name: kind() for kind in absent if kind.joins(acting)}
+    given, acting = given | joining, acting | joining
     return {name: e.settled(acting) if isinstance(e, FollowsScene) else e for name, e in given.items()}

@@ -17,11 +17,13 @@ from refsim.engine.driving import PUSH, Driving
 from refsim.engine.launching import refresh
 from refsim.engine.state import State
 from refsim.scene.passes import accounts
+from refsim.sph import SHIFT, acceleration_of
 
 LEAP_FROGS = ("sph.kick_drift", "penetration.kick_drift")
 ROUNDINGS = 4.0  # eps of the run's dtype in each term; a smaller change is rounding
 KINETIC, COMPRESSION = "kinetic", "compression"
 DRIVEN = "driving"  # part of the energy that is less the work of motions, moving faces and solids' pressure
+SHIFTED = "shifting"  # part that is less what displacements beside dt v add to the energy of gravity
 
 
 class AuditState(msgspec.Struct, frozen=True):
@@ -33,6 +35,7 @@ class AuditState(msgspec.Struct, frozen=True):
     turned_over: float = 0.0
     greatest_share: float = 0.0
     work: float = 0.0  # of what drives the run
+    shifted: float = 0.0  # added to the energy of gravity by displacements beside dt v
 
 
 class Auditor:
@@ -51,11 +54,14 @@ class Auditor:
         driven = bool(plan.scene.motion) or "wall_motion" in plan.shared
         driven = driven or any(p.operation == PUSH for _, p in plan.passes)
         self.driving = Driving(run) if driven else None
+        pull = np.array(acceleration_of(plan.effects))
+        self.pull = pull if SHIFT.name in plan.fields and pull.any() else None
         self.renew()
 
     def renew(self) -> None:
         """Begin anew at the next step: the state was set between two steps."""
         self.state = AuditState()
+        self.shifted = 0.0
         if self.driving is not None:
             self.driving.renew()
 
@@ -84,6 +90,8 @@ class Auditor:
             parts |= {name: count(state) for name, count in account.parts.items()}
         if self.driving is not None:
             parts[DRIVEN] = amount(np.array(-self.driving.work))
+        if self.pull is not None:
+            parts[SHIFTED] = amount(np.array(-self.shifted))
         return parts
 
     def begin(self, run: State) -> None:
@@ -97,6 +105,8 @@ class Auditor:
         """Audit where it is due."""
         if self.driving is not None:
             self.driving.after_step(run)
+        if self.pull is not None:
+            self.shifted -= math.fsum(run.host("mass").astype(float) * (run.host(SHIFT.name).astype(float) @ self.pull))
         if run.steps % self.rule.every == 0:
             self.look(run)
 
@@ -115,7 +125,7 @@ class Auditor:
         start = values if before.start is None else before.start
         # Liquid at rest has been compressed by its weight: all of that was turned over.
         begun = {name: 0.0 if name in (KINETIC, COMPRESSION) else v for name, v in start.items()}
-        turned = math.fsum(abs(v - begun[name]) for name, v in values.items() if name != DRIVEN)
+        turned = math.fsum(abs(v - begun[name]) for name, v in values.items() if name not in (DRIVEN, SHIFTED))
         turned = max(before.turned_over, turned)
         lowest = total if before.lowest is None else min(before.lowest, total)
         rounding = (
@@ -143,11 +153,11 @@ class Auditor:
     def saved(self) -> AuditState:
         """Its state, from which it is restored bit for bit."""
         work = 0.0 if self.driving is None else self.driving.work
-        return msgspec.structs.replace(self.state, work=work)
+        return msgspec.structs.replace(self.state, work=work, shifted=self.shifted)
 
     def restore(self, state: AuditState) -> None:
         """Go on from what `saved` gave."""
-        self.state = state
+        self.state, self.shifted = state, state.shifted
         if self.driving is not None:
             self.driving.work = state.work
 

@@ -4,9 +4,10 @@ import math
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
+import msgspec
 import numpy as np
 
-from refsim.core.capabilities import KeepsLedger, SumsDensity
+from refsim.core.capabilities import FollowsScene, KeepsLedger, SumsDensity
 from refsim.core.effect import Discretisation, Effect, Others, Pass
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -34,26 +35,31 @@ class MeltingRule(NamedTuple):
     liquid_heat_capacity: float  # [J/(kg K)]
 
 
-class Melting(Effect, KeepsLedger, SumsDensity, frozen=True, kw_only=True):
+class Melting(Effect, KeepsLedger, SumsDensity, FollowsScene, frozen=True, kw_only=True):
     """Particles at the surface of solids become liquid at the melting point of their body.
 
     bookkeeping  of the melt: "immiscible" keeps mass and rest density, so the melt is as dense as its solid; "water"
                  gives it mass, rest density, conductivity and heat capacity of the scene's liquid, and the total mass
-                 changes
+                 changes; by default "water", and "immiscible" in a liquid whose density is summed
     """
 
     name: ClassVar[str] = "melting"
     says_why: ClassVar[tuple[str, ...]] = ("bookkeeping",)
     ledger_units: ClassVar[Mapping[str, str]] = {"solid_particles": "-", "solid_mass": "kg", "rest_volume": "m^3"}
+    in_papers: ClassVar[Mapping[str, str]] = {"bookkeeping": "immiscible"}
     needed: ClassVar[tuple[str, ...]] = ("shape_matching", "two_way_coupling", "heat_conduction")
 
-    bookkeeping: Literal["immiscible", "water"] = "immiscible"
+    bookkeeping: Literal["immiscible", "water"] | None = None
+
+    def settled(self, others: Others) -> "Melting":
+        summed = not liquid_of(others).settled(others).advances()
+        return msgspec.structs.replace(self, bookkeeping=self.bookkeeping or ("immiscible" if summed else "water"))
 
     def sums_density(self) -> bool:
-        return self.bookkeeping != "water"  # a melt that keeps its rest density makes two liquids
+        return self.bookkeeping == "immiscible"  # a melt that keeps its rest density makes two liquids
 
     def check(self, grid: Discretisation, others: Others) -> None:
-        if self.bookkeeping not in ("immiscible", "water"):
+        if self.bookkeeping not in (None, "immiscible", "water"):
             raise InputError(
                 f"{self.name}: bookkeeping = {self.bookkeeping!r} is not possible; give 'immiscible' or 'water' (the"
                 " rest density cannot change at constant mass: a density ratio of 10 multiplies Tait's pressure by"

@@ -10,9 +10,19 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from refsim.core.capabilities import BringsWalls, CorrectsPositions, HasPlanes, closed_box, having, open_axis
+from refsim.core.capabilities import (
+    BringsWalls,
+    CorrectsPositions,
+    HasPlanes,
+    Joins,
+    PullsParticles,
+    closed_box,
+    having,
+    open_axis,
+)
 from refsim.core.checked import NotNegative
 from refsim.core.effect import Discretisation, Effect, Others, Pass
+from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.particle_shifting import operations as operations
@@ -41,7 +51,7 @@ class Shifting(NamedTuple):
     whole: float = 1.0  # factor of the filling: 1, or 1/delta0 of the number density [m^dim]
 
 
-class ParticleShifting(Effect, CorrectsPositions, frozen=True, kw_only=True):
+class ParticleShifting(Effect, CorrectsPositions, Joins, frozen=True, kw_only=True):
     """Displacements down the gradient of the particles' concentration.
 
     strength  A, 0 for none; Sun et al. 2017 have 1, with which vortices at Re 50 to 200 decay too fast
@@ -57,6 +67,12 @@ class ParticleShifting(Effect, CorrectsPositions, frozen=True, kw_only=True):
 
     strength: NotNegative = 2.2
     surface: Literal["detected", "none"] = "detected"
+
+    @classmethod
+    def joins(cls, others: Others) -> bool:
+        """Beside a liquid that names no density, where that is advanced."""
+        liquid = others.get(LIQUID)
+        return liquid is not None and liquid.density is None and liquid.settled(others).advances()  # type: ignore[attr-defined]
 
     def check(self, grid: Discretisation, others: Others) -> None:
         if self.strength == 0:
@@ -125,5 +141,11 @@ class ParticleShifting(Effect, CorrectsPositions, frozen=True, kw_only=True):
         )  # fmt: skip
         return {"shifting": Shifting(*map(grid.real, numbers))}
 
-    def energy(self, grid: Discretisation, others: Others) -> None:
-        """None: its displacements do work that is not summed."""
+    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount:
+        """None of its own: what its displacements add to that of gravity the audit sums step by step."""
+        if self.strength == 0:
+            return EnergyAccount()
+        pulled = any(effect.passes(others) for effect in having(others, PullsParticles))  # type: ignore[attr-defined]
+        words = ["what shifts change in the potential of cohesion"] if pulled else []
+        words += [] if self._at_surface() else ["what shifts change in the density"]
+        return EnergyAccount(uncounted=tuple(words))

@@ -246,7 +246,7 @@ def test_energy_of_motion_leaves_out_the_kick_of_solids():
     """Half a kick of each particle of the liquid; what is unsure of solids adds to the size."""
     state = State(mass=[2.0, 3.0], velocity=[[1.0, 0, 0], [0, 2.0, 0]], acceleration=[[4.0, 0, 8.0]] * 2, phase=[0, 1])
     run = SimpleNamespace(previous_length=0.5, force_passes=())
-    auditor = SimpleNamespace(accounts={}, driving=None, staggered=True, solids=True)
+    auditor = SimpleNamespace(accounts={}, driving=None, pull=None, staggered=True, solids=True)
     with (
         mock.patch("refsim.engine.audit.EnergyState", return_value=state),
         mock.patch("refsim.engine.audit.unsure", return_value=7.0),

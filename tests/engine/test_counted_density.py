@@ -108,7 +108,8 @@ def test_a_run_that_goes_on_reports_the_same(often, tmp_path):
     whole.checkpoint(tmp_path / "middle.h5")
     resumed = Simulation.resume(tmp_path / "middle.h5")
     assert resumed.counting.greatest == whole.counting.greatest
-    reports = [simulate(run, until=whole.time + 0.006).density for run in (whole, resumed)]
+    end = whole.time + 0.006
+    reports = [simulate(run, until=end).density for run in (whole, resumed)]
     assert reports[0] == reports[1]
     assert (whole.field("position") == resumed.field("position")).all()
 

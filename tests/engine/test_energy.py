@@ -138,6 +138,24 @@ def test_sound_scenes_pass_with_the_published_bound(made, until):
     assert lost > 0.01 * audit["turned_over"] > 0
 
 
+def test_what_shifts_lift_is_no_gain_of_energy(tmp_path):
+    """Their part is minus what the places change the energy of gravity by beside dt v, also after a checkpoint."""
+    pull, water = (0.0, 0.0, -9.81), rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=20.0)
+    simulation = rs.Simulation(scene(water, rs.Gravity(acceleration=pull)), "numpy")
+    lifted = 0.0
+    for step in range(6):
+        before = simulation.field("position")
+        simulation.step()
+        shift = simulation.field("position") - before - simulation.last.length * simulation.field("velocity")
+        lifted -= float((simulation.field("mass") * (shift @ pull)).sum())
+        if step == 3:
+            simulation.checkpoint(tmp_path / "middle.h5")
+            simulation = rs.Simulation.resume(tmp_path / "middle.h5")
+    parts = {name: part.value for name, part in simulation.auditor.energies(simulation).items()}
+    assert abs(lifted) > 1e-3
+    assert parts["shifting"] == pytest.approx(-lifted, rel=1e-9)
+
+
 # What drives a run is counted
 RESONANT = 2 * math.pi / math.sqrt(9.81 * math.pi * math.tanh(0.5 * math.pi))  # s, of water half as deep as wide
 SWAY = rs.Motion(of="gravity", kind="sway", direction=(1.0, 0.0, 0.0), amplitude=0.02, period=RESONANT)

@@ -2,6 +2,7 @@
 
 import pathlib
 
+import msgspec
 import pytest
 
 import refsim as rs
@@ -14,7 +15,7 @@ PEBBLE = str(EXAMPLES / "pebble.obj")
 BOX = {"lower": (0.0, 0.0, 0.0), "upper": (0.4, 0.4, 0.4)}
 PULL = rs.Gravity(acceleration=(0.0, -9.81, 0.0))
 SOLID = (rs.SolidBox(lower=(0.0, 0.0, 0.1), upper=(0.2, 0.2, 0.2)),)
-MOLTEN = (rs.HeatConduction(melting_point=0.0), rs.Melting())
+MOLTEN = (rs.HeatConduction(melting_point=0.0),)
 COUPLED = (rs.ShapeMatching(), rs.TwoWayCoupling())
 ADVANCED, OWN, PAPERS = (
     ("continuity", "central", "extrapolated"), ("summation", "central", "mirrored"),
@@ -34,7 +35,8 @@ def scene(*effects, solid=(), walls=None, **liquid):
     (scene(walls={}), ADVANCED), (scene(*COUPLED, solid=SOLID, walls={}), ADVANCED),
     (scene(walls={}, viscosity="laplacian"), ("continuity", "laplacian", "extrapolated")),
     (scene(walls={}, density="summation"), PAPERS), (scene(walls={}, literal=("E24",)), PAPERS),
-    (scene(*COUPLED, *MOLTEN, solid=SOLID, walls={}), PAPERS),
+    (scene(*COUPLED, *MOLTEN, rs.Melting(), solid=SOLID, walls={}), ADVANCED),
+    (scene(*COUPLED, *MOLTEN, rs.Melting(bookkeeping="immiscible"), solid=SOLID, walls={}), PAPERS),
     (scene(*COUPLED[:1], rs.TwoWayCoupling(density_weighted=True), solid=SOLID, walls={}), PAPERS),
     (scene(walls={"model": "mirrored"}), OWN), (scene(walls={"literal": ("g",)}), OWN),
     (scene(rs.Akinci2013(surface_tension=0.1), walls={}), OWN), (scene(rs.ImplicitPressure(), walls={}), OWN),
@@ -47,17 +49,38 @@ def test_what_is_left_open_follows_the_scene(made, expected):
     assert effects.get("mesh_boundary", walls).model == walls.model
 
 
+@pytest.mark.parametrize(("made", "joins"), [
+    (scene(walls={}), True), (scene(*COUPLED, *MOLTEN, rs.Melting(), solid=SOLID, walls={}), True),
+    (scene(rs.Akinci2013(surface_tension=0.0), walls={}), True), (scene(walls={}, density="continuity"), False),
+    (scene(walls={}, density="summation"), False), (scene(rs.ImplicitPressure(), walls={}), False),
+    (scene(walls={}, literal=("E24",)), False), (scene(rs.Akinci2013(surface_tension=0.1), walls={}), False),
+])  # fmt: skip
+def test_shifting_joins_a_liquid_that_names_no_density_and_has_none_summed(made, joins):
+    plan = make_plan(made)
+    assert ("particle_shifting" in plan.effects) == ("particle_shifting.shift" in plan.launches()) == joins
+    assert plan.effects["weakly_compressible"].restoring == (0.003 if joins else 0.0)
+    off = msgspec.structs.replace(made, effects=(*made.effects, rs.ParticleShifting(strength=0.0)))
+    assert "particle_shifting.shift" not in make_plan(off).launches()
+
+
+@pytest.mark.parametrize(("density", "bookkeeping"), [(None, "water"), ("summation", "immiscible")])
+def test_a_melt_is_the_liquid_s_where_that_is_advanced(density, bookkeeping):
+    made = scene(*COUPLED, *MOLTEN, rs.Melting(), solid=SOLID, walls={}, density=density)
+    assert make_plan(made).effects["melting"].bookkeeping == bookkeeping
+
+
 def test_a_plan_names_each_default_that_the_papers_have_otherwise_once():
     told = describe_plan(
         make_plan(scene(rs.MeshBoundary(file=PEBBLE, center=(0.2, 0.2, 0.1), size=0.1), walls={})), "cpu"
     )
     assert told["defaults"] == [
+        "particle_shifting joins the liquid, which names no density; the papers have none",
         "model of box_walls is 'extrapolated'; the papers have 'mirrored'",
         "density of weakly_compressible is 'continuity'; the papers have 'summation'",
         "viscosity of weakly_compressible is 'central'; the papers have 'laplacian'",
         "model of mesh_boundary is 'extrapolated'; the papers have 'mirrored'",
     ]
-    assert _text(told).count("Default: ") == 4
+    assert _text(told).count("Default: ") == 5
     assert describe_plan(make_plan(scene(walls={}, density="summation")), "cpu")["defaults"] == []
 
 

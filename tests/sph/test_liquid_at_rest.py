@@ -205,7 +205,8 @@ def test_shifting_beside_a_surface_brings_the_slow_return():
     """Not where the density takes the shifts, nor where it is summed, nor where a rate is given."""
     shifting, tension = rs.ParticleShifting(), rs.Akinci2013(surface_tension=0.07)
     for effects, given, rate in (
-        ((shifting,), {}, 0.003), ((shifting, tension), {"density": "continuity"}, 0.003), ((), {}, 0.0),
+        ((shifting,), {}, 0.003), ((shifting, tension), {"density": "continuity"}, 0.003), ((), {}, 0.003),
+        ((), {"density": "continuity"}, 0.0),
         ((shifting,), {"restoring": 0.0}, 0.0), ((shifting,), {"density": "summation"}, 0.0),
         ((rs.ParticleShifting(strength=0.0),), {}, 0.0), ((rs.ParticleShifting(surface="none"),), {}, 0.0),
     ):  # fmt: skip

@@ -233,7 +233,7 @@ def claims(simulation: Simulation, what: str) -> bool:
 
 def corrected(scene: Scene) -> bool:
     """Whether an effect moves particles by other displacements than dt v, which follow the largest speed."""
-    return any(effect.corrects_positions() for effect in having(scene.effects, CorrectsPositions))
+    return any(effect.corrects_positions() for effect in having(settled(scene.effects), CorrectsPositions))
 
 
 @law("ledger")

@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from refsim import Box, BoxWalls, Gravity, ParticleShifting, Scene, Simulation, WeaklyCompressible
+from refsim import Box, BoxWalls, Gravity, Scene, Simulation, WeaklyCompressible
 from refsim.core.writing import write_file
 from refsim.surface_tension.akinci_2013 import Akinci2013
 from validation.filling import replaced
@@ -34,16 +34,16 @@ TANKS: dict[str, tuple[float, dict[str, Any], Any, tuple[Any, ...]]] = {
     "the papers' liquid, h = 2.6 d": (2.6, PAPERS, None, ()),
     "with central viscosity": (2.6, CENTRAL, None, ()),
     "and extrapolated walls": (2.6, CENTRAL, "extrapolated", ()),
-    "the default": (2.6, {}, None, ()),
-    "without diffusion": (2.6, {"diffusion": 0.0}, None, ()),
-    "with shifting": (2.6, {}, None, (ParticleShifting(),)),
+    "and advanced density": (2.6, ADVANCED, None, ()),
+    "without diffusion": (2.6, {**ADVANCED, "diffusion": 0.0}, None, ()),
+    "with shifting: the default": (2.6, {}, None, ()),
     "the papers' liquid with tension": (2.6, PAPERS, None, TENSION),
     "advanced, with Akinci's tension": (2.6, ADVANCED, None, TENSION),
     "without `restoring`": (2.6, {**ADVANCED, "restoring": 0.0}, None, TENSION),
     "the papers' liquid, h = 3.2 d": (3.2, PAPERS, None, ()),
-    "the default, h = 3.2 d": (3.2, {}, None, ()),
+    "advanced density, h = 3.2 d": (3.2, ADVANCED, None, ()),
     "the papers' liquid, h = 4.0 d": (4.0, PAPERS, None, ()),
-    "the default, h = 4.0 d": (4.0, {}, None, ()),
+    "advanced density, h = 4.0 d": (4.0, ADVANCED, None, ()),
 }
 
 

@@ -63,7 +63,9 @@ def calm(sound: float, reach: float) -> WeaklyCompressible:
 def rests(sound: float, reach: float) -> WeaklyCompressible:
     """Water of an advanced density with corrected gradients: a kinematic viscosity of SHARE c h/4."""
     viscosity = 0.25 * DENSITY * SHARE * sound * reach
-    return WeaklyCompressible(sound_speed=sound, dynamic_viscosity=viscosity, gradient="corrected")
+    return WeaklyCompressible(
+        density="continuity", sound_speed=sound, dynamic_viscosity=viscosity, gradient="corrected"
+    )
 
 
 def implicit_pressure(given: Given, seed: int = 0) -> Scene:
