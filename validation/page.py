@@ -94,6 +94,14 @@ def renewed(text: str) -> str:
 
 
 CLAIMS = ROOT / "docs" / "claims.md"
+METHODS = {
+    "Jiang and Zhu 2023": "[detection](surface_detection.md), [tension](jiang_zhu_2023.md), [rivals](models.md)",
+    "Dong, Zhang and Chen 2016": "[cohesion](dong_2016.md)",
+    "thesis on MPM": "[transfers](mpm.md), [surface](surface_energy.md), [drops](mpm_droplet.md)",
+    "Shao and Song 2017": "[heat](heat.md), [solids](shape_matching.md), [coupling](two_way_coupling.md),"
+    " [melting](melting.md)",
+    "patent CN104318598A": "[meshes](meshes.md), [walls](walls.md), [normal differences](models.md)",
+}
 HEADER = """# What the five sources claim, and what was found
 
 *A program writes this page (`python -m validation claims --write`). [Checks](checks.md) explains the verdicts.*
@@ -112,7 +120,11 @@ def claims_page() -> str:
             of.setdefault(_source(said.system), {}).setdefault(said, []).append(entry)
     lines = [HEADER]
     for source, read in of.items():
-        lines += [f"## {source[0].upper()}{source[1:]}\n", "| the source says | found |", "| --- | --- |"]
+        lines.append(f"## {source[0].upper()}{source[1:]}\n")
+        if source in METHODS:
+            errata = source.lower().replace(",", "").replace(" ", "-")
+            lines.append(f"Equations and figures: {METHODS[source]}; [errata](errata.md#{errata}).\n")
+        lines += ["| the source says | found |", "| --- | --- |"]
         for said in sorted(read, key=_place):
             cells = (f"{said.says} *{said.place}:* {said.words}", "<br>".join(map(finding, read[said])))
             lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
