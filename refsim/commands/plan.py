@@ -20,7 +20,7 @@ from refsim.engine.limits import stable_steps, step_limits
 from refsim.scene.files import load_scene
 from refsim.scene.passes import accounts
 from refsim.scene.plan import Plan
-from refsim.sph import gravity_of
+from refsim.sph import acceleration_of
 from refsim.study.cost import STEPS, Cost, measured
 from refsim.study.memory import bytes_of, neighbour_list
 
@@ -168,8 +168,7 @@ def _literal(effect: Effect) -> dict[str, Any]:
 def _first_step(plan: Plan) -> dict[str, Any]:
     """Step limits at the start, from the initial speeds and gravity; other forces are not computed yet."""
     speed = float(np.sqrt((plan.state.velocity**2).sum(1).max(initial=0.0)))
-    gravity = gravity_of(plan.effects)
-    force = math.hypot(*gravity.acceleration) if gravity is not None else 0.0
+    force = math.hypot(*acceleration_of(plan.effects))
     limits = stable_steps(step_limits(plan), Extremes(speed, force))
     limiter = min(limits, key=lambda name: limits[name])
     length = limits[limiter] * plan.scene.step_factor

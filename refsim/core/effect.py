@@ -215,6 +215,10 @@ class Effect(Checked, frozen=True, kw_only=True):
         moved = {name: tuple(map(float, grid.local(getattr(self, name)))) for name in self.places}
         return msgspec.structs.replace(self, **moved) if any(grid.origin) and moved else self
 
+    def in_dimension(self, dim: int) -> Effect:
+        """This effect with those of its parameters that are None as a scene of `dim` dimensions has them."""
+        return self
+
     def needs(self) -> tuple[str, ...]:
         """Names of effects without which this one cannot work."""
         return self.needed

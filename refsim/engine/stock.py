@@ -9,7 +9,7 @@ from refsim.core.capabilities import KeepsLedger
 from refsim.core.errors import RunStopped
 from refsim.engine.simulation import Simulation
 from refsim.scene.plan import Plan
-from refsim.sph import gravity_of
+from refsim.sph import acceleration_of, gravity_of
 
 
 def stock(simulation: Simulation | Plan) -> dict[str, Any]:
@@ -43,9 +43,8 @@ def stock(simulation: Simulation | Plan) -> dict[str, Any]:
         "greatest_speed": float(np.sqrt((v**2).sum(1).max(initial=0.0))),
         "outside_walls": outside,
     }
-    gravity = gravity_of(plan.effects)
-    if gravity is not None:
-        result["potential_energy"] = float(-(m * (x @ np.array(gravity.acceleration))).sum())
+    if gravity_of(plan.effects) is not None:
+        result["potential_energy"] = float(-(m * (x @ np.array(acceleration_of(plan.effects)))).sum())
     keeping = ((name, effect) for name, effect in plan.effects.items() if isinstance(effect, KeepsLedger))
     accounts = {name: effect.ledger(field) for name, effect in keeping}
     if any(accounts.values()):

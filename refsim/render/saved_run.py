@@ -15,7 +15,7 @@ from refsim.core.errors import InputError
 from refsim.io.frames import Frame, read_particles
 from refsim.io.results import PARTICLES, Run
 from refsim.scene.plan import Plan, make_plan
-from refsim.sph import gravity_of
+from refsim.sph import acceleration_of
 
 READ_AT_ONCE = 256_000_000  # bytes of frames
 NO_QUANTITY = ("identity", "place")  # numbers of particles
@@ -51,8 +51,7 @@ class SavedRun:
     @property
     def up(self) -> NDArray[np.float64]:
         """(3,) unit vector against gravity; z in space and y in the plane where there is none."""
-        gravity = gravity_of(self.plan.effects)
-        pull = np.zeros(3) if gravity is None else -np.array(gravity.acceleration, dtype=float)
+        pull = -np.array(acceleration_of(self.plan.effects))
         length = float(np.linalg.norm(pull))
         return pull / length if length > 0 else np.array([0.0, 0.0, 1.0] if self.dim == 3 else [0.0, 1.0, 0.0])
 

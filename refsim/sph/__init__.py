@@ -637,31 +637,35 @@ def surface_of(others: Others) -> FindsSurface:
 class Gravity(Effect, frozen=True, kw_only=True):
     """Uniform acceleration of all particles.
 
-    acceleration  g [m/s^2]; along x or y in 2D
+    acceleration  g [m/s^2], along x or y in 2D; left out, 9.81 along -z, in 2D along -y
     """
 
     name: ClassVar[str] = "gravity"
     scales: ClassVar[tuple[str, ...]] = ("acceleration",)
     periodic: ClassVar[bool] = True
 
-    acceleration: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    acceleration: tuple[float, float, float] | None = None
+
+    def in_dimension(self, dim: int) -> Gravity:
+        downwards = (0.0, -9.81, 0.0) if dim == 2 else (0.0, 0.0, -9.81)
+        return self if self.acceleration else msgspec.structs.replace(self, acceleration=downwards)
 
     def check(self, grid: Discretisation, others: Others) -> None:
-        if grid.dim == 2 and self.acceleration[2] != 0:
+        if grid.dim == 2 and acceleration_of(others)[2] != 0:
             raise InputError("gravity: acceleration has a z part in a 2D scene; point it along x or y.")
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
-        return (Pass("sph.gravity", updates=("acceleration",)),) if any(self.acceleration) else ()
+        return (Pass("sph.gravity", updates=("acceleration",)),) if any(acceleration_of(others)) else ()
 
     def energy(self, grid: Discretisation, others: Others) -> EnergyAccount:
         """-m g.x, zero at the grid's origin."""
-        if not any(self.acceleration):
+        if not any(acceleration_of(others)):
             return EnergyAccount()
-        g = np.array(self.acceleration)
+        g = np.array(acceleration_of(others))
         return EnergyAccount({"gravity": lambda state: amount(-state.field("mass") * (state.field("position") @ g))})
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
-        return {"field": np.array(self.acceleration, dtype=grid.dtype)}
+        return {"field": np.array(acceleration_of(others), dtype=grid.dtype)}
 
 
 def gravity_of(others: Others) -> Gravity | None:
@@ -675,6 +679,6 @@ def lean(grid: Discretisation, others: Others) -> dict[str, Lean]:
 
 
 def acceleration_of(others: Others) -> tuple[float, float, float]:
-    """The scene's acceleration of gravity [m/s^2]; zero without one."""
+    """The acceleration of gravity of a scene that is planned [m/s^2]; zero without one."""
     gravity = gravity_of(others)
-    return (0.0, 0.0, 0.0) if gravity is None else gravity.acceleration
+    return (gravity and gravity.acceleration) or (0.0, 0.0, 0.0)

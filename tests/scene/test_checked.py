@@ -110,7 +110,7 @@ def test_one_parameter_is_changed_by_one_call():
     ({"fluid__radius": 1.0}, r"no 'radius' there; choose from 0, 1\."),
     ({"solid__0__radius": 1.0}, r"no '0' there; there are none\."),
     ({"fluid__0__radius": 1.0}, r"no 'radius' there; choose from lower, cells, velocity, size\."),
-    ({"gravity__acceleration": "9"}, r"gravity: acceleration = '9' is text; give a tuple or a list\."),
+    ({"gravity__acceleration": "9"}, r"gravity: acceleration = '9' is text; give a tuple or a list or None\."),
 ])  # fmt: skip
 def test_a_change_that_is_not_possible_is_named(changes, sentence):
     with pytest.raises(rs.InputError, match=sentence):

@@ -91,3 +91,14 @@ def test_spray_of_the_packaged_dam_break_breaks():
     run_to(simulation, 0.46)
     density = simulation.field("density")
     assert 950.0 <= density.min() < 1000.0 < density.max() < 1050.0
+
+
+@pytest.mark.parametrize(("dim", "down"), [(2, 1), (3, 2)])
+def test_gravity_pulls_down_by_default_in_the_plane_as_in_space(dim, down):
+    cube = rs.Scene(
+        dim=dim, spacing=0.1, support_radius=0.26, step=1e-3, fluid=(rs.Box(cells=(2, 2, 1)),), effects=(rs.Gravity(),)
+    )
+    simulation = rs.Simulation(cube, backend="numpy")
+    simulation.step()
+    fall = [-9.81e-3 if axis == down else 0.0 for axis in range(3)]
+    assert simulation.field("velocity").mean(0) == pytest.approx(fall, rel=1e-6)
