@@ -136,8 +136,7 @@ WHOLE = {
 
 
 @pytest.mark.skipif(not os.path.exists("/proc/self/task"), reason="the system does not list a process's children")
-@pytest.mark.parametrize("name", ["SIGTERM", "SIGINT"])
-@pytest.mark.parametrize("words", WHOLE.values(), ids=WHOLE)
+@pytest.mark.parametrize("words, name", [(WHOLE["validation"], "SIGTERM"), (WHOLE["reproduce"], "SIGINT")])
 def test_experiments_that_are_asked_to_stop_end_with_their_processes(tmp_path, words, name):
     """SIGTERM twice, to the command alone; Ctrl-C to it and its processes, which have begun to import."""
     for package in ("refsim", "validation"):  # results are kept beside them

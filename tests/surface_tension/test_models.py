@@ -113,23 +113,6 @@ def test_collapse_is_refused_and_strain_is_noted(model):
 
 
 # In scenes
-def roundness(simulation):
-    """<x^4 + y^4 + z^4 - 0.6 r^4>/<r^4>: -0.127 for a cube along the axes, 0 for a ball."""
-    x = simulation.field("position").astype(float)
-    x = x - x.mean(0)
-    return ((x**4).sum(1) - 0.6 * (x**2).sum(1) ** 2).mean() / ((x**2).sum(1) ** 2).mean()
-
-
-@pytest.mark.slow
-@cohesive
-def test_a_cube_rounds_off_at_rest_density(model):
-    simulation = drop(model(surface_tension=1.0), n=8)
-    assert abs(roundness(simulation)) < 0.04
-    velocity, x = simulation.field("velocity"), simulation.field("position")
-    assert np.abs(velocity.mean(0)).max() < 1e-5
-    simulation.evaluate()
-    inner = np.linalg.norm(x, axis=1) < 0.25
-    assert simulation.field("density")[inner].mean() == pytest.approx(1, abs=0.02)
 
 
 def test_one_coefficient_for_both_terms_flies_apart():
@@ -139,17 +122,6 @@ def test_one_coefficient_for_both_terms_flies_apart():
     assert np.abs(drop(literal, bound=100.0).field("position")).max() > 10
     with pytest.raises(rs.RunStopped, match="denser than"):
         drop(literal)
-
-
-@pytest.mark.slow
-def test_implicit_drop_rounds_off():
-    """Reference [12]: Akinci's tension on an implicit pressure, in a fraction of the steps."""
-    implicit = drop(rs.Akinci2013(surface_tension=1.0), rs.ImplicitPressure(), n=8)
-    explicit = drop(rs.Akinci2013(surface_tension=1.0), n=8)
-    assert abs(roundness(implicit)) < 0.04
-    assert implicit.steps < 0.6 * explicit.steps
-    assert np.abs(implicit.field("velocity").mean(0)).max() < 1e-5
-    assert implicit.field("density_error").mean() < 1e-3
 
 
 @pytest.mark.parametrize(("model", "parameters", "words"), [

@@ -10,12 +10,6 @@ import pytest
 
 from refsim import make_plan
 from validation import limits, timed, times
-from validation.peers import missing
-
-
-@pytest.mark.skipif(bool(missing("warp_sph")), reason=missing("warp_sph"))
-def test_accelerations_of_the_disturbed_cube_are_warps():
-    assert 0 < limits.disturbed_difference(5, "cpu", "cpu") < limits.LARGEST_DIFFERENCE
 
 
 # Scenes
