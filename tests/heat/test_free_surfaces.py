@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import erfc
 
-from refsim import Box, Cloud, HeatConduction, Scene, Simulation, WeaklyCompressible
+from refsim import Box, Cloud, HeatConduction, Scene, Simulation
 from tests.running import advanced
 
 CELLS = 16
@@ -64,13 +64,6 @@ def test_a_strip_conducts_along_itself_as_its_material_does(rows, support, optio
     assert change < 1e-14
     plain, _ = rate(bar(lattice(rows), 2, support, given | {"literal": ("M26",)}))
     assert plain < 0.97 * wide
-
-
-@pytest.mark.parametrize("across", [(1, 1), (2, 2), (1, 5), (3, 4)], ids=str)
-def test_rods_and_slabs_conduct_alike(across):
-    found, change = rate(bar(lattice(*across), 3, 2.5, {"scheme": "explicit"}))
-    assert found == pytest.approx(1.0, abs=0.015)  # of which the lattice of a wide body takes 0.005
-    assert change < 1e-14
 
 
 def test_turned_and_uneven_strips_conduct_alike():
@@ -156,7 +149,7 @@ def test_ice_that_melts_to_its_last_particle_keeps_the_range():
 
 def test_moving_particles_are_compensated_anew_and_resting_ones_are_not():
     """The sums over neighbours are taken at the start, where positions are set, and in steps in which one moves."""
-    run = bar(lattice(2), 2, 2.5, {"scheme": "explicit"}, backend="cpu")
+    run = bar(lattice(2), 2, 2.5, {"scheme": "explicit"})
     run.step()
     first = run.field("compensation_x")
     stored = run.fields["compensation_x"]
@@ -170,18 +163,3 @@ def test_moving_particles_are_compensated_anew_and_resting_ones_are_not():
     run.set_field("velocity", 1e-3 * x)
     run.step()
     assert (abs(run.field("compensation_x") - first) > 1e-6).any()
-
-
-def test_a_liquid_and_a_resumed_run_are_compensated_alike(tmp_path):
-    """Bit for bit after a checkpoint, where particles move."""
-    heat = HeatConduction(temperature=(50.0, 0.0), conductivity=1e4)
-    scene = Scene(
-        dim=2, dtype="float64", spacing=0.1, support_radius=0.25, step=0.002,
-        fluid=(Box(cells=(6, 3, 1), velocity=(1.0, 0.0, 0.0)), Box(lower=(0.6, 0.0, 0.0), cells=(6, 3, 1))),
-        effects=(WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=1.0), heat),
-    )  # fmt: skip
-    run = advanced(Simulation(scene, "numpy"), 4)
-    run.checkpoint(tmp_path / "half")
-    again = advanced(Simulation.resume(tmp_path / "half"), 4)
-    assert (advanced(run, 4).field("temperature") == again.field("temperature")).all()
-    assert run.field("temperature")[:18].mean() < 50.0

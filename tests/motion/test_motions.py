@@ -125,7 +125,7 @@ def test_walls_feel_gravity_of_the_moment():
     """A tank whose acceleration is constant is one of another gravity, but for the start."""
     motion = (Motion(of="gravity", kind="formula", direction=(1.0, 0.0, 0.0), formula="0.5*2*t**2"),)
     swayed, tilted = (
-        Simulation(tank(**own), "cpu") for own in ({"motion": motion}, {"pull": (-2.0, -G, 0.0)})
+        Simulation(tank(**own), "numpy") for own in ({"motion": motion}, {"pull": (-2.0, -G, 0.0)})
     )  # fmt: skip
     for simulation in (swayed, tilted):  # which begin with the pressure of rest in their own gravity
         simulation.set_field("advanced_excess", np.zeros(simulation.count))
@@ -162,6 +162,7 @@ def test_a_free_particle_flies_straight_as_a_turning_tank_sees_it():
     assert simulation.field("position")[0] == pytest.approx(wanted, abs=3e-4)
 
 
+@pytest.mark.slow
 def test_liquid_in_a_tilted_tank_lies_level():
     """Slowly turned by 0.05 rad its surface has that slope in the tank."""
     turn = Motion(

@@ -27,23 +27,6 @@ LIQUID = rs.MpmLiquid(bulk_modulus=1e5)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("volume", ["ratio", "gradient", "full_gradient"])
-def test_free_fall_is_exact(dim, volume):
-    """Uniform motion and gravity: x + t v + sum dt v, with no pressure and no affine part."""
-    gravity = np.array([0.3, -9.81, 0.0])
-    liquid = rs.MpmLiquid(bulk_modulus=1e5, volume=volume)
-    run = rs.Simulation(scene(liquid, rs.Gravity(acceleration=tuple(gravity)), dim=dim, velocity=(1.0, 0.5, 0.0)))
-    start, v, moved = run.field("position"), np.array([1.0, 0.5, 0.0]), np.zeros(3)
-    for _ in range(60):
-        length = run.step().length
-        v = v + length * gravity
-        moved = moved + length * v
-    assert abs(run.field("position") - start - moved).max() < 1e-12
-    assert abs(run.field("velocity") - v).max() < 1e-11
-    assert abs(run.field("volume_ratio") - 1).max() < 1e-12
-
-
-@pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("reading", [0, 1])
 def test_transfers_keep_an_affine_field(dim, reading):
     """c + G x comes back from the grid as it went there, mass and momenta are the particles'."""
@@ -328,10 +311,9 @@ def crowded(ratio, **surface):
     return drop_scene(ellipsoid(6.0, 2), 2, liquid={"initial_ratio": ratio, "bulk_modulus": 10.0}, tension=tension)
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_run_says_from_when_on_particles_gather(tmp_path, dtype):
+def test_run_says_from_when_on_particles_gather(tmp_path):
     """Above 1.25 a note, once, in the run, in the checkpoint and in the report; above 2 a stop."""
-    disc = msgspec.structs.replace(crowded(1.3), dtype=dtype)
+    disc = msgspec.structs.replace(crowded(1.3), dtype="float32")
     run = rs.Simulation(disc)
     assert not run.notes
     run.step()
@@ -343,11 +325,11 @@ def test_run_says_from_when_on_particles_gather(tmp_path, dtype):
         each.step()
         assert (each.notes, len(each.notes)) == (run.notes, 1)
     assert simulate(disc, 2.5e-4).notes == run.notes
-    calm = rs.Simulation(msgspec.structs.replace(crowded(1.2), dtype=dtype))
+    calm = rs.Simulation(msgspec.structs.replace(crowded(1.2), dtype="float32"))
     calm.step()
     assert not calm.notes
     with pytest.raises(rs.RunStopped, match=r"the grid counts 2\.1") as stop:
-        rs.Simulation(msgspec.structs.replace(crowded(2.1), dtype=dtype)).step()
+        rs.Simulation(msgspec.structs.replace(crowded(2.1), dtype="float32")).step()
     assert stop.value.reason == "clumped"
 
 

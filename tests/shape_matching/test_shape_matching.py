@@ -168,17 +168,6 @@ def distances(simulation):
     return np.linalg.norm(x[:, None] - x[None], axis=2)
 
 
-@pytest.mark.parametrize("width", [1, 2])
-def test_a_free_body_keeps_momenta_and_shape(width):
-    """1,000 steps; 10,000 in the case validation/melting."""
-    start, end = free((SPINNING,), 0, half_width=width), free((SPINNING,), 1000, half_width=width)
-    (p0, l0), (p1, l1) = momenta(start), momenta(end)
-    assert np.abs(p1 - p0).max() < 1e-12 * np.linalg.norm(p0)
-    assert np.abs(l1 - l0).max() < 1e-9 * np.linalg.norm(l0)
-    # Leap-frog lets a turning body breathe by (omega dt)^2 at most.
-    assert np.abs(distances(end) - distances(start)).max() < 2 * (3.2 * 0.005) ** 2 * 1.2
-
-
 def spinning(cells, axis, rate, half_width=2, stiffness=1.0, damping=0.0, dtype="float64", **more):
     """A box of cells, a scene of its own, turning at `rate` turns a second about an axis of symmetry."""
     d, spin = 0.2, 2 * np.pi * rate * np.array(axis) / np.linalg.norm(axis)
@@ -302,27 +291,6 @@ def test_fast_sums_are_exact_far_from_the_first_particle():
 
 
 # Coupling
-def test_a_light_body_floats_at_rest():
-    """Energy does not grow: a box of half the water's density ends half under water, and everything comes to rest."""
-    effects = (
-        rs.WeaklyCompressible(sound_speed=40.0, dynamic_viscosity=50.0, state="tait", density="summation"),
-        rs.ShapeMatching(summation="gather"), rs.TwoWayCoupling(), rs.Gravity(),
-        rs.BoxWalls(lower=(0, 0, 0), upper=(1.6, 1.6, 3)),
-    )  # fmt: skip
-    body = rs.SolidBox(lower=(0.4, 0.4, 0.8), upper=(1.2, 1.2, 1.6), density=500.0, velocity=(0.0, 0.0, -1.0))
-    scene = rs.Scene(
-        spacing=0.2, support_radius=0.5, fluid=(rs.Box(cells=(8, 8, 4)),), solid=(body,), effects=effects, step=0.004
-    )
-    simulation = rs.Simulation(scene)
-    kinetic = []
-    for _ in range(700):
-        simulation.step()
-        v, m = simulation.field("velocity"), simulation.field("mass")
-        kinetic.append(0.5 * (m * (v**2).sum(1)).sum())
-    assert np.mean(kinetic[-50:]) < 0.05 * max(kinetic)
-    x = simulation.field("position")
-    level = 0.8 + 0.5 * 0.8**3 / 1.6**2
-    assert x[:64, 2].mean() == pytest.approx(level, abs=0.2)
 
 
 @pytest.mark.parametrize(("literal", "expected"), [((), 1.057), (("M4",), 1.165)], ids=["all solids", "as printed"])
@@ -336,7 +304,7 @@ def test_first_layer_of_liquid_on_a_solid(literal, expected):
         spacing=0.2, support_radius=0.5, fluid=(rs.Box(lower=(0, 0, 0.8), cells=(14, 14, 5)),), dtype="float64",
         solid=(rs.SolidBox(lower=(0, 0, 0), upper=(2.8, 2.8, 0.8)),), effects=effects, step=1e-3,
     )  # fmt: skip
-    simulation = rs.Simulation(scene)
+    simulation = rs.Simulation(scene, "numpy")
     simulation.evaluate()
     x, rho = simulation.field("position"), simulation.field("density")
     middle = (np.abs(x[:, :2] - 1.4).max(1) < 0.4) & (np.abs(x[:, 2] - 0.9) < 0.01)

@@ -172,7 +172,7 @@ def test_a_spinning_drop_keeps_its_angular_momentum(dim, solver):
     kept = {}
     for form in FORMS:
         scene = drop(form, dim, *SOLVERS[solver], radius=4.0)
-        simulation = rs.Simulation(scene)
+        simulation = rs.Simulation(scene, "numpy")
         first = angular_momentum(simulation)
         v = simulation.field("velocity").copy()
         advanced(simulation, 12)

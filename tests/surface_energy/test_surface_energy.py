@@ -321,9 +321,9 @@ def test_run_of_the_references_is_the_cpus(dim, parameters):
     assert np.abs(runs[0].field("velocity")).max() > 1e-4  # m/s: the tension moves it
 
 
-@pytest.mark.parametrize("parameters", [{}, {"contact_angle": 60.0}], ids=str)
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize(
+    "dim, dtype, parameters", [(2, "float32", {"contact_angle": 60.0}), (3, "float64", {})], ids=str
+)
 def test_a_lattice_moves_alike_on_both_backends(dim, dtype, parameters):
     """The CPU sorts the particles, and rounding differs; of equally near particles both take the lowest number.
 

@@ -26,13 +26,14 @@ def blob(*effects, dim=3, clamp=True):
     return rs.Simulation(
         rs.Scene(
             spacing=0.1, support_radius=0.26, dim=dim, fluid=(rs.Cloud(position=points),), effects=(fluid, *effects)
-        )
+        ),
+        "numpy",
     )
 
 
 @pytest.mark.parametrize("tension", TENSIONS, ids=lambda effect: effect.name + getattr(effect, "pair_mode", ""))
 def test_sum_of_pairs_is_the_sum_of_the_forces(tension):
-    """sum_pairs x_ij.F_ij = sum_i x_i.F_i, with the accelerations of the CPU's programs."""
+    """sum_pairs x_ij.F_ij = sum_i x_i.F_i, with the accelerations of the programs."""
     simulation = blob(tension)
     simulation.evaluate()
     x, a, m = (simulation.field(name).astype(float) for name in ("position", "acceleration", "mass"))
