@@ -22,8 +22,8 @@ NAVIGATION = {
     "Lessons": ("lessons",),
     "Liquids and walls": ("sph", "liquid", "iisph", "walls", "motions", "meshes", "gauges"),
     "Surface tension": ("surface_detection", "jiang_zhu_2023", "dong_2016", "models"),
-    "Solids, heat, melting": ("shape_matching", "two_way_coupling", "heat", "melting"),
-    "Particles and a grid": ("mpm", "surface_energy", "isosurface", "mpm_droplet"),
+    "Solids, heat, melting": ("shape_matching", "heat", "melting"),
+    "Particles and a grid": ("mpm", "surface_energy"),
     "Evidence": (
         "equations", "errata", "claims", "checks", "solutions", "accuracy_cost", "effects_cost", "laws", "stability",
         "energy_audit",

@@ -97,9 +97,8 @@ CLAIMS = ROOT / "docs" / "claims.md"
 METHODS = {
     "Jiang and Zhu 2023": "[detection](surface_detection.md), [tension](jiang_zhu_2023.md), [rivals](models.md)",
     "Dong, Zhang and Chen 2016": "[cohesion](dong_2016.md)",
-    "thesis on MPM": "[transfers](mpm.md), [surface](surface_energy.md), [drops](mpm_droplet.md)",
-    "Shao and Song 2017": "[heat](heat.md), [solids](shape_matching.md), [coupling](two_way_coupling.md),"
-    " [melting](melting.md)",
+    "thesis on MPM": "[transfers](mpm.md), [surface and drops](surface_energy.md)",
+    "Shao and Song 2017": "[heat](heat.md), [solids and coupling](shape_matching.md), [melting](melting.md)",
     "patent CN104318598A": "[meshes](meshes.md), [walls](walls.md), [normal differences](models.md)",
 }
 HEADER = """# What the five sources claim, and what was found

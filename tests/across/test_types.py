@@ -13,7 +13,7 @@ import pytest
 import refsim
 
 ROOT = pathlib.Path(__file__).parents[2]
-PAGES = ("README.md", *(f"docs/{name}.md" for name in ("gauges", "isosurface", "meshes", "study", "sweep")))
+PAGES = ("README.md", *(f"docs/{name}.md" for name in ("gauges", "meshes", "study", "surface_energy", "sweep")))
 PYTHON = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 CONFIGURATION = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]
 with_mypy = pytest.mark.skipif(importlib.util.find_spec("mypy") is None, reason="mypy is not installed (extra test)")
