@@ -16,6 +16,8 @@ from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
 from typing import Any
 
+import numba
+
 from refsim.backends.cache import cache_folder, cached
 from refsim.backends.fast.private import lost, names
 from refsim.backends.written import is_fixed, kind_of, written
@@ -53,6 +55,8 @@ def made(
 class PlainKernel:
     """A kernel's plain loop, written and compiled for each sort of arguments: `refsim.backends.written`.
 
+    Where one thread works, it is compiled without `parallel=True`: Numba would wake that thread for each loop.
+
     wrapper  the loop over rows; `origin` are module and name under which other processes find the kernel
     """
 
@@ -68,22 +72,24 @@ class PlainKernel:
 
     def program(self, values: tuple) -> tuple[Any, tuple]:
         """The compiled loop for these values, and those that it takes."""
-        key = tuple(map(_key, values))
+        alone = numba.get_num_threads() == 1
+        key = (alone, *map(_key, values))
         if key not in self.programs:
             kinds = tuple(map(kind_of, values))
-            self.programs[key] = self.of(kinds), [k for k, kind in enumerate(kinds) if not is_fixed(kind)]
+            self.programs[key] = self.of(kinds, alone), [k for k, kind in enumerate(kinds) if not is_fixed(kind)]
         program, taken = self.programs[key]
         return program, tuple([_passed(values[k]) for k in taken])
 
-    def of(self, kinds: tuple) -> Any:
-        """The compiled loop for arguments of these kinds."""
+    def of(self, kinds: tuple, alone: bool) -> Any:
+        """The compiled loop for arguments of these kinds, for one thread (`alone`) or several."""
         text = written(self.wrapper, dict(zip(self.__signature__.parameters, kinds)), "cpu", self.fast)
+        text = text.replace("parallel=True, ", "") if alone else text
         module = sys.modules[self.origin[0]]
         source = pathlib.Path(getattr(module, "__file__", None) or self.wrapper.__code__.co_filename)
         loop = made(text, self.wrapper.__name__, source, self.origin[0])
         if hasattr(loop, "py_func"):
             loop = cached(loop, loop.py_func, self.origin)
-            loop.kinds = kinds
+            loop.written_for = kinds, alone
         return loop
 
 

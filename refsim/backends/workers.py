@@ -27,13 +27,13 @@ START = "import sys; sys.path[:] = sys.argv[1:]; from refsim.backends.workers im
 class Task:
     """A kernel, by module and name, and the pickled types for which its code is wanted.
 
-    Of a plain loop they are those of the arguments that it takes; `kinds` are those for which it is written.
+    Of a plain loop they are those of the arguments that it takes; `written_for` are what `PlainKernel.of` takes.
     """
 
     module: str
     name: str
     types: bytes
-    kinds: Any = None
+    written_for: Any = None
 
     @classmethod
     def of(cls, program: Any, types: tuple) -> "Task | None":
@@ -45,13 +45,13 @@ class Task:
             sent = pickle.dumps(tuple(types))
         except (pickle.PicklingError, AttributeError, TypeError):
             return None
-        return None if b"__main__" in sent else cls(module, name, sent, getattr(program, "kinds", None))
+        return None if b"__main__" in sent else cls(module, name, sent, getattr(program, "written_for", None))
 
     def store(self) -> None:
         """Compile the kernel in this process and store its code."""
         found = attrgetter(self.name)(importlib.import_module(self.module))
         program = found.on("cpu") if hasattr(found, "on") else found
-        program = program if self.kinds is None else program.of(self.kinds)
+        program = program if self.written_for is None else program.of(*self.written_for)
         program.store(pickle.loads(self.types))
 
 

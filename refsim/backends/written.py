@@ -81,6 +81,11 @@ def is_fixed(kind: Any) -> bool:
     return isinstance(kind, Known) and kind.fixed
 
 
+def holds_arrays(kind: Any) -> bool:
+    """Whether a value of this kind is an array or a tuple with one."""
+    return isinstance(kind, Array) or (isinstance(kind, Group) and any(map(holds_arrays, kind.parts)))
+
+
 def merged(kinds: Iterable[Any]) -> Any:
     """The kind of what is one of these."""
     found: list[Any] = list(
@@ -151,6 +156,7 @@ class Named:
     def __init__(self, wanted: str, value: Any = None) -> None:
         self.wanted, self.value, self.nodes = wanted, value, list[Any]()
         self.locals: set[str] = set()
+        self.takes_arrays = False
         self.tree: ast.FunctionDef | None = None
         self.result: Any = NUMBER
 
@@ -171,6 +177,7 @@ class Writer:
         key = (function if source is None else id(source), tuple(kinds.items()))
         if key not in self.made:
             made = self.made[key] = Named(wanted, function)
+            made.takes_arrays = any(map(holds_arrays, kinds.values()))
             body = Body(self, source or source_of(function), kinds)
             made.tree, made.result, made.locals = body.written(), body.result, body.locals
             self.order.append(made)
@@ -226,9 +233,11 @@ class Writer:
         assert named.tree is not None
         named.tree.name = named.wanted
         text = ast.unparse(ast.fix_missing_locations(named.tree))
-        marked, exact = "prange(" in text, getattr(named.value, "ordered", False)
+        exact = getattr(named.value, "ordered", False)
+        # A call of a function that is not inlined counts references to its arrays, one by one, and between threads.
+        how = "parallel=True, " if "prange(" in text else "forceinline=True, " * named.takes_arrays
         options = {
-            "cpu": f'@njit({"parallel=True, " * marked}{"fastmath=FAST, " * (not exact)}error_model="numpy")',
+            "cpu": f'@njit({how}{"fastmath=FAST, " * (not exact)}error_model="numpy")',
             "cuda": "@cuda.jit" if named is self.order[-1] else "@cuda.jit(device=True)",
         }
         head, quotes, words = text.partition('"""')

@@ -2,8 +2,17 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
+
+import numpy as np
+
+from refsim.backends.plain import PlainKernel
+from refsim.backends.written import kind_of
+from refsim.commands.printed import printed
+from refsim.core.operation import REGISTRY
+from refsim.sph.kernels import gravity
 
 CASE = "two_particles"
 PROGRAM = """
@@ -55,3 +64,16 @@ def test_a_plain_loop_is_compiled_ahead(tmp_path):
     around = {"REFSIM_PLAIN": "1", "REFSIM_CACHE_DIR": str(tmp_path), "PYTHONPATH": ":".join(sys.path)}
     run = subprocess.run([sys.executable, "-c", AHEAD], capture_output=True, text=True, env={**os.environ, **around})
     assert run.stdout.split() == ["b'.'", "[]"], run.stderr[-2000:]
+
+
+def test_functions_that_take_arrays_are_inlined():
+    """A call that is not counts references to each array, for each row."""
+    heads = re.findall(r"@njit\((.*)\)\ndef (\w+)\(", printed(REGISTRY["sph.density"], "cpu"))
+    inlined = {name for options, name in heads if "forceinline=True" in options}
+    assert inlined == {"sum_of_density_pair", "put_sums", "density_of_row"}
+
+
+def test_one_thread_needs_no_parallel_loop():
+    loops = PlainKernel(gravity.plain_wrapper("cpu"), ("refsim.sph.kernels", "gravity"), ())
+    kinds = tuple(map(kind_of, (np.zeros(3), np.zeros((4, 3)))))
+    assert ["parallel" in loops.of(kinds, alone).targetoptions for alone in (True, False)] == [False, True]

@@ -64,7 +64,8 @@ def strain(i, velocity, mass, advanced_excess, phase, liquid_near_walls, walls, 
         straining_pair, i, None, liquid_near_walls, walls.position, period, velocity, mass, advanced_excess, phase,
         smoothing, fluid,
     )  # fmt: skip
-    wall_strain[i] = walls.volume[i] * total / weights if weights > zero else zero
+    volume = walls.volume[i]
+    wall_strain[i] = volume * total / weights if weights > zero else zero
 
 
 @pair
