@@ -17,10 +17,10 @@ from typing import Any
 
 import numba
 from numba import njit
+from numba.extending import overload
 
 from refsim.backends import plain
 from refsim.backends.cache import cached
-from refsim.backends.fast.linking import linked
 from refsim.backends.fast.private import names, supported
 from refsim.backends.fast.rows import over_rows
 from refsim.backends.launching import direct_launch, kinds_of
@@ -61,8 +61,12 @@ def formula(function: Callable, *, inlined: bool = False, ordered: bool = False)
 def overloaded(
     function: Callable, chosen: Callable, targets: tuple[str, ...] = ("cpu", "cuda"), **options: Any
 ) -> Callable:
-    """`linked` with the options of all kernels; returns the function."""
-    linked(function, chosen, targets, **COMPILE_OPTIONS, **options)
+    """Let kernels for the targets call what `chosen` gives for the types of the arguments, where they call `function`.
+
+    `options` are those of `numba.jit`, beside those of all kernels. Returns the function.
+    """
+    for target in targets:
+        overload(function, target=target, jit_options=supported(COMPILE_OPTIONS | options), strict=False)(chosen)
     return function
 
 
