@@ -107,12 +107,6 @@ def pairing_task(arguments: list[str]) -> list[Row]:
 
     name, dtype = arguments
     outcomes = list(contract.trials(contract.own("cuda"), name, (dtype,)))
-    if "cuda:fast" in REGISTRY[name].programs:  # its own kernels serve wide regions only; here all
-        from refsim.shape_matching import fast_summation_cuda
-
-        fast_summation_cuda.NARROW = 0
-        for variant in range(len(REGISTRY[name].variants)):
-            outcomes += contract.climb(contract.Target(REGISTRY[name], "cuda:fast", dtype, variant))
     bad = [outcome for outcome in outcomes if not outcome.passed]
     finite = [outcome.error for outcome in outcomes if np.isfinite(outcome.error)]
     worst, verdict = float(f"{max(finite, default=0.0):.3g}"), "fail" if bad or not outcomes else "pass"

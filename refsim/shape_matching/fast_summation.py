@@ -7,14 +7,14 @@ planes of 2 w + 1 sums of rows of 2 w + 1 cells, which neighbouring regions shar
 All sums are in float64. Positions, velocities and cells are relative to the node in the middle of the body: rounding
 of large sums would add to the momentum, because a body that keeps its shape rounds the same way in every step.
 
-On a CPU a thread sums one number over all boxes; `axis_sums_cuda` sums on a GPU.
+For a CPU, where a thread sums one number over all boxes.
 """
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from refsim.backends.compile import formula, kernel, on_device
+from refsim.backends.compile import formula, kernel
 from refsim.shape_matching import kernels
 from refsim.shape_matching.formulas import turned
 from refsim.shape_matching.phases import EMPTY
@@ -51,7 +51,7 @@ class Motions(NamedTuple):
 def match(solid_position, region_share, region, region_count, boxes, matching, region_center, region_anchor, rotation):
     """Center, rotation and anchor of every region."""
     match_cells(solid_position, region_share, boxes, boxes.node)
-    sum_boxes(matching.half_width, boxes, 17)
+    sum_planes(matching.half_width, boxes, boxes.first[:17])
     match_nodes(
         solid_position, region_share, region, region_count, boxes, matching, region_center, region_anchor, rotation
     )
@@ -60,21 +60,21 @@ def match(solid_position, region_share, region, region_count, boxes, matching, r
 def pull(velocity, solid_position, goals: Goals, place, boxes, matching, timestep, acceleration, solid_velocity):
     """Pull of every node towards its goal; added to the acceleration."""
     goal_cells(solid_position, goals, boxes, matching.spacing, boxes.node)
-    sum_boxes(matching.half_width, boxes, 13)
+    sum_planes(matching.half_width, boxes, boxes.first[:13])
     goal_nodes(velocity, solid_position, goals, place, boxes, matching, timestep, acceleration, solid_velocity)
 
 
 def region_motion(solid_position, solid_velocity, members: Members, boxes, matching, region_velocity, region_spin):
     """Velocity and spin of every region."""
     motion_cells(solid_position, solid_velocity, members.region_share, boxes, boxes.node)
-    sum_boxes(matching.half_width, boxes, 17)
+    sum_planes(matching.half_width, boxes, boxes.first[:17])
     motion_nodes(solid_position, solid_velocity, members, boxes, matching, region_velocity, region_spin)
 
 
 def damp(solid_position, solid_velocity, motions: Motions, place, boxes, matching, timestep, acceleration):
     """Damping of every node towards the rigid motion of its regions; added to the acceleration."""
     damp_cells(solid_position, solid_velocity, motions, boxes, boxes.node)
-    sum_boxes(matching.half_width, boxes, 7)
+    sum_planes(matching.half_width, boxes, boxes.first[:7])
     count = motions.region_count
     damp_nodes(solid_position, solid_velocity, count, motions, place, boxes, matching, timestep, acceleration)
 
@@ -332,16 +332,6 @@ def damp_nodes(
         region, _, center, mean, spin = motions
         sums = kernels.damp_sums(s, solid_position, solid_velocity, region, center, mean, spin)
     kernels.damp_end(s, sums, region_count, place, matching, timestep, acceleration)
-
-
-def sum_boxes(half_width, boxes, count):
-    """Sums of the first `count` numbers over the box around every node, into boxes.second."""
-    if on_device(boxes.node):
-        from refsim.shape_matching.axis_sums_cuda import sum_axes
-
-        sum_axes(half_width, boxes, count)
-    else:
-        sum_planes(half_width, boxes, boxes.first[:count])
 
 
 @formula

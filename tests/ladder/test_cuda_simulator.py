@@ -442,14 +442,6 @@ def test_fit_on_a_gpu_finds_the_weights_that_it_is_not_given(variant):
     assert outcome.passed, str(outcome)
 
 
-@pytest.mark.parametrize("name", ["match", "pull", "region_motion", "damp"])
-def test_sums_over_boxes_agree_with_the_reference(monkeypatch, name):
-    """Fast summation's own kernels, which serve wide regions only."""
-    monkeypatch.setattr("refsim.shape_matching.fast_summation_cuda.NARROW", 0)
-    outcome = contract.run(f"shape_matching.{name}", "cuda:fast", "float32", "cloud_3d", 0)
-    assert outcome.passed, str(outcome)
-
-
 @pytest.mark.parametrize(
     ("tension", "last", "fused"),
     [

@@ -156,7 +156,6 @@ def launches(monkeypatch, program, arguments):
     seen = []
     with monkeypatch.context() as patch:
         patch.setattr(backend, "fill", device.fill)
-        patch.setattr("refsim.shape_matching.fast_summation.on_device", lambda array: True)
         patch.setattr(backend, "largest", lambda values: 0)
         patch.setattr(device, "empty", np.empty)
         patch.setattr(device, "largest", lambda values: 0)
@@ -243,8 +242,19 @@ def support_launches(dtype):
     ]  # fmt: skip
 
 
+def modules_of(backend):
+    """The modules of the programs for a backend."""
+    entries = (
+        (o, o.entry(name)) for o in REGISTRY.values() for name in (backend, *o.programs) if backend_of(name) == backend
+    )
+    return {f"{entry.folder or o.folder}.{entry.module}" for o, entry in entries}
+
+
 def kernels_of(module_name):
-    """A GPU's kernels of a module; of a module with another one for GPUs beside it, of the bodies that this imports."""
+    """A GPU's kernels of a module; of a module with another one for GPUs beside it, of the bodies that this imports.
+
+    A module of programs for the CPU alone has none.
+    """
     from refsim.backends.compile import CudaKernel, Kernel
 
     def values(name):
@@ -252,6 +262,8 @@ def kernels_of(module_name):
 
     made = {v for v in values(module_name) if isinstance(v, CudaKernel) and v.function.__module__ == module_name}
     bodies = {v for v in values(module_name) if isinstance(v, Kernel) and v.__module__ == module_name}
+    if module_name in modules_of("cpu") - modules_of("cuda"):
+        bodies = set()
     with contextlib.suppress(ModuleNotFoundError):
         bodies &= {v for v in values(f"{module_name}_cuda") if isinstance(v, Kernel)}
     return made | {v.on("cuda") for v in bodies}
@@ -344,15 +356,7 @@ def test_search_and_array_moves_compile(compiler, dtype):
         assert_compiles(compiler, kernel, values, dtype)
 
 
-@pytest.mark.parametrize("name", ["match", "pull", "region_motion", "damp"])
-def test_sums_over_boxes_compile(compiler, monkeypatch, name):
-    """Fast summation's own kernels, which serve wide regions only."""
-    monkeypatch.setattr("refsim.shape_matching.fast_summation_cuda.NARROW", 0)
-    test_operation_compiles(compiler, monkeypatch, f"shape_matching.{name}", "cuda:fast", 0, "float32")
-
-
 def test_no_kernel_is_left_out(compiler, monkeypatch):
-    monkeypatch.setattr("refsim.shape_matching.fast_summation_cuda.NARROW", 0)
     known = {kernel for kernel, _ in support_launches("float32")}
     for name, program, variant, dtype, _ in LAUNCHED:
         if dtype == "float32":
