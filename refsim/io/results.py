@@ -28,8 +28,6 @@ from refsim.io.vtp import read_arrays
 from refsim.scene.scene import Scene
 
 if TYPE_CHECKING:
-    import pandas
-    import pyvista
     import xarray
 
 PARTICLES, REPORT = "particles.pvd", "report.json"
@@ -88,15 +86,6 @@ class RunFrame:
     def sorted(self) -> RunFrame:
         """This frame with its rows in the order of `identity`."""
         return RunFrame(self._run, self.number, by_identity=True)
-
-    def to_pyvista(self) -> pyvista.PolyData:
-        """The frame as pyvista's point cloud, every field as point data (extra "results")."""
-        cloud = extra("pyvista", "to_pyvista").PolyData(np.ascontiguousarray(self.position))
-        for name in self.fields:
-            if name != "position":
-                cloud.point_data[name] = self[name]
-        cloud.field_data["TimeValue"] = [self.time]
-        return cloud
 
     def __repr__(self) -> str:
         return f"<frame {self.number} at {self.time:.6g} s: {len(self):,} particles>"
@@ -231,13 +220,13 @@ class Run(Shown):
         fields  names; all by default
         frames  which of the frames; all by default
 
-        Rows are sorted by identity. Raises InputError where the frames do not hold the same particles (`to_pandas`).
+        Rows are sorted by identity. Raises InputError where the frames do not hold the same particles.
         """
         library = extra("xarray", "Run.to_xarray")
         chosen = [frame.sorted() for frame in self[frames]]
         identity = [frame["identity"] for frame in chosen]
         if any(not np.array_equal(identity[0], other) for other in identity):
-            raise InputError(f"run {self.folder}: its frames do not hold the same particles; use to_pandas.")
+            raise InputError(f"run {self.folder}: its frames do not hold the same particles; choose frames that do.")
         variables = {}
         for name in self._chosen(fields):
             field = self.fields[name]
@@ -251,38 +240,6 @@ class Run(Shown):
         if any("axis" in dims for dims, *_ in variables.values()):
             coordinates["axis"] = ["x", "y", "z"]
         return library.Dataset(variables, coordinates, {"scene": self._origin.scene})
-
-    @plainly
-    def to_pandas(self, fields: Sequence[str] | None = None, frames: slice = slice(None)) -> pandas.DataFrame:
-        """Fields as a pandas.DataFrame with one row a particle and frame (extra "results"); numbers may change.
-
-        fields  names; all by default
-        frames  which of the frames; all by default
-
-        The index is (time, identity). A vector is three columns, `velocity_x` and so on; units are in `attrs["units"]`.
-        """
-        library = extra("pandas", "Run.to_pandas")
-        parts = []
-        for frame in (frame.sorted() for frame in self[frames]):
-            columns: dict[str, NDArray[Any]] = {}
-            for name in self._chosen(fields):
-                values = frame[name]
-                ends = "xyz" if values.ndim > 1 and values.shape[1] == 3 else map(str, range(values.shape[-1]))
-                columns |= {name: values} if values.ndim == 1 else {f"{name}_{e}": v for e, v in zip(ends, values.T)}
-            index = library.MultiIndex.from_arrays(
-                [np.full(len(frame), frame.time), frame["identity"]], names=["time", "identity"]
-            )
-            parts.append(library.DataFrame(columns, index=index))
-        if not parts:
-            raise InputError(f"run {self.folder}: no frame was chosen; it has {len(self)}.")
-        whole = library.concat(parts)
-        whole.attrs["units"] = {name: self.fields[name].unit for name in self._chosen(fields)}
-        return whole
-
-    @plainly
-    def to_pyvista(self, time: float) -> pyvista.PolyData:
-        """The frame nearest to `time` [s] as pyvista's point cloud (extra "results")."""
-        return self.at(time).to_pyvista()
 
     def _chosen(self, fields: Sequence[str] | None) -> list[str]:
         names = [name for name in self.fields if name != "identity"] if fields is None else list(fields)
