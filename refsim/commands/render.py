@@ -26,7 +26,6 @@ DESCRIPTION = (
        help="of the colour bar (0.5 %% of a frame's particles may lie beyond either end)")  # fmt: skip
 @takes("--camera", metavar="A,E[,Z]", help="azimuth, elevation [degrees] and zoom (default -60,20,1)")
 @takes("--cut", metavar="x=0", help="leave away what lies before this plane [m]")
-@takes("--surface", default="isosurface", help="isosurface (refsim's own) or pysplashsurf (default isosurface)")
 @takes("--size", default="1280x960", metavar="WxH", help="pixels (default 1280x960)")
 @takes("--per-second", type=float, default=25, metavar="N", help="frames of the run for a second of film (25)")
 def execute(options: argparse.Namespace) -> CommandResult:
@@ -35,9 +34,8 @@ def execute(options: argparse.Namespace) -> CommandResult:
 
     limits = None if options.limits is None else _numbers("limits", options.limits, ",", float)
     look = Look(
-        options.style, options.color, limits, options.camera, options.cut,
-        options.surface, _numbers("size", options.size, "x", int),
-    )  # fmt: skip
+        options.style, options.color, limits, options.camera, options.cut, _numbers("size", options.size, "x", int)
+    )
     began = time.perf_counter()
     if options.film and options.output:
         raise InputError("--film and --output name two files; give one of them.")

@@ -29,7 +29,7 @@ from refsim.render import looks
 from refsim.render.plane import add_area, add_discs, add_line
 from refsim.render.saved_run import SavedRun, chosen_frames, open_run, usual_range
 from refsim.render.space import BOTTOM, FLAT, MILD, SHADED, SIDES, TOP, Body, Stage, bar_length, cut_closed, smoothed
-from refsim.render.surfaces import CELL, METHODS, SurfaceMesh, splash_surface, surface_around
+from refsim.render.surfaces import CELL, SurfaceMesh, surface_around
 
 SIZE = (1280, 960)
 PER_SECOND = 25  # pictures of a film
@@ -50,7 +50,6 @@ class Look:
     limits   of the colour bar; where None, 0.5 % of a frame's particles may lie beyond either
     camera   "azimuth,elevation[,zoom]" [degrees]
     cut      "x=0" leaves away the viewer's side of that plane [m]
-    surface  "isosurface" (refsim's own) or "pysplashsurf"
     size     of a picture in pixels, width and height
     """
 
@@ -59,14 +58,12 @@ class Look:
     limits: tuple[float, float] | None = None
     camera: str | None = None
     cut: str | None = None
-    surface: str = "isosurface"
     size: tuple[int, int] = SIZE
 
     def check(self) -> None:
         """Raise InputError for a look that does not exist."""
-        for name, value, known in (("style", self.style, looks.STYLES), ("surface", self.surface, METHODS)):
-            if value not in known:
-                raise InputError(f"--{name} {value!r} is unknown; choose one of {', '.join(known)}.")
+        if self.style not in looks.STYLES:
+            raise InputError(f"--style {self.style!r} is unknown; choose one of {', '.join(looks.STYLES)}.")
         if min(self.size) < 64 or max(self.size) > 8192:
             raise InputError(f"--size {self.size[0]}x{self.size[1]} is not possible; give 64 to 8192 pixels.")
         if self.limits is not None and not (np.isfinite(self.limits).all() and self.limits[0] < self.limits[1]):
@@ -145,8 +142,6 @@ class Series:
         return near if self.cut is None or self.look.style != "particles" else near & (self.cut(position) <= 0)
 
     def _surface(self, points: NDArray, liquid: bool) -> SurfaceMesh:
-        if self.look.surface == "pysplashsurf" and self.run.dim == 3:
-            return splash_surface(points, self.run.spacing)
         cell, around = CELL if self.run.dim == 3 else 0.5 * CELL, (self.wall, self.run.closed_box) if liquid else ()
         return surface_around(points, self.run.spacing, self.run.dim, cell, *around)
 

@@ -24,7 +24,6 @@ CONTACT_RANGE = 1.2  # spacings from the solid at which it is not moved
 MIRRORED = 3.0  # spacings from a plane up to which particles are mirrored in it
 SUNK = 0.08  # spacings by which it reaches into the solid, so that no gap is seen
 MOST_NODES = 300_000_000
-METHODS = ("isosurface", "pysplashsurf")
 
 
 class SurfaceMesh(NamedTuple):
@@ -86,28 +85,6 @@ def surface_around(
     coordinates[:, :dim] = nodes + first
     mesh = extract(Backend("cpu"), coordinates, phi[tuple(nodes.T)].astype(np.float32), size, dim)
     return SurfaceMesh(mesh.vertices, mesh.facets)
-
-
-def splash_surface(position: ArrayLike, spacing: float, cell: float = CELL) -> SurfaceMesh:
-    """The surface by pysplashsurf, of particles at `position` (n, 3) [m] that stand about `spacing` [m] apart.
-
-    cell  of the grid [spacings]
-
-    Raises InputError where pysplashsurf is not installed.
-    """
-    try:
-        import pysplashsurf
-    except ImportError:
-        raise InputError("pysplashsurf is not installed; pip install pysplashsurf, or leave --surface out.") from None
-    points = np.ascontiguousarray(position, dtype=np.float64)
-    if not len(points):
-        return SurfaceMesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
-    found = pysplashsurf.reconstruction_pipeline(
-        points, particle_radius=0.5 * spacing, smoothing_length=2.0, cube_size=2.0 * cell, iso_surface_threshold=0.6,
-        mesh_smoothing_weights=True, mesh_smoothing_iters=25, mesh_cleanup=True,
-    )  # fmt: skip
-    mesh = getattr(found[0], "mesh", found[0])
-    return SurfaceMesh(np.asarray(mesh.vertices), np.asarray(mesh.triangles, dtype=np.int64))
 
 
 def distances(

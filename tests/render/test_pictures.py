@@ -388,7 +388,6 @@ def test_a_signal_waits_until_vtk_is_imported(monkeypatch):
 
 @pytest.mark.parametrize("words, answer", [
     (["--style", "glass"], "--style 'glass' is unknown; choose one of paper, water, particles."),
-    (["--surface", "cubes"], "--surface 'cubes' is unknown; choose one of isosurface, pysplashsurf."),
     (["--color", "colour"], "has no field 'colour'; give one of"),
     (["--limits", "1"], "--limits '1' is not possible; give two numbers with ',' between."),
     (["--color", "mass", "--limits", "2,1"], "--limits 2.0,1.0 is no range"),
@@ -413,7 +412,7 @@ def test_wrong_words_are_answered_in_a_sentence(in_plane, tmp_path, monkeypatch,
 
 
 def test_an_absent_extra_is_named_in_a_sentence(in_space, in_plane, tmp_path, monkeypatch, capsys):
-    for name in ("pyvista", "imageio_ffmpeg", "pysplashsurf"):
+    for name in ("pyvista", "imageio_ffmpeg"):
         monkeypatch.setitem(sys.modules, name, None)
     cases = [
         (
@@ -427,8 +426,6 @@ def test_an_absent_extra_is_named_in_a_sentence(in_space, in_plane, tmp_path, mo
         err = capsys.readouterr().err
         assert answer in err
         assert "view" in err
-    with pytest.raises(InputError, match="pysplashsurf is not installed"):
-        write_pictures(in_space, Look(surface="pysplashsurf"), output=tmp_path / "a.png")
     with pytest.raises(InputError, match="films need"):
         write_film(in_space, Look(), output=tmp_path / "a.mp4")
     assert not list(tmp_path.iterdir())
