@@ -26,7 +26,7 @@ NIGHT = {  # minutes, and the command
     "laws": (130, (*VALIDATION, "laws", "--minutes", "110", "--seed", SEED)),
     "attack": (75, (*VALIDATION, "attack", "--minutes", "60", "--seed", SEED)),
     "peers": (180, (*VALIDATION, "run", "boundary", "mpm_droplet", "surface_reconstruction", "timing", "--peers")),
-    "plain": (90, ("env", "REFSIM_PLAIN=1", *PYTEST, "tests/ladder/test_pairing.py", "-k", "cpu")),
+    "plain": (90, ("env", "REFSIM_PLAIN=1", *PYTEST, "-m", "not gpu", "tests/ladder/test_pairing.py", "-k", "cpu")),
     "lessons": (30, (*PYTHON, "scripts/lessons.py", "--warm")),
     "checks": (960, (*VALIDATION, "check", "--jobs", CORES)),
     "verify": (40, (*VALIDATION, "verify", "--draw", "20")),
