@@ -2,7 +2,6 @@
 
 import argparse
 import math
-import shlex
 from pathlib import Path
 
 from refsim import study
@@ -48,7 +47,7 @@ GIVEN = ("levels", "finer", "ratio", "error", "reaches", "backend", "threads")  
 @takes("--output", metavar="DIR", help="folder of the study (NAME_study for NAME.toml)")
 @takes("--quiet", action="store_true", help="no progress")
 def execute(options: argparse.Namespace) -> CommandResult:
-    """Study a scene file or a panel; table, picture and page are written into the study's folder."""
+    """Study a scene file or a panel; table and picture are written into the study's folder."""
     scene: Scene | str = options.scene
     reference = None
     if options.scene in abouts() and not Path(options.scene).is_file():
@@ -72,13 +71,12 @@ def execute(options: argparse.Namespace) -> CommandResult:
         for name in ("knobs", "with_spacing"):
             given[name] = [word for word in getattr(options, name).split(",") if word]
         tell = (lambda text: None) if options.quiet else say
-        command = _command(options)
-        found = study(scene, options.observable, reference=reference, folder=folder, say=tell, command=command, **given)
+        found = study(scene, options.observable, reference=reference, folder=folder, say=tell, **given)
     with writing("study", folder, "its runs are kept"):
         folder.mkdir(parents=True, exist_ok=True)
-    found.report(folder / "study.html")
+    write_file(folder / "study.txt", found.text() + "\n", "study", "its runs are kept")
     write_file(folder / "study.png", found.png(), "study", "its runs are kept")
-    text = f"{found.text()}\n{folder / 'study.html'}, {folder / 'study.png'}"
+    text = f"{found.text()}\n{folder / 'study.txt'}, {folder / 'study.png'}"
     return CommandResult(found.data() | {"folder": str(folder)}, text, 0 if found.convergence else FAILED)
 
 
@@ -103,12 +101,3 @@ def _points(options: argparse.Namespace) -> CommandResult:
     }  # fmt: skip
     failed = all(point.failed for point in found.points.values())
     return CommandResult(data, measuring.text(of, found), FAILED if failed else 0)
-
-
-def _command(options: argparse.Namespace) -> str:
-    words = ["refsim", "study", options.scene, "--observable", options.observable]
-    usual_ones = {"reaches": None, "levels": 3, "finer": None, "ratio": RATIO, "error": 0.01, "exact": None}
-    for name, usual in usual_ones.items():
-        value = getattr(options, name)
-        words += [] if value == usual else [f"--{name}", f"{value:g}"]
-    return shlex.join(words + ([] if options.knobs == ",".join(KNOBS) else ["--knobs", options.knobs]))

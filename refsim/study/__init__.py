@@ -53,7 +53,6 @@ def study(
     folder: str | os.PathLike[str] | None = None,
     say: Say = lambda text: None,
     progress: Watch | None = None,
-    command: str = "",
 ) -> Study:
     """Run a scene at several spacings, and with each other setting alone, and say what accuracy costs.
 
@@ -71,7 +70,6 @@ def study(
     folder      where the runs' results are kept: a study that is called again goes on from there
     threads     of a CPU that a run takes; seconds are those of the processor, of all its threads
     say         is given the lines of progress; `progress` is called after every step
-    command     how the study was called, for its report
 
     A run that fails is reported with its reason, and the others are used. Raises InputError for bad input, such as an
     observable that is not there or a scene without other spacings.
@@ -103,7 +101,6 @@ def study(
         notes=(*notes(scene, factors), *remarks),
         machine=machine(),
         threads=threads,
-        command=command,
         left_out=tuple(left_out),
         reference=reference,
     )

@@ -1,15 +1,11 @@
 """What a study found: its runs, the sources of error, what effects cost, and the cheapest setting for an error."""
 
-import base64
-import html
 import math
-import os
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
-from refsim.core.tables import html_table, in_bytes, in_time, table
-from refsim.core.writing import made_by, write_file
+from refsim.core.tables import in_bytes, in_time, table
+from refsim.core.writing import made_by
 from refsim.scene.scene import Scene
 from refsim.study.convergence import Convergence, Reference
 from refsim.study.runs import Reading, Setting
@@ -60,7 +56,6 @@ class Study:
     notes: tuple[str, ...] = ()
     machine: str = ""
     threads: int = 1
-    command: str = ""
     left_out: tuple[str, ...] = field(default_factory=tuple)
     reference: Reference | None = None
 
@@ -330,34 +325,9 @@ class Study:
 
         return draw(self)
 
-    def report(self, path: str | os.PathLike[str]) -> Path:
-        """Write table, picture and answers as one self-contained HTML file; its path."""
-        picture = base64.b64encode(self.png()).decode()
-        answers = "".join(f"<li>{html.escape(line)}</li>" for line in (*self.answers(), *self._without()))
-        title = html.escape(f"{self.observable} of {self.scene.name}")
-        how = html.escape(f"{self.command or 'refsim.study'}; {self.machine}")
-        text = (
-            f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">{PHONES}<title>{title}</title>'
-            f"<style>{STYLE}</style></head><body><h1>{title}</h1><ul>{answers}</ul>"
-            f'<div><img alt="value against spacing, error against time, cost and change of each setting"'
-            f' src="data:image/png;base64,{picture}"></div><div>{html_table("Runs", self.cells(), self.HEAD)}</div>'
-            f"<p>{how}</p></body></html>\n"
-        )
-        write_file(path, text, "study")
-        return Path(path)
-
     def png(self) -> bytes:
         """The picture as a file."""
         return made_by(self.plot().savefig, format="png", dpi=110)
-
-
-PHONES = '<meta name="viewport" content="width=device-width,initial-scale=1">'
-STYLE = (
-    "body{font:15px/1.5 sans-serif;max-width:70em;margin:2em auto;padding:0 1em;overflow-wrap:anywhere}"
-    "img{max-width:100%;min-width:60em}div{overflow-x:auto;overflow-wrap:normal}"  # picture and table scroll in a box
-    "table{border-collapse:collapse}th,td{padding:.2em .7em;text-align:right;border-bottom:1px solid #ccc}"
-    "th:nth-child(-n+2),td:nth-child(-n+2){text-align:left}"
-)
 
 
 def percent(share: float | None, signed: bool = False) -> str:

@@ -202,7 +202,7 @@ def test_a_link_in_the_place_of_a_result_is_replaced_and_not_followed(ran, capsy
     precious = ran / "precious.txt"
     precious.write_text("precious")
     (ran / "tank_study").mkdir()
-    links = [ran / name for name in ("tank_study/study.html", "tank_study/study.png", "page.html", "picture.png")]
+    links = [ran / name for name in ("tank_study/study.txt", "tank_study/study.png", "page.html", "picture.png")]
     for link in links:
         link.symlink_to(precious)
     assert main([*STUDY, "kinetic_energy"]) == 0
