@@ -71,12 +71,14 @@ class Cells:
     def inside(self, liquid: np.ndarray, solid: np.ndarray) -> np.ndarray:
         """Which cells lie in liquid and all others within REACH cells in liquid or in what is solid (cells,).
 
-        liquid  numbers of its particles; a cell without any is in it if no cell beside it is two away from one
+        liquid  numbers of its particles; a cell without any is in it if no cell beside it, solid or not, is two away
+                from one: air between a surface and a lid is no liquid
         """
         beyond = np.array([False])
         wet = np.bincount(self.own[liquid], minlength=len(solid)) > 0
         near = np.append(wet, beyond)[self.near].any(0)
         found = near & np.append(near | solid, beyond)[self.near].all(0)
+        found &= wet | np.append(near, beyond)[self.near].all(0)
         for _ in range(REACH):
             found = found & np.append(found | solid, beyond)[self.near].all(0)
         return found & ~solid

@@ -123,6 +123,14 @@ def test_looks_change_nothing(monkeypatch):
     assert (found[0] == found[1]).all()
 
 
+def test_air_between_a_surface_and_a_lid_is_no_liquid():
+    """Four spacings of it over eight of water, whose cells lie between wet ones and those of the lid."""
+    lid = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(8 * D, 8 * D, 12 * D))
+    found = counted(Simulation(block(3, 8, effects=(lid, Gravity())), "numpy"))
+    assert abs(found.difference) < 1e-6
+    assert found.cells == 18
+
+
 def test_dry_places_between_walls_are_no_liquid(tmp_path):
     """A film on the floor of a narrow tank: its walls are near, and all that is above is empty."""
     walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(4 * D, 40 * D, 0.0))
