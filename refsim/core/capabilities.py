@@ -83,8 +83,8 @@ class Joins:
 class SumsDensity:
     """May need a liquid whose density is summed."""
 
-    def sums_density(self) -> bool:
-        """Whether it does so with these parameters."""
+    def sums_density(self, standing: bool) -> bool:
+        """Whether it does so with these parameters; `standing`: under gravity, between walls."""
         return True
 
 
@@ -93,6 +93,16 @@ class PullsParticles(SumsDensity):
 
     One without passes does not: the scene is settled as if it were not there.
     """
+
+    own: ClassVar[str] = ""  # the coefficient that may be given instead of surface_tension
+
+    def sums_density(self, standing: bool) -> bool:
+        """Not where the liquid stands on walls, whose weight a summed density does not carry.
+
+        Everywhere where the source's reading, its own coefficient or adhesion is given, which belong to a summed one.
+        """
+        given = (getattr(self, name, None) for name in ("literal", "adhesion", self.own) if name)
+        return not standing or any(given)
 
 
 class BringsWalls:

@@ -55,7 +55,7 @@ class Melting(Effect, KeepsLedger, SumsDensity, FollowsScene, frozen=True, kw_on
         summed = not liquid_of(others).settled(others).advances()
         return msgspec.structs.replace(self, bookkeeping=self.bookkeeping or ("immiscible" if summed else "water"))
 
-    def sums_density(self) -> bool:
+    def sums_density(self, standing: bool) -> bool:
         return self.bookkeeping == "immiscible"  # a melt that keeps its rest density makes two liquids
 
     def check(self, grid: Discretisation, others: Others) -> None:

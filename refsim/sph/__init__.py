@@ -238,7 +238,8 @@ class WeaklyCompressible(
     literal: Printed = ()
 
     def settled(self, others: Others) -> WeaklyCompressible:
-        summed = bool(self.literal) or any(effect.sums_density() for effect in having(others, SumsDensity))
+        standing = any(acceleration_of(others)) and bool(having(others, BringsWalls))
+        summed = bool(self.literal) or any(effect.sums_density(standing) for effect in having(others, SumsDensity))
         density = self.density or ("summation" if summed else "continuity")
         printed = self.density == "summation" or self.literal or (summed and "two_way_coupling" in others)
         viscosity = self.viscosity or ("laplacian" if printed else "central")

@@ -15,13 +15,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from refsim.core.checked import plainly
-from refsim.core.effect import Effect
+from refsim.core.effect import Discretisation, Effect
 from refsim.core.errors import InputError
 from refsim.core.reading import GREATEST
+from refsim.sph import LIQUID, WeaklyCompressible
 from refsim.sph.iisph import ImplicitPressure
 from refsim.surface_tension.akinci_2013 import Akinci2013
 from refsim.surface_tension.becker_teschner_2007 import BeckerTeschner2007
+from refsim.surface_tension.cohesion import PairCohesion
 from refsim.surface_tension.csf_wang_2019 import CsfWang2019
 from refsim.surface_tension.dong_2016 import Dong2016
 from refsim.surface_tension.he_2014 import He2014
@@ -61,9 +65,9 @@ BESIDE: dict[str, tuple[Effect, ...]] = {"akinci_iisph": (ImplicitPressure(),)} 
 class Calibration:
     """Coefficients that give a surface tension.
 
-    effect             for the scene, with the nominal tension that gives the required one
+    effect             for the scene, with the coefficient that gives the required tension in a liquid of this density
     beside             further effects for the scene, such as an implicit pressure
-    nominal            that nominal tension [N/m], the effect's `surface_tension`
+    nominal            the nominal tension [N/m] of that coefficient
     nominal_error      its uncertainty [N/m]
     ratio              measured over nominal tension
     laplace, rayleigh  the two measured tensions behind it, over the nominal one: jump at rest, frequency of n = 2
@@ -136,8 +140,15 @@ def calibrate(
         )
     ratio, nominal = found["ratio"], sigma / found["ratio"]
     speed = sound_speed or math.sqrt(nominal / (rest_density * spacing * found["stiffness"]))
+    grid = Discretisation(dim, "float64", spacing, support * spacing, 0)
+    options: Any = {"kernels": kernels, "density": density}
+    liquid = WeaklyCompressible(rest_density=rest_density, sound_speed=speed, **options)
+    effect: Any = SETTINGS[model][1](nominal)
+    if isinstance(effect, PairCohesion) and effect.own:  # which means the same in every scene
+        named: dict[str, Any] = {"surface_tension": None, effect.own: effect.coefficient(grid, {LIQUID: liquid})}
+        effect = msgspec.structs.replace(effect, **named)
     return Calibration(
-        effect=SETTINGS[model][1](nominal), nominal=nominal, nominal_error=nominal * found["uncertainty"], ratio=ratio,
+        effect=effect, nominal=nominal, nominal_error=nominal * found["uncertainty"], ratio=ratio,
         laplace=found["laplace"], rayleigh=found["rayleigh"], uncertainty=found["uncertainty"], sound_speed=speed,
         stiffness=found["stiffness"], beside=BESIDE.get(model, ()),
     )  # fmt: skip

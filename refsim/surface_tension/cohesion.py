@@ -9,13 +9,13 @@ Pi = P_int/(rho0 c^2), which has no solution for Pi > 1/4: the liquid collapses.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim.core.capabilities import BalancesCohesion, KnowsLimits, Margin, PullsParticles
+from refsim.core.capabilities import BalancesCohesion, CorrectsPositions, KnowsLimits, Margin, PullsParticles, having
 from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.energy import EnergyAccount, EnergyState, pair_potential
 from refsim.core.errors import InputError
@@ -125,7 +125,8 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
 
     lattice: ClassVar[bool] = False  # sums over lattice neighbours, for a force of short range
     potential: ClassVar[bool] = True  # the force of a pair depends on its distance and masses alone
-    own: ClassVar[str] = ""  # the coefficient that may be given instead of surface_tension
+    # measured over nominal tension of drops of the default liquid, at h/d, by dimension; elsewhere sigma is nominal
+    measured: ClassVar[Mapping[int, tuple[tuple[float, float], ...]]] = {}
     needed: ClassVar[tuple[str, ...]] = (LIQUID,)
 
     balance_pressure: bool = True
@@ -153,11 +154,18 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
         return (getattr(self, "surface_tension") if given is None else given) != 0  # noqa: B009
 
     def coefficient(self, grid: Discretisation, others: Others) -> float:
-        """The model's own coefficient, given or from sigma."""
+        """The model's own coefficient, given or from sigma: measured in the default liquid, else nominal."""
         given, sigma = getattr(self, self.own), getattr(self, "surface_tension")  # noqa: B009
         if given is not None:
             return given
-        return sigma / self.unit_tension(grid, others) if sigma else 0.0
+        return sigma / self.unit_tension(grid, others) / self.share_of_nominal(grid, others) if sigma else 0.0
+
+    def share_of_nominal(self, grid: Discretisation, others: Others) -> float:
+        """Measured over nominal tension in the default liquid, whose particles are shifted; else 1."""
+        if not (liquid_of(others).advances() and shifted(others)) or grid.dim not in self.measured:
+            return 1.0
+        support, share = zip(*self.measured[grid.dim])
+        return float(np.interp(grid.support_radius / grid.spacing, support, share))
 
     def unit_tension(self, grid: Discretisation, others: Others) -> float:
         """sigma [N/m] of a coefficient of one."""
@@ -227,7 +235,7 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         notes = self.exceeded(grid, others)
-        if liquid_of(others).advances() and self.balanced_pressure(grid, others) > 0:
+        if liquid_of(others).advances() and not shifted(others) and self.balanced_pressure(grid, others) > 0:
             share = self.tension_with_balance(grid, others) / self._tension_of(self._force(grid, others), grid, others)
             notes.append(
                 f"{self.name}: on an advanced density the pressure that balances cohesion acts up to the surface and"
@@ -277,6 +285,11 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
 
     def _force(self, grid: Discretisation, others: Others) -> PairForce:
         return lambda r: self.pair_force(r, grid, others)
+
+
+def shifted(others: Others) -> bool:
+    """Whether particles are shifted beside a surface."""
+    return any(effect.parts_from_density() for effect in having(others, CorrectsPositions))
 
 
 def stiffness_margin(sigma: float, largest: float, fate: str, grid: Discretisation, others: Others) -> Iterator[Margin]:

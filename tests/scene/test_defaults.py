@@ -39,7 +39,10 @@ def scene(*effects, solid=(), walls=None, **liquid):
     (scene(*COUPLED, *MOLTEN, rs.Melting(bookkeeping="immiscible"), solid=SOLID, walls={}), PAPERS),
     (scene(*COUPLED[:1], rs.TwoWayCoupling(density_weighted=True), solid=SOLID, walls={}), PAPERS),
     (scene(walls={"model": "mirrored"}), OWN), (scene(walls={"literal": ("g",)}), OWN),
-    (scene(rs.Akinci2013(surface_tension=0.1), walls={}), OWN), (scene(rs.ImplicitPressure(), walls={}), OWN),
+    (scene(rs.Akinci2013(surface_tension=0.1), walls={}), ADVANCED), (scene(rs.Akinci2013(gamma=0.1), walls={}), OWN),
+    (scene(rs.Akinci2013(surface_tension=0.1, adhesion=0.1), walls={}), OWN),
+    (scene(rs.JiangZhu2023(surface_tension=0.1, literal=("E10",)), walls={}), OWN),
+    (scene(rs.ImplicitPressure(), walls={}), OWN),
     (scene(rs.MeshBoundary(file=PEBBLE, center=(0.2, 0.2, 0.1), size=0.1, adhesion=1e-9), walls={}), OWN),
 ])  # fmt: skip
 def test_what_is_left_open_follows_the_scene(made, expected):
@@ -53,7 +56,8 @@ def test_what_is_left_open_follows_the_scene(made, expected):
     (scene(walls={}), True), (scene(*COUPLED, *MOLTEN, rs.Melting(), solid=SOLID, walls={}), True),
     (scene(rs.Akinci2013(surface_tension=0.0), walls={}), True), (scene(walls={}, density="continuity"), False),
     (scene(walls={}, density="summation"), False), (scene(rs.ImplicitPressure(), walls={}), False),
-    (scene(walls={}, literal=("E24",)), False), (scene(rs.Akinci2013(surface_tension=0.1), walls={}), False),
+    (scene(walls={}, literal=("E24",)), False), (scene(rs.Akinci2013(surface_tension=0.1), walls={}), True),
+    (scene(rs.Akinci2013(surface_tension=0.1)), False),
 ])  # fmt: skip
 def test_shifting_joins_a_liquid_that_names_no_density_and_has_none_summed(made, joins):
     plan = make_plan(made)

@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -212,6 +213,23 @@ def test_shifting_beside_a_surface_brings_the_slow_return():
     ):  # fmt: skip
         liquid = rs.WeaklyCompressible(sound_speed=20.0, **given)
         assert settled((liquid, *effects))["weakly_compressible"].restoring == rate, (given, effects)
+
+
+@pytest.mark.parametrize("tension", [rs.Akinci2013(surface_tension=0.072), rs.JiangZhu2023(surface_tension=0.072)])
+def test_a_tank_with_a_tension_that_cannot_matter_is_the_tank_without(tension):
+    """Bond number 1e5: level, pressure and weight, to 1 %, and no particle in the planes."""
+    found = []
+    for effects in ((), (tension,)):
+        made = tank(8, 2.6, 2, density=None, viscosity=None)
+        walls = msgspec.structs.replace(made.effects[2], model=None)
+        simulation = rs.Simulation(msgspec.structs.replace(made, effects=(*made.effects[:2], walls, *effects)), "numpy")
+        run_to(simulation, 0.6)
+        simulation.evaluate()
+        y, pressure, pull = (simulation.field(name) for name in ("position", "pressure", "acceleration"))
+        slope = np.polyfit(y[8:48, 1], pressure[8:48], 1)[0] / (DENSITY * G)
+        found.append((y[:, 1].mean(), slope, (simulation.field("mass") * (pull[:, 1] + G)).sum()))
+        assert simulation.stopped_at_walls == 0
+    assert found[1] == pytest.approx(found[0], rel=0.01)
 
 
 def test_solids_and_particles_beside_a_mesh_are_shifted_as_they_should():

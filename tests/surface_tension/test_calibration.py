@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from refsim import InputError, calibrate, load_scene
+from refsim import Akinci2013, InputError, ParticleShifting, WeaklyCompressible, calibrate, load_scene
+from refsim.core.effect import Discretisation
 from refsim.study.panels.drops import fit_oscillation
 from refsim.surface_tension.calibration import MAP, SETTINGS, sigma_map
 from validation.experiments.laplace import runs as laplace
@@ -43,7 +44,12 @@ def made_up(sigma=0.072, model="akinci", **options):
 
 def test_the_nominal_tension_is_the_wanted_one_over_the_measured_ratio():
     found = made_up()
-    assert ((found.ratio, found.nominal), found.effect.surface_tension) == ((2.0, 0.036), found.nominal)
+    assert (found.ratio, found.nominal) == (2.0, 0.036)
+    grid = Discretisation(3, "float64", 1e-3, 2.6e-3, 0)
+    others = {"weakly_compressible": WeaklyCompressible(sound_speed=found.sound_speed, density="summation")}
+    nominal = Akinci2013(surface_tension=found.nominal)
+    assert found.effect.gamma == pytest.approx(nominal.coefficient(grid, others))
+    assert found.effect.surface_tension is None
     assert found.stiffness == pytest.approx(found.nominal / (1000 * found.sound_speed**2 * 1e-3))
     assert found.stiffness == 0.01
     assert found.uncertainty == pytest.approx(0.01)  # two radii with half of 2 % each, of independent seeds: 1 %
@@ -63,6 +69,21 @@ def test_a_sound_speed_sets_the_stiffness(stiffness, ratio):
     found = made_up(sound_speed=speed)
     assert (found.ratio, found.stiffness) == (pytest.approx(ratio, rel=1e-5), pytest.approx(stiffness, rel=1e-5))
     assert found.sound_speed == speed
+
+
+def test_the_default_liquid_s_tension_is_that_of_measured_drops():
+    """In 3D sigma over the share that drops have of the nominal one; in 2D, summed or without shifting nominal."""
+    tension, shifting = Akinci2013(surface_tension=1.0), {"particle_shifting": ParticleShifting()}
+
+    def gamma(dim, support, density, beside):
+        liquid = WeaklyCompressible(rest_density=1.0, sound_speed=10.0, density=density)
+        grid = Discretisation(dim, "float64", 1.0, support, 0)
+        return tension.coefficient(grid, {"weakly_compressible": liquid, **beside})
+
+    for dim, support, share in ((3, 2.6, 1.955), (3, 2.8, 2.365), (3, 3.0, 2.775), (2, 2.6, 1.0)):
+        nominal = gamma(dim, support, "summation", {})
+        assert nominal / gamma(dim, support, "continuity", shifting) == pytest.approx(share)
+        assert gamma(dim, support, "summation", shifting) == gamma(dim, support, "continuity", {}) == nominal
 
 
 OUTSIDE = {

@@ -41,7 +41,7 @@ def test_the_coefficient_is_interpolated_in_the_cosine():
     part = (math.cos(math.radians(105)) + 0.5) / 0.5
     assert found.share == pytest.approx(5 + 5 * part)
     assert found.uncertainty == pytest.approx(math.hypot(2.0, 3.0, 7.5 * 4 * part * (1 - part)))
-    assert found.effect.surface_tension == calibrate(0.072, **WATER).nominal
+    assert found.effect.gamma == calibrate(0.072, **WATER).effect.gamma
     assert found.effect.adhesion == found.adhesion
     at = calibrate_contact_angle(60.0, 0.072, settings=MADE_UP, **WATER)
     assert (at.share, at.uncertainty) == (pytest.approx(20.0), pytest.approx(math.hypot(2.0, 3.0)))

@@ -68,7 +68,6 @@ def add_commands(made: argparse.ArgumentParser) -> None:
     part.add_argument("--write", action="store_true", help="write the table into docs/study.md")
     part = add("liquid_price", "measures what a step of the liquid costs with each of its options (minutes)")
     part.add_argument("--threads", type=int, nargs="+", default=[1, 2], help="numbers of CPU threads (1 2)")
-    part.add_argument("--write", action="store_true", help="write the table into docs/liquid.md")
     part.add_argument("--output", type=Path, default=DATA / "liquid_price.json", help="file of the steps' seconds")
     add(
         "states",

@@ -1,7 +1,7 @@
 """What the liquid's options cost: a step of a cubic tank at rest with each of them, in turns on the same cores.
 
 `python -m validation measure liquid_price` takes steps 14 to 74 of each tank, one of each in turn, in processor time.
-It stores medians of the steps that keep the list and of those that build one; --write puts them on docs/liquid.md.
+It stores medians of the steps that keep the list and of those that build one.
 """
 
 from __future__ import annotations
@@ -11,18 +11,15 @@ import json
 import math
 import statistics
 import time
-from pathlib import Path
 from typing import Any
 
 from refsim import Box, BoxWalls, Gravity, Scene, Simulation, WeaklyCompressible
 from refsim.core.writing import write_file
 from refsim.surface_tension.akinci_2013 import Akinci2013
-from validation.filling import replaced
 from validation.reading import environment
 from validation.running import take_steps
 from validation.times import table
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "liquid.md"
 CELLS, FIRST, LAST = 32, 14, 74
 SOUND = 10 * math.sqrt(9.81)  # of a tank 1 m deep [m/s]
 PAPERS: dict[str, Any] = {"density": "summation"}
@@ -106,5 +103,3 @@ def perform(given: argparse.Namespace) -> None:
         stored[str(threads)] = {**kept, "tanks": measured(threads)}
         write_file(given.output, json.dumps(stored, indent=1) + "\n")
     print(*rows(stored), sep="\n")
-    if given.write:
-        write_file(PAGE, replaced(PAGE.read_text(encoding="utf-8"), "price", rows(stored), PAGE))

@@ -118,7 +118,7 @@ class BoxWalls(ParticleWalls, HasPlanes, HasErrata, frozen=True, kw_only=True):
                 f" {rivals[0]}, whose friction acts at all walls, or leave it out."
             )
 
-    def sums_density(self) -> bool:
+    def sums_density(self, standing: bool) -> bool:
         return self.model == "mirrored" or bool(self.literal)
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:

@@ -135,7 +135,7 @@ class MeshBoundary(
         """Whether a parameter is given that mirrored walls alone have."""
         return any((self.radius, self.layers, self.volume_factor, self.adhesion, *self.literal))
 
-    def sums_density(self) -> bool:
+    def sums_density(self, standing: bool) -> bool:
         return self.model == "mirrored" or self._of_mirrored()
 
     def local(self, grid: Discretisation) -> MeshBoundary:

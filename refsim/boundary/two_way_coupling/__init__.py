@@ -90,7 +90,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
     density_weighted: bool = False
     literal: Printed = ()
 
-    def sums_density(self) -> bool:
+    def sums_density(self, standing: bool) -> bool:
         return self.density_weighted or bool(self.literal)
 
     def check(self, grid: Discretisation, others: Others) -> None:
@@ -113,7 +113,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
             )
 
     def _check_advanced(self, liquid: "WeaklyCompressible", others: Others) -> None:
-        if "melting" in others and others["melting"].sums_density():  # type: ignore[attr-defined]
+        if "melting" in others and others["melting"].sums_density(False):  # type: ignore[attr-defined]
             raise InputError(
                 f"{self.name}: a liquid with density = 'continuity' has one rest density, and melting brings another;"
                 " set its bookkeeping = 'water', or leave one of them out."
