@@ -102,11 +102,3 @@ def test_the_installed_package_is_the_one_that_runs(bash, installed):
     assert not pathlib.Path(where).is_relative_to(ROOT)
     if installed is not None:
         assert pathlib.Path(where).is_relative_to(installed)
-
-
-@needs_bash
-def test_reproduce_from_the_wheel_names_the_repository(bash):
-    told = bash.typed("refsim reproduce --quick    # exit code 2")
-    assert re.fullmatch(
-        r"refsim: reproduce needs the repository, .*refsim-[\d.]+\.tar\.gz and run `python [^`]+`.*\n", told
-    )
