@@ -18,7 +18,7 @@ IN_THE_BROWSER = "_in_the_browser"  # a lesson that computes itself, by a script
 UNIT = re.compile(r"(?<=\d) (?=(?:[munk]?s|[KMG]iB|degrees|d|h|m|mm)\b|%)")
 CODE = re.compile(r"^(```.*?^```[^\n]*$)", re.MULTILINE | re.DOTALL)
 NAVIGATION = {
-    "Begin": ("sph_by_hand", "mpm_by_hand", "scene_files", "results", "study", "sweep", "gallery"),
+    "Begin": ("first_scene", "sph_by_hand", "mpm_by_hand", "scene_files", "results", "study", "sweep", "gallery"),
     "Lessons": ("lessons",),
     "Liquids and walls": ("sph", "liquid", "iisph", "walls", "motions", "meshes", "gauges"),
     "Surface tension": ("surface_detection", "jiang_zhu_2023", "dong_2016", "models"),
