@@ -100,8 +100,8 @@ def _listed(parts: Iterable[Any]) -> list[dict[str, Any]]:
 
 def _defaults(plan: Plan) -> Iterator[str]:
     """What the scene leaves open and has otherwise than the papers."""
-    for name in plan.effects:
-        if name not in {e.name for e in plan.scene.effects}:
+    for name, effect in plan.effects.items():
+        if isinstance(effect, capabilities.Joins) and name not in {e.name for e in plan.scene.effects}:
             yield f"{name} joins the liquid, which names no density; the papers have none"
     for effect in plan.scene.effects:
         for name, printed in effect.in_papers.items() if isinstance(effect, capabilities.FollowsScene) else ():

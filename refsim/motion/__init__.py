@@ -161,10 +161,19 @@ def _looked_at(motion: Motion, end: float) -> list[float]:
     return [*times.tolist(), *(0.5 * (given[1:] + given[:-1])).tolist()]
 
 
-def turning_pass(motions: Sequence[Motion]) -> tuple[Pass, ...]:
-    """The pass of a frame that turns, where one does."""
+def moves_tank(motions: Sequence[Motion]) -> bool:
+    """Whether the tank moves from which the scene is seen: gravity acts then, if only for that."""
+    return any(motion.of != "moving_faces" for motion in motions)
+
+
+def frame_passes(motions: Sequence[Motion], effects: Others) -> tuple[Pass, ...]:
+    """Passes of a tank that moves beside those of the effects: of gravity that is 0 at rest, and of a turn."""
+    gravity: Any = effects.get("gravity")
+    still = moves_tank(motions) and not any(gravity.acceleration)
+    pulling = (Pass("sph.gravity", updates=("acceleration",)),) if still else ()
     turns = any(motion.of == "turn" for motion in motions)
-    return (Pass("motion.turning", ("position", "velocity"), updates=("acceleration",)),) if turns else ()
+    turning = (Pass("motion.turning", ("position", "velocity"), updates=("acceleration",)),) if turns else ()
+    return (*pulling, *turning)
 
 
 def check_motions(motions: Sequence[Motion], end: float, grid: Discretisation, effects: Others) -> None:
@@ -187,9 +196,6 @@ def check_motions(motions: Sequence[Motion], end: float, grid: Discretisation, e
 
 def _check_target(motion: Motion, owner: str, effects: Others) -> None:
     """Raise InputError where the scene lacks what moves."""
-    gravity: Any = effects.get("gravity")
-    if motion.of != "moving_faces" and (gravity is None or not any(gravity.acceleration)):
-        raise InputError(f"{owner}: the scene has no gravity that could move; add the effect gravity, not of 0.")
     box: Any = effects.get("box_walls")
     if motion.of == "moving_faces":
         if box is None or not box.moving_faces:

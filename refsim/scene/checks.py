@@ -15,7 +15,7 @@ from refsim.core.errors import InputError
 from refsim.core.reading import GREATEST, LONGEST
 from refsim.core.walls import WallParticles
 from refsim.gauges.checks import check_gauges
-from refsim.motion import check_motions
+from refsim.motion import check_motions, moves_tank
 from refsim.neighbours import MOST_NEIGHBOURS
 from refsim.scene.counting import Cells
 from refsim.scene.files import describe, unit_of
@@ -44,6 +44,8 @@ def checked(scene: Scene) -> tuple[Discretisation, dict[str, Effect]]:
         scene.period_lower,
     )  # fmt: skip
     given = {name: effect.in_dimension(scene.dim) for name, effect in _effects(scene).items()}
+    if moves_tank(scene.motion) and "gravity" not in given:
+        given["gravity"] = EFFECTS["gravity"](acceleration=(0.0, 0.0, 0.0))
     effects = settled(effect for effect in given.values() if not _is_open(effect, grid))
     _check_support(grid, effects)
     postponed = []

@@ -18,7 +18,7 @@ from refsim.core.errors import InputError
 from refsim.core.fields import BASE, POSITION_RESIDUAL, Field
 from refsim.core.period import period_group
 from refsim.core.tables import Shown, in_bytes
-from refsim.motion import turning_pass
+from refsim.motion import frame_passes
 from refsim.scene import checks
 from refsim.scene.particles import placed
 from refsim.scene.passes import accounts, merged_passes, motion_passes, ordered_passes, with_reads
@@ -144,9 +144,9 @@ def _planned(scene: Scene, grid: Discretisation, given: Mapping[str, Effect], ab
         for p in e.passes(effects)
         if p.operation not in replaced - set(e.replaces())
     ]
-    for turn in turning_pass(scene.motion):
-        asked.append((effects["gravity"], turn))
-        parameters["gravity"] = {**parameters["gravity"], "turning": np.zeros(9, grid.dtype)}
+    for moving in frame_passes(scene.motion, effects):
+        asked.append((effects["gravity"], with_reads(moving, fields)))
+        parameters["gravity"] = {"turning": np.zeros(9, grid.dtype), **parameters["gravity"]}
     of = {stage: [(e, p) for e, p in asked if p.stage == stage] for stage in ("start", "begin", "forces", "motion")}
     merged = None
     if walls:

@@ -238,7 +238,9 @@ class WeaklyCompressible(
     literal: Printed = ()
 
     def settled(self, others: Others) -> WeaklyCompressible:
-        standing = any(acceleration_of(others)) and bool(having(others, BringsWalls))
+        gravity = gravity_of(others)
+        pulled = gravity is not None and (gravity.acceleration is None or any(gravity.acceleration))
+        standing = pulled and bool(having(others, BringsWalls))
         summed = bool(self.literal) or any(effect.sums_density(standing) for effect in having(others, SumsDensity))
         density = self.density or ("summation" if summed else "continuity")
         printed = self.density == "summation" or self.literal or (summed and "two_way_coupling" in others)

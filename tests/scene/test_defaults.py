@@ -8,6 +8,7 @@ import pytest
 import refsim as rs
 from refsim import load_scene, make_plan
 from refsim.commands.plan import _text, describe_plan
+from refsim.core.capabilities import settled
 from tests.running import run_to
 
 EXAMPLES = pathlib.Path(__file__).parents[2] / "refsim" / "examples"
@@ -65,6 +66,14 @@ def test_shifting_joins_a_liquid_that_names_no_density_and_has_none_summed(made,
     assert plan.effects["weakly_compressible"].restoring == (0.003 if joins else 0.0)
     off = msgspec.structs.replace(made, effects=(*made.effects, rs.ParticleShifting(strength=0.0)))
     assert "particle_shifting.shift" not in make_plan(off).launches()
+
+
+@pytest.mark.parametrize(("gravity", "density"), [
+    (rs.Gravity(), "continuity"), (rs.Gravity(acceleration=(0.0, 0.0, 0.0)), "summation"),
+])  # fmt: skip
+def test_a_tank_with_tension_is_known_before_its_dimension(gravity, density):
+    liquid, walls, tension = scene(walls={}).effects[1], rs.BoxWalls(**BOX), rs.Akinci2013(surface_tension=0.1)
+    assert settled((liquid, walls, gravity, tension))["weakly_compressible"].density == density
 
 
 @pytest.mark.parametrize(("density", "bookkeeping"), [(None, "water"), ("summation", "immiscible")])
