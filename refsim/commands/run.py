@@ -129,6 +129,7 @@ def _asked_to_stop() -> Iterator[threading.Event]:
 
 def _text(report: RunReport) -> str:
     start, end = report.ledger["start"], report.ledger["end"]
+    mass, momentum, energy = ("kg/m", "kg/s", "J/m") if report.dim == 2 else ("kg", "kg m/s", "J")  # per metre of depth
     limiters = ", ".join(f"{name} {n:,}" for name, n in sorted(report.step_limiters.items(), key=lambda i: -i[1]))
     lines = [
         f"{report.scene}: reached {report.time:.6g} s in {report.steps:,} steps",
@@ -141,13 +142,13 @@ def _text(report: RunReport) -> str:
             f" {s['missed_neighbours']} neighbours missed, at most {s['most_neighbours']} for one particle"
         )
     lines += [
-        f"particles: {end['particles']:,} of {start['particles']:,}, mass {end['mass']:.9g} of {start['mass']:.9g} kg,"
-        f" {end['outside_walls']} behind walls, stopped by a wall's plane {report.stopped_at_walls:,} times",
-        f"momentum: {_vector(start['momentum'])} -> {_vector(end['momentum'])} kg m/s",
-        f"kinetic energy: {start['kinetic_energy']:.4g} -> {end['kinetic_energy']:.4g} J",
+        f"particles: {end['particles']:,} of {start['particles']:,}, mass {end['mass']:.9g} of {start['mass']:.9g}"
+        f" {mass}, {end['outside_walls']} behind walls, stopped by a wall's plane {report.stopped_at_walls:,} times",
+        f"momentum: {_vector(start['momentum'])} -> {_vector(end['momentum'])} {momentum}",
+        f"kinetic energy: {start['kinetic_energy']:.4g} -> {end['kinetic_energy']:.4g} {energy}",
     ]
     if "potential_energy" in end:
-        lines.append(f"potential energy: {start['potential_energy']:.4g} -> {end['potential_energy']:.4g} J")
+        lines.append(f"potential energy: {start['potential_energy']:.4g} -> {end['potential_energy']:.4g} {energy}")
     if (density := report.density) and "counted" in density:
         lines.append(
             f"density inside the liquid: {density['told']:.5g} advanced, {density['counted']:.5g} counted"
@@ -160,6 +161,8 @@ def _text(report: RunReport) -> str:
             share = f" ({(value - before) / abs(before):+.3g} of it)" if before else ""
             lines.append(f"{effect}, {name}: {before:.9g} -> {value:.9g}{share}")
     lines += [f"{name}: {path}" for name, path in report.files.items()]
+    if "report" in report.files:
+        lines.append(f"next: refsim view {shlex.quote(os.path.dirname(report.files['report']))}")
     return "\n".join(lines) + ("" if report.profile is None else _profile(report.profile))
 
 

@@ -52,7 +52,7 @@ HELD_FOR, HELD_BYTES = 0.5, 2**26  # s and bytes until which frames are held, to
 
 @dataclass(repr=False)
 class RunReport(Shown):
-    """What a run did. SI units; momenta and energies with the velocities half a step behind the positions.
+    """What a run did. SI units, in 2D per metre of depth; momenta and energies with velocities half a step behind.
 
     reason, message   why it stopped (one of `refsim.core.errors.REASONS`) and one sentence; None if it reached its end
     time, steps       reached, counted from the scene's start (so are all counts below)
@@ -76,6 +76,7 @@ class RunReport(Shown):
     scene: str
     backend: str
     dtype: str
+    dim: int
     versions: dict[str, str]
     particles: int
     reason: str | None = None
@@ -400,6 +401,7 @@ class _Run:
             scene=plan.scene.name,
             backend=simulation.backend.name,
             dtype=plan.grid.dtype,
+            dim=plan.grid.dim,
             versions=versions(),
             particles=simulation.count,
             reason=stop.reason if stop else None,

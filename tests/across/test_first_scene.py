@@ -26,6 +26,7 @@ def test_each_edit_is_planned_and_the_scene_runs(tmp_path, monkeypatch, capsys):
     assert "640 particles" in said
     assert "Note: weakly_compressible: a flow" not in said
     assert main(["run", "pool.toml", "--backend", "numpy", "--until", "1e-3", "--every", "1e-3", "--quiet"]) == 0
+    assert capsys.readouterr().out.endswith("next: refsim view pool_run\n")
     assert main(["render", "pool_run", "--gauges"]) == 0
     assert pathlib.Path("pool_run_gauges.png").stat().st_size > 5000
     assert main(["view", "pool_run", "--html", "pool.html"]) == 0
