@@ -35,8 +35,7 @@ STORED = Path(__file__).resolve().parent.parent / "refsim" / "study" / "panels"
 DIGITS = 6  # of the places and velocities of stirred drops, whose spacing is 1
 PEERS = {  # the function of `panel_runs` that gives a reading of another program's point, of its number and threads
     "front": "front_by_splishsplash", "droplet": "drop_by_splishsplash", "implicit_pressure": "tank_by_pysph",
-    "vortex_decay": "vortices_by_pysph", "surface_normals": "peer_normals",
-    "boundary_sampling": "quality_by_splishsplash", "signed_distance": "distance_by_libigl",
+    "vortex_decay": "vortices_by_pysph",
 }  # fmt: skip
 
 

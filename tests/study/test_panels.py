@@ -18,8 +18,6 @@ from refsim.study.panels.measured import measured, merged
 from refsim.study.panels.scenes import packaged, packed, scene_of
 from refsim.study.runs import Reading, Setting, measure
 
-SOLIDS = ("boundary_sampling", "signed_distance")  # whose particles are those of a mesh, beside a little water
-
 
 def point(key, error, seconds=1.0, **more):
     knobs = {"dtype": "float32", **more.pop("knobs", {})}
@@ -138,7 +136,7 @@ def test_another_file_is_refused_with_a_sentence(text):
 # Packaged scenes
 LONG = {  # left to the nights: scenes that take 10 s to make, settings that take 5 s to run
     "mpm_pressure", "tank_pressure", "contact_angle", "droplet", "implicit_pressure", "coupling", "detection_3d",
-    "melt_front", "detection_2d", "spinning_body", *SOLIDS, "surface_normals",
+    "melt_front", "detection_2d", "spinning_body",
 }  # fmt: skip
 AGAIN = {  # melting has theirs by day
     ("heat", "runge_kutta_legendre_8"), ("heat", "implicit_8"), ("front", "d10"), ("vortex_decay", "n50_h3.2"),
@@ -157,7 +155,7 @@ def test_settings_of_a_packaged_panel_have_scenes(name):
     own = [p for p in of.points.values() if p.program == OWN and not p.failed]
     for p in own[:: 1 + len(own) // 20]:
         plan = make_plan(scene_of(of, p))
-        assert name in SOLIDS or plan.grid.count == p.particles
+        assert plan.grid.count == p.particles
         assert plan.scene.dtype == p.knobs["dtype"]
         count += 1
     assert count
@@ -179,9 +177,6 @@ STORED = {  # relative tolerance of settings whose value is computed here and is
     ("contact_angle", "r5"): 2e-2,  # seeds differ by so much
     ("detection_2d", "two_step_0.90_half_color_float32"): 1e-6,
     ("detection_3d", "two_step_0.90_half_color_float32"): 1e-6,
-    ("surface_normals", "gradient_0.25_1_float32"): 2e-3,
-    ("signed_distance", "h0.16"): 1e-3,
-    ("boundary_sampling", "k1000_half"): 1e-2,
     ("coupling", "n4"): 1e-2,
     ("wall_force", "n8"): 1e-4,
     ("vortex_decay", "n50_h3.2"): 2e-3,  # rounding decides how the lattice breaks: of 25 along a side by 2 %
@@ -195,9 +190,8 @@ def test_a_packaged_study_gives_the_stored_value(name, setting):
     found = measured(of, [setting], readings=advice.READINGS if name in LONG else 1)
     (row,) = measuring.rows(of, found)
     assert row["value"] == pytest.approx(row["stored_value"], rel=STORED[name, setting])
-    if name not in SOLIDS:
-        assert row["particles"] == of.points[setting].particles
-        assert of.points[setting].bytes in (None, row["bytes"])
+    assert row["particles"] == of.points[setting].particles
+    assert of.points[setting].bytes in (None, row["bytes"])
     assert "stored value" in measuring.text(of, found)
     again = merged(of, found)
     assert again.points.keys() == of.points.keys()

@@ -4,7 +4,6 @@ Each takes what the setting is (its knobs and what else it was set to) and the n
 may depend.
 """
 
-import functools
 import math
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -13,11 +12,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from refsim.backends.cache import cache_root
 from refsim.boundary.akinci_2012 import BoxWalls
 from refsim.boundary.one_way_coupling import MeshBoundary
-from refsim.boundary.sampling import HEXAGONAL
-from refsim.core.writing import write_file
 from refsim.heat import HeatConduction
 from refsim.mpm import MpmLiquid
 from refsim.particle_shifting import ParticleShifting
@@ -218,64 +214,8 @@ def radius(scene: Scene) -> float:
     return scene.spacing * math.sqrt(len(cloud.position) / math.pi)
 
 
-# Meshes beside which a few particles of water stand: their panels observe what is made of the mesh
-
-
-@functools.cache
-def solid(name: str) -> Any:
-    """A ball of 81,920 triangles and 1 m radius, or of 5,120 whose radius follows a few waves, as trimesh has it."""
-    from trimesh.creation import icosphere
-
-    made = icosphere(6 if name == "ball" else 4)
-    if name == "lobes":
-        x, y, z = np.array(made.vertices).T
-        waves = 0.22 * np.sin(3 * x + 1) * np.cos(2 * y) + 0.15 * np.sin(4 * z + 2 * y) + 0.08 * np.cos(7 * x * y)
-        made.vertices = np.array(made.vertices) * (1 + waves)[:, None]
-    return made
-
-
-def beside(name: str, given: Given, spacing: float, **more: Any) -> Scene:
-    """Water beside a solid, whose mesh lies in refsim's folder of caches."""
-    file = cache_root() / "panels" / f"{name}.ply"
-    if not file.is_file():
-        file.parent.mkdir(parents=True, exist_ok=True)
-        write_file(file, solid(name).export(file_type="ply"))
-    return Scene(
-        spacing=spacing, support_radius=2.6 * spacing, dtype=given["dtype"], step=1e-9, end_time=1e-9,
-        fluid=(Box(lower=(2.0, 2.0, 2.0), cells=(2, 2, 2)),),
-        effects=(calm(1.0, spacing), MeshBoundary(file=str(file), model="mirrored", **more)),
-    )  # fmt: skip
-
-
-def signed_distance(given: Given, seed: int = 0) -> Scene:
-    """A ball with distances on a grid of the setting's spacing."""
-    return beside("ball", given, 0.1, field_spacing=given["spacing"])
-
-
-def boundary_sampling(given: Given, seed: int = 0) -> Scene:
-    """A ball with waves and as many particles, 2 r apart."""
-    radius = math.sqrt(HEXAGONAL * solid("lobes").area / (math.pi * given["count"]))
-    return beside("lobes", given, 2 * radius, radius=radius)
-
-
-def surface_normals(given: Given, seed: int = 0) -> Scene:
-    """A ball of a jittered lattice of eight particles to a cell, whose surface is reconstructed."""
-    radius, h = given.get("radius", 9.0), 1 / 32
-    axis = 0.5 * np.arange(-int(2 * radius) - 2, int(2 * radius) + 2) + 0.25
-    place = lattice(axis, axis, axis)
-    place += np.random.default_rng(0).uniform(-0.25, 0.25, place.shape)
-    place = h * place[((place / radius) ** 2).sum(1) < 1]
-    liquid = MpmLiquid(rest_density=1.0, bulk_modulus=MODULUS, cell_size=h)
-    return Scene(
-        spacing=0.5 * h, support_radius=1.5 * h, dtype=given["dtype"], step=1e-9, end_time=1e-9,
-        fluid=(Cloud(position=place),),
-        effects=(liquid, SurfaceEnergy(surface_tension=1.0, inset=-1.0, **given["tension"])),
-    )  # fmt: skip
-
-
 MADE: Mapping[str, Callable[..., Scene]] = {
     "implicit_pressure": implicit_pressure, "tank_pressure": tank_pressure, "vortex_decay": vortex_decay,
     "heat": heat, "melting": melting, "mpm_pressure": mpm_pressure, "mpm_frequency": mpm_frequency,
-    "signed_distance": signed_distance, "boundary_sampling": boundary_sampling, "surface_normals": surface_normals,
     **{state: partial(detection, state) for state in CLOUDS},
 }  # fmt: skip

@@ -3,21 +3,19 @@
 `times` and `reduce` of a function say when it is read and how one number follows (`refsim/study/observables.py`).
 """
 
-import math
 import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from refsim.boundary.mesh import surface_mesh
 from refsim.engine.simulation import Simulation
 from refsim.scene.scene import Scene
 from refsim.sph import liquid_of
 from refsim.sph.resting import column_of
 from refsim.study.observables import observable_of
 from refsim.study.panels import FOLDER, drops
-from refsim.study.panels.making import DENSITY, GRAVITY, MODULUS, REYNOLDS, frequency, radius, solid
+from refsim.study.panels.making import DENSITY, GRAVITY, MODULUS, REYNOLDS, frequency, radius
 from refsim.study.panels.virial import inner_pressure
 from refsim.surface_tension.calibration import BASE, sigma_map
 
@@ -160,70 +158,6 @@ def _spent(values: list[Any]) -> float:
 
 detection_2d.seconds = _spent
 detection_3d = detection_2d
-
-
-def _clock(backend: Any) -> Callable[[], float]:
-    """Of the processor; of a GPU's work the wall clock."""
-    return time.perf_counter if backend.name == "cuda" else time.process_time
-
-
-def timed(read: Callable[[Simulation], tuple[float, float]]) -> Any:
-    """An observable of the start, read twice: its reading gives (seconds of the work, value)."""
-    watched(lambda scene: np.zeros(2), _detected)(read).seconds = _spent
-    return read
-
-
-@timed
-def signed_distance(simulation: Simulation) -> tuple[float, float]:
-    """Seconds of the distances' grid; rms error of what it gives within 0.02 m of the ball's surface [m]."""
-    from trimesh.sample import sample_surface
-
-    from refsim.boundary.signed_distance import signed_distance as grid_of
-
-    made, there = solid("ball"), simulation.backend
-    place = sample_surface(made, 4000, seed=0)[0]
-    place = place + np.random.default_rng(0).uniform(-0.02, 0.02, place.shape)
-    mesh, dtype = surface_mesh(made.vertices, made.faces, "ball"), simulation.plan.grid.dtype
-    boundary: Any = simulation.plan.effects["mesh_boundary"]
-    began = _clock(there)()
-    band = grid_of(mesh, boundary.field_spacing, backend=there, dtype=dtype)
-    there.synchronize()
-    spent = _clock(there)() - began
-    found = there.host(band.at(there.asarray(place.astype(dtype)))[0]).astype(float)
-    return spent, float(np.sqrt(((found - np.linalg.norm(place, axis=1) + 1) ** 2).mean()))
-
-
-@timed
-def boundary_sampling(simulation: Simulation) -> tuple[float, float]:
-    """Seconds of the particles on the solid; variation of the distance to the nearest one."""
-    from scipy.spatial import cKDTree
-
-    from refsim.boundary.sampling import sample
-
-    made = solid("lobes")
-    boundary: Any = simulation.plan.effects["mesh_boundary"]
-    mesh = surface_mesh(made.vertices, made.faces, "lobes")
-    began = _clock(simulation.backend)()
-    found = sample(mesh, boundary.radius, backend=simulation.backend, dtype=simulation.plan.grid.dtype)
-    spent = _clock(simulation.backend)() - began
-    nearest = cKDTree(found.position).query(found.position, k=2)[0][:, 1]
-    return spent, float(nearest.std() / nearest.mean())
-
-
-@timed
-def surface_normals(simulation: Simulation) -> tuple[float, float]:
-    """Seconds of the fit and the normals, for facets of the facets; mean angle to the ball's normals [degrees]."""
-    from refsim.surface_energy.run_surface import reconstruction_on
-
-    grid, there = simulation.plan.grid, simulation.backend
-    tension: Any = simulation.plan.effects["surface_energy"]
-    program = reconstruction_on(there, 3, grid.dtype, 2 * grid.spacing, tension, timed=True)
-    surface = program.surface(there.asarray(simulation.field("position")))
-    sample, normal = (there.host(a).astype(float) for a in (surface.samples.position, surface.samples.normal))
-    true = sample / np.linalg.norm(sample, axis=1, keepdims=True)
-    angle = np.degrees(np.arccos(np.clip((normal * true).sum(1), -1.0, 1.0)))
-    own = ("samples",) if tension.normals == "facets" else ("offsets", "fit", "normals")
-    return math.fsum(surface.seconds[name] for name in own), float(angle.mean())
 
 
 def melting(simulation: Simulation) -> float:
