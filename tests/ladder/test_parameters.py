@@ -209,7 +209,7 @@ def jiang_zhu(dim, gamma=None, alpha=None, sign=1, mode=1, area=None, soft=(0.3,
     }  # fmt: skip
 
 
-def corrected_area(dim, ratio=0.01):
+def corrected_area(dim, ratio=0.006):
     """J(21): eps = eps_r gamma rho0^2 h^(1-dim), kind 0."""
     return lambda gamma: (0, ratio * gamma * RHO**2 / H ** (dim - 1))
 

@@ -62,6 +62,7 @@ LARGEST_AREA = {
 AXIAL_SHARE = 2 / 3  # of these with area_direction "axial": beyond it drops of 5,000 particles throw some off
 # P_int/(rho0 c^2) of the pair force between all particles, from which on drops boil with pair_mode = "soft".
 LARGEST_SOFT = 0.015
+AREA_RATIO = 0.01  # eps_r, by default
 # rho0 c h/mu up to which a drop gains no energy if the equation of state does not balance the pair force.
 LEAST_VISCOUS = 55.0
 AKINCI_RATIO = 1e-3  # eps'/(gamma rho0) of Akinci et al. 2013 for water
@@ -157,7 +158,8 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
     pair_mode           "all", "soft" (pairs weighted by their soft surface weights), or by the surface set S:
                         "one_sided" (force on i in S without reaction: does not conserve momentum), "either", "both"
     area_term           "corrected" (J(21) with normals J(20)), "color" (J(18) with normals J(19)) or "none"
-    area_ratio          eps_r of J(21), eps = eps_r gamma rho0^2 h^(1 - dim); stable up to about 0.01, axial 0.008
+    area_ratio          eps_r of J(21), eps = eps_r gamma rho0^2 h^(1 - dim); left out, 0.01 or what drops of the
+                        liquid's kernels hold: 0.006, "mueller" 0.012, two thirds of it if axial
     area_direction      of the area term between a pair: "normals" (n_i - n_j, the paper's) or "axial", its part along
                         e_ij with (dim + 2)/2 times eps, which conserves angular momentum
     area_acceleration   eps' of J(18) [m/s^2]; left out, 0.001 gamma rho0
@@ -194,7 +196,7 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
     pair_mode: Literal["all", "soft", "one_sided", "either", "both"] = "all"
     area_term: Literal["corrected", "color", "none"] = "corrected"
     area_direction: Literal["normals", "axial"] = "normals"
-    area_ratio: NotNegative = 0.01
+    area_ratio: NotNegative | None = None
     area_acceleration: NotNegative | None = None
     density_correction: bool | None = None
     threshold: Positive | None = None
@@ -293,7 +295,7 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
         gamma = self.signed_gamma(grid, others)
         area = None
         if self._area() == "corrected":
-            eps = self.area_ratio * abs(gamma) * fluid.rest_density**2 * h ** (1 - dim)
+            eps = self.ratio_of_area(others) * abs(gamma) * fluid.rest_density**2 * h ** (1 - dim)
             area = AreaTerm(int32(AREA_TERMS["corrected"]), real(eps))
         elif self._area() == "color":
             given = self.area_acceleration
@@ -336,8 +338,7 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
             )
             yield Margin("dynamic_viscosity [Pa s]", fluid.dynamic_viscosity, least, least=True, beyond=words)
         if self._area() != "none":
-            value, name, largest = self.area_ratio, "area_ratio", LARGEST_AREA[self._area()][fluid.kernels]
-            largest *= AXIAL_SHARE if self.area_direction == "axial" else 1
+            value, name, largest = self.ratio_of_area(others), "area_ratio", self._largest_area(others)
             if self._area() == "color":
                 unit = abs(self.signed_gamma(grid, others)) * fluid.rest_density
                 value = AKINCI_RATIO if self.area_acceleration is None else self.area_acceleration / unit
@@ -396,6 +397,15 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
 
     def _marked(self) -> bool:
         return self.pair_mode in MARKED_MODES
+
+    def ratio_of_area(self, others: Others) -> float:
+        """eps_r of J(21), given or one with which drops come to rest."""
+        return min(AREA_RATIO, self._largest_area(others)) if self.area_ratio is None else self.area_ratio
+
+    def _largest_area(self, others: Others) -> float:
+        """Coefficient of the area term up to which drops come to rest in one piece."""
+        largest = LARGEST_AREA[self.area_term][liquid_of(others).kernels] if self.area_term != "none" else 0.0
+        return largest * (AXIAL_SHARE if self.area_direction == "axial" else 1)
 
     def _area(self) -> str:
         """The area term that is computed: "none" if its coefficient is zero."""
