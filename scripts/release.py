@@ -11,6 +11,7 @@ import argparse
 import configparser
 import gzip
 import hashlib
+import io
 import re
 import shutil
 import subprocess
@@ -22,6 +23,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from refsim.core.streams import any_letter  # noqa: E402
+from refsim.core.writing import write_file  # noqa: E402
 
 FOLDER = ROOT / "build" / "release"
 STORED = ("figures/*.json*", "refsim/study/panels/*.json", "validation/data/*", "validation/papers/*")
@@ -75,9 +77,14 @@ def notes(version: str) -> str:
 def data(version: str) -> Path:
     """The stored results, one archive whose bytes follow from their contents."""
     made = FOLDER / f"refsim-data-{version}.tar.gz"
-    with gzip.GzipFile(made, "wb", mtime=0) as packed, tarfile.open(fileobj=packed, mode="w") as archive:
+    whole = io.BytesIO()
+    with (
+        gzip.GzipFile("", "wb", fileobj=whole, mtime=0) as packed,
+        tarfile.TarFile(fileobj=packed, mode="w") as archive,
+    ):
         for path in sorted(path for words in STORED for path in ROOT.glob(words) if path.is_file()):
             archive.add(path, f"refsim-data-{version}/{path.relative_to(ROOT)}", filter=_anonymous)
+    write_file(made, whole.getvalue())
     return made
 
 
@@ -97,7 +104,7 @@ def release(dry: bool) -> int:
     shutil.rmtree(FOLDER, ignore_errors=True)
     FOLDER.mkdir(parents=True)
     written = ROOT / "refsim" / "commit.txt"
-    written.write_text(f"{commit}\n", "utf-8")
+    write_file(written, f"{commit}\n")
     try:
         run(sys.executable, "-m", "build", "-o", str(FOLDER), ".")
     finally:
@@ -108,8 +115,8 @@ def release(dry: bool) -> int:
     recipe = RECIPE.format(
         version=version, digest=digest(source), packages=packages, summary=settings["metadata"]["description"]
     )
-    (FOLDER / "recipe.yaml").write_text(recipe, "utf-8")
-    (FOLDER / "notes.md").write_text(notes(version), "utf-8")
+    write_file(FOLDER / "recipe.yaml", recipe)
+    write_file(FOLDER / "notes.md", notes(version))
     shutil.make_archive(str(FOLDER / f"refsim-site-{version}"), "gztar", FOLDER, "site")
     data(version)
     print(f"refsim {version}, commit {commit}, in {FOLDER.relative_to(ROOT)}:")

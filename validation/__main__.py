@@ -24,6 +24,7 @@ if not __package__:
 from refsim.core.errors import InputError, RefsimError
 from refsim.core.stopping import heeding
 from refsim.core.streams import any_letter
+from refsim.core.writing import write_file
 from refsim.study.advice import READINGS
 from refsim.study.panels import abouts
 from validation import accuracy, accuracy_page, judging, own_choices, page, times
@@ -215,7 +216,9 @@ def check(given: argparse.Namespace) -> int:
 
 def own(given: argparse.Namespace) -> int:
     """Measure `literal = "paper"` of every system."""
-    print(*own_choices.write(), sep="\n")
+    print(own_choices.write())
+    write_file(accuracy_page.PAGE, accuracy_page.page())
+    print(accuracy_page.PAGE)
     return EXIT_FINE
 
 

@@ -159,10 +159,7 @@ def markdown() -> list[str]:
     ]
 
 
-def write() -> list[Path]:
-    """Measure, store, and renew the page; returns the paths."""
-    from validation import accuracy_page
-
+def write() -> Path:
+    """Measure and store; returns the path."""
     write_file(STORED, json.dumps(measure(), indent=1) + "\n")
-    write_file(accuracy_page.PAGE, accuracy_page.page())
-    return [STORED, accuracy_page.PAGE]
+    return STORED
