@@ -76,7 +76,11 @@ def test_rebound_is_a_hash_between_zero_and_its_maximum():
 
 
 def test_liquid_inside_the_solid_is_refused(ball):
-    block = Box(lower=(-0.02, -0.02, 0.0), cells=(4, 4, 8))
     effects = (LIQUID, Gravity(), MeshBoundary(file=ball))
-    with pytest.raises(InputError, match="start inside the solid"):
-        make_plan(Scene(spacing=SPACING, support_radius=0.026, fluid=(block,), effects=effects))
+    for cells, remedy in (
+        ((4, 4, 8), "move the solid or the particles"),
+        ((4, 4, 2), "a mesh is a solid: give a container"),
+    ):
+        block = Box(lower=(-0.02, -0.02, 0.0), cells=cells)
+        with pytest.raises(InputError, match=f"start inside the solid of .*; {remedy}"):
+            make_plan(Scene(spacing=SPACING, support_radius=0.026, fluid=(block,), effects=effects))

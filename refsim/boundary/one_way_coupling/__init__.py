@@ -203,9 +203,11 @@ class MeshBoundary(
     def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
         inside = int((self.placed(grid).distance(state.position) < 0).sum())
         if inside:
+            remedy = "move the solid or the particles"
+            if inside == grid.count:
+                remedy = "a mesh is a solid: give a container an outer surface, too, or take box_walls"
             raise InputError(
-                f"{self.name}: {inside} particles of the scene start inside the solid of {self.file!r}; move the solid"
-                " or the particles."
+                f"{self.name}: {inside} particles of the scene start inside the solid of {self.file!r}; {remedy}."
             )
         return {} if self.correction == "none" else {"corrections": np.zeros(grid.count, np.int32)}
 
