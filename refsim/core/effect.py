@@ -215,8 +215,8 @@ class Effect(Checked, frozen=True, kw_only=True):
         moved = {name: tuple(map(float, grid.local(getattr(self, name)))) for name in self.places}
         return msgspec.structs.replace(self, **moved) if any(grid.origin) and moved else self
 
-    def in_dimension(self, dim: int) -> Effect:
-        """This effect with those of its parameters that are None as a scene of `dim` dimensions has them."""
+    def in_scene(self, grid: Discretisation) -> Effect:
+        """This effect with those of its parameters that follow the scene's dimension and lengths as these have them."""
         return self
 
     def needs(self) -> tuple[str, ...]:

@@ -43,7 +43,7 @@ def checked(scene: Scene) -> tuple[Discretisation, dict[str, Effect]]:
         scene.dim, scene.dtype, scene.spacing, scene.support_radius, 0, scene.step, None, scene.period,
         scene.period_lower,
     )  # fmt: skip
-    given = {name: effect.in_dimension(scene.dim) for name, effect in _effects(scene).items()}
+    given = {name: effect.in_scene(grid) for name, effect in _effects(scene).items()}
     if moves_tank(scene.motion) and "gravity" not in given:
         given["gravity"] = EFFECTS["gravity"](acceleration=(0.0, 0.0, 0.0))
     effects = settled(effect for effect in given.values() if not _is_open(effect, grid))

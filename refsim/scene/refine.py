@@ -117,8 +117,8 @@ def _effect(effect: Effect, factor: float) -> Effect:
 def resting_step(scene: Scene, spacing: float, support_radius: float) -> float:
     """Largest stable step [s] of particles at rest; infinite where nothing limits it."""
     factor = scene.spacing / spacing
-    effects = settled(_effect(effect, factor) for effect in scene.effects)
     grid = Discretisation(scene.dim, scene.dtype, spacing, support_radius, 0, 0.0)
+    effects = settled(_effect(effect, factor).in_scene(grid) for effect in scene.effects)
     limits = (limit for effect in effects.values() for limit in effect.step_limits(grid, effects).values())
     return min((limit.at(Extremes(0.0, 0.0)) for limit in limits), default=math.inf)
 

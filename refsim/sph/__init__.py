@@ -187,6 +187,8 @@ class WeaklyCompressible(
     rest_density       rho0 [kg/m^3; kg/m^2 in 2D]
     sound_speed        numerical sound speed c [m/s]
     dynamic_viscosity  mu [Pa s]; 0 leaves viscosity out
+    artificial_viscosity  alpha [-] of Monaghan 1992, which adds alpha rho0 c h/(4 (dim + 2)) to mu; the finer the
+                       spacing, the less
     viscosity          "laplacian" (J(11), along the difference of velocities: it slows down the rotation of a rigidly
                        rotating liquid) or "central" (Espanol & Revenga 2003, along the line of centres: it conserves
                        angular momentum); by default central, and J(11) where density = "summation" or `literal` is
@@ -225,6 +227,7 @@ class WeaklyCompressible(
     rest_density: Positive = 1000.0
     sound_speed: Positive
     dynamic_viscosity: NotNegative = 0.0
+    artificial_viscosity: NotNegative = 0.0
     viscosity: Literal["laplacian", "central"] | None = None
     state: Literal["linear", "tait"] = "linear"
     density: Literal["summation", "continuity"] | None = None
@@ -236,6 +239,12 @@ class WeaklyCompressible(
     kernels: Literal["wendland", "mueller", "cubic_spline"] = "wendland"
     density_bound: float = 1.5
     literal: Printed = ()
+
+    def in_scene(self, grid: Discretisation) -> WeaklyCompressible:
+        """With the artificial viscosity, alpha times (h/2) c/(2 (dim + 2)) for nu, in the dynamic one."""
+        reach = grid.support_radius / (4 * (grid.dim + 2))
+        whole = self.dynamic_viscosity + self.artificial_viscosity * self.rest_density * self.sound_speed * reach
+        return msgspec.structs.replace(self, dynamic_viscosity=whole, artificial_viscosity=0.0)
 
     def settled(self, others: Others) -> WeaklyCompressible:
         gravity = gravity_of(others)
@@ -649,8 +658,8 @@ class Gravity(Effect, frozen=True, kw_only=True):
 
     acceleration: tuple[float, float, float] | None = None
 
-    def in_dimension(self, dim: int) -> Gravity:
-        downwards = (0.0, -9.81, 0.0) if dim == 2 else (0.0, 0.0, -9.81)
+    def in_scene(self, grid: Discretisation) -> Gravity:
+        downwards = (0.0, -9.81, 0.0) if grid.dim == 2 else (0.0, 0.0, -9.81)
         return self if self.acceleration else msgspec.structs.replace(self, acceleration=downwards)
 
     def check(self, grid: Discretisation, others: Others) -> None:

@@ -84,6 +84,9 @@ TERMS = {
     "weakly_compressible.dynamic_viscosity": (
         LIQUID, msgspec.structs.replace(LIQUID, dynamic_viscosity=0.3), (), {"sph.momentum"}, set(),
     ),
+    "weakly_compressible.artificial_viscosity": (
+        LIQUID, msgspec.structs.replace(LIQUID, artificial_viscosity=0.1), (), {"sph.momentum"}, set(),
+    ),
     "mpm_liquid.dynamic_viscosity": (
         MPM, msgspec.structs.replace(MPM, dynamic_viscosity=0.3), (), {"mpm.viscosity"}, set(),
     ),
