@@ -2,8 +2,9 @@
 
 First the suite runs once under a profile that says which tests call which function. Then each slip, another sign,
 number, condition or name in one function, is put in by giving the function the code of its altered source, in a process
-of its own; there the tests that call the function run, quick ones first, until one fails. Slips that change no answer
-stand in `harmless_host.toml` with reasons. Prints what no test noticed; exit code 4 if there is any.
+of its own; there the tests that call the function run, quick ones first, until one fails that passes without the slip.
+Slips that change no answer stand in `harmless_host.toml` with reasons. Prints each slip with its outcome; exit code 4
+if no test noticed one.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import argparse
 import ast
 import contextlib
 import datetime
+import gzip
 import importlib
 import inspect
 import json
@@ -29,6 +31,8 @@ import tomllib
 import types
 from collections.abc import Iterator
 from typing import Any
+
+import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "ladder")]
@@ -97,9 +101,24 @@ def pytest_runtest_protocol(item: Any) -> None:
     item.began = time.process_time()
 
 
-def pytest_runtest_teardown(item: Any) -> None:
-    """Write which functions the test has called, and its seconds."""
-    if worker := os.environ.get("PYTEST_XDIST_WORKER"):
+@pytest.hookimpl(wrapper=True)
+def pytest_fixture_setup(fixturedef: Any) -> Iterator[Any]:
+    """What a fixture calls is called by each test that takes it."""
+    before = CALLED.copy()
+    CALLED.clear()
+    try:
+        return (yield)
+    finally:
+        fixturedef.called = CALLED.copy()
+        CALLED.update(before)
+
+
+def pytest_runtest_makereport(item: Any, call: Any) -> None:
+    """Write which functions a test has called that passed, and its seconds."""
+    worker = os.environ.get("PYTEST_XDIST_WORKER")
+    if worker and call.when == "call" and call.excinfo is None:
+        for fixtures in item._fixtureinfo.name2fixturedefs.values():
+            CALLED.update(getattr(fixtures[-1], "called", ()))
         row = {"test": item.nodeid, "seconds": time.process_time() - item.began, "calls": sorted(CALLED)}
         with pathlib.Path(os.environ["REFSIM_CALLS_FOLDER"], f"{worker}.jsonl").open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
@@ -121,33 +140,55 @@ def callers(jobs: int, packages: tuple[str, ...], folder: str) -> dict[str, list
     return {name: sorted(rows) for name, rows in found.items()}
 
 
-def noticed(module: str, name: str, number: int, tests: list[str], seconds: float) -> tuple[str, str]:
-    """(the slip in words, its outcome); the tests run in this process, which its alarm may end."""
-    import pytest
+class Begun:
+    """A plugin of pytest that tells which test begins."""
 
+    def __init__(self) -> None:
+        self.file = os.fdopen(os.dup(1), "w", encoding="utf-8")
+
+    def pytest_runtest_logstart(self, nodeid: str) -> None:
+        print(nodeid, file=self.file, flush=True)
+
+
+def one(module: str, name: str, number: int | None, tests: list[str], seconds: float) -> int:
+    """Print the slip, none for number None, and each test that begins in this process, which an alarm may end.
+
+    Returns the exit code of pytest.
+    """
     same = (f for f in functions(module.split(".")[1]) if (f.__module__, f.__qualname__) == (module, name))
-    function = next(same)
-    code, line = altered(function, *changes(function)[number])
-    words = f"{module}.{name}: {line}"
+    words, function = f"{module}.{name}: ", next(same)
+    if number is not None:
+        code, line = altered(function, *changes(function)[number])
+        words, function.__code__ = words + line, code
     print(words, flush=True)
-    function.__code__ = code
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     signal.alarm(int(seconds))  # whose default is the end of the process
+    begun = Begun()
     with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere), contextlib.redirect_stderr(nowhere):
-        outcome = pytest.main(["-q", "-x", "-n", "0", "-p", "no:cacheprovider", "--tb=no", *tests])
-    return words, "survived" if outcome == 0 else "noticed"
+        return int(pytest.main(["-q", "-x", "-n", "0", "-p", "no:cacheprovider", "--tb=no", *tests], [begun]))
 
 
 def tried(job: dict[str, Any]) -> tuple[str, str]:
-    """`noticed` in a process of its own."""
-    if not job["tests"]:
-        return f"{job['module']}.{job['name']} number {job['number']}", "called by no test"
+    """(the slip in words, its outcome): `one` in a process of its own, and what fails once more without the slip."""
+    words, tests, unjudged = f"{job['module']}.{job['name']} number {job['number']}", job["tests"], ""
+    while tests:
+        words, last, code = asked(job | {"tests": tests})
+        if code == 0:
+            return words, "survived"
+        if not words:
+            return f"{job['module']}.{job['name']}: {last}", "no slip"  # one that Python cannot compile
+        if asked(job | {"tests": [last] if last else tests, "number": None})[2] == 0:
+            return f"{words}   [{last or 'collection'}]", "noticed"
+        tests, unjudged = [test for test in tests if last and test != last], "fails without the slip, too"
+    return words, unjudged or "called by no test"
+
+
+def asked(job: dict[str, Any]) -> tuple[str, str, int]:
+    """(slip in words, last test that began, exit code) of `one` in a process of its own."""
     command = [sys.executable, __file__, "--one", json.dumps(job)]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
-    words, _, outcome = done.stdout.strip().rpartition("\n")
-    if done.returncode == 0:
-        return words, outcome
-    return outcome or done.stderr.strip()[-200:], "noticed" if outcome else "no slip"  # one that Python cannot compile
+    words, *begun = done.stdout.splitlines() or [""]
+    return words, begun[-1] if begun else "" if words else done.stderr.strip()[-200:], done.returncode
 
 
 def main() -> int:
@@ -158,20 +199,27 @@ def main() -> int:
     parser.add_argument("--packages", default=",".join(PACKAGES))
     parser.add_argument("--tests", default="tests", help="folder or file of the tests")
     parser.add_argument("--seconds", type=float, default=120.0, help="after which the tests of a slip end")
+    parser.add_argument(
+        "--calls", type=pathlib.Path, help=".json.gz of the tests that call each function; made if missing"
+    )
     parser.add_argument("--one", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.one:
-        print(noticed(**json.loads(given.one))[1])
-        return 0
+        return one(**json.loads(given.one))
     packages = tuple(given.packages.split(","))
     code = {f.__code__: f for package in packages for f in functions(package)}
     places = [(f, number) for f in code.values() for number in range(len(changes(f)))]
     drawn = random.Random(given.seed).sample(places, min(given.count, len(places)))
-    called = callers(given.jobs, packages, given.tests)
+    if given.calls and given.calls.exists():
+        called = json.loads(gzip.decompress(given.calls.read_bytes()))
+    else:
+        called = callers(given.jobs, packages, given.tests)
+        if given.calls:
+            given.calls.write_bytes(gzip.compress(json.dumps(called).encode(), 1))
     jobs = [
         {
             "module": f.__module__, "name": f.__qualname__, "number": number, "seconds": given.seconds,
-            "tests": quick(called.get(place(f), []), given.seconds),
+            "tests": quick(called.get(place(f), []), given.seconds, f"tests/{f.__module__.split('.')[1]}/"),
         }
         for f, number in drawn
     ]  # fmt: skip
@@ -179,19 +227,18 @@ def main() -> int:
     with multiprocessing.pool.ThreadPool(given.jobs) as pool:
         for words, outcome in pool.imap_unordered(tried, jobs):
             known = next((why for slip, why in HARMLESS.items() if words.startswith(slip)), None)
-            found.setdefault("harmless" if outcome == "survived" and known else outcome, []).append(words)
-    print(
-        f"{len(jobs)} slips of {len(places)} places, seed {given.seed}:", *(f"{len(v)} {k}," for k, v in found.items())
-    )
-    gaps = [f"{outcome}: {words}" for outcome in ("survived", "called by no test") for words in found.get(outcome, [])]
-    print(*sorted(gaps), sep="\n")
-    return 4 if gaps else 0
+            outcome = "harmless" if outcome == "survived" and known else outcome
+            print(f"{outcome}: {words}", flush=True)
+            found.setdefault(outcome, []).append(words)
+    counts = (f"{len(rows)} {outcome}," for outcome, rows in found.items())
+    print(f"{len(jobs)} slips of {len(places)} places, seed {given.seed}:", *counts)
+    return 4 if set(found) & {"survived", "called by no test", "fails without the slip, too"} else 0
 
 
-def quick(tests: list[tuple[float, str]], seconds: float) -> list[str]:
-    """Tests, quick ones first, until half of the time that they may take is gone."""
+def quick(tests: list[tuple[float, str]], seconds: float, first: str = "") -> list[str]:
+    """Tests, of the folder `first` before others and quick ones first, until half of their time is gone."""
     total, chosen = 0.0, []
-    for each, test in tests:
+    for each, test in sorted(tests, key=lambda row: (not row[1].startswith(first), *row)):
         total += each
         if total > seconds / 2 and chosen:
             break

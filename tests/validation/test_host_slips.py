@@ -51,4 +51,5 @@ def test_quick_tests_come_first_until_half_of_the_time_is_gone():
     assert host_slips.quick(tests, 8.0) == ["a", "b"]
     assert host_slips.quick(tests, 14.0) == ["a", "b", "c"]
     assert host_slips.quick(tests, 0.1) == ["a"]
+    assert host_slips.quick(tests, 14.0, "c") == ["c", "a", "b"]
     assert host_slips.quick([], 8.0) == []
