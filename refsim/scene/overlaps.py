@@ -255,25 +255,27 @@ def _cut(corner: np.ndarray, segments: Sequence[np.ndarray], tolerance: float, m
     normal = np.cross(x, corner[2] - corner[0])
     frame = np.stack([x, np.cross(normal / np.linalg.norm(normal), x)])
     pieces = [(corner - corner[0]) @ frame.T]
+    points, first = pieces[0], np.zeros(1, np.int64)  # of all pieces, and where each begins
     for ends in segments:
         a, b = (ends - corner[0]) @ frame.T
         length = float(np.hypot(*(b - a)))
         if length <= tolerance:
             continue
-        across = np.array([a[1] - b[1], b[0] - a[0]]) / length
-        kept = []
-        for piece in pieces:
-            s = (piece - a) @ across
-            s = np.where(np.abs(s) <= tolerance, 0.0, s)
-            if s.min() >= 0 or s.max() <= 0 or not _runs_through(piece, a, b, tolerance):
-                kept.append(piece)
-                continue
+        s = (points - a) @ (np.array([a[1] - b[1], b[0] - a[0]]) / length)
+        s = np.where(np.abs(s) <= tolerance, 0.0, s)
+        crossed = np.flatnonzero((np.minimum.reduceat(s, first) < 0) & (np.maximum.reduceat(s, first) > 0)).tolist()
+        crossed = [k for k in crossed if _runs_through(pieces[k], a, b, tolerance)]
+        for k in reversed(crossed):
+            piece = pieces[k]
             new: tuple[list, list] = ([], [])
-            for p, q, sp, sq in zip(piece, np.roll(piece, -1, axis=0), s.tolist(), np.roll(s, -1).tolist()):
+            above = s[first[k] : first[k] + len(piece)]
+            for p, q, sp, sq in zip(piece, np.roll(piece, -1, axis=0), above.tolist(), np.roll(above, -1).tolist()):
                 for half, sign in zip(new, (1, -1)):
                     half += [p] * (sign * sp >= 0) + [p + sp / (sp - sq or 1) * (q - p)] * (sp * sq < 0)
-            kept += [np.array(half) for half in new]
-        pieces = kept
+            pieces[k : k + 1] = [np.array(half) for half in new]
+        if crossed:
+            points, sizes = np.concatenate(pieces), np.array([len(piece) for piece in pieces])
+            first = np.cumsum(sizes) - sizes
         if len(pieces) > most:
             break
     return [corner[0] + piece @ frame for piece in pieces]
