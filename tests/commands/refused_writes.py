@@ -1,0 +1,303 @@
+"""Faults in the writes of every command, drawn by a seed: is each old file whole, or the new one?
+
+`python tests/commands/refused_writes.py --count 2000` runs commands in one process. At a drawn open, write, rename or
+fsync the disk is full, breaks or takes little at a time, the folder vanishes, or Ctrl-C comes, once or from then on.
+Prints what went wrong with the trial's number, which `--only NUMBER` repeats; exit code 4 if there is any.
+"""
+
+import argparse
+import collections
+import contextlib
+import csv
+import errno
+import io
+import json
+import os
+import pathlib
+import random
+import shutil
+import sys
+import tempfile
+import tomllib
+import traceback
+import types
+import xml.etree.ElementTree
+from collections.abc import Callable, Iterator
+
+import h5py
+import numpy as np
+from PIL import Image
+
+import refsim
+from refsim.__main__ import main as refsim_main
+from refsim.contract import Target
+from refsim.contract.export import write_replay
+from refsim.contract.ladder import climbing
+from refsim.core import writing
+from refsim.core.operation import REGISTRY
+from refsim.io.vtp import read_arrays, read_head
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT))
+from tests.tank_file import tank  # noqa: E402
+
+GAUGE = """
+[[gauge]]
+name = "middle"
+kind = "level"
+lower = [0.02, -0.1, 0.0]
+upper = [0.02, 0.3, 0.0]
+every = 0.0005
+"""
+SWEEP = 'scene = "tank.toml"\nobservable = "kinetic_energy"\nbackend = "numpy"\n'
+WRONG = "def gravity(field, acceleration):\n    acceleration += 1.01 * field\n\n\nPROGRAMS = {'sph.gravity': gravity}\n"
+BOX = "".join(f"v {x} {y} {z}\n" for x in (0, 1) for y in (0, 1) for z in (0, 1)) + "".join(
+    f"f {' '.join(str(v + 1) for v in side)}\n"
+    for side in ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+)
+
+
+def table() -> int:
+    refsim.open_run("run").gauge("middle").to_csv("out/table.csv")
+    return 0
+
+
+def replay() -> int:
+    """The file of a trial, which a process of `contract` writes, in this one."""
+    target = Target(REGISTRY["sph.gravity"], "cpu", "float64", 0)
+    (outcome, *_) = climbing(target, ("T1",))
+    assert outcome.passed
+    write_replay(target)
+    return 0
+
+
+def words(line: str) -> Callable[[], int]:
+    return lambda: refsim_main(line.split())
+
+
+CONTRACT = "contract wrong.py --dtype float64 --step T1"
+COMMANDS = {  # each writes into the folder "out", and what it left there before it does not mind
+    "run": words("run tank.toml --backend numpy --quiet --output out --overwrite --checkpoint-every 0 --until 1e-3"),
+    "resume": words("run --resume out --backend numpy --quiet --until 2e-3 --checkpoint-every 0"),
+    "sweep": words("sweep one.toml --jobs 1 --quiet --output out"),
+    "study": words(
+        "study tank.toml --backend numpy --levels 1 --knobs spacing --quiet --observable kinetic_energy --output out"
+    ),
+    "view": words("view run --html out/page.html"),
+    "picture": words("render run --output out/picture.png --size 160x120 --frames 0,1"),
+    "film": words("render run --film out/film.mp4 --size 160x120"),
+    "gauges": words("render run --gauges -o out/plots.png"),
+    "table": table,
+    "example": words("example droplet --output out --overwrite"),
+    "sample": words("sample box.obj --radius 0.2 -o out/box.vtp"),
+    "junit": words(f"{CONTRACT} --junit out/report.xml"),
+    "export": words("contract sph.gravity --export out"),
+    "replay": lambda: within("out", replay),
+}
+SLOW = ("sweep", "study", "junit", "sample", "film")  # drawn half as often
+FAULTS = {
+    "full": lambda: OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)),
+    "quota": lambda: OSError(errno.EDQUOT, os.strerror(errno.EDQUOT)),
+    "broken": lambda: OSError(errno.EIO, os.strerror(errno.EIO)),
+    "read-only": lambda: OSError(errno.EROFS, os.strerror(errno.EROFS)),
+    "interrupted": KeyboardInterrupt,
+    "vanished": None,
+    "slow": None,
+}
+
+
+def within(folder: str, perform: Callable[[], int]) -> int:
+    with contextlib.chdir(folder):
+        return perform()
+
+
+class Disk:
+    """Counts opens, writes, renames and fsyncs; call number `fault_at` meets the fault, and if `lasting` all later."""
+
+    def __init__(self) -> None:
+        self.calls, self.fault_at, self.fault, self.lasting, self.met = 0, 10**9, "", False, False
+
+    def begin(self, fault_at: int, fault: str, lasting: bool) -> None:
+        self.calls, self.fault_at, self.fault, self.lasting, self.met = 0, fault_at, fault, lasting, False
+
+    def meet(self, half: Callable[[], object] = lambda: None) -> None:
+        self.calls += 1
+        if self.calls - 1 < self.fault_at or (self.met and not self.lasting):
+            return
+        self.met = True
+        if self.fault == "vanished":
+            shutil.rmtree("../out" if os.path.basename(os.getcwd()) == "out" else "out", ignore_errors=True)
+        elif made := FAULTS[self.fault]:
+            half()
+            raise made()
+
+    @contextlib.contextmanager
+    def watching(self) -> Iterator[None]:
+        """Count the calls of `refsim.core.writing`, of the system and of the program that writes films."""
+        import imageio_ffmpeg
+
+        def counted(real: Callable) -> Callable:
+            def call(*given: object, **named: object) -> object:
+                self.meet(lambda: real(given[0], bytes(given[1])[: len(given[1]) // 2]) if real is write_all else None)
+                return real(*given, **named)
+
+            return call
+
+        def slowly(file: io.RawIOBase, data: bytes) -> None:
+            small = types.SimpleNamespace(write=lambda view: file.write(view[:4097]))
+            (write_all if self.fault != "slow" else lambda _, data: write_all(small, data))(file, data)
+
+        def film(*given: object, **named: object) -> Iterator[None]:
+            inner = frames(*given, **named)
+            try:
+                inner.send(None)
+                while True:
+                    image = yield
+                    self.meet()
+                    inner.send(image)
+            finally:
+                inner.close()
+
+        write_all, frames = writing.write_all, imageio_ffmpeg.write_frames
+        places = ((writing, "open", open), (os, "replace", os.replace), (os, "fsync", os.fsync))
+        try:
+            for place, name, real in places:
+                setattr(place, name, counted(real))
+            whole = counted(write_all)
+            writing.write_all = lambda file, data: slowly(file, data) if self.fault == "slow" else whole(file, data)
+            imageio_ffmpeg.write_frames = film
+            yield
+        finally:
+            del writing.open
+            os.replace, os.fsync, writing.write_all = places[1][2], places[2][2], write_all
+            imageio_ffmpeg.write_frames = frames
+
+
+def check_whole(path: pathlib.Path) -> None:
+    """Raises where a file is not whole, as its suffix says."""
+    data = path.read_bytes()
+    assert data or path.suffix == ".lock", "empty"
+    if path.suffix == ".json":
+        json.loads(data)
+    elif path.suffix == ".toml":
+        tomllib.loads(data.decode())
+    elif path.suffix == ".png":
+        Image.open(io.BytesIO(data)).load()
+    elif path.suffix == ".csv":
+        rows = list(csv.reader(io.StringIO(data.decode())))
+        assert len({len(row) for row in rows}) == 1, "rows of several lengths"
+        assert data.endswith(b"\n"), "cut in its last line"
+    elif path.suffix == ".html":
+        assert data.rstrip().endswith(b"</html>"), "cut"
+    elif path.suffix == ".h5":
+        h5py.File(io.BytesIO(data)).visititems(lambda _, item: item[()] if isinstance(item, h5py.Dataset) else None)
+    elif path.suffix == ".vtp":
+        head = read_head(path)
+        read_arrays(head, ["position", *head.fields], check=True)
+    elif path.suffix == ".npz":
+        with np.load(io.BytesIO(data)) as read:
+            assert all(read[name] is not None for name in read)
+    elif path.suffix in (".xml", ".pvd"):
+        xml.etree.ElementTree.fromstring(data)
+
+
+def contents(folder: str = "out") -> dict[str, bytes]:
+    return {str(path): path.read_bytes() for path in sorted(pathlib.Path(folder).rglob("*")) if path.is_file()}
+
+
+def prepare() -> None:
+    """A run, and what commands take."""
+    pathlib.Path("tank.toml").write_text(tank(0.002) + GAUGE)
+    pathlib.Path("one.toml").write_text(SWEEP)
+    pathlib.Path("wrong.py").write_text(WRONG)
+    pathlib.Path("box.obj").write_text(BOX)
+    with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
+        assert words("run tank.toml --backend numpy --quiet --output run --every 1e-3")() == 0
+
+
+def trial(name: str, disk: Disk, fault_at: int, fault: str, lasting: bool, old: bool) -> str:
+    """What a command came to whose disk has the fault; AssertionError for what may not be."""
+    shutil.rmtree("out", ignore_errors=True)
+    if old:
+        shutil.copytree(f"old_{name}", "out")
+    else:
+        os.mkdir("out")
+    before, said, plain = contents(), io.StringIO(), io.StringIO()
+    disk.begin(fault_at, fault, lasting)
+    with contextlib.redirect_stderr(said), contextlib.redirect_stdout(plain):
+        try:
+            code = COMMANDS[name]()
+        except (refsim.InputError, refsim.RunStopped, KeyboardInterrupt) as error:  # a call of Python raises
+            code = 2 if isinstance(error, refsim.InputError) else 3
+            print(f"refsim: {error}", file=said)
+    disk.fault_at = 10**9
+    words_said = said.getvalue()
+    assert code in (0, 2, 3) or (code, name) == (4, "junit"), f"exit code {code}"
+    assert "Traceback" not in words_said, words_said[-600:]
+    lines = [line for line in words_said.splitlines() if line.startswith("refsim: ")]
+    assert len(lines) == (code in (2, 3)) or (code == 4), words_said[-600:]
+    assert fault != "slow" or code in (0, 4), "a slow disk gets all"
+    for path, data in contents().items():
+        assert not path.endswith(".tmp"), f"{path} is left"
+        if data != before.get(path):
+            try:
+                check_whole(pathlib.Path(path))
+            except Exception as error:
+                raise AssertionError(f"{path} is torn: {error!r}") from None
+    if fault != "vanished":
+        lost = before.keys() - contents().keys()
+        assert not lost or name == "run", f"lost: {sorted(lost)}"
+    return f"{name}: {code}"
+
+
+def campaign(count: int, seed: int, only: int | None = None, names: tuple[str, ...] = tuple(COMMANDS)) -> int:
+    """Trials, what they came to, and how many went wrong."""
+    outcomes: collections.Counter[str] = collections.Counter()
+    disk, wrong, calls = Disk(), 0, {}
+    chances = [1 if name in SLOW else 2 for name in names]
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder), disk.watching():
+        prepare()
+        for name in names:  # without a fault: how many calls there are, and what a later one finds
+            shutil.rmtree("out", ignore_errors=True)
+            shutil.copytree("old_run", "out") if name == "resume" else os.mkdir("out")
+            disk.begin(10**9, "", False)
+            with contextlib.redirect_stderr(said := io.StringIO()), contextlib.redirect_stdout(said):
+                assert COMMANDS[name]() in (0, 4), said.getvalue()
+            calls[name] = disk.calls
+            shutil.copytree("out", f"old_{name}")
+        if "resume" in names:
+            shutil.rmtree("old_resume")
+            shutil.copytree("old_run", "old_resume")
+        for number in range(count) if only is None else [only]:
+            draw = random.Random(f"{seed} {number}")
+            (name,) = draw.choices(names, chances)
+            fault, lasting = draw.choice(list(FAULTS)), draw.random() < 0.5
+            given = (
+                draw.randrange(calls[name] + 1),
+                fault,
+                lasting,
+                name == "resume" or (draw.random() < 0.6 and name != "export"),
+            )
+            try:
+                outcomes[trial(name, disk, *given)] += 1
+            except Exception as error:
+                wrong += 1
+                at = traceback.extract_tb(error.__traceback__)[-1]
+                print(f"{number}, {name} {given}: {type(error).__name__}: {error} [{at.name}]", flush=True)
+    print(*(f"{n:5d} {k}" for k, n in sorted(outcomes.items())), sep="\n")
+    print(f"{outcomes.total() + wrong} trials, seed {seed}, calls {calls}: {wrong} wrong", flush=True)
+    return wrong
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--count", type=int, default=2000)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--only", type=int, help="number of the one trial to repeat")
+    parser.add_argument("--commands", nargs="+", choices=COMMANDS, default=list(COMMANDS))
+    given = parser.parse_args()
+    return 4 if campaign(given.count, given.seed, given.only, tuple(given.commands)) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
