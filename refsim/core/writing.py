@@ -137,6 +137,14 @@ def replace_file(path: Path, content: Content, tidy: bool = True, put: Callable[
     sync_folder(path.parent)
 
 
+def put_in_place(temporary: Path, path: Path) -> None:
+    """Give a file that another program has written beside `path` that name, as `replace_file` does. Raises OSError."""
+    with open(temporary, "rb") as file:
+        os.fsync(file.fileno())
+    os.replace(temporary, path)
+    sync_folder(path.parent)
+
+
 def replace_files(files: Mapping[Path, Content], before: Callable[[], object] = lambda: None) -> None:
     """Write files of one folder as `replace_file` does; none is changed before all are on the disk.
 

@@ -19,6 +19,7 @@ from refsim.core.terminal import Bar, wanted
 from refsim.core.writing import (
     made_by,
     output_path,
+    put_in_place,
     remove_stale_temporaries,
     temporary_path,
     write_file,
@@ -394,7 +395,7 @@ def write_film(
         logging.getLogger("imageio_ffmpeg").setLevel(logging.ERROR)  # it warns of a film that is stopped
         film = imageio_ffmpeg.write_frames(
             str(beside), (width, height), fps=per_second, codec="libx264", quality=None, macro_block_size=2,
-            ffmpeg_log_level="error",
+            ffmpeg_log_level="quiet",  # what it refuses is told in one sentence
             output_params=["-crf", "20", "-preset", "medium", "-movflags", "+faststart", "-f", "mp4"],
         )  # fmt: skip
         at_the_end.callback(film.close)
@@ -415,7 +416,7 @@ def write_film(
             frames_written = 0
         if frames_written != len(series.chosen):
             raise _refused_by_ffmpeg(path)
-        os.replace(beside, path)
+        put_in_place(beside, path)
     return path
 
 
