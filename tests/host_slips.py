@@ -43,6 +43,7 @@ HARMLESS = tomllib.loads(pathlib.Path(__file__).with_name("harmless_host.toml").
 CALLS = "REFSIM_CALLS"
 CALLED: set[str] = set()  # by the test that runs
 MEMORY = 6 << 30  # bytes that a slip may make a test take
+MOST_TESTS = 400  # that a slip is tried with
 COMPILED = ("formulas", "kernels", "reference", "cases", "operations")  # judged by the contract, or its own inputs
 
 
@@ -140,11 +141,15 @@ def callers(jobs: int, packages: tuple[str, ...], folder: str) -> dict[str, list
     return {name: sorted(rows) for name, rows in found.items()}
 
 
-class Begun:
-    """A plugin of pytest that tells which test begins."""
+class Chosen:
+    """A plugin of pytest that runs tests in the order given, and tells which one begins."""
 
-    def __init__(self) -> None:
+    def __init__(self, tests: list[str]) -> None:
+        self.place = {test: k for k, test in enumerate(tests)}
         self.file = os.fdopen(os.dup(1), "w", encoding="utf-8")
+
+    def pytest_collection_modifyitems(self, items: list[Any]) -> None:
+        items[:] = sorted((i for i in items if i.nodeid in self.place), key=lambda i: self.place[i.nodeid])
 
     def pytest_runtest_logstart(self, nodeid: str) -> None:
         print(nodeid, file=self.file, flush=True)
@@ -156,16 +161,17 @@ def one(module: str, name: str, number: int | None, tests: list[str], seconds: f
     Returns the exit code of pytest.
     """
     same = (f for f in functions(module.split(".")[1]) if (f.__module__, f.__qualname__) == (module, name))
-    words, function = f"{module}.{name}: ", next(same)
+    slip, function = f"{module}.{name}: ", next(same)
     if number is not None:
         code, line = altered(function, *changes(function)[number])
-        words, function.__code__ = words + line, code
-    print(words, flush=True)
+        slip, function.__code__ = slip + line, code
+    print(slip, flush=True)
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     signal.alarm(int(seconds))  # whose default is the end of the process
-    begun = Begun()
+    chosen, files = Chosen(tests), {test.partition("::")[0]: None for test in tests}
+    words = ["-q", "-x", "-n", "0", "-p", "no:cacheprovider", "--tb=no", *filter(os.path.exists, files)]
     with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere), contextlib.redirect_stderr(nowhere):
-        return int(pytest.main(["-q", "-x", "-n", "0", "-p", "no:cacheprovider", "--tb=no", *tests], [begun]))
+        return int(pytest.main(words, [chosen]))
 
 
 def tried(job: dict[str, Any]) -> tuple[str, str]:
@@ -185,8 +191,8 @@ def tried(job: dict[str, Any]) -> tuple[str, str]:
 
 def asked(job: dict[str, Any]) -> tuple[str, str, int]:
     """(slip in words, last test that began, exit code) of `one` in a process of its own."""
-    command = [sys.executable, __file__, "--one", json.dumps(job)]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    command = [sys.executable, __file__, "--one"]
+    done = subprocess.run(command, input=json.dumps(job), capture_output=True, text=True, cwd=ROOT)
     words, *begun = done.stdout.splitlines() or [""]
     return words, begun[-1] if begun else "" if words else done.stderr.strip()[-200:], done.returncode
 
@@ -202,10 +208,10 @@ def main() -> int:
     parser.add_argument(
         "--calls", type=pathlib.Path, help=".json.gz of the tests that call each function; made if missing"
     )
-    parser.add_argument("--one", help=argparse.SUPPRESS)
+    parser.add_argument("--one", action="store_true", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.one:
-        return one(**json.loads(given.one))
+        return one(**json.load(sys.stdin))
     packages = tuple(given.packages.split(","))
     code = {f.__code__: f for package in packages for f in functions(package)}
     places = [(f, number) for f in code.values() for number in range(len(changes(f)))]
@@ -240,7 +246,7 @@ def quick(tests: list[tuple[float, str]], seconds: float, first: str = "") -> li
     total, chosen = 0.0, []
     for each, test in sorted(tests, key=lambda row: (not row[1].startswith(first), *row)):
         total += each
-        if total > seconds / 2 and chosen:
+        if (total > seconds / 2 and chosen) or len(chosen) == MOST_TESTS:
             break
         chosen.append(test)
     return chosen

@@ -1,0 +1,323 @@
+"""Observables of the panels on particles of which the value is known, and the scenes of their settings."""
+
+import json
+import math
+import pathlib
+from types import SimpleNamespace
+
+import msgspec
+import numpy as np
+import pytest
+
+from refsim.study.panels import FOLDER, drops, observables, panel
+from refsim.study.panels.making import MADE
+from refsim.study.panels.scenes import scene_of
+
+STORED = pathlib.Path(__file__).with_name("panel_scenes.json")
+RANDOM = np.random.default_rng(5)
+
+
+def standing(**given):
+    """A simulation of which fields and what else an observable takes are known."""
+    fields = {name: np.asarray(value) for name, value in given.pop("fields", {}).items()}
+    plan = SimpleNamespace(**given.pop("plan", {}))
+    return SimpleNamespace(field=lambda name: fields[name].copy(), evaluate=lambda: None, plan=plan, **given)
+
+
+def test_the_roundness_of_a_drop_is_that_of_all_its_directions():
+    position = RANDOM.normal(size=(150, 3)) * [1.0, 0.8, 0.6]
+    x, reach = position - position.mean(0), []
+    for k in range(200):
+        z, angle = 1 - (2 * k + 1) / 200, math.pi * (3 - math.sqrt(5)) * k
+        axis = np.array([math.sqrt(1 - z * z) * math.cos(angle), math.sqrt(1 - z * z) * math.sin(angle), z])
+        near = [math.dist(p, (0, 0, 0)) for p in x if p @ axis > math.cos(math.radians(10)) * math.dist(p, (0, 0, 0))]
+        reach.append(max(near, default=0.0))
+    known = np.std(reach) / np.mean(reach)
+    assert observables.droplet(standing(fields={"position": position})) == pytest.approx(known, rel=1e-12)
+
+
+def test_a_floating_box_stands_over_the_level():
+    """200 particles of 0.001 m^3, 8 of them the box, half wet: 0.196 m^3 on 2.56 m^2, in edges of 0.8 m."""
+    solids = SimpleNamespace(lattice=SimpleNamespace(key=range(8)))
+    plan = {"grid": SimpleNamespace(solids=solids, spacing=0.1, count=200)}
+    position = np.concatenate([np.tile([1.0, 2.0, 0.5], (8, 1)), np.full((192, 3), 9.0)])
+    found = observables.coupling(standing(plan=plan, fields={"position": position}))
+    assert found == pytest.approx((0.5 - 0.196 / 2.56) / 0.8, rel=1e-12)
+
+
+def test_the_force_on_a_wall_is_a_share_of_that_at_rest(monkeypatch):
+    asked = []
+    monkeypatch.setattr(
+        observables, "column_of", lambda *given: asked.append(given) or SimpleNamespace(side_force=lambda: 4.0)
+    )
+    plan = {"effects": "these", "state": SimpleNamespace(mass=np.array([1.0, 2.0]))}
+    run = standing(plan=plan, gauge=lambda name: {"force_x": np.array([-9.0, -6.0])} if name == "wall" else None)
+    assert (observables.wall_force(run), asked) == (1.5, [("these", 3.0)])
+
+
+def test_vortices_that_decay_as_one_wave_have_the_rate_1():
+    position, time = np.pad(RANDOM.uniform(0, 1, (60, 2)), ((0, 0), (0, 1))), 0.3
+    x, y = 2 * np.pi * position[:, :2].T
+    speed = np.column_stack([np.sin(x) * np.cos(y), np.cos(x) * np.sin(y), 0 * x]) * math.exp(
+        -8 * np.pi**2 / 100 * time
+    )
+    acceleration = RANDOM.normal(size=(60, 3))
+    fields = {"position": position, "velocity": speed - 0.05 * acceleration, "acceleration": acceleration}
+    assert observables.vortex_decay(standing(fields=fields, previous_length=0.1, time=time)) == pytest.approx(
+        1, rel=1e-9
+    )
+
+
+def test_a_body_that_turns_as_one_has_its_rate():
+    position, mass = RANDOM.normal(size=(30, 3)), RANDOM.uniform(1, 3, 30)
+    x = position - np.average(position, axis=0, weights=mass)
+    velocity = 5.0 * np.column_stack([-x[:, 1], x[:, 0], 0 * x[:, 0]]) + [1.0, 2.0, 3.0]
+    fields = {"position": position, "velocity": velocity, "mass": mass}
+    assert observables.spinning_body(standing(fields=fields)) == pytest.approx(5.0 / (2 * np.pi), rel=1e-12)
+
+
+def test_temperatures_are_compared_with_the_cosine():
+    x, off = np.linspace(0.1, 3.9, 20), RANDOM.normal(size=20)
+    exact = 50 + 50 * np.cos(np.pi * x / 4) * math.exp(-(np.pi**2) / 16 * 0.7)
+    fields = {"position": np.column_stack([x, x + 1, x + 2]), "temperature": exact + off}
+    found = observables.heat(standing(fields=fields, time=0.7))
+    assert found == pytest.approx(math.sqrt((off**2).mean()), rel=1e-9)
+
+
+def test_the_melted_depth_counts_shares_of_particles():
+    """Of ice two particles wide, 6 with half, none, all, more than all of their heat: 0.5 + 1 + 1 of layers of 4."""
+    fields = {"enthalpy": [9.0, 9, 50, -5, 100, 300, 0, 0], "latent_heat": [100.0] * 8}
+    grid = SimpleNamespace(spacing=0.1, period=(0.0, 0.2, 0.2))
+    run = standing(plan={"grid": grid, "state": SimpleNamespace(sizes=[2, 6])}, fields=fields)
+    assert observables.melt_front(run) == pytest.approx(2.5 * 0.1 / 4 + 0.05)
+    assert observables.melting(run) == pytest.approx(1 - 2.5 / 6)
+    times = np.array([0.1, 0.2, 0.5, 0.8])
+    values = 2 * 0.42877773257020996 * np.sqrt(times) * [2.0, 1.01, 0.97, 1.02]
+    assert observables.melt_front.reduce(times, list(values)) == pytest.approx(3.0)
+    assert observables.melt_front.times(SimpleNamespace(step=0.1, end_time=0.5)) == pytest.approx(
+        [0.1, 0.2, 0.3, 0.4, 0.5]
+    )
+
+
+@pytest.mark.parametrize("name", ["cuda", "cpu"])
+def test_a_detector_is_judged_by_what_it_finds_and_the_seconds_of_its_stages(name):
+    with np.load(str(FOLDER / "detection_2d.npz")) as stored:
+        surface = stored["surface"].copy()
+    true, false = np.flatnonzero(surface), np.flatnonzero(~surface)
+    surface[true[:30]], surface[false[:10]] = False, True
+    hits = len(true) - 30
+    stages = {"surface_detection.scan": 1.0, "surface_normal.sum": 2.0, "sph.density": 5.0}
+
+    def evaluate():
+        stages.update({"surface_detection.scan": 1.25, "surface_normal.sum": 4.0, "sph.density": 9.0})
+        sum(range(200_000))
+
+    run = standing(
+        plan={"scene": SimpleNamespace(name="detection_2d")}, fields={"surface": surface.astype(int)},
+        timings=SimpleNamespace(stages=stages), backend=SimpleNamespace(name=name),
+    )  # fmt: skip
+    run.evaluate = evaluate
+    spent, error = observables.detection_2d(run)
+    assert error == pytest.approx(1 - 2 * hits / (len(true) - 20 + len(true)), rel=1e-12)
+    assert spent == pytest.approx(2.25, rel=1e-12) if name == "cuda" else 0 < spent < 2.25 * 1.5
+    assert observables.detection_2d.seconds([(9.0, 0), (1.0, 0), (3.0, 0), (4.0, 0)]) == 3.0
+    assert observables.detection_2d.seconds([(9.0, 0)]) == 9.0
+    assert observables.detection_2d.reduce(None, [(9.0, 0.5), (1.0, 0.25)]) == 0.25
+
+
+@pytest.mark.parametrize("solver", ["iisph", "none"])
+def test_pressures_at_rest_are_compared_in_the_bulk(monkeypatch, solver):
+    resting = SimpleNamespace(pressure=lambda y: 100 * y)
+    monkeypatch.setattr(observables, "column_of", lambda effects, mass: resting if mass == 6.0 else None)
+    plan = {
+        "effects": {solver: 1}, "grid": SimpleNamespace(support_radius=0.2),
+        "state": SimpleNamespace(mass=np.array([2.0, 4.0])),
+    }  # fmt: skip
+    place = np.array([[0.5, 0.5, 0], [0.1, 0.5, 0], [0.9, 0.5, 0], [0.5, 0.1, 0], [0.5, 0.9, 0], [0.3, 0.7, 0]])
+    run = standing(plan=plan, fields={"position": place, "pressure": np.arange(6.0)})
+    where, pressure, known = observables.implicit_pressure(run)
+    exact, bulk, bottom = known(where)
+    assert exact == pytest.approx(9810 * (1 - place[:, 1]) if solver == "iisph" else 100 * place[:, 1])
+    assert (bulk.tolist(), bottom, pressure.tolist()) == ([True, *[False] * 4, True], 9810.0, list(range(6)))
+    samples = [(place, 2 * exact, known), (place, 2 * exact + 2 * 98.1, known)]
+    off = (2 * exact + 98.1 - exact)[bulk] / 9810
+    assert observables.implicit_pressure.reduce(None, samples) == pytest.approx(math.sqrt((off**2).mean()))
+
+
+def test_pressures_of_a_cube_are_those_over_its_bottom(monkeypatch):
+    resting = SimpleNamespace(pressure=lambda y: 100 * y)
+    monkeypatch.setattr(
+        observables, "column_of", lambda effects, mass: resting if mass == pytest.approx(600.0) else None
+    )
+    plan = {
+        "effects": {}, "state": SimpleNamespace(mass=np.array([2.0, 4.0])),
+        "scene": SimpleNamespace(fluid=[SimpleNamespace(lower=(1.0, 2.0, 3.0))]),
+    }  # fmt: skip
+    place = np.array([[0.0, 0, 3.5], [0.0, 0, 4.0]])
+    where, _, known = observables.tank_pressure(standing(plan=plan, fields={"position": place, "pressure": [1.0, 2.0]}))
+    exact, chosen, bottom = known(where)
+    assert (exact.tolist(), chosen, bottom) == ([50.0, 100.0], slice(None), pytest.approx(981.0))
+
+
+def test_discs_of_mpm_have_laplaces_pressure_and_rayleighs_frequency():
+    """Modulus 1000 N/m; 314 particles of 0.1 m make a disc of radius 0.9997 m."""
+    cloud = SimpleNamespace(position=np.zeros((314, 3)))
+    scene = SimpleNamespace(spacing=0.1, fluid=[cloud])
+    size = 0.1 * math.sqrt(314 / math.pi)
+    run = standing(plan={"scene": scene}, fields={"volume_ratio": [0.9, 0.8], "position": RANDOM.normal(size=(9, 3))})
+    assert observables.mpm_pressure(run) == pytest.approx(1000 * (0.1 * 0.9 + 0.2 * 0.8) / 1.7 * size)
+    shape, known = observables.mpm_frequency(run)
+    x = run.field("position") - run.field("position").mean(0)
+    along, across = (x[:, 0] ** 2).mean(), (x[:, 1] ** 2).mean()
+    assert (shape, known) == (pytest.approx((along - across) / (along + across)), pytest.approx(math.sqrt(6 / size**3)))
+    both = (x[:, 1:] ** 2).mean()
+    assert observables.deformation(x + 3, 3) == pytest.approx((along - both) / (along + both))
+
+
+def test_the_frequency_of_a_damped_cosine_is_that_without_damping():
+    time = np.linspace(0, 2, 101)
+    value = 0.3 * np.exp(-0.8 * time) * np.cos(9.0 * time + 0.2) + 0.05
+    found = observables.damped_cosine(time, value, 8.6)
+    assert found["frequency"] == pytest.approx(math.hypot(9.0, 0.8), rel=1e-6)
+    assert (found["damping"], found["amplitude"]) == (pytest.approx(0.8, rel=1e-5), pytest.approx(0.3, rel=1e-5))
+    assert found["misfit"] < 1e-8
+    assert found["error"] < 1e-6
+    pairs = [(float(v), 8.6) for v in value]
+    assert observables.mpm_frequency.reduce(time, pairs) == pytest.approx(math.hypot(9.0, 0.8) / 8.6, rel=1e-6)
+
+
+def test_a_drop_is_measured_against_its_models_flat_surface(monkeypatch):
+    entries = [
+        {"model": model, "dim": dim, **observables.BASE, "flat_laplace": 0.5 + dim}
+        for model in ("dong", "akinci") for dim in (3, 2)
+    ]  # fmt: skip
+    entries[-1]["flat_laplace"] = 0.75
+    monkeypatch.setattr(observables, "sigma_map", lambda: entries)
+    monkeypatch.setattr(observables, "liquid_of", lambda effects: SimpleNamespace(dynamic_viscosity=0.06))
+    asked = []
+    monkeypatch.setattr(drops, "inside", lambda run, radius: asked.append(radius) or (1.0, 3.0))
+    monkeypatch.setattr(observables, "inner_pressure", lambda run, reach: float(reach.sum()))
+    run = standing(plan={"effects": {"akinci_2013": 1, "gravity": 1}}, steps=0)
+    assert observables._drop(run) == (3.0, 0.75)
+    assert asked == [pytest.approx((0.06 / 0.03) ** 2)]
+    pressure, size, flat = observables.surface_tension_jump(run)
+    assert (pressure, size, flat) == (pytest.approx(3.0 * np.linspace(0.4, 0.7, 7).sum()), 3.0, 0.75)
+    assert observables.surface_tension_jump.reduce(None, [(1.0, 2.0, 4.0), (3.0, 2.0, 4.0)]) == 1.0
+
+
+def test_a_swing_gives_the_frequency_over_rayleighs():
+    size, flat, omega, damping = 3.0, 0.75, 0.4, 0.02
+    times = np.linspace(0, 2.25 * 2 * math.pi / omega, 55)
+    moments = 0.01 + 1e-5 * times + 0.1 * np.exp(-damping * times) * np.sin(omega * times + 0.7)
+    values = [(float(m), (size, flat) if k == 0 else None) for k, m in enumerate(moments)]
+    known = math.sqrt((omega**2 + damping**2) * size**3 / 6 / flat)
+    assert observables.surface_tension_frequency.reduce(times, values) == pytest.approx(known, rel=1e-6)
+    found = drops.fit_oscillation(times, moments, 0.43)
+    assert found == (pytest.approx(omega), pytest.approx(damping), pytest.approx(0, abs=1e-6), pytest.approx(0.1))
+    position = RANDOM.normal(size=(9, 3))
+    x = ((position - position.mean(0)) ** 2).mean(0)
+    run = standing(fields={"position": position}, steps=4)
+    assert observables.surface_tension_frequency(run) == (pytest.approx((x[0] - x[1]) / x.sum()), None)
+    assert drops.second_moment(run, 3) == pytest.approx((x[0] + x[1] - 2 * x[2]) / x.sum())
+
+
+@pytest.mark.parametrize("angle", [35.0, 90.0, 150.0])
+def test_a_cap_has_its_angle(angle):
+    """A disc of radius 40 whose centre lies 40 cos(angle) below the plane, in cells of 1."""
+    x, y = np.meshgrid(np.arange(-45, 45) + 0.5, np.arange(0, 90) + 0.5)
+    inside = x**2 + (y + 40 * math.cos(math.radians(angle))) ** 2 < 1600
+    place = np.column_stack([x[inside], y[inside], 0 * x[inside]])
+    run = standing(fields={"position": place, "density": np.ones(len(place))})
+    assert observables.contact_angle(run) == pytest.approx(angle, abs=0.7)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_caps_have_their_centres_of_mass(dim):
+    """By quadrature over the angle: a half of a disc has 4/(3 pi) R, a half of a ball 3/8 R."""
+    half = {2: 4 / (3 * math.pi) / math.sqrt(math.pi / 2), 3: 0.375 / (2 * math.pi / 3) ** (1 / 3)}[dim]
+    assert drops.angle_by_lift(half, dim) == pytest.approx(90, abs=0.01)
+    angles, lifts = drops._lifts(dim)
+    assert (len(angles), angles[0], angles[-1]) == (353, 2.0, 178.0)
+    high, across = math.radians(2) ** 2 / 2, math.radians(2)  # of a flat cap, a parabola
+    flat = {2: 0.4 * high / math.sqrt(4 / 3 * across * high), 3: high / 3 / (math.pi / 2 * across**2 * high) ** (1 / 3)}
+    assert lifts[0] == pytest.approx(flat[dim], rel=1e-3)
+    whole = {2: 1 / math.sqrt(math.pi), 3: 1 / (4 * math.pi / 3) ** (1 / 3)}[dim]
+    assert lifts[-1] == pytest.approx(whole, rel=1e-3)
+    assert [drops.cap_volume(math.pi, d) for d in (2, 3)] == pytest.approx([math.pi, 4 * math.pi / 3])
+    assert [drops.radius_of(drops.cap_volume(math.pi, d), d) for d in (2, 3)] == pytest.approx([1, 1])
+
+
+def test_a_drop_has_the_density_of_its_middle():
+    position = np.array([[0.0, 0, 0], [0.5, 0, 0], [-0.5, 0, 0], [1.0, 0, 0], [-1.0, 0, 0]])
+    fields = {"position": position, "density": [3.0, 2.0, 4.0, 9.0, 9.0], "mass": [6.0] * 5}
+    run = standing(fields=fields, plan={"grid": SimpleNamespace(dim=2)})
+    assert drops.inside(run, 1.0) == (3.0, pytest.approx(math.sqrt(10 / math.pi)))
+
+
+TIMES = {  # readings, the first and the last, of a scene that ends at 6
+    "front": (43, 0.95 * observables.FALL, 3.05 * observables.FALL), "droplet": (46, 0.0, 6.0),
+    "coupling": (101, 3.5, 6.0), "wall_force": (61, 4.8, 6.0), "detection_2d": (21, 0.0, 0.0),
+    "implicit_pressure": (61, 4.8, 6.0),
+    "tank_pressure": (41, 5.0, 6.0),
+    "mpm_pressure": (301, 1.5, 6.0), "mpm_frequency": (401, 0.0, 6.0), "surface_tension_jump": (40, 2.1, 6.0),
+    "surface_tension_frequency": (55, 0.0, 6.0), "contact_angle": (45, 6 / 45, 6.0),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TIMES)
+def test_observables_are_read_at_their_times(name):
+    times = getattr(observables, name).times(SimpleNamespace(end_time=6.0))
+    assert (len(times), times[0], times[-1]) == pytest.approx(TIMES[name])
+    assert np.diff(times, 2) == pytest.approx(0, abs=1e-12)
+
+
+def test_numbers_follow_from_readings():
+    times = observables.FALL * np.linspace(0.95, 3.05, 43)
+    assert observables.front.reduce(times, list(3 * times / observables.FALL)) == pytest.approx(6.0)
+    assert pytest.approx(math.sqrt(0.5 / (2 * 9.81))) == observables.FALL
+    assert observables.droplet.reduce(None, [9.0, 1, 1, 1, 1, 3, 2]) == 3.0
+    assert observables.droplet.reduce(None, [9.0, 1, 1, 4, 1, 3, 2]) == 3.0
+    assert math.isnan(observables.droplet.reduce(None, [1.0, 1, math.nan]))
+    assert observables.coupling.reduce(None, [1.0, 2.0]) == 1.5
+
+
+# Scenes
+def same(value, other):
+    words = isinstance(value, str)  # which names of methods are, or files
+    return words or (type(value) is type(other) and not isinstance(value, np.ndarray) and value == other)
+
+
+def told(thing):
+    """The numbers that a scene states, to 9 digits, of arrays their shape, means and spreads; defaults are left out."""
+    if isinstance(thing, msgspec.Struct):
+        given = {field.name: (getattr(thing, field.name), field.default) for field in msgspec.structs.fields(thing)}
+        return {type(thing).__name__: {n: told(v) for n, (v, usual) in given.items() if not same(v, usual)}}
+    if isinstance(thing, np.ndarray):
+        part = thing.reshape(len(thing), -1).astype(float)
+        weights = np.cos(np.arange(len(part)))  # the order counts
+        return [list(thing.shape), *(told(v.tolist()) for v in (part.mean(0), part.std(0), weights @ part))]
+    if isinstance(thing, (tuple, list)):
+        return [told(one) for one in thing]
+    if isinstance(thing, float):
+        return float(f"{thing:.9g}") if abs(thing) > 1e-12 else 0.0
+    return thing
+
+
+def chosen(of):
+    """The base and a setting of each other kind: with the fewest particles among those with the same names of knobs."""
+    own, kinds = [p for p in of.points.values() if p.program == "refsim" and not p.gpu], {}
+    for point in sorted(own, key=lambda p: (p.particles or 0, p.key)):
+        kinds.setdefault((*sorted(point.setting), *sorted(map(str, point.knobs))), point)
+    return {p.key: p for p in [of.points[of.about.base], *list(kinds.values())[:3]]}
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_scenes_of_settings_are_those_that_were_measured(name):
+    """Whoever changes one measures its panel anew; `panel_scenes.json` is then made by this file as a program."""
+    of = panel(name)
+    assert {key: told(scene_of(of, point)) for key, point in chosen(of).items()} == json.loads(STORED.read_text())[name]
+
+
+if __name__ == "__main__":
+    scenes = {n: {k: told(scene_of(panel(n), p)) for k, p in chosen(panel(n)).items()} for n in MADE}
+    STORED.write_text("{\n" + ",\n".join(f'"{n}": {json.dumps(s)}' for n, s in scenes.items()) + "\n}\n")
