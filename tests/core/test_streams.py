@@ -10,6 +10,7 @@ import sys
 
 import pytest
 
+import refsim
 import validation.__main__
 from refsim.__main__ import main
 from refsim.core.streams import any_letter
@@ -75,7 +76,8 @@ def test_a_run_in_a_process_without_other_letters(folder):
 def test_every_command_line_takes_any_stream():
     """The main function of each program stands under the decorator, or calls one that does."""
     decorator = f"{any_letter.__name__}()"
-    for file in (ROOT / "refsim/__main__.py", ROOT / "validation/__main__.py", *(ROOT / "scripts").glob("*.py")):
+    own = pathlib.Path(refsim.__file__).with_name("__main__.py")
+    for file in (own, ROOT / "validation/__main__.py", *(ROOT / "scripts").glob("*.py")):
         tree = ast.parse(file.read_text(encoding="utf-8"))
         mains = [f for f in tree.body if isinstance(f, ast.FunctionDef) and f.name in ("main", "command")]
         decorated = [ast.unparse(d) for f in mains for d in f.decorator_list]

@@ -8,7 +8,9 @@ import sys
 
 import pytest
 
-PACKAGE = pathlib.Path(__file__).parents[2] / "refsim"
+import refsim
+
+PACKAGE = pathlib.Path(refsim.__file__).parent
 HEAD = "0123456789abcdef0123456789abcdef01234567"
 
 

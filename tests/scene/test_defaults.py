@@ -11,7 +11,7 @@ from refsim.commands.plan import _text, describe_plan
 from refsim.core.capabilities import settled
 from tests.running import run_to
 
-EXAMPLES = pathlib.Path(__file__).parents[2] / "refsim" / "examples"
+EXAMPLES = pathlib.Path(rs.__file__).parent / "examples"
 PEBBLE = str(EXAMPLES / "pebble.obj")
 BOX = {"lower": (0.0, 0.0, 0.0), "upper": (0.4, 0.4, 0.4)}
 PULL = rs.Gravity(acceleration=(0.0, -9.81, 0.0))

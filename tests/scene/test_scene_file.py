@@ -7,14 +7,15 @@ import msgspec
 import numpy as np
 import pytest
 
+import refsim
 from refsim import Ball, Box, BoxWalls, Cloud, Gauge, Gravity, Motion, Scene, WeaklyCompressible, make_plan
 from refsim.__main__ import main
 from refsim.core.effect import EFFECTS
 from refsim.scene.files import SHAPES, describe, load_scene, parse_scene, scene_schema, scene_to_toml, unit_of
 from tests.commands.test_cli import SCENE
 
-ROOT = pathlib.Path(__file__).parents[2]
-EXAMPLES = sorted((ROOT / "refsim" / "examples").glob("*.toml"))
+PACKAGE = pathlib.Path(refsim.__file__).parent
+EXAMPLES = sorted((PACKAGE / "examples").glob("*.toml"))
 PUBLISHED = {name: effect for name, effect in EFFECTS.items() if effect.__module__.startswith("refsim.")}
 
 
@@ -81,7 +82,7 @@ def test_examples_load_and_plan(path, capsys):
 
 
 def test_the_published_schema_is_current():
-    committed = json.loads((ROOT / "refsim" / "scene" / "scene.schema.json").read_text())
+    committed = json.loads((PACKAGE / "scene" / "scene.schema.json").read_text())
     assert committed == scene_schema(PUBLISHED), "renew it: python -m refsim schema > refsim/scene/scene.schema.json"
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import refsim
 from refsim import Akinci2013, InputError, ParticleShifting, WeaklyCompressible, calibrate, load_scene
 from refsim.core.effect import Discretisation
 from refsim.study.panels.drops import fit_oscillation
@@ -15,7 +16,7 @@ from validation.experiments.laplace import runs as laplace
 from validation.measure import sigma_map as condensing
 from validation.measure.drops import fit_laplace, points
 
-EXAMPLE = Path(__file__).parents[2] / "refsim" / "examples" / "water_drop.toml"
+EXAMPLE = Path(refsim.__file__).parent / "examples" / "water_drop.toml"
 WATER = {"spacing": 1e-3, "rest_density": 1000.0}
 
 
