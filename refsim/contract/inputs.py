@@ -73,10 +73,6 @@ class Inputs:
         kept = {name: value for name, value in self._values.items() if name not in self._derived}
         return Inputs(self.case, self.dtype, self.order, {**kept, **overrides})
 
-    def __contains__(self, name: str) -> bool:
-        made = (self._values, cases.PARTICLES, cases.GROUPS, cases.DERIVED, fields())
-        return name == "place" or any(name in names for names in made)
-
     def __getitem__(self, name: str) -> Any:
         """The argument `name`; the walls come as WallParticles. KeyError where nothing makes it."""
         if name not in self._values:
@@ -187,13 +183,7 @@ def distances(
     query: np.ndarray, source: np.ndarray, rows: np.ndarray | None = None, period: Period | None = None
 ) -> Iterator[tuple[slice, np.ndarray]]:
     """Blocks of queries, of all or of `rows`, and their distances (b, m) [m] to all sources' nearest images."""
-    if period is not None:
-        yield from ((place, distance) for place, _, distance in pair_blocks(query, source, rows, period))
-    else:
-        from scipy.spatial.distance import cdist  # loads for as long as all of refsim
-
-        query = np.asarray(query if rows is None else query[rows], dtype=float)
-        yield slice(len(query)), cdist(query, np.asarray(source, dtype=float))
+    yield from ((place, distance) for place, _, distance in pair_blocks(query, source, rows, period))
 
 
 def listed(
