@@ -28,8 +28,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """One test for each trial of the module's PROGRAMS, where a test takes `contract_trial`."""
     if "contract_trial" not in metafunc.fixturenames:
         return
-    from refsim.contract.climb import ladder
-    from refsim.contract.programs import programs_of
+    from refsim.contract.programs import ladder, programs_of
     from refsim.core.errors import InputError
 
     chosen: dict[str, Any] = {}

@@ -229,7 +229,7 @@ def _known(names: Sequence[str], arrays: str) -> list[Any]:
 def _arguments(names: Sequence[str], arrays: str) -> CommandResult:
     """Each argument with its type and meaning, as a program on `arrays` gets it, and each variant."""
     from refsim.contract import describe
-    from refsim.contract.features import extended
+    from refsim.contract.answers import extended
 
     data, lines = {}, []
     for operation in _known(names, arrays):
@@ -340,7 +340,7 @@ def _whole_run(options: argparse.Namespace) -> CommandResult:
 
 def _sensitivity(scene: Any, compared: Any, backend: str) -> tuple[list[Any], list[str]]:
     """What the comparison would have noticed, and what nothing touched."""
-    from refsim.contract.sensitivity import sensitivities, untouched
+    from refsim.contract.whole_runs import sensitivities, untouched
 
     noticed = list(sensitivities(scene, compared, backend))
     return noticed, untouched(scene, compared, {s.parameter: s.error for s in noticed})

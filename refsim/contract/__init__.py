@@ -6,18 +6,18 @@ T6 the same bits again, T7 additivity, T9 bad input, T10 other parameters; and f
 comparison; `bindings` gives the arguments of a program by name.
 """
 
-from refsim.contract.arrays import to_numpy as to_numpy
-from refsim.contract.climb import Step as Step
-from refsim.contract.climb import ladder as ladder
-from refsim.contract.climb import trials as trials
+from refsim.contract.binding import to_numpy as to_numpy
 from refsim.contract.inputs import Inputs as Inputs
 from refsim.contract.inputs import bindings as bindings
 from refsim.contract.ladder import STEPS as STEPS
 from refsim.contract.ladder import climb as climb
 from refsim.contract.ladder import run as run
 from refsim.contract.programs import Programs as Programs
+from refsim.contract.programs import Step as Step
+from refsim.contract.programs import ladder as ladder
 from refsim.contract.programs import load as load
 from refsim.contract.programs import own as own
+from refsim.contract.programs import trials as trials
 from refsim.contract.resuming import resumes as resumes
 from refsim.contract.target import Outcome as Outcome
 from refsim.contract.target import Target as Target

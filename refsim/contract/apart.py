@@ -65,7 +65,7 @@ class Request:
 class About:
     """A library as its process describes it: `names` are judged, `offered` has programs (None: refsim's own).
 
-    declared  what it is declared to support: see `refsim.contract.coverage.gaps`
+    declared  what it is declared to support: see `refsim.contract.report.gaps`
     """
 
     name: str
@@ -277,7 +277,6 @@ def _work(pipe: Any, request: Request, path: list[str]) -> None:
     from refsim.contract import drawn
     from refsim.contract import programs as library
     from refsim.contract.binding import told
-    from refsim.contract.climb import ladder
     from refsim.contract.export import write_replay
 
     os.setsid()  # what programs start ends with this process
@@ -317,7 +316,9 @@ def _work(pipe: Any, request: Request, path: list[str]) -> None:
             def calling(case: str | None) -> None:
                 tell("returned" if case is None else "call", case)
 
-            steps = ladder(found, operation, request.dtypes, request.variants, request.steps, calling, request.seed)
+            steps = library.ladder(
+                found, operation, request.dtypes, request.variants, request.steps, calling, request.seed
+            )
             for step in steps:
                 if operation == about.names[0] and step.number < request.first:
                     continue

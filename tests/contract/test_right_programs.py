@@ -12,11 +12,11 @@ import pytest
 
 from refsim import contract
 from refsim.__main__ import main
-from refsim.contract import answers, coverage
+from refsim.contract import answers
 from refsim.contract.apart import About, Request
 from refsim.contract.inputs import Inputs
 from refsim.contract.parameters import groups_of, shape_acts
-from refsim.contract.report import junit, report, text
+from refsim.contract.report import gaps, junit, report, text
 from refsim.core import cases
 from refsim.core.operation import REGISTRY
 from refsim.smoothing import SHAPES
@@ -168,17 +168,17 @@ def test_what_is_declared_and_met_no_trial_is_a_gap():
     assert all(o.passed or o.not_judged for o in outcomes)
     declared = {"dtypes": ["float64"], "dims": [2, 3], "kernels": ["cubic_spline"], "left_out": OWN.left_out}
     request = Request("cubic")
-    assert coverage.gaps("sph.density", declared, request, outcomes) == []
+    assert gaps("sph.density", declared, request, outcomes) == []
     more = declared | {"dtypes": ["float32", "float64"], "kernels": ["cubic_spline", "spiky"], "left_out": ["period"]}
-    assert coverage.gaps("sph.density", more, request, outcomes) == [
+    assert gaps("sph.density", more, request, outcomes) == [
         "float32", "the kernel spiky in 2 dimensions", "the kernel spiky in 3 dimensions", "with asymmetry",
         "with number_density", "with walls",
     ]  # fmt: skip
     flat = [o for o in outcomes if o.dim == 2 and o.step != "T1"]
-    assert coverage.gaps("sph.density", declared, request, flat) == [
+    assert gaps("sph.density", declared, request, flat) == [
         "an answer in closed form (T1)", "the kernel cubic_spline in 3 dimensions",
     ]  # fmt: skip
-    assert coverage.gaps("sph.density", declared, Request("cubic", steps=("T7",)), []) == []
+    assert gaps("sph.density", declared, Request("cubic", steps=("T7",)), []) == []
 
 
 def reported(outcomes, allowed):
