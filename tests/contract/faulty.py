@@ -221,12 +221,12 @@ ALL_PAIRS = ONE | {"most_particles": 1100}
 TWO = ALL_PAIRS | {"kernels": ("wendland_c2", "cubic_spline")}
 LISTS = {"kernels": ("wendland_c2",), "without": ("number_density", "asymmetry", "period"), "walls": False}
 CAUSES = {  # {fault: words of the right first cause}
-    "no self": "leaves out the particle itself", "self twice": "counts the particle itself twice",
+    "no self": "leaves out the particle itself", "self twice": "counts the particle itself 2 times",
     "constant of the plane": "normalisation for 2 dimensions", "constant of space": "normalisation for 3 dimensions",
     "constant off": "1.0005 times",
     "constant off in 2D": "1.0005 times as large as right, in all rows; wrong only in 2",
-    "coefficient of one kernel": "wrong only with the kernel cubic_spline", "half h": "h/2 in place of h",
-    "twice h": "2 h in place of h", "other kernel": "that of the kernel cubic_spline",
+    "coefficient of one kernel": "wrong only with the kernel cubic_spline", "half h": "0.5 times h in place of h",
+    "twice h": "2 times h in place of h", "other kernel": "that of the kernel cubic_spline",
     "m_i": "mass_i in place of mass_j", "last missing": "one neighbour is missing",
     "first missing": "one neighbour is missing", "last twice": "one neighbour is counted twice",
     "64 neighbours": "with up to 59 neighbours, wrong from 309",
@@ -240,7 +240,7 @@ CAUSES = {  # {fault: words of the right first cause}
     "stale by number": "kept from other positions", "stale list": "kept from other positions",
     "last block": "last rows", "last of four lanes": "last rows", "last row": "last rows",
     "above 128 particles": "right with up to", "rows from 128 on": "up to row 127",
-    "index of 8 bits": "wrong from 309", "index of 16 bits": "held in 16 bits", "reversed": "in other rows",
+    "index of 8 bits": "wrong from 309", "index of 16 bits": "particles' numbers up to", "reversed": "in other rows",
     "same amount": "the same amount", "r = 0 left out": "one neighbour is missing", "raises": "it raised IndexError",
     "changes an input": "it changed its input mass", "writes behind": "it wrote behind the end of density",
     "m for V": "m_j in place of m_j/rho_j", "p_i for p_j": "pressure_i in place of pressure_j",

@@ -1,7 +1,8 @@
-"""Right densities in five languages, four ways to sum in each: forwards, backwards, in blocks, with compensation.
+"""Right densities and pressure forces in five languages, with four ways to sum in each.
 
 `python -m tests.contract.right [SEEDS]` holds each to the drawn inputs of so many seeds. Compilers are found on the
-path: gcc (or cc), gfortran, rustc, zig; what is not there is said.
+path: gcc (or cc), gfortran, rustc, zig; what is not there is said. One function gives both: with w_j = m_j and one
+component sum_j w_j (1 - q)^4 (1 + 4 q), with three components sum_j w_j (p_i + p_j) (1 - q)^3 x_ij.
 """
 
 import ctypes
@@ -15,103 +16,110 @@ import numpy as np
 from refsim.contract import Programs, trials
 
 WAYS = ("forwards", "backwards", "in blocks", "compensated")
+OPERATIONS = ("sph.density", "sph.momentum")
 C = """
 #include <math.h>
 #include <stdint.h>
-void density(int64_t n, int64_t way, const double *x, const double *m, double h, double scale, double *rho) {
-  for (int64_t i = 0; i < n; i++) {
+void sums(int64_t n, int64_t way, int64_t parts, const double *x, const double *w, const double *p, double h,
+          double *out) {
+  for (int64_t i = 0; i < n; i++) for (int64_t c = 0; c < parts; c++) {
     double sum = 0, lost = 0, part[4] = {0, 0, 0, 0};
     for (int64_t k = 0; k < n; k++) {
       int64_t j = way == 1 ? n - 1 - k : k;
-      double a = x[3*i] - x[3*j], b = x[3*i+1] - x[3*j+1], c = x[3*i+2] - x[3*j+2];
-      double q = sqrt(a*a + b*b + c*c) / h;
+      double d[3] = {x[3*i] - x[3*j], x[3*i+1] - x[3*j+1], x[3*i+2] - x[3*j+2]};
+      double q = sqrt(d[0]*d[0] + d[1]*d[1] + d[2]*d[2]) / h, a = (1-q)*(1-q)*(1-q);
       if (q >= 1) continue;
-      double w = m[j] * (1-q)*(1-q)*(1-q)*(1-q) * (1 + 4*q);
-      if (way == 2) part[k % 4] += w;
-      else if (way == 3) { double y = w - lost, t = sum + y; lost = (t - sum) - y; sum = t; }
-      else sum += w;
+      double t = w[j] * a * (parts == 1 ? (1-q) * (1 + 4*q) : (p[i] + p[j]) * d[c]);
+      if (way == 2) part[k % 4] += t;
+      else if (way == 3) { double y = t - lost, s = sum + y; lost = (s - sum) - y; sum = s; }
+      else sum += t;
     }
-    rho[i] = scale * (sum + ((part[0] + part[1]) + (part[2] + part[3])));
+    out[parts*i + c] = sum + ((part[0] + part[1]) + (part[2] + part[3]));
   }
 }
 """
 FORTRAN = """
-subroutine density(n, way, x, m, h, scale, rho) bind(c)
+subroutine sums(n, way, parts, x, w, p, h, out) bind(c)
   use iso_c_binding
-  integer(c_int64_t), value :: n, way
-  real(c_double), value :: h, scale
-  real(c_double), intent(in) :: x(3, n), m(n)
-  real(c_double), intent(out) :: rho(n)
-  integer(c_int64_t) :: i, j, k
-  real(c_double) :: total, lost, part(0:3), q, w, y, t
+  integer(c_int64_t), value :: n, way, parts
+  real(c_double), value :: h
+  real(c_double), intent(in) :: x(3, n), w(n), p(n)
+  real(c_double), intent(out) :: out(parts, n)
+  integer(c_int64_t) :: i, j, k, c
+  real(c_double) :: total, lost, part(0:3), d(3), q, t, y, s
   do i = 1, n
-    total = 0; lost = 0; part = 0
-    do k = 1, n
-      j = merge(n + 1 - k, k, way == 1)
-      q = sqrt(sum((x(:, i) - x(:, j))**2)) / h
-      if (q >= 1) cycle
-      w = m(j) * (1 - q)**4 * (1 + 4 * q)
-      if (way == 2) then
-        part(mod(k, 4_c_int64_t)) = part(mod(k, 4_c_int64_t)) + w
-      else if (way == 3) then
-        y = w - lost; t = total + y; lost = (t - total) - y; total = t
-      else
-        total = total + w
-      end if
+    do c = 1, parts
+      total = 0; lost = 0; part = 0
+      do k = 1, n
+        j = merge(n + 1 - k, k, way == 1)
+        d = x(:, i) - x(:, j)
+        q = sqrt(sum(d**2)) / h
+        if (q >= 1) cycle
+        t = w(j) * (1 - q)**3 * merge((1 - q) * (1 + 4 * q), (p(i) + p(j)) * d(c), parts == 1)
+        if (way == 2) then
+          part(mod(k, 4_c_int64_t)) = part(mod(k, 4_c_int64_t)) + t
+        else if (way == 3) then
+          y = t - lost; s = total + y; lost = (s - total) - y; total = s
+        else
+          total = total + t
+        end if
+      end do
+      out(c, i) = total + sum(part)
     end do
-    rho(i) = scale * (total + sum(part))
   end do
 end subroutine
 """
 RUST = """
 #[no_mangle]
-pub unsafe extern "C" fn density(n: i64, way: i64, x: *const f64, m: *const f64, h: f64, scale: f64, rho: *mut f64) {
-    let at = |i: i64, c: i64| unsafe { *x.offset((3 * i + c) as isize) };
-    for i in 0..n {
+pub unsafe extern "C" fn sums(n: i64, way: i64, parts: i64, x: *const f64, w: *const f64, p: *const f64, h: f64,
+                              out: *mut f64) {
+    let at = |v: *const f64, k: i64| unsafe { *v.offset(k as isize) };
+    for i in 0..n { for c in 0..parts {
         let (mut sum, mut lost, mut part) = (0.0f64, 0.0f64, [0.0f64; 4]);
         for k in 0..n {
             let j = if way == 1 { n - 1 - k } else { k };
-            let d = [at(i, 0) - at(j, 0), at(i, 1) - at(j, 1), at(i, 2) - at(j, 2)];
+            let d = [0, 1, 2].map(|c| at(x, 3 * i + c) - at(x, 3 * j + c));
             let q = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt() / h;
             if q >= 1.0 { continue; }
-            let w = unsafe { *m.offset(j as isize) } * (1.0 - q).powi(4) * (1.0 + 4.0 * q);
-            if way == 2 { part[(k % 4) as usize] += w; }
-            else if way == 3 { let y = w - lost; let t = sum + y; lost = (t - sum) - y; sum = t; }
-            else { sum += w; }
+            let f = if parts == 1 { (1.0 - q) * (1.0 + 4.0 * q) } else { (at(p, i) + at(p, j)) * d[c as usize] };
+            let t = at(w, j) * (1.0 - q).powi(3) * f;
+            if way == 2 { part[(k % 4) as usize] += t; }
+            else if way == 3 { let y = t - lost; let s = sum + y; lost = (s - sum) - y; sum = s; }
+            else { sum += t; }
         }
-        unsafe { *rho.offset(i as isize) = scale * (sum + ((part[0] + part[1]) + (part[2] + part[3]))); }
-    }
+        unsafe { *out.offset((parts * i + c) as isize) = sum + ((part[0] + part[1]) + (part[2] + part[3])); }
+    } }
 }
 """
 ZIG = """
-export fn density(n: i64, way: i64, x: [*]const f64, m: [*]const f64, h: f64, scale: f64, rho: [*]f64) void {
+export fn sums(n: i64, way: i64, parts: i64, x: [*]const f64, w: [*]const f64, p: [*]const f64, h: f64,
+    out: [*]f64) void {
     const count: usize = @intCast(n);
-    for (0..count) |i| {
+    const wide: usize = @intCast(parts);
+    for (0..count) |i| for (0..wide) |c| {
         var sum: f64 = 0;
         var lost: f64 = 0;
         var part = [4]f64{ 0, 0, 0, 0 };
         for (0..count) |k| {
             const j = if (way == 1) count - 1 - k else k;
-            const a = x[3 * i] - x[3 * j];
-            const b = x[3 * i + 1] - x[3 * j + 1];
-            const c = x[3 * i + 2] - x[3 * j + 2];
-            const q = @sqrt(a * a + b * b + c * c) / h;
+            const d = [3]f64{ x[3 * i] - x[3 * j], x[3 * i + 1] - x[3 * j + 1], x[3 * i + 2] - x[3 * j + 2] };
+            const q = @sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]) / h;
             if (q >= 1) continue;
-            const e = (1 - q) * (1 - q);
-            const w = m[j] * e * e * (1 + 4 * q);
+            const a = w[j] * (1 - q) * (1 - q) * (1 - q);
+            const t = a * (if (wide == 1) (1 - q) * (1 + 4 * q) else (p[i] + p[j]) * d[c]);
             if (way == 2) {
-                part[k % 4] += w;
+                part[k % 4] += t;
             } else if (way == 3) {
-                const y = w - lost;
-                const t = sum + y;
-                lost = (t - sum) - y;
-                sum = t;
+                const y = t - lost;
+                const s = sum + y;
+                lost = (s - sum) - y;
+                sum = s;
             } else {
-                sum += w;
+                sum += t;
             }
         }
-        rho[i] = scale * (sum + ((part[0] + part[1]) + (part[2] + part[3])));
-    }
+        out[wide * i + c] = sum + ((part[0] + part[1]) + (part[2] + part[3]));
+    };
 }
 """
 COMPILED = {  # {language: (source, its name, compilers, command behind them)}
@@ -133,41 +141,50 @@ def library(language, folder):
     return ctypes.CDLL(str(folder / command.split("-o ")[-1].split("=")[-1].split()[0]))
 
 
-def in_numpy(way, x, m, h, scale):
-    q = np.sqrt(((x[:, None] - x[None]) ** 2).sum(2)) / h
-    terms = m * np.where(q < 1, (1 - q) ** 4 * (1 + 4 * q), 0)
+def in_numpy(way, parts, x, w, p, h):
+    d = x[:, None] - x[None]
+    q = np.minimum(np.sqrt((d**2).sum(2)) / h, 1)
+    terms = (w * (1 - q) ** 3)[..., None] * (
+        ((1 - q) * (1 + 4 * q))[..., None] if parts == 1 else (p[:, None] + p)[..., None] * d
+    )
     if way == 1:
-        return scale * np.cumsum(terms[:, ::-1], 1)[:, -1] if len(m) else m
+        return np.cumsum(terms[:, ::-1], 1)[:, -1] if len(x) else terms[:, 0:0].sum(1)
     if way == 2:
-        return scale * sum(terms[:, k::4].sum(1) for k in range(4))
-    return scale * (np.einsum("ij->i", terms) if way == 3 else terms.sum(1))
+        return sum(terms[:, k::4].sum(1) for k in range(4))
+    return np.einsum("ijc->ic", terms) if way == 3 else terms.sum(1)
 
 
 def programs(way, compiled=None):
-    """A library of one function; NumPy's without `compiled`."""
+    """A library of both; NumPy's without `compiled`."""
+
+    def sums(parts, x, w, p, smoothing):
+        x, w, p = (np.ascontiguousarray(v, float) for v in (x, w, p))
+        h = float(smoothing.support_radius)
+        if compiled is None:
+            return in_numpy(way, parts, x, w, p, h)
+        result, whole = np.zeros((len(x), parts)), map(ctypes.c_int64, (len(x), way, parts))
+        *given, out = (ctypes.c_void_p(v.ctypes.data) for v in (x, w, p, result))
+        compiled.sums(*whole, *given, ctypes.c_double(h), out)
+        return result
 
     def density(position, mass, smoothing, density):
-        x, m = (np.ascontiguousarray(v, float) for v in (position, mass))
-        h, scale = float(smoothing.support_radius), float(smoothing.value_scale)
-        if compiled is None:
-            density[:] = in_numpy(way, x, m, h, scale)
-            return
-        result, real = np.zeros(len(m)), ctypes.c_double
-        pointers = [ctypes.c_void_p(v.ctypes.data) for v in (x, m)]
-        whole = (ctypes.c_int64(len(m)), ctypes.c_int64(way))
-        compiled.density(*whole, *pointers, real(h), real(scale), ctypes.c_void_p(result.ctypes.data))
-        density[:] = result
+        density[:] = float(smoothing.value_scale) * sums(1, position, mass, mass, smoothing)[:, 0]
+
+    def momentum(position, mass, density, pressure, smoothing, fluid, acceleration):
+        rho = np.asarray(density, float)
+        scale = 20 * float(smoothing.slope_scale) * float(smoothing.inverse_radius) * float(fluid.gradient_share)
+        acceleration += scale / rho[:, None] * sums(3, position, mass / rho, pressure, smoothing)
 
     return Programs(
-        {"sph.density": density}, kernels=("wendland_c2",), walls=False, most_particles=3000, name="right",
-        without=("number_density", "asymmetry", "period"),
+        dict(zip(OPERATIONS, (density, momentum))), kernels=("wendland_c2",), walls=False, most_particles=3000,
+        name="right", without=("number_density", "asymmetry", "period", "viscosity"),
     )  # fmt: skip
 
 
-def alarms(way, compiled, seeds, steps=("T11",)):
+def alarms(way, compiled, seeds, operation, steps=("T11",)):
     """(alarms, trials) over the seeds."""
     found = [
-        o for seed in seeds for o in trials(programs(way, compiled), "sph.density", (), (0,), steps, seed=seed)
+        o for seed in seeds for o in trials(programs(way, compiled), operation, (), (0,), steps, seed=seed)
         if not o.not_judged
     ]  # fmt: skip
     return [str(o) for o in found if not o.passed], len(found)
@@ -183,6 +200,8 @@ if __name__ == "__main__":
             if language != "NumPy" and compiled is None:
                 print(f"{language}: no compiler is on the path")
                 continue
-            for way, name in enumerate(WAYS):
-                found, tried = alarms(way, compiled, seeds)
-                print(f"{language:8} {name:12} {len(found)} alarms in {tried} trials", *found[:1], flush=True)
+            for operation in OPERATIONS:
+                for way, name in enumerate(WAYS):
+                    found, tried = alarms(way, compiled, seeds, operation)
+                    told = f"{language:8} {operation:13} {name:12} {len(found)} alarms in {tried} trials"
+                    print(told, *found[:1], flush=True)

@@ -6,7 +6,7 @@ import pytest
 
 from refsim import contract
 from refsim.contract.causes import first_cause
-from tests.contract import faulty, right
+from tests.contract import drawn_faults, faulty, right
 
 QUICK = (
     "m_i", "constant off", "stale list", "one image", "last block", "self twice", "constant of the plane", "half h",
@@ -34,6 +34,17 @@ def test_every_fault_is_noticed_and_nine_of_ten_with_the_right_cause():
         assert any(not (o.passed or o.not_judged) for o in outcomes), fault
         right += words in cause
     assert right >= KNOWN * len(faulty.CAUSES) >= 0.9 * 50
+
+
+@pytest.mark.parametrize("seed", ["quick.2", pytest.param("slow", marks=pytest.mark.slow)])
+def test_drawn_faults_are_noticed_and_nine_of_ten_named(seed):
+    """A fault by day, ten at night."""
+    faults = [drawn_faults.draw(seed)] if "." in seed else [drawn_faults.draw(f"{seed}.{k}") for k in range(10)]
+    causes = {}
+    for fault in faults:
+        outcomes, causes[str(fault)] = drawn_faults.judged(fault)
+        assert any(not (o.passed or o.not_judged) for o in outcomes), fault
+    assert sum(fault.told_by(causes[str(fault)]) for fault in faults) >= KNOWN * len(faults), causes
 
 
 def test_what_has_no_cause_is_said_to_differ_and_no_more():
@@ -73,6 +84,7 @@ def test_right_variants_raise_no_alarm_on_drawn_inputs(language, tmp_path):
     compiled = None if language == "NumPy" else right.library(language, tmp_path)
     if language != "NumPy" and compiled is None:
         pytest.skip(f"no compiler for {language} is on the path")
-    for way in range(len(right.WAYS)):
-        found, tried = right.alarms(way, compiled, range(1))
-        assert (found, tried) == ([], 6)
+    for operation in right.OPERATIONS:
+        for way in range(len(right.WAYS)):
+            found, tried = right.alarms(way, compiled, range(1), operation)
+            assert (found, tried) == ([], 6)
