@@ -10,6 +10,8 @@ from importlib import resources
 
 import pytest
 
+from refsim.backends.arrays import unavailable
+
 GUIDE = resources.files("refsim.contract").joinpath("guide.md").read_text(encoding="utf-8")
 FILES = dict(re.findall(r"^```\w+\n# file: (\S+)\n(.*?)^```$", GUIDE, re.MULTILINE | re.DOTALL))
 SCENE = """
@@ -77,7 +79,7 @@ def test_scenes_and_commands_find_it(installed):
 @pytest.mark.parametrize("backend", ["numpy", "cpu", "cuda"])
 def test_its_programs_hold(backend, installed):
     more = {}
-    if backend == "cuda":
+    if backend == "cuda" and unavailable("cuda") is not None:
         if importlib.util.find_spec("numba_cuda") is None:
             pytest.skip("numba-cuda is not installed")
         more = {"NUMBA_ENABLE_CUDASIM": "1", "NUMBA_DISABLE_JIT": "1"}

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import refsim as rs
+from refsim.backends.arrays import unavailable
 from refsim.core.errors import InputError
 
 RATE = 2.0
@@ -20,14 +21,20 @@ def falling(**more):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("backend", ["numpy", "cpu"])
+@pytest.mark.parametrize("backend", ["numpy", "cpu", "cuda"])
 def test_drag_in_python_reaches_the_speed_of_the_closed_form(backend):
-    """v = -(g/k) (1 - exp(-k t)), up to the step; the force gets the run's own arrays, and no copies."""
+    """v = -(g/k) (1 - exp(-k t)), up to the step; the force gets the run's own arrays, which CuPy shares."""
+    shared = np.asarray
+    if backend == "cuda":
+        shared = pytest.importorskip("cupy", reason="CuPy is not installed").asarray
+        if unavailable("cuda") is not None:
+            pytest.skip("there is no GPU here")
     simulation, given = rs.Simulation(falling(), backend), []
 
     def drag(time, fields):
         given.append((time, fields["acceleration"]))
-        fields["acceleration"][...] -= RATE * fields["velocity"]
+        acceleration = shared(fields["acceleration"])
+        acceleration[...] -= RATE * shared(fields["velocity"])
 
     simulation.add_force(drag)
     while simulation.time < 0.5:
