@@ -5,6 +5,7 @@ refsim, from the scene's start and from two starts that are shaken, say how far 
 fourth with a coarser spacing says how far a code of another discretisation may be away.
 """
 
+import contextlib
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,6 +20,7 @@ from refsim.contract.trajectories import Snapshot, trajectory
 from refsim.core.errors import InputError, RunStopped
 from refsim.engine.simulation import Simulation
 from refsim.io.results import SAME_TIME
+from refsim.scene.plan import make_plan
 from refsim.scene.refine import RATIO, refined, spaced
 from refsim.scene.scene import Scene
 
@@ -291,7 +293,7 @@ def sensitivities(scene: Scene, compared: Comparison, backend: str) -> Iterator[
     for name, altered in off_by_little(scene):
         try:
             run = run_of(altered, None, compared.times, backend)
-        except (InputError, RunStopped):
+        except RunStopped:
             yield Sensitivity(name, LITTLE, "the run, which stops")
             continue
         shares = {}
@@ -303,7 +305,7 @@ def sensitivities(scene: Scene, compared: Comparison, backend: str) -> Iterator[
 
 
 def off_by_little(scene: Scene) -> Iterator[tuple[str, Scene]]:
-    """(parameter, scene with it a hundredth larger, or smaller where more is not possible)."""
+    """(parameter, scene with it a hundredth larger, or smaller where more is not possible); none that no run takes."""
     for effect in scene.effects:
         for field in msgspec.structs.fields(type(effect)):
             value = getattr(effect, field.name)
@@ -311,11 +313,11 @@ def off_by_little(scene: Scene) -> Iterator[tuple[str, Scene]]:
             vector = field.name in SCALED and isinstance(value, tuple) and any(value)
             for share in (1 + LITTLE, 1 - LITTLE) if number or vector else ():
                 other: Any = tuple(share * v for v in value) if vector else share * value
-                try:
-                    yield f"{effect.name}.{field.name}", scene.with_(**{f"{effect.name}__{field.name}": other})
+                with contextlib.suppress(InputError):
+                    altered = scene.with_(**{f"{effect.name}__{field.name}": other})
+                    make_plan(altered)
+                    yield f"{effect.name}.{field.name}", altered
                     break
-                except InputError:
-                    continue
 
 
 def untouched(scene: Scene, compared: Comparison, found: Mapping[str, float]) -> list[str]:

@@ -11,6 +11,7 @@ import pytest
 
 from refsim.__main__ import main
 from refsim.contract.trajectories import trajectory
+from refsim.contract.whole_runs import off_by_little
 from refsim.core.errors import InputError
 from refsim.engine.simulation import Simulation
 from refsim.io.vtp import write_vtp
@@ -116,6 +117,13 @@ def test_a_slip_is_found(other, tmp_path, capsys):
     assert (centre["verdict"], centre["chaos"] < centre["difference"] <= centre["resolution"]) == (
         "within resolution", True,
     )  # fmt: skip
+
+
+def test_a_parameter_that_no_run_takes_is_not_said_to_be_noticed(other):
+    """A summed density takes no diffusion."""
+    names = [name for name, _ in off_by_little(load_scene(other[0]))]
+    assert "weakly_compressible.diffusion" not in names
+    assert {"weakly_compressible.sound_speed", "gravity.acceleration"} <= set(names)
 
 
 def test_another_discretisation_is_right_and_another_flow_is_not(other, tmp_path, capsys):
