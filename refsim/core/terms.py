@@ -211,13 +211,6 @@ def inverse(m):
     return Terms(found, np.abs(found) @ m.size @ np.abs(found), 2)
 
 
-def least_eigenvalue(m):
-    """Least eigenvalue of symmetric matrices; their trace without signs is its size."""
-    known = np.isfinite(m.value).all((-2, -1))
-    found = np.linalg.eigvalsh(np.where(known[..., None, None], m.value, 0))[..., 0]
-    return Terms(np.where(known, found, np.nan), np.trace(m.size, axis1=-2, axis2=-1))
-
-
 def certain(value):
     """(value, margin) of what no rounding decides."""
     return value, np.full(np.shape(value), np.inf)

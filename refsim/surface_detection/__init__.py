@@ -46,8 +46,6 @@ TOLD = 1.1  # of the outermost layer's number density, the least of an inner cor
 TOWARDS_SECOND = 0.75  # of the way from the outermost layer's number density to an inner corner's
 # First moments of a particle on a lattice's face; more than M from 1.5 to 1.85 spacings on, by kernel
 FACE_MOMENTS = 2.0
-THIN = 1.3  # of the variance across two lattice layers: allows displacements of a fifth of the spacing
-THIN_FROM = 2.0  # spacings; a smaller support radius barely exceeds a film of three layers
 
 
 class NearSurfaceLimit(NamedTuple):
@@ -64,13 +62,6 @@ class FanScan(NamedTuple):
     support_radius: float  # h [m], in which neighbours are counted
     smallest_normal: float  # shorter normals have no direction, in the normal's unit
     printed: int  # the printed "<" of the second line (Jiang & Zhu E5)
-
-
-class ThinFeature(NamedTuple):
-    """The limit below which a neighbourhood is thin (Jiang & Zhu E20), as the kernels take it."""
-
-    variance: float  # greatest variance across a thin neighbourhood, in units of h^2
-    dim: int  # 2 in the plane, where z = 0
 
 
 def near_surface_pass(on_demand: bool = False, output: str = "near_surface") -> Pass:
@@ -128,32 +119,14 @@ def plane_moment(fluid: WeaklyCompressible, grid: Discretisation) -> float:
     return min(half_space_moment(fluid, grid), FACE_MOMENTS * lattice_face(fluid, grid).moment)
 
 
-def two_layer_variance(grid: Discretisation) -> float:
-    """Variance [m^2] across a square (cubic) lattice film of two layers as its particles see it, weight 1 - (r/h)^2.
-
-    With p the other layer's share of the weight it is p (1 - p) d^2, hence at most d^2/4 at any support radius.
-    """
-    d, h = grid.spacing, grid.support_radius
-    steps = np.arange(-int(h / d) - 1, int(h / d) + 2)
-    squared = (d * np.stack(np.meshgrid(*[steps] * (grid.dim - 1)))) ** 2
-    own, other = (np.maximum(1 - (squared.sum(0) + height**2) / h**2, 0).sum() for height in (0.0, d))
-    return float(own * other / (own + other) ** 2 * d**2)
-
-
 def fan_scan_pass(
-    normal: Literal["color", "corrected"] = "color",
-    candidates: str | None = None,
-    on_demand: bool = False,
-    thin_features: Literal["fan_scan", "second_moment"] = "fan_scan",
+    normal: Literal["color", "corrected"] = "color", candidates: str | None = None, on_demand: bool = False
 ) -> Pass:
     """The pass that writes field `surface`, J(13), from the named kind of normal.
 
     `candidates` names a uint8 field: particles where it is zero are not scanned and are no surface.
-    `thin_features`: what decides on films and filaments, the scan alone or also the second moment.
     """
     names = {"surface_normal": NORMALS[normal].name, "candidates": candidates}
-    if thin_features == "fan_scan":
-        names["thin_feature"] = None
     return Pass("surface_detection.fan_scan", writes=("surface",), on_demand=on_demand, names=names)
 
 
@@ -171,9 +144,6 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
                  the continuum's, or, below about 1.8 spacings, twice that of a particle on the face of a lattice
     scan_radius  s of J(13): "half" of the support radius, or the "full" one, which doubles the list radius
     scan_normal  "color" (J(19)) or "corrected" (J(20))
-    thin_features  what decides on films and filaments up to two layers thick: "fan_scan", as in the paper, or
-                 "second_moment", which also marks a scanned particle as surface if the least eigenvalue of its
-                 neighbourhood's second moment is that of such a film; for support radii of at least 2 spacings
     each_step    detect in every step; by default only when the state is read
     release_pressure  the pressure of surface particles is zero, the condition on a free surface of particle methods for
                  incompressible liquids; every step then depends on the detected set
@@ -182,7 +152,7 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
                  choices, these and scan_normal = "corrected", "all" for every printed text
 
     A particle with fewer than 3 neighbours within the support radius is surface, whatever its normal. With 3 or more
-    neighbours, a particle whose normal is zero is not surface (Jiang & Zhu E20), unless `thin_features` marks it. Wall
+    neighbours, a particle whose normal is zero is not surface (Jiang & Zhu E20). Wall
     particles count as neighbours and occupy the scan region.
     """
 
@@ -198,7 +168,6 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
     asymmetry: Positive = 0.25
     scan_radius: Literal["half", "full"] = "half"
     scan_normal: Literal["color", "corrected"] = "color"
-    thin_features: Literal["fan_scan", "second_moment"] = "fan_scan"
     each_step: bool = False
     release_pressure: bool = False
     literal: Printed = ()
@@ -208,16 +177,6 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
             raise InputError(
                 f"{self.name}: threshold = {self.threshold} would mark every particle as near the surface; give a"
                 " number up to 1.2 (the paper uses 0.90 to 0.99)."
-            )
-        if self.thin_features == "second_moment" and self.method == "number_density":
-            raise InputError(
-                f"{self.name}: thin_features = 'second_moment' belongs to the fan scan, which method = 'number_density'"
-                " does not run; choose method 'two_step' or 'fan_scan', or leave thin_features out."
-            )
-        if self.thin_features == "second_moment" and grid.support_radius < THIN_FROM * grid.spacing:
-            raise InputError(
-                f"{self.name}: thin_features = 'second_moment' cannot tell films from bulk with a support radius of"
-                f" {grid.support_radius / grid.spacing:.3g} spacings; give {THIN_FROM:g} or more, or leave it out."
             )
         self.printed()
 
@@ -256,10 +215,7 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
             return (near_surface_pass(on_demand, output="surface"),)
         candidates = self.candidates()
         normals = {"color": color_gradient_pass, "corrected": corrected_pass}[self.scan_normal]
-        scan = (
-            normals(candidates, on_demand),
-            fan_scan_pass(self.scan_normal, candidates, on_demand, self.thin_features),
-        )
+        scan = (normals(candidates, on_demand), fan_scan_pass(self.scan_normal, candidates, on_demand))
         if candidates is None:
             return scan
         first = candidates_pass if self._lopsided() else near_surface_pass
@@ -322,7 +278,7 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
         smallest = max(1e-12, 64.0 * float(np.finfo(grid.dtype).eps))
         if self.scan_normal == "corrected":
             smallest /= h
-        groups = {
+        return {
             **normal_term(fluid, grid, own_density="E10" in self.printed()),
             "near_surface_limit": NearSurfaceLimit(real(self._near(face) * delta0), real(np.inf)),
             "candidate_limit": NearSurfaceLimit(
@@ -332,9 +288,6 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
                 real(h if self._full() else 0.5 * h), real(h), real(smallest), int32("E5" in self.printed())
             ),
         }
-        if self.thin_features == "second_moment":
-            groups["thin_feature"] = ThinFeature(grid.real(THIN * two_layer_variance(grid) / h**2), int32(grid.dim))
-        return groups
 
     def _lopsided(self) -> bool:
         """Whether the first step uses the asymmetry of the neighbourhood."""

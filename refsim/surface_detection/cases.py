@@ -4,7 +4,7 @@ import numpy as np
 
 from refsim.core import cases
 from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, example, groups, particles, takes
-from refsim.surface_detection import FanScan, NearSurfaceLimit, SurfaceDetection, ThinFeature
+from refsim.surface_detection import FanScan, NearSurfaceLimit, SurfaceDetection
 
 example(SurfaceDetection(each_step=True), brings="asymmetry number_density scan_candidates surface surface_normal")
 
@@ -14,10 +14,10 @@ def _marks(case, random):
     return (random.random(case.count) < 0.5).astype(np.uint8)
 
 
-@groups("near_surface_limit", "fan_scan", "thin_feature")
+@groups("near_surface_limit", "fan_scan")
 def _detection(case, grid):
     literal = ("all",) if case.literal else ()
-    groups = SurfaceDetection(literal=literal, thin_features="second_moment").prepare(grid, case.effects)
+    groups = SurfaceDetection(literal=literal).prepare(grid, case.effects)
     return groups | {"near_surface_limit": groups["candidate_limit"]}
 
 
@@ -25,7 +25,6 @@ VARIATIONS[NearSurfaceLimit] = Variation(other={"asymmetry": lambda least: 0.5 *
 VARIATIONS[FanScan] = Variation(
     other={"support_radius": lambda h: 0.5 * h, "smallest_normal": lambda least: 1.0}  # longer than some normals
 )
-VARIATIONS[ThinFeature] = Variation(other={"variance": lambda least: 4 * least, "dim": lambda dim: 5 - dim})
 cases.readings(fan_scan="printed")
 takes("surface_detection.near_surface", near_surface_limit="number_density")  # J(12) alone
 
@@ -50,13 +49,12 @@ def sparse_or_lopsided():
     return _marked(4, [1, 1, 1, 0], number_density=density, asymmetry=asymmetry, near_surface_limit=limit)
 
 
-def _scanned(position, surface, candidates, printed=0, thin=None, normal=(0.0, -2.0, 0.0), **options):
-    """h = 2, s = 1, by default in the plane with normals along -y: particles look to +y."""
-    options = {"spacing": 1.0, "support_radius": 2.0} | options
-    case = Case("scanned", options.pop("dim", 2), np.array(position), **options)
+def _scanned(position, surface, candidates, printed=0):
+    """In the plane with h = 2, s = 1 and normals along -y: particles look to +y."""
+    case = Case("scanned", 2, np.array(position), spacing=1.0, support_radius=2.0)
     given = {
-        "surface_normal": np.array([normal] * case.count), "candidates": np.array(candidates, np.uint8),
-        "fan_scan": FanScan(1.0, 2.0, 1e-6, printed), "thin_feature": thin,
+        "surface_normal": np.array([(0.0, -2.0, 0.0)] * case.count), "candidates": np.array(candidates, np.uint8),
+        "fan_scan": FanScan(1.0, 2.0, 1e-6, printed),
     }  # fmt: skip
     return Exact(case, given, {"surface": np.array(surface, np.uint8)})
 
@@ -84,35 +82,6 @@ closed_form(
     printed_cone_of_three=lambda: _printed_fan(1, -10, 5, 40),
     # as printed, a particle 50 degrees off the axis, outside the cone, occupies the region
     printed_beside_the_cone=lambda: _printed_fan(0, -10, 5, 50),
-)
-
-
-def _crosses(*arms, limit, thin, dim=2, walls=()):
-    """`thin` of particles without normals, 10 apart, each between four others, `arms` given as (along, across).
-
-    Along the axis across the variance, in units of h^2, is 2 w_b b^2/(1 + 2 w_a + 2 w_b) for a = along/h, b = across/h
-    and w = 1 - a^2, 1 - b^2.
-    """
-    steps = np.array([[0.0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
-    position = np.concatenate([[10.0 * k, 0, 0] + steps * [a, b, 1] for k, (a, b) in enumerate(arms)])
-    wall = np.array(walls, dtype=float).reshape(-1, 3)
-    middle = np.arange(len(position)) % 5 == 0
-    feature, surface = ThinFeature(limit, dim), np.repeat(thin, 5) * middle
-    return _scanned(position, surface, middle, thin=feature, normal=(0.0, 0.0, 0.0), dim=dim, wall_position=wall)
-
-
-WALLS = [(0, 0, 1), (10, 0, 1), (10, 0, -1)]
-closed_form(
-    "surface_detection.fan_scan",
-    # b = 0.25 between a = 0.5: variance 0.9375/70 = 0.02679; b = 0.3: 0.0378; and 0.5 each way: 3/32 = 0.0938
-    thinner_than_the_limit=lambda: _crosses(
-        (1.0, 0.5), (1.0, 0.6), (0.5, 1.0), (1.0, 1.0), limit=0.03, thin=[1, 0, 1, 0]
-    ),
-    # all neighbours in the plane z = 0 of 3D: no variance across it, whatever the limit
-    a_plane_in_space_is_thin=lambda: _crosses((1.0, 1.0), limit=1e-3, thin=[1], dim=3),
-    # in space, wall particles 1 m off the plane, w = 3/4: p = 3/19 of the weight on one side, variance p (1 - p)/4 =
-    # 12/361 = 0.0332; on both sides 6/22 of it, 6/88 = 0.0682
-    a_film_between_two_walls=lambda: _crosses((1.0, 1.0), (1.0, 1.0), limit=0.05, thin=[1, 0], dim=3, walls=WALLS),
 )
 
 

@@ -1,7 +1,6 @@
-"""Scalar formulas of surface detection: Jiang & Zhu 2023, equation (13), and thin features."""
+"""Scalar formulas of surface detection: Jiang & Zhu 2023, equation (13)."""
 
 from refsim.backends.compile import formula
-from refsim.backends.tuples import over
 
 
 @formula
@@ -18,27 +17,3 @@ def in_scan_region(squared, along, fan_scan):
     if fan_scan.printed:
         return along < real(0) or real(2) * along * along < squared
     return along > real(0) and real(2) * along * along > squared
-
-
-@formula
-def is_thin(weight, first, second, thin_feature):
-    """Least eigenvalue of the second moment about the mean, C = <u u^T> - <u><u>^T, at most the limit; dimensionless.
-
-    weight, first (3), second (xx, xy, xz, yy, yz, zz): sums of w, w u and w u u^T over the neighbourhood, u = x_ij/h.
-    C less the limit times 1 has a positive determinant in every leading block (Sylvester) if all eigenvalues are
-    above the limit.
-    """
-    real = type(weight)
-    mx, my, mz = over(first, weight)
-    xx, xy, xz, yy, yz, zz = over(second, weight)
-    a = xx - mx * mx - thin_feature.variance
-    b = yy - my * my - thin_feature.variance
-    d = xy - mx * my
-    block = a * b - d * d
-    if not (a > real(0) and block > real(0)):
-        return True
-    if thin_feature.dim == 2:
-        return False
-    c = zz - mz * mz - thin_feature.variance
-    e, f = xz - mx * mz, yz - my * mz
-    return not c * block - a * f * f - b * e * e + real(2) * d * e * f > real(0)

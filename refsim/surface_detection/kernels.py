@@ -3,10 +3,7 @@
 import math
 
 from refsim.backends.compile import formula, kernel
-from refsim.backends.tuples import added
-from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import row_of
-from refsim.surface_detection import formulas
 from refsim.surface_detection.formulas import in_scan_region
 
 ENOUGH = 3  # neighbours; a particle with fewer is spray (Jiang & Zhu E20)
@@ -23,25 +20,17 @@ def near_surface(i, number_density, asymmetry, near_surface_limit, near_surface)
 
 
 @kernel
-def fan_scan(i, position, surface_normal, candidates, neighbours, walls, fan_scan, thin_feature, surface):
-    """J(13); a flag, zero for a particle that is no candidate. The region of a normal without direction is occupied.
-
-    With `thin_feature`, a candidate in a thin neighbourhood is surface whatever the scan finds (Jiang & Zhu E20).
-    """
-    near, occupied, thin = ENOUGH, True, False
+def fan_scan(i, position, surface_normal, candidates, neighbours, walls, fan_scan, surface):
+    """J(13); a flag, zero for a particle that is no candidate. The region of a normal without direction is occupied
+    (Jiang & Zhu E20)."""
+    near, occupied = ENOUGH, True
     if candidates is None or candidates[i] != 0:
         nx, ny, nz, directed = unit(surface_normal, i, fan_scan.smallest_normal)
         normal = (nx, ny, nz)
         near, occupied = scan(i, position, neighbours, position, normal, fan_scan, 0, not directed)
         if walls is not None:
             near, occupied = scan(i, position, walls, walls.position, normal, fan_scan, near, occupied)
-        if thin_feature is not None and occupied and near >= ENOUGH:
-            sums = neighbour_sum(moment_pair, i, None, neighbours, position, None, fan_scan)
-            if walls is not None:
-                sums = added(sums, neighbour_sum(moment_pair, i, None, walls, position, None, fan_scan))
-            weight = sums[0] + type(sums[0])(1)  # its own
-            thin = formulas.is_thin(weight, sums[1:4], sums[4:10], thin_feature)
-    surface[i] = near < ENOUGH or not occupied or thin
+    surface[i] = near < ENOUGH or not occupied
 
 
 @formula
@@ -76,15 +65,6 @@ def scan(i, position, listed, source, normal, fan_scan, near, occupied):
             near += 1
         occupied = occupied or in_scan_region(r2, nx * dx + ny * dy + nz * dz, fan_scan)
     return near, occupied
-
-
-@pair
-def moment_pair(x_ij, fan_scan):
-    """w, w u and w u u^T with u = x_ij/h, w = 1 - |u|^2; dimensionless."""
-    h = fan_scan.support_radius
-    x, y, z = x_ij[0] / h, x_ij[1] / h, x_ij[2] / h
-    w = type(x)(1) - (x * x + y * y + z * z)
-    return w, w * x, w * y, w * z, w * x * x, w * x * y, w * x * z, w * y * y, w * y * z, w * z * z
 
 
 @kernel

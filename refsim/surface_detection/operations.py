@@ -30,20 +30,17 @@ def near_surface(number_density, asymmetry, near_surface_limit, rows=None):
 
 
 @operation(
-    "J(13) with Jiang & Zhu E5, E6, E20; least eigenvalue of the second moment",
+    "J(13) with Jiang & Zhu E5, E6, E20",
     paper="Jiang & Zhu 2023, after Marrone et al. 2010", outputs="surface", exact="surface",
-    optional="walls candidates thin_feature",
-    variants=("walls candidates thin_feature", "", "walls candidates", "candidates thin_feature"), tolerance=16.0,
-    reason="roundings of the distance, the unit normal and their product, relative to the distance; for each"
-    " neighbour those of the second moment and its determinants, relative to the sum of squares",
+    optional="walls candidates", variants=("walls candidates", "", "candidates"), tolerance=16.0,
+    reason="roundings of the distance, the unit normal and their product, relative to the distance",
     invariants="translation reordering", cases=SHAPES,
 )  # fmt: skip
-def fan_scan(position, surface_normal, candidates, walls, fan_scan, thin_feature, rows=None):
+def fan_scan(position, surface_normal, candidates, walls, fan_scan, rows=None):
     """Surface flags of candidates; position (n, 3) [m], surface_normal (n, 3) inward, candidates (n,) or None.
 
     i is surface if its region is empty, or if fewer than 3 particles are nearer than h; with a normal below
-    `smallest_normal` the region counts as occupied (Jiang & Zhu E20). With `thin_feature` i is surface also if its
-    neighbourhood is thin.
+    `smallest_normal` the region counts as occupied (Jiang & Zhu E20).
     """
     s, h = float(fan_scan.radius), float(fan_scan.support_radius)
     everyone = position if walls is None else np.concatenate([position, walls.position])
@@ -54,21 +51,10 @@ def fan_scan(position, surface_normal, candidates, walls, fan_scan, thin_feature
         ref.in_region, s=s, printed=bool(fan_scan.printed)
     )
     surface = empty | ~others.at_least(ENOUGH, ref.near, h=h)
-    if thin_feature is not None:
-        surface |= _thin(around, h, int(thin_feature.dim), float(thin_feature.variance))
     if candidates is not None:
         chosen = np.asarray(candidates)[slice(None) if rows is None else rows] != 0
         surface &= Decision(np.where(chosen, np.inf, -np.inf))
     return {"surface": surface}
-
-
-def _thin(around, h, dim, variance):
-    """Flags of thin neighbourhoods; the margin is divided by the number of terms, each of which is rounded."""
-    weight = around(ref.weight, h=h)
-    i = Fields(mean=around(ref.weighted_place, h=h) / weight)
-    moment = around.of(i, i)(ref.second_moment, h=h) / weight
-    thin = ref.thin(moment / h**2, dim, variance)
-    return Decision(thin.margin / around(ref.is_near, h=h).value, thin.holds)
 
 
 @operation(

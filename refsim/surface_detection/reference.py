@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from refsim.core.terms import Decision, Terms, least_eigenvalue, length, outer
+from refsim.core.terms import Decision, Terms, length
 
 
 def sparse(i, limit):
@@ -45,29 +45,3 @@ def in_region(i, j, ij, s, printed):
 def near(i, j, ij, h):
     """|x_ij| < h; a flag."""
     return ij.r < h
-
-
-def is_near(i, j, ij, h):
-    """1 where |x_ij| < h, else 0; dimensionless."""
-    return Terms(ij.r.value < h)
-
-
-def weight(i, j, ij, h):
-    """w_ij = 1 - (r/h)^2 for r < h, i itself included; dimensionless."""
-    return Terms(np.maximum(1 - (ij.r.value / h) ** 2, 0))
-
-
-def weighted_place(i, j, ij, h):
-    """Mean place m_i - x_i = sum_j w_ij (x_j - x_i) / sum_j w_ij; the first sum [m]."""
-    return -weight(i, j, ij, h) * ij.x
-
-
-def second_moment(i, j, ij, h):
-    """C_i = sum_j w_ij (x_j - m_i)(x_j - m_i)^T / sum_j w_ij; the first sum [m^2]."""
-    apart = -ij.x - i.mean
-    return weight(i, j, ij, h) * outer(apart, apart)
-
-
-def thin(moment, dim, variance):
-    """The least eigenvalue of C_i/h^2 <= the limit; a flag."""
-    return least_eigenvalue(Terms(*(part[:, :dim, :dim] for part in moment), rank=2)) <= variance

@@ -33,7 +33,6 @@ SHAPE, COUPLING, MELTING = rs.ShapeMatching(), rs.TwoWayCoupling(), rs.Melting()
 WALLS = rs.BoxWalls(lower=(0, 0, 0), upper=(0.6, 0.6, 0.6))
 HOLDING = rs.BoxWalls(lower=(0, 0, 0), upper=(0.6, 0.6, 0.6), model="extrapolated")
 DETECTION, DETECTION_EACH_STEP = rs.SurfaceDetection(), rs.SurfaceDetection(each_step=True)
-DETECTION_THIN = rs.SurfaceDetection(thin_features="second_moment")
 TENSION = rs.JiangZhu2023(surface_tension=0.5, pair_mode="soft", density_correction=False)
 WARM = rs.HeatConduction(temperature=50.0, melting_point=0.0)
 MESH = pairs.EFFECTS["mesh_boundary"]
@@ -63,7 +62,6 @@ SCENES = {name: pairs.scene(name, name, "float32") for name in pairs.EFFECTS} | 
     "advanced coupling": scene(ADVANCED, GRAVITY, HOLDING, SHAPE, COUPLING),
     "central viscosity": scene(msgspec.structs.replace(VISCOUS, viscosity="central"), IMPLICIT),
     "each step": scene(LIQUID, DETECTION_EACH_STEP),
-    "thin features": scene(LIQUID, DETECTION_THIN),
     "release": scene(LIQUID, rs.SurfaceDetection(release_pressure=True)),
     "mesh alone": scene(VISCOUS, GRAVITY, WALLS, msgspec.structs.replace(MESH, viscosity=0.0, adhesion=0.0)),
     "ice": scene(LIQUID, msgspec.structs.replace(WARM, latent_heat=3e5, held=(0,), scheme="explicit")),

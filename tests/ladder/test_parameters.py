@@ -163,17 +163,6 @@ def half_space_moment(dim, sums="wendland_c2"):
     return rest_number_density(dim, sums) * angles * radial
 
 
-def film_variance(dim):
-    """Variance [m^2] across a lattice film of two layers about one of its particles, with weights 1 - (r/h)^2."""
-    heights, weights = [], []
-    for place in itertools.product(*[range(-4, 5)] * (dim - 1), (0, 1)):
-        weight = 1 - D**2 * sum(k**2 for k in place) / H**2
-        if weight > 0:
-            heights.append(D * place[-1])
-            weights.append(weight)
-    return float(np.cov(heights, aweights=weights, ddof=0))
-
-
 def detection(
     dim, share=0.98, sparse=0.9, asymmetry=0.25, radius=H / 2, smallest=1e-12, e5=0, e10=0, sums="wendland_c2"
 ):
@@ -611,8 +600,6 @@ SETUPS = {
     upper=WALLS[1])),
         lambda dim: shifting(dim, 2.2)),
     "detection": ((rs.SurfaceDetection(), WATER), detection),
-    "detection of films": ((rs.SurfaceDetection(thin_features="second_moment"), WATER),
-        lambda dim: detection(dim) | {"thin_feature": {"variance": 1.3 * film_variance(dim) / H**2, "dim": dim}}),
     "detection, other settings": ((rs.SurfaceDetection(threshold=0.95, asymmetry=0.4, scan_normal="corrected",
         literal=("E5", "E6", "E10")), WATER),
         lambda dim: detection(dim, 0.95, 0.95, 0.4, H, 1e-12 / H, 1, 1) | normal_term(dim, 1)),

@@ -142,9 +142,6 @@ def test_the_printed_cone_finds_no_surface():
 
 
 # Films and filaments
-THIN = {"thin_features": "second_moment"}
-
-
 def thin_shapes(dim):
     """(name, positions, part found by the scan with J(19) and J(20)); every particle is exposed."""
     random = np.random.default_rng(31)
@@ -169,43 +166,24 @@ def thin_shapes(dim):
 
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("method", ["fan_scan", "two_step"])
-def test_films_and_filaments_are_found_whole_by_the_second_moment(dim, method):
+def test_films_and_filaments_are_found_whole_by_number_density_alone(dim, method):
     """By the scan alone a normal that is zero by symmetry, or points anywhere, finds no more than the stated part."""
     for name, position, parts in thin_shapes(dim):
         assert (arc_cover_surface if dim == 2 else cap_cover_surface)(position, PROBE).all(), name
         for normal, part in zip(("color", "corrected"), parts):
             settings = {"dim": dim, "method": method, "scan_normal": normal}
             assert surface(position, **settings).mean() <= part, (name, normal)
-            assert surface(position, **settings, **THIN).all(), (name, normal)
+        assert surface(position, dim=dim, method="number_density").all(), name
 
 
-@pytest.mark.parametrize("normal", ["color", "corrected"])
-def test_the_second_moment_takes_nothing_of_bulk_walls_and_cavities(normal):
-    """Films of three layers, discs, a block with a particle missing, a jittered one, tanks: no flag more."""
-    random = np.random.default_rng(32)
-    block = lattice(Box(cells=(9, 9, 9)), 3)
-    clouds = [(2, lattice(Box(cells=(24, 3, 1))), ()), (3, lattice(Box(cells=(11, 11, 3)), 3), ())]
-    clouds += [(2, disc(), ()), (2, jittered_disc(), ()), (3, np.delete(block, 364, axis=0), ())]
-    clouds += [(3, block + 0.15 * random.uniform(-1, 1, block.shape), ())]
-    for dim, cells in ((2, (9, 9, 1)), (3, (6, 6, 6))):
-        tank = BoxWalls(lower=(0.0, 0.0, 0.0), upper=tuple(map(float, cells)), open_faces=("+y",))
-        clouds.append((dim, lattice(Box(cells=cells), dim), (tank,)))
-    for dim, position, walls in clouds:
-        settings = {"dim": dim, "walls": walls, "scan_normal": normal}
-        before = surface(position, **settings)
-        assert 0 < before.sum() < len(before)
-        np.testing.assert_array_equal(surface(position, **settings, **THIN), before)
-
-
-@pytest.mark.parametrize("normal", ["color", "corrected"])
 @pytest.mark.parametrize("dim", [2, 3])
-def test_a_film_on_a_wall_is_surface_and_one_between_two_walls_is_not(dim, normal):
+def test_a_film_on_a_wall_is_surface_and_one_between_two_walls_is_not(dim):
     side = 20 if dim == 2 else 9
     film = lattice(Box(cells=(side, 1, 1 if dim == 2 else side)), dim)
     inner = (np.abs(film - film.mean(0)) < side / 2 - 3).all(1)
     for faces, found in ((("+y",), True), ((), False)):
         walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(side, 1.0, side), open_faces=faces)
-        flags = surface(film, dim=dim, walls=(walls,), method="fan_scan", scan_normal=normal, **THIN)
+        flags = surface(film, dim=dim, walls=(walls,), method="fan_scan")
         assert (flags[inner] == found).all()
     assert inner.any()
 
@@ -283,7 +261,6 @@ def borrower():
 
 @pytest.mark.parametrize("other", [
     {"threshold": 0.95}, {"asymmetry": 0.3}, {"literal": ("E10",)}, {"scan_radius": "full"},
-    {"thin_features": "second_moment"},
 ])  # fmt: skip
 def test_different_settings_for_one_field_are_refused(borrower, other):
     with pytest.raises(InputError, match=r"'surface_detection' and 'borrower' compute field '\w+' in different ways"):
@@ -292,8 +269,6 @@ def test_different_settings_for_one_field_are_refused(borrower, other):
 
 @pytest.mark.parametrize(("settings", "words"), [
     ({"threshold": 0.0}, "threshold = 0.0"),
-    ({"thin_features": "moments"}, "thin_features = 'moments' is not possible; did you mean second_moment?"),
-    ({"method": "number_density", "thin_features": "second_moment"}, "belongs to the fan scan"),
     ({"threshold": 1.5}, "threshold = 1.5"), ({"threshold": math.nan}, "threshold = nan"),
     ({"asymmetry": 0.0}, "asymmetry = 0.0"),
     ({"method": "umbrella"}, "method = 'umbrella' is not possible; choose from number_density, fan_scan, two_step"),
@@ -304,9 +279,3 @@ def test_bad_settings_get_one_sentence(settings, words):
     with pytest.raises(InputError, match=r"^surface_detection: ") as caught:
         plan_of(SurfaceDetection(**settings))
     assert words in str(caught.value)
-
-
-def test_a_short_support_radius_does_not_go_with_the_second_moment():
-    with pytest.raises(InputError, match=r"with a support radius of 1.5 spacings; give 2 or more, or leave it out"):
-        detect(disc(), ratio=1.5, **THIN)
-    assert surface(lattice(Box(cells=(9, 9, 3)), 3), dim=3, ratio=2.0, **THIN).sum() == 9 * 9 * 3 - 7 * 7

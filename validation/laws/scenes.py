@@ -26,7 +26,7 @@ LIQUIDS = ("weakly_compressible", "weakly_compressible", "weakly_compressible", 
 BUILT = {"weakly_compressible", "mpm_liquid", "gravity", "box_walls", "mpm_walls", "mesh_boundary", "shape_matching",
          "two_way_coupling", "melting"}  # fmt: skip
 # Parameters that say which of the others count, or name files and parts
-UNDRAWN = ("literal", "held", "file", "latent_heat", "thin_features", "surface")
+UNDRAWN = ("literal", "held", "file", "latent_heat", "surface")
 SUPPORTS = (2.13, 2.62, 3.21)  # spacings; no pair of a lattice is as far apart
 LARGEST_SHIFT = 0.1  # spacings by which a particle stands off its lattice
 

@@ -37,11 +37,10 @@ DETECTORS: dict[str, dict[str, Any]] = {  # settings of the effect
 OWN: dict[str, dict[str, Any]] = {  # as the paper has them: lambda = 0.98, a scan of radius h along the normal J(20)
     "fan_scan_paper": {"method": "fan_scan", "literal": ("paper",)}, "two_step_paper": {"literal": ("paper",)},
 }  # fmt: skip
-SETTINGS = {**DETECTORS, "second_moment": {"thin_features": "second_moment"}}  # of every detector of the hard cases
 WORDS = {
     "number_density": "number density", "fan_scan": "fan scan", "two_step": "two-step",
     "two_step_printed": "two-step with J(12) as printed", "fan_scan_paper": "the paper's own fan scan",
-    "two_step_paper": "the paper's own two-step", "second_moment": "two-step with the second moment",
+    "two_step_paper": "the paper's own two-step",
 }  # fmt: skip
 
 
@@ -141,8 +140,8 @@ def detect(
     context: Context, method: str, columns: int, depth: int, tank: float, cloud: tuple, backend: str,
     threads: int | None = None,
 ) -> Simulation:  # fmt: skip
-    """A cloud (position, mass) in the tank, seen by one detector of SETTINGS or OWN."""
-    scene = column_scene(columns, depth, tank, (SurfaceDetection(**(SETTINGS | OWN)[method]),), cloud)
+    """A cloud (position, mass) in the tank, seen by one detector of DETECTORS or OWN."""
+    scene = column_scene(columns, depth, tank, (SurfaceDetection(**(DETECTORS | OWN)[method]),), cloud)
     simulation = context.simulation(scene, backend, threads)
     simulation.evaluate()
     return simulation
@@ -532,7 +531,7 @@ def beside_walls(trial: Trial, method: str, depth: int = 1, columns: int = 20) -
     spacing = scene.spacing
     size = columns * spacing
     tank = msgspec.structs.replace(scene.effects[2], upper=(size, 4 * size, depth * spacing))
-    detection = SurfaceDetection(**SETTINGS[method])
+    detection = SurfaceDetection(**DETECTORS[method])
     box = Box(cells=(columns, columns, depth))
     simulation = trial.start(
         msgspec.structs.replace(scene, fluid=(box,), effects=(*scene.effects[:2], tank, detection))
@@ -592,7 +591,7 @@ def spray(trial: Trial, depth: int = 1) -> None:
     places = [(0.5, 1.0, z), (1.0, 2.0, z), (1.5, 3.0, z), (0.2, 0.5 * spacing, z), (1.0, 0.5 * spacing, z)]
     parts = [np.array(place) + group[: 1 + k % 3] for k, place in enumerate(places)]
     position = np.vstack(parts)
-    for method in SETTINGS:
+    for method in DETECTORS:
         mass = np.full(len(position), DENSITY * spacing ** (2 if depth == 1 else 3))
         seen = detect(trial.context, method, columns, depth, 4.0, (position, mass), trial.backend)
         flags = seen.field("surface").astype(bool)
