@@ -172,7 +172,7 @@ def test_energy_of_pairs_weighs_with_both_masses():
 
 def test_energy_of_effects_in_their_own_words():
     state = State(mass=[2.0, 3.0], position=[[0.1, 0.2, 0.3], [1.0, 2.0, 3.0]])
-    lifted = GRAVITY.energy(grid(), {}).parts["gravity"](state)
+    lifted = GRAVITY.energy(grid(), {"gravity": GRAVITY}).parts["gravity"](state)
     assert lifted.value == near(2 * (-0.1 + 0.4 + 2.7) + 3 * (-1 + 4 + 27))
     assert not rs.Gravity(acceleration=(0.0, 0.0, 0.0)).energy(grid(), {}).parts
     dense = State(mass=[2.0, 3.0], density=[950.0, 870.0])
