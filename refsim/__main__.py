@@ -18,7 +18,7 @@ from refsim.commands import COMMANDS, CommandResult, discover, plain
 from refsim.core.checked import suggestion
 from refsim.core.clock import PROCESS, Seconds
 from refsim.core.errors import InputError, RefsimError, RunStopped, refused
-from refsim.core.stopping import heeding
+from refsim.core.stopping import handling_signals
 from refsim.core.streams import any_letter
 from refsim.core.tables import columns, fitted
 from refsim.core.terminal import Bar, say
@@ -52,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     as_json = "--json" in arguments
     try:
-        with heeding(last=whole):
+        with handling_signals(last=whole):
             outcome = _execute(arguments, began)
             if as_json:
                 _tell(json.dumps(plain(outcome.data), indent=1, allow_nan=False))

@@ -106,7 +106,7 @@ def pairing_task(arguments: list[str]) -> list[Row]:
     from refsim import contract
 
     name, dtype = arguments
-    outcomes = list(contract.trials(contract.own("cuda"), name, (dtype,)))
+    outcomes = list(contract.trials(contract.refsim_programs("cuda"), name, (dtype,)))
     bad = [outcome for outcome in outcomes if not outcome.passed]
     finite = [outcome.error for outcome in outcomes if np.isfinite(outcome.error)]
     worst, verdict = float(f"{max(finite, default=0.0):.3g}"), "fail" if bad or not outcomes else "pass"

@@ -21,7 +21,7 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from refsim.core.errors import RefsimError  # noqa: E402
-from refsim.core.stopping import heeding  # noqa: E402
+from refsim.core.stopping import handling_signals  # noqa: E402
 from refsim.core.streams import any_letter  # noqa: E402
 from validation import judging  # noqa: E402
 from validation.__main__ import add_options, options_of  # noqa: E402
@@ -65,7 +65,7 @@ def planned(experiments: Mapping[str, Experiment], options: Options) -> list[lis
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit code."""
     try:
-        with heeding(last=arguments is None):
+        with handling_signals(last=arguments is None):
             return reproduced(arguments)
     except RefsimError as error:
         print(error, file=sys.stderr)

@@ -38,10 +38,10 @@ def pytest_configure():
 
     Numba makes many objects while it compiles, and pytest holds many: Python looks for cycles among them more rarely.
     """
-    from refsim.backends import ahead
+    from refsim.backends import parallel_compile
 
     gc.set_threshold(*CYCLES)
-    ahead.cores = lambda: 1
+    parallel_compile.cores = lambda: 1
     compare_flags_quickly()
     if os.environ.get("NUMBA_ENABLE_CUDASIM", "0") not in ("", "0"):
         from validation import simulator_threads

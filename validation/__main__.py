@@ -22,7 +22,7 @@ if not __package__:
     sys.exit(2)
 
 from refsim.core.errors import InputError, RefsimError
-from refsim.core.stopping import heeding
+from refsim.core.stopping import handling_signals
 from refsim.core.streams import any_letter
 from refsim.core.writing import write_file
 from refsim.study.advice import READINGS
@@ -92,7 +92,7 @@ def parser() -> argparse.ArgumentParser:
     part.set_defaults(perform=drawn)
 
     part = add("own", "measures what each paper's own choices give beside refsim's, in a minute, and writes the table")
-    part.set_defaults(perform=own)
+    part.set_defaults(perform=measure_own_choices)
 
     part = add("times", "stores times that benchmarks gave, and makes the pages of effects and of the device's limits")
     part.add_argument("files", nargs="*", type=Path, metavar="FILE", help="of pytest --benchmark-json")
@@ -211,10 +211,10 @@ def check(given: argparse.Namespace) -> int:
         page.keep(performed, options.figures)
     if given.write:
         page.write(judging.claims_of(performed))
-    return told(performed, given.json, written=given.write)
+    return report_outcome(performed, given.json, written=given.write)
 
 
-def own(given: argparse.Namespace) -> int:
+def measure_own_choices(given: argparse.Namespace) -> int:
     """Measure `literal = "paper"` of every system."""
     print(own_choices.write())
     write_file(accuracy_page.PAGE, accuracy_page.page())
@@ -259,7 +259,7 @@ def verified(given: argparse.Namespace) -> int:
     return EXIT_FAILED if deviating else EXIT_FINE
 
 
-def told(performed: Sequence[Performed], as_object: bool, written: bool = False) -> int:
+def report_outcome(performed: Sequence[Performed], as_object: bool, written: bool = False) -> int:
     """Report, and the exit code; a claim whose verdict has been `written` is on file, and fails no more."""
     report(performed, sys.stderr if as_object else sys.stdout)
     if as_object:
@@ -271,7 +271,7 @@ def told(performed: Sequence[Performed], as_object: bool, written: bool = False)
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns its exit code."""
     try:
-        with heeding(last=arguments is None):
+        with handling_signals(last=arguments is None):
             given = parser().parse_args(sys.argv[1:] if arguments is None else arguments)
             return given.perform(given)
     except RefsimError as error:

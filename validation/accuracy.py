@@ -22,7 +22,7 @@ from refsim.scene.files import scene_to_toml
 from refsim.scene.scene import Scene
 from refsim.scene.shapes import Cloud
 from refsim.study.advice import READINGS
-from refsim.study.panels import OWN, Panel, Place, Point, abouts, as_text, panel
+from refsim.study.panels import OWN, Machine, Panel, Point, abouts, as_text, panel
 from refsim.study.panels.measured import Read, broken, measured, merged, reading_of, text
 from refsim.study.panels.scenes import PACKED, packed
 from refsim.study.runs import Reading
@@ -103,11 +103,11 @@ def reader(name: str) -> Read:
     return lambda point, number: getattr(import_module("validation.panel_runs"), name)(point, number, 1)  # type: ignore
 
 
-def _place(backend: str) -> Place:
+def _place(backend: str) -> Machine:
     """Where and with what a reading is taken."""
     where = environment(1, backend)
     device, load = where["device"] or {}, where["load"]
-    return Place(
+    return Machine(
         where["processor"], where["threads"], where["date"], where["commit"], device.get("name", ""),
         device.get("driver_version", ""), where["cores"], None if load is None else [load, load], where["versions"],
     )  # fmt: skip

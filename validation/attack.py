@@ -176,10 +176,10 @@ def plan(text: bytes, folder: Path) -> str:
     inputs(folder)
     path = folder / "scene.toml"
     write_file(path, text)
-    code, words = told(["plan", str(path), "--json"])
+    code, words = outcome_of(["plan", str(path), "--json"])
     if code == 0 and json.loads(words)["particles"] <= 200:
         run = ("run", str(path), "--output", str(folder / "run"), "--backend", "numpy", "--until", "1e-9", "--quiet")
-        code, _ = told(run)
+        code, _ = outcome_of(run)
     return str(code)
 
 
@@ -245,19 +245,19 @@ def resume(trial: tuple[str, list[Damage], bool], folder: Path) -> str:
         (scene,) = (scene for scene in SCENES if f'"{name[:5]}' in json.dumps(scene) and scene is not SCENES[0])
         path = folder / "scene.toml"
         write_file(path, written(scene).replace("cloud.npy", name))
-        return str(told(["plan", str(path)])[0])
+        return str(outcome_of(["plan", str(path)])[0])
     half, whole = _half()
     run, checkpoint = folder / "run", name.startswith("checkpoint")
     shutil.copytree(half, run)
     spoil(run / name, damages)
     before = (run / "checkpoint.h5").read_bytes() if (run / "checkpoint.h5").is_file() else b""
     given = str(run / name if by_file and checkpoint else run)
-    code, words = told(["run", "--resume", given, "--output", str(run), "--every", "0.005", "--quiet"])
+    code, words = outcome_of(["run", "--resume", given, "--output", str(run), "--every", "0.005", "--quiet"])
     if code == 2 and any(damage.how == "folder" for damage in damages):
         return "2"  # refsim deletes no folder that lies in the place of its file
     if code == 2 and checkpoint:
         assert given != str(run), f"one of two checkpoints is whole, and the folder is refused: {words}"
-        code, words = told(["run", "--resume", str(run), "--every", "0.005", "--quiet"])
+        code, words = outcome_of(["run", "--resume", str(run), "--every", "0.005", "--quiet"])
         assert code == 0, words
     if code == 0:
         found = reached(run, frames=not name.startswith("particles"))  # a frame that is damaged stays as it is
@@ -341,7 +341,7 @@ def _half() -> tuple[Path, dict[str, Any]]:
     write_file(folder / "tank.toml", written(TANK))
     for name, more in (("whole", ()), ("half", ("--until", "0.03", "--checkpoint-every", "0.02"))):
         command = ["run", *start(folder, folder / name), "--every", "0.005", "--quiet", *more]
-        code, words = told(command)
+        code, words = outcome_of(command)
         assert code == 0, words
     assert (folder / "half" / RUN[1]).exists()
     return folder / "half", reached(folder / "whole")
@@ -366,7 +366,7 @@ KINDS: dict[str, tuple[Callable[[], st.SearchStrategy[Any]], Callable[[Any, Path
 }
 
 
-def told(arguments: Sequence[str]) -> tuple[int, str]:
+def outcome_of(arguments: Sequence[str]) -> tuple[int, str]:
     """(exit code, what was printed or the sentence) of a command in this process; AssertionError for a bad ending."""
     from refsim.__main__ import main
 

@@ -358,12 +358,12 @@ class Checks:
     """Holds numbers against the bars of an experiment, and keeps the checks in their order (`made`)."""
 
     def __init__(self, experiment: str, kind: str = VERDICT, folder: Path | None = None) -> None:
-        self.entries, self.made = read(experiment, kind, folder), list[Check]()
+        self.entries, self.results = read(experiment, kind, folder), list[Check]()
 
     def __call__(self, name: str, value: float | None, run: str = "", words: str = "") -> Check:
         """Check one number; `run` and its `words` name the run that it comes from. None and NaN pass no rule."""
-        self.made.append(checked(self.entries[name], [real(value)], run=run, words=words))
-        return self.made[-1]
+        self.results.append(checked(self.entries[name], [real(value)], run=run, words=words))
+        return self.results[-1]
 
     def run(self, results: Mapping[str, Result], key: str, quantities: Quantities, run: str = "", words: str = ""
             ) -> None:  # fmt: skip

@@ -55,7 +55,7 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Run:
+class RunSpec:
     """One computation: `function(context, **parameters)`, stored under `key` and the digest of its parameters.
 
     estimate  seconds it may take, for the progress bar
@@ -110,7 +110,7 @@ class Part:
     kind: str
     name: str
     folder: str
-    runs: Sequence[Run]
+    runs: Sequence[RunSpec]
     checks: Callable[[Results], Sequence[Check]]
     pictures: Sequence[Picture] = ()
     tables: Callable[[Results], Sequence[Table]] = lambda results: ()
@@ -130,7 +130,7 @@ class Measure:
     family  the claims that it is measured with, and model: the function that its null model is, if it has one
     """
 
-    runs: Callable[[Options], Sequence[Run]]
+    runs: Callable[[Options], Sequence[RunSpec]]
     values: Callable[[Results], Sequence[float]]
     quick: bool = True
     timed: bool = False
@@ -155,13 +155,13 @@ class Measure:
 
 def every(
     function: Callable[..., Result], runs: Mapping[str, Mapping[str, Any]], estimate: float = 1.0, **shared: Any
-) -> Callable[[Options], list[Run]]:
+) -> Callable[[Options], list[RunSpec]]:
     """Plans a run of each key: its own parameters, those that all share, and the user's backend if it takes one."""
     takes = "backend" in inspect.signature(function).parameters
 
-    def planned(options: Options) -> list[Run]:
+    def planned(options: Options) -> list[RunSpec]:
         given = {**shared, "backend": options.backend} if takes else shared
-        return [Run(key, function, {**own, **given}, estimate) for key, own in runs.items()]
+        return [RunSpec(key, function, {**own, **given}, estimate) for key, own in runs.items()]
 
     return planned
 
@@ -192,7 +192,7 @@ class Experiment:
 
     name: str
     title: str
-    runs: Callable[[Options], Sequence[Run]] = lambda options: ()
+    runs: Callable[[Options], Sequence[RunSpec]] = lambda options: ()
     checks: Callable[[Results, Checks], None] = lambda results, check: None
     pictures: tuple[Picture, ...] = ()
     tables: Callable[[Results], Sequence[Table]] = of_values
@@ -204,7 +204,7 @@ class Experiment:
         """The verdicts on what is there."""
         check = Checks(self.name)
         self.checks(results, check)
-        return check.made
+        return check.results
 
     def part(self, options: Options) -> Part:
         """Its own runs, with the verdicts on them."""

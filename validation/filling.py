@@ -68,7 +68,7 @@ def numbers(value: Any) -> Any:
     return Number(value) if isinstance(value, float | int) and not isinstance(value, bool) else value
 
 
-class Recorded:
+class RecordedClaim:
     """What a template may name of a claim."""
 
     def __init__(self, entry: Entry, values: Sequence[float | None]) -> None:
@@ -91,10 +91,10 @@ def stored() -> dict[str, dict[str, Any]]:
     return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
 
 
-def records(entries: Iterable[Entry]) -> dict[str, Recorded]:
+def records(entries: Iterable[Entry]) -> dict[str, RecordedClaim]:
     """What templates may name of the claims."""
     kept = stored()
-    return {e.name: Recorded(e, kept.get(e.name, {"values": []})["values"]) for e in entries if e.kind == CLAIM}
+    return {e.name: RecordedClaim(e, kept.get(e.name, {"values": []})["values"]) for e in entries if e.kind == CLAIM}
 
 
 def with_reasons(entries: Sequence[Entry]) -> list[Entry]:
@@ -117,7 +117,7 @@ def replaced(text: str, name: str, lines: Sequence[str], page: Path) -> str:
     return f"{before}{begin}\n" + "\n".join(lines) + f"\n{end}{after}"
 
 
-def filled(template: str, records: Mapping[str, Recorded], own: Recorded | None = None) -> str:
+def filled(template: str, records: Mapping[str, RecordedClaim], own: RecordedClaim | None = None) -> str:
     """A text with its numbers. Raises ValueError for a template that names what is not there."""
     names = {**records, **({} if own is None else vars(own)), "picture": Pictures()}
     try:
@@ -126,6 +126,6 @@ def filled(template: str, records: Mapping[str, Recorded], own: Recorded | None 
         raise ValueError(f"{template!r} names what no record holds ({error!r})") from None
 
 
-def filled_page(text: str, records: Mapping[str, Recorded]) -> str:
+def filled_page(text: str, records: Mapping[str, RecordedClaim]) -> str:
     """A page with the numbers of the records."""
     return MARKED.sub(lambda found: f"<!-- {found[1]} -->{filled(found[1], records)}<!-- . -->", text)

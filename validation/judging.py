@@ -16,7 +16,7 @@ from typing import Any
 from refsim.core.errors import InputError
 from validation import checks
 from validation.checks import CLAIM, FAIL, HARD_CASE, REFUSED, STOPPED, VALUE, VERDICT, Check, Entry, number
-from validation.experiment import Experiment, Options, Part, Results, Run, chosen, discover
+from validation.experiment import Experiment, Options, Part, Results, RunSpec, chosen, discover
 from validation.maps import cell_key, judged_cell, map_picture, map_table
 from validation.perform import Performed, perform
 from validation.results import real
@@ -74,7 +74,7 @@ def claim_part(entry: Entry, experiment: Experiment, options: Options) -> Part:
     elif options.quick and not how.quick:
         skip = "takes the published sizes; run without --quick"
     if how is None or skip:
-        return Part(CLAIM, entry.name, entry.experiment, [Run(entry.name, _nothing, skip=skip)], lambda results: ())
+        return Part(CLAIM, entry.name, entry.experiment, [RunSpec(entry.name, _nothing, skip=skip)], lambda results: ())
     runs = [dataclasses.replace(run, timed=run.timed or how.timed) for run in how.runs(options)]
 
     def judged(results: Results) -> list[Check]:
@@ -96,14 +96,14 @@ def trial_part(experiment: Experiment, options: Options, only: Sequence[str] = (
     for entry in hard:
         skip = "long; run without --quick" if options.quick and not entry.short and not only else ""
         parameters = {**entry.given, "backend": options.backend}
-        runs.append(Run(entry.name, experiment.trials[entry.trial], parameters, estimate=entry.seconds, skip=skip))
+        runs.append(RunSpec(entry.name, experiment.trials[entry.trial], parameters, estimate=entry.seconds, skip=skip))
     for m in maps:
         if options.quick and not only:
-            runs.append(Run(m.name, m.cells[0].function, skip="a sweep of many runs; run without --quick"))
+            runs.append(RunSpec(m.name, m.cells[0].function, skip="a sweep of many runs; run without --quick"))
             continue
         for cell in m.cells:
             parameters = {**cell.parameters, "backend": options.backend}
-            runs.append(Run(cell_key(m, cell), cell.function, parameters, estimate=cell.seconds))
+            runs.append(RunSpec(cell_key(m, cell), cell.function, parameters, estimate=cell.seconds))
 
     def judged(results: Results) -> list[Check]:
         made = []

@@ -25,7 +25,7 @@ from refsim.core.versions import commit, versions
 from refsim.core.writing import write_file
 from validation.checks import Check, failed
 from validation.drawing import LONG_DATA, MEASURED, read_data, save_picture, shortened, style
-from validation.experiment import Options, Part, Picture, Run
+from validation.experiment import Options, Part, Picture, RunSpec
 from validation.reading import cores, processor
 from validation.results import Result, finite, load, origin, result_folder, save
 from validation.running import Context
@@ -50,7 +50,7 @@ class Performed:
     reused: list[str] = field(default_factory=list)
 
 
-Waiting = dict[Path, tuple[Part, Run]]
+Waiting = dict[Path, tuple[Part, RunSpec]]
 
 
 def perform(
@@ -176,7 +176,7 @@ def _compute(
                 before = sum(waiting[folder][1].estimate for folder in done)
                 name = f"{part.name} {run.key}"
 
-                def progress(share: float, before: float = before, run: Run = run, name: str = name) -> None:
+                def progress(share: float, before: float = before, run: RunSpec = run, name: str = name) -> None:
                     bar.to(before + min(max(share, 0.0), 1.0) * run.estimate, name)
 
                 progress(0.0)
@@ -246,15 +246,15 @@ def _elsewhere(
             yield folder, None
 
 
-def _plain(run: Run) -> Run:
-    return Run(run.key, run.function, dict(run.parameters))
+def _plain(run: RunSpec) -> RunSpec:
+    return RunSpec(run.key, run.function, dict(run.parameters))
 
 
 YIELDING = 10  # niceness of what runs beside the first run
 
 
 def _compute_there(
-    report: Callable[[float], None], experiment: str, command: str, run: Run, folder: Path, yielding: bool
+    report: Callable[[float], None], experiment: str, command: str, run: RunSpec, folder: Path, yielding: bool
 ) -> None:
     """Compute one run in another process. Raises InputError where that one has other sources."""
     if yielding and hasattr(os, "nice") and os.nice(0) < YIELDING:
@@ -265,7 +265,7 @@ def _compute_there(
     compute(experiment, run, folder, Context(report, threads=1), command)
 
 
-def compute(experiment: str, run: Run, folder: Path, context: Context | None = None, command: str = "") -> None:
+def compute(experiment: str, run: RunSpec, folder: Path, context: Context | None = None, command: str = "") -> None:
     """Compute one run and store its result, with when, where and with what that was, and how long it took."""
     context, began, spent = context or Context(threads=1), time.perf_counter(), time.process_time()
     result = run.function(context, **run.parameters)

@@ -51,11 +51,11 @@ def processor() -> str:
 def device() -> dict[str, str]:
     """Name and driver of the CUDA device, as the driver's own library tells them."""
     words = ("name", "driver_version")
-    said = told("nvidia-smi", f"--query-gpu={','.join(words)}", "--format=csv,noheader") or ""
+    said = output_of("nvidia-smi", f"--query-gpu={','.join(words)}", "--format=csv,noheader") or ""
     return dict(zip(words, (part.strip() for part in said.partition("\n")[0].split(","))))
 
 
-def told(*command: str) -> str | None:
+def output_of(*command: str) -> str | None:
     """What a program prints; None where it is not there or fails."""
     try:
         return subprocess.run(command, capture_output=True, text=True, timeout=20, check=True).stdout.strip()

@@ -151,7 +151,7 @@ def run_to(simulation: Simulation, time: float) -> None:
 
 def medians(function: Callable[[], Any], there: Backend, repeats: int) -> tuple[float, float]:
     """(median, median deviation) of wall seconds of a call, after one that compiles."""
-    return middle(beside({"": function}, there, repeats)[""])
+    return median_and_mad(beside({"": function}, there, repeats)[""])
 
 
 def beside(programs: Mapping[str, Callable[[], Any]], there: Backend, turns: int) -> dict[str, list[float]]:
@@ -168,7 +168,7 @@ def beside(programs: Mapping[str, Callable[[], Any]], there: Backend, turns: int
     return spent
 
 
-def middle(spent: list[float]) -> tuple[float, float]:
+def median_and_mad(spent: list[float]) -> tuple[float, float]:
     """(median, median deviation)."""
     found = float(np.median(spent))
     return found, float(np.median(np.abs(np.array(spent) - found)))

@@ -155,9 +155,9 @@ def systems(edge: int = EDGE) -> dict[str, Callable[[], refsim.Scene]]:
         return spinning_block(edge, 0.5)
 
     def melting() -> refsim.Scene:
-        from validation.experiments.melting.scene import made, shared_tank
+        from validation.experiments.melting.scene import make_scene, shared_tank
 
-        return made(shared_tank("figure_6", 2.55 * edge / 100, 1 / 3))
+        return make_scene(shared_tank("figure_6", 2.55 * edge / 100, 1 / 3))
 
     def mpm() -> refsim.Scene:
         cell = 1 / 64
@@ -277,7 +277,7 @@ def neighbourhood(simulation: refsim.Simulation) -> tuple[int, float, float]:
     counts = simulation.backend.host(listed.count)
     rows = np.random.default_rng(0).choice(n, min(n, 2000), replace=False)
     position = simulation.backend.host(simulation.fields["position"]).astype(float)
-    sampled = device.seen(listed.entries).reshape(-1, n)[:, device.library().asarray(rows)]
+    sampled = device.as_cupy(listed.entries).reshape(-1, n)[:, device.cupy_or_numpy().asarray(rows)]
     entries = np.asarray(sampled.get() if hasattr(sampled, "get") else sampled)
     within = 0
     for column, i in enumerate(rows):
@@ -329,7 +329,7 @@ def stages(simulation: refsim.Simulation, rebuilt: float, repeats: int = 20) -> 
     forces = [(name, call) for name, rare, call in simulation.force_calls if not rare]
     motion = [("sph.extremes", simulation.extremes_call), *simulation.motion_calls]
     for name, call in [*simulation.begin_calls, *forces, *motion]:
-        repeated = device.Recorded(call)
+        repeated = device.CudaGraph(call)
         repeated()  # compiles
         repeated()  # records
         first = mark()

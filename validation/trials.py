@@ -20,7 +20,7 @@ import numpy as np
 
 from refsim import Plan, Scene, Simulation
 from refsim.core.errors import InputError, RunStopped
-from refsim.engine.stock import check_particles
+from refsim.engine.conserved_totals import check_particles
 from refsim.scene.plan import make_plan
 from validation.checks import FAILS, PASS, REFUSED, STOPPED, WARNED
 from validation.results import Result

@@ -119,7 +119,7 @@ class CudaBackend(Backend):
         self.device.invert(order, places)
 
     def library(self) -> tuple[Any, Callable[[Any], Any], Callable[[Any], Any]]:
-        return self.device.library(), self.device.seen, self.device.wrapped
+        return self.device.cupy_or_numpy(), self.device.as_cupy, self.device.as_numba
 
     def synchronize(self) -> None:
         self.cuda.synchronize()

@@ -319,7 +319,9 @@ class Kernel:
         """The loop as a function whose source is a file of the cache folder, where Numba's cache looks for it."""
         source = getattr(sys.modules[self.__module__], "__file__", None) or self.body.__code__.co_filename
         named = self._named(backend)
-        function = plain.made(self.source(backend), self.__name__, pathlib.Path(source), self.__module__, named)
+        function = plain.function_of_text(
+            self.source(backend), self.__name__, pathlib.Path(source), self.__module__, named
+        )
         function.__doc__ = self.__doc__
         return function
 

@@ -13,15 +13,15 @@ import numpy as np
 
 from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel, overloaded
 from refsim.backends.primitives import set_four, sum_before
-from refsim.backends.runtime import branch, library, on_branch, own_stream, simulated
+from refsim.backends.runtime import branch, cupy_or_numpy, on_branch, own_stream, simulated
 
 
-def seen(array: Any) -> Any:
+def as_cupy(array: Any) -> Any:
     """A device array as the library's own, without a copy (the simulator copies)."""
-    return array.copy_to_host() if simulated() else library().asarray(array)
+    return array.copy_to_host() if simulated() else cupy_or_numpy().asarray(array)
 
 
-def wrapped(array: Any) -> Any:
+def as_numba(array: Any) -> Any:
     """One of the library's arrays as a device array on the default stream, without a copy and without waiting."""
     if simulated():
         return cuda.to_device(array)
@@ -31,13 +31,13 @@ def wrapped(array: Any) -> Any:
 
 def empty(shape: Any, dtype: Any) -> Any:
     """A device array whose values are not set, out of the library's memory pool."""
-    return wrapped(library().empty(shape, dtype))
+    return as_numba(cupy_or_numpy().empty(shape, dtype))
 
 
 def free_bytes() -> float:
     """Free device memory [bytes]."""
     if not simulated():
-        library().get_default_memory_pool().free_all_blocks()
+        cupy_or_numpy().get_default_memory_pool().free_all_blocks()
     return cuda.current_context().get_memory_info()[0]
 
 
@@ -45,9 +45,9 @@ def stable_order(keys: Any, out: Any = None) -> Any:
     """Permutation (n,) int64 that sorts the int64 `keys`; equal keys keep their order (radix sort)."""
     if not keys.shape[0]:
         return empty(0, np.int64) if out is None else out
-    order = library().argsort(seen(keys), kind="stable")
+    order = cupy_or_numpy().argsort(as_cupy(keys), kind="stable")
     if out is None:
-        return wrapped(order)
+        return as_numba(order)
     _put(order, out)
     return out
 
@@ -128,7 +128,7 @@ def _put(values: Any, out: Any) -> None:
     if simulated():
         out.copy_to_device(values)
     else:
-        seen(out)[...] = values
+        as_cupy(out)[...] = values
 
 
 _recording = False  # whether launches are being recorded as a graph
@@ -170,12 +170,12 @@ def side_by_side(*calls: Callable[[], None]) -> None:
 
 def _event() -> Any:
     """An event behind all launches so far on the present branch."""
-    event = library().cuda.Event(disable_timing=True)
+    event = cupy_or_numpy().cuda.Event(disable_timing=True)
     event.record(own_stream())
     return event
 
 
-class Recorded:
+class CudaGraph:
     """A call that launches kernels only, as one CUDA graph: launched one by one at first, then recorded, then replayed.
 
     The launches must use the same arrays and numbers every time, allocate nothing and not wait for the device. In the
@@ -204,21 +204,21 @@ class Recorded:
                 self.graph = stream.end_capture()
         self.graph.launch(stream)
 
-    def renewed(self) -> "Recorded":
+    def renewed(self) -> "CudaGraph":
         """The same call after its arrays have been replaced: it is recorded again."""
-        new = Recorded(self.call, self.whole)
+        new = CudaGraph(self.call, self.whole)
         new.called = self.called
         return new
 
 
-class Mirror:
+class PinnedCopy:
     """A small device array and a copy of it on the host, which `send` updates asynchronously."""
 
     def __init__(self, array: Any) -> None:
         self.array = array
         self.values = self.there = np.zeros(array.shape, array.dtype)
         if not simulated():
-            memory = library().cuda.alloc_pinned_memory(self.values.nbytes)  # which kernels can write
+            memory = cupy_or_numpy().cuda.alloc_pinned_memory(self.values.nbytes)  # which kernels can write
             self.values = np.frombuffer(memory, array.dtype, self.values.size).reshape(array.shape)
             place = {"shape": array.shape, "typestr": array.dtype.str, "data": (memory.ptr, False), "version": 3}
             self.there = cuda.from_cuda_array_interface(place, memory, sync=False)
@@ -237,11 +237,11 @@ class Mirror:
         return self.values
 
 
-class Mark:
+class Event:
     """A CUDA event: a point in the sequence of launches that the host can wait for."""
 
     def __init__(self) -> None:
-        self.event = None if simulated() else library().cuda.Event(disable_timing=True)
+        self.event = None if simulated() else cupy_or_numpy().cuda.Event(disable_timing=True)
 
     def set(self) -> None:
         """Record the event after all launches so far."""
@@ -256,7 +256,7 @@ class Mark:
 
 def head(array: Any, count: int) -> Any:
     """The first rows of a device array, without a copy."""
-    return array[:count] if simulated() else wrapped(seen(array)[:count])
+    return array[:count] if simulated() else as_numba(as_cupy(array)[:count])
 
 
 def address(array: Any) -> Any:
@@ -440,4 +440,4 @@ class Rows:
 
 def largest(values: Any) -> int:
     """Largest of the integer `values`, 0 if there are none; waits for the device."""
-    return int(seen(values).max()) if values.shape[0] else 0
+    return int(as_cupy(values).max()) if values.shape[0] else 0

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backends.fast.private import lose, lost, names
+from refsim.backends.fast.private import disable_private, lost, names
 from refsim.backends.runtime import branch, stream
 
 SCALARS = {
@@ -57,7 +57,7 @@ def direct_launch(dispatcher: Any, arguments: tuple) -> Launch | None:
     try:
         return Launch(dispatcher, arguments)
     except (AttributeError, ImportError, KeyError, TypeError) as error:
-        lose("launch", str(error) or type(error).__name__)
+        disable_private("launch", str(error) or type(error).__name__)
         if not _warned:
             _warned.append(lost()["launch"])
             warnings.warn(_warned[0], stacklevel=3)

@@ -35,7 +35,7 @@ def chosen() -> bool:
     return False
 
 
-def made(
+def function_of_text(
     text: str, name: str, source: pathlib.Path, module: str, space: Mapping[str, Any] = MappingProxyType({})
 ) -> Any:
     """The function of this name of a text, which becomes a file of the cache folder, where Numba's cache looks.
@@ -86,7 +86,7 @@ class PlainKernel:
         text = text.replace("parallel=True, ", "") if alone else text
         module = sys.modules[self.origin[0]]
         source = pathlib.Path(getattr(module, "__file__", None) or self.wrapper.__code__.co_filename)
-        loop = made(text, self.wrapper.__name__, source, self.origin[0])
+        loop = function_of_text(text, self.wrapper.__name__, source, self.origin[0])
         if hasattr(loop, "py_func"):
             loop = cached(loop, loop.py_func, self.origin)
             loop.written_for = kinds, alone

@@ -62,8 +62,8 @@ class Reduction(Kernel):
 
     def __init__(self, function: Callable, *, into: str, how: str, rows: str) -> None:
         super().__init__(function)
-        self.into, self.how, self.given = into, how.split(), self.arguments
-        self.arguments, self.rows = [*self.given, into], into
+        self.into, self.how, self.body_arguments = into, how.split(), self.arguments
+        self.arguments, self.rows = [*self.body_arguments, into], into
         self.options["cuda"]["rows_of"] = rows
         signature = inspect.signature(function)
         last = inspect.Parameter(into, inspect.Parameter.POSITIONAL_OR_KEYWORD)
@@ -83,7 +83,7 @@ class Reduction(Kernel):
             "written": [line for k, kind in kinds for line in last[kind].format(k=k, into=into).splitlines()],
         }
         return filled_in(
-            CPU if on_cpu else CUDA, lines, name=self.__name__, given=", ".join(self.given), into=into,
+            CPU if on_cpu else CUDA, lines, name=self.__name__, given=", ".join(self.body_arguments), into=into,
             rows=self.options["cuda"]["rows_of"],
             values=", ".join(f"t{k}" for k, _ in kinds),
             grown=" or ".join(f"s{k}" if kind == "count" else f"s{k} > {into}[{k}]" for k, kind in kinds),

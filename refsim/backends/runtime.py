@@ -21,14 +21,14 @@ def array_library() -> str:
 
 
 @functools.cache
-def library() -> Any:
+def cupy_or_numpy() -> Any:
     """CuPy; NumPy in the simulator."""
     return importlib.import_module("numpy" if simulated() else "cupy")
 
 
 @functools.cache
 def _stream_of(branch: int) -> Any:
-    return None if simulated() else library().cuda.Stream(non_blocking=False)
+    return None if simulated() else cupy_or_numpy().cuda.Stream(non_blocking=False)
 
 
 def own_stream() -> Any:

@@ -59,11 +59,11 @@ class Places:
 
     def __init__(self) -> None:
         self.threads: list[int] | None = None  # until they are started
-        self.own: list[int] = []  # a processor for each, where each is to have one
+        self.pinned_to: list[int] = []  # a processor for each, where each is to have one
         self.free: list[set[int]] = []  # processors of each outside of the blocks
         self.pinned = False
         self.number = 0  # of threads in the block that is under way
-        self.seen = (0.0, 0.0)  # time of the last look [s], and what other programs had taken [s of a processor]
+        self.last_look = (0.0, 0.0)  # time of the last look [s], and what other programs had taken [s of a processor]
 
     @contextmanager
     def used(self, number: int) -> Iterator[None]:
@@ -82,29 +82,29 @@ class Places:
         try:
             if number != before:  # a call takes microseconds
                 numba.set_num_threads(number)
-            self._pin(pinned or number == len(self.own))
+            self._pin(pinned or number == len(self.pinned_to))
             yield
         finally:
             self.number = around
-            self._pin(pinned and bool(self.own))
+            self._pin(pinned and bool(self.pinned_to))
             if number != before:
                 numba.set_num_threads(before)
 
     def keep(self) -> None:
         """Pin the threads, or let them move, by what other programs took since the last look."""
-        at, (before, taken) = time.perf_counter(), self.seen
+        at, (before, taken) = time.perf_counter(), self.last_look
         if not self.threads or at < before + LOOK:
             return
         import numba
 
         try:
             mask = sorted(os.sched_getaffinity(0))
-            self.seen = at, _busy(mask) - time.process_time()
-            alone = not before or self.seen[1] - taken < OTHERS * (at - before)
+            self.last_look = at, _busy(mask) - time.process_time()
+            alone = not before or self.last_look[1] - taken < OTHERS * (at - before)
             pin = alone and 1 < len(mask) == len(self.threads) == numba.get_num_threads()
         except (AttributeError, OSError, ValueError):  # a system without these
-            mask, pin, self.seen = [], False, (math.inf, 0.0)
-        self.own = mask if pin else []
+            mask, pin, self.last_look = [], False, (math.inf, 0.0)
+        self.pinned_to = mask if pin else []
         self._pin(pin)
 
     def _pin(self, pin: bool) -> None:
@@ -114,10 +114,10 @@ class Places:
         with suppress(OSError):  # a thread has ended, or its processors are no longer this process's
             if pin:
                 self.free = [os.sched_getaffinity(thread) for thread in self.threads]
-                if any(each != set(self.own) for each in self.free):
+                if any(each != set(self.pinned_to) for each in self.free):
                     return
             self.pinned = pin
-            for thread, processors in zip(self.threads, [{one} for one in self.own] if pin else self.free):
+            for thread, processors in zip(self.threads, [{one} for one in self.pinned_to] if pin else self.free):
                 os.sched_setaffinity(thread, processors)
 
 

@@ -28,7 +28,7 @@ HEAD = {
     "cpu": "from numba import njit, prange\n\nFAST = {fast}  # sums in any order, so that loops vectorise",
     "cuda": "from numba import cuda",
 }
-MADE = (np.empty, np.zeros, np.ones, np.full)
+ARRAY_MAKERS = (np.empty, np.zeros, np.ones, np.full)
 COMPARED: dict[type, Callable[[Any, Any], bool]] = {
     ast.Is: operator.is_, ast.IsNot: operator.is_not, ast.Eq: operator.eq, ast.NotEq: operator.ne, ast.Lt: operator.lt,
     ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge,
@@ -57,7 +57,7 @@ class Group(NamedTuple):
 
     parts: tuple[Any, ...]
     names: tuple[str, ...] = ()
-    made: Any = None
+    tuple_class: Any = None
 
 
 NONE = Known(None)
@@ -170,26 +170,26 @@ class Writer:
     """The functions, constants and classes of one text, in the order in which they must stand."""
 
     def __init__(self, backend: str) -> None:
-        self.backend, self.made, self.order = backend, dict[Any, Named](), list[Named]()
+        self.backend, self.written_parts, self.order = backend, dict[Any, Named](), list[Named]()
 
     def function(self, function: Callable, kinds: dict[str, Any], wanted: str, source: Source | None = None) -> Named:
         """A function for arguments of these kinds."""
         key = (function if source is None else id(source), tuple(kinds.items()))
-        if key not in self.made:
-            made = self.made[key] = Named(wanted, function)
+        if key not in self.written_parts:
+            made = self.written_parts[key] = Named(wanted, function)
             made.takes_arrays = any(map(holds_arrays, kinds.values()))
             body = Body(self, source or source_of(function), kinds)
             made.tree, made.result, made.locals = body.written(), body.result, body.locals
             self.order.append(made)
-        return self.made[key]
+        return self.written_parts[key]
 
     def constant(self, name: str, value: Any) -> Named:
         """A number, a tuple or a table of them, or a class."""
         key = (name, value.tobytes() if isinstance(value, np.ndarray) else value)
-        if key not in self.made:
-            self.made[key] = Named(name, value)
-            self.order.append(self.made[key])
-        return self.made[key]
+        if key not in self.written_parts:
+            self.written_parts[key] = Named(name, value)
+            self.order.append(self.written_parts[key])
+        return self.written_parts[key]
 
     def text(self, fast: Iterable[str], example: str) -> str:
         """The whole text, and an example behind it."""
@@ -250,13 +250,13 @@ class Body:
 
     def __init__(self, writer: Writer, source: Source, kinds: dict[str, Any]) -> None:
         self.writer, self.source, self.kinds = writer, source, dict(kinds)
-        self.given, self.returned = kinds, list[Any]()
+        self.argument_kinds, self.returned = kinds, list[Any]()
         self.locals = set(kinds)
 
     def written(self) -> ast.FunctionDef:
         """The function without the arguments that are not passed on."""
         tree = self.source.tree
-        kept = [ast.arg(a.arg) for a in tree.args.args if not is_fixed(self.given[a.arg])]
+        kept = [ast.arg(a.arg) for a in tree.args.args if not is_fixed(self.argument_kinds[a.arg])]
         body = self.block(tree.body)
         return ast.FunctionDef(tree.name, ast.arguments([], kept, None, [], [], None, []), body, [])
 
@@ -326,7 +326,7 @@ class Body:
         parts = [self.unpacked(member, part, before) for member, part in zip(members, kind.parts)]
         if not kind.names:
             return ast.Tuple(parts, ast.Load())
-        return ast.Call(self.writer.constant(kind.made.__name__, kind.made).node(), parts, [])
+        return ast.Call(self.writer.constant(kind.tuple_class.__name__, kind.tuple_class).node(), parts, [])
 
     def do_Assign(self, node: ast.Assign) -> list[Any]:
         value, kind = self.value(node.value)
@@ -565,7 +565,7 @@ class Body:
             )
         words = [ast.keyword(word, value) for word, (value, _) in named.items()]
         result: Any = NUMBER
-        if function in MADE:
+        if function in ARRAY_MAKERS:
             result = Array(len(kinds[0].parts) if isinstance(kinds[0], Group) else 1)
         return ast.Call(name, [part for part, _ in given], words), result
 

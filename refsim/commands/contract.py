@@ -292,7 +292,7 @@ def _whole_run(options: argparse.Namespace) -> CommandResult:
     )  # fmt: skip
     time, found, coarser = compared[:3]
     rows = [
-        (m.name, f"{m.time:.4g}", f"{m.theirs:.6g}", f"{whole_runs.middle(m.ours):.6g}",
+        (m.name, f"{m.time:.4g}", f"{m.theirs:.6g}", f"{whole_runs.midrange(m.ours):.6g}",
          *(f"{value:.2g}" for value in (m.difference, m.chaos, m.resolution)), m.unit, m.verdict)
         for m in found
     ]  # fmt: skip

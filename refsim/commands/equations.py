@@ -31,7 +31,7 @@ FOLDERS = {
 }  # fmt: skip
 
 
-class Place(NamedTuple):
+class CodeLocation(NamedTuple):
     """A function of refsim."""
 
     module: str
@@ -47,8 +47,8 @@ class Equation:
     printed: str
     reading: str
     reason: str
-    references: tuple[Place, ...]
-    kernels: tuple[Place, ...]
+    references: tuple[CodeLocation, ...]
+    kernels: tuple[CodeLocation, ...]
     operations: tuple[str, ...]
 
     @property
@@ -58,7 +58,7 @@ class Equation:
 
 
 @functools.cache
-def _functions() -> dict[Place, tuple[str, int]]:
+def _functions() -> dict[CodeLocation, tuple[str, int]]:
     """Every function of the modules that hold equations: its docstring, and its line in the file."""
     found = {}
     for path in sorted(ROOT.rglob("*.py")):
@@ -67,21 +67,21 @@ def _functions() -> dict[Place, tuple[str, int]]:
             for node in ast.parse(path.read_text(encoding="utf-8")).body:
                 words = ast.get_docstring(node) if isinstance(node, ast.FunctionDef) else None
                 if isinstance(node, ast.FunctionDef) and words:
-                    found[Place(module, node.name)] = words, node.lineno
+                    found[CodeLocation(module, node.name)] = words, node.lineno
     return found
 
 
 @functools.cache
-def _places(name: str) -> tuple[list[Place], Place]:
+def _places(name: str) -> tuple[list[CodeLocation], CodeLocation]:
     """Equations of an operation's reference, or the whole where it is one function; its program on a CPU."""
     operation = REGISTRY[name]
-    found = [Place(f.__module__, f.__name__) for f in operation.equations()]
+    found = [CodeLocation(f.__module__, f.__name__) for f in operation.equations()]
     equations = [place for place in found if place.module.split(".")[1] not in SEARCHES]
     whole, entry = (
-        Place(f"{operation.folder}.{operation.entry('numpy').module}", operation.function),
+        CodeLocation(f"{operation.folder}.{operation.entry('numpy').module}", operation.function),
         operation.entry("cpu"),
     )
-    program = Place(f"{entry.folder or operation.folder}.{entry.module}", entry.function or operation.function)
+    program = CodeLocation(f"{entry.folder or operation.folder}.{entry.module}", entry.function or operation.function)
     return equations or [whole], program
 
 
@@ -138,13 +138,13 @@ def _label(number: str) -> re.Pattern[str]:
     return re.compile(rf"(?:\bM|Shao & Song |^){words[1:]}" if number[:2] == "M(" else rf"(?<!\w){words}(?!\w)")
 
 
-def _kinds(places: Iterable[Place]) -> tuple[list[Place], list[Place]]:
+def _kinds(places: Iterable[CodeLocation]) -> tuple[list[CodeLocation], list[CodeLocation]]:
     """References, and the rest."""
     references = [place for place in places if place.module.rpartition(".")[2] in JUDGES]
     return references, [place for place in places if place not in references]
 
 
-def _near(references: list[Place], kernels: list[Place]) -> list[Place]:
+def _near(references: list[CodeLocation], kernels: list[CodeLocation]) -> list[CodeLocation]:
     """Kernels beside the references, and of those what they do for one neighbour, where there are such."""
     folders = {place.module.rpartition(".")[0] for place in references}
     beside = [place for place in kernels if place.module.rpartition(".")[0] in folders] or kernels
@@ -199,7 +199,7 @@ def _cells_of(operation: Operation) -> tuple[str, ...]:
     return (*named, _listed(references, True), _listed([program], True))
 
 
-def _listed(places: Iterable[Place], lines: bool) -> str:
+def _listed(places: Iterable[CodeLocation], lines: bool) -> str:
     """Functions by file."""
     files: dict[str, list[str]] = {}
     for place in places:

@@ -11,7 +11,7 @@ import numpy as np
 
 from refsim.commands import CommandResult, command, in_bytes, in_time, planned, table, takes
 from refsim.core import capabilities
-from refsim.core.capabilities import HoldsOtherMemory, having
+from refsim.core.capabilities import HoldsOtherMemory, effects_with
 from refsim.core.effect import Effect, Extremes
 from refsim.core.errors import InputError
 from refsim.core.fields import BASE
@@ -78,7 +78,9 @@ def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
         "effects": {name: _brings(plan, name, steps) for name in plan.effects},
         "neighbour_list": neighbours,
         "bytes": bytes_of(plan, backend),
-        "not_counted": [held for effect in having(plan.effects, HoldsOtherMemory) if (held := effect.other_memory())],
+        "not_counted": [
+            held for effect in effects_with(plan.effects, HoldsOtherMemory) if (held := effect.other_memory())
+        ],
         "step": steps,
         "end_time": scene.end_time,
         "gauges": _listed(scene.gauge),

@@ -12,7 +12,7 @@ from typing import Any
 
 from refsim.commands import CommandResult, command, in_time, planned, table, takes
 from refsim.core.errors import InputError, RunStopped
-from refsim.core.stopping import Interrupted, heeding
+from refsim.core.stopping import Interrupted, handling_signals
 from refsim.core.terminal import say
 from refsim.engine.driver import RunReport, simulate
 from refsim.engine.progress import Progress, compiling_bar
@@ -123,7 +123,7 @@ def _asked_to_stop() -> Iterator[threading.Event]:
         with suppress(OSError):  # of a terminal that has closed
             say("\nstopping after this step, with a checkpoint; Ctrl-C again stops at once")
 
-    with heeding(ask):
+    with handling_signals(ask):
         yield asked
 
 

@@ -16,7 +16,7 @@ from refsim.study import KNOBS
 from refsim.study.convergence import Reference
 from refsim.study.panels import abouts, panel
 from refsim.study.panels import measured as measuring
-from refsim.study.panels.making import MADE
+from refsim.study.panels.scene_factories import SCENE_FACTORIES
 from refsim.study.panels.scenes import PACKED, packaged
 
 DESCRIPTION = """Run a scene at several spacings, and with every other setting changed alone, and say how accurate the
@@ -51,7 +51,7 @@ def execute(options: argparse.Namespace) -> CommandResult:
     scene: Scene | str = options.scene
     reference = None
     if options.scene in abouts() and not Path(options.scene).is_file():
-        if options.points is not None or options.scene in PACKED.union(MADE):
+        if options.points is not None or options.scene in PACKED.union(SCENE_FACTORIES):
             return _points(options)
         scene = _packaged(options)
         reference = Reference(*panel(options.scene).reference(), panel(options.scene).about.reference)

@@ -16,7 +16,7 @@ from refsim.contract.programs import Programs as Programs
 from refsim.contract.programs import Step as Step
 from refsim.contract.programs import ladder as ladder
 from refsim.contract.programs import load as load
-from refsim.contract.programs import own as own
+from refsim.contract.programs import refsim_programs as refsim_programs
 from refsim.contract.programs import trials as trials
 from refsim.contract.resuming import resumes as resumes
 from refsim.contract.target import Outcome as Outcome

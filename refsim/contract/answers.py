@@ -267,13 +267,13 @@ def _another(
         return None  # a table with another number of rows than the case's
     before, after = target.launch(*given)
     judged = Judged(inputs, before, after, right, errors(operation, inputs, before, after, answer=right))
-    if usual is not None and not worst(judged.found) <= 1:
+    if usual is not None and not worst(judged.ratios) <= 1:
         same = usual()
         if all(value.shape == same[n][0].shape for n, (value, _) in right.items()) and (
             worst(errors(operation, inputs, before, after, answer=same)) <= 1
         ):
             words = f"your program's answer does not follow {member}"
-            return target.outcome(worst(judged.found), words, telling=True)
+            return target.outcome(worst(judged.ratios), words, telling=True)
     return judgement(target, judged)
 
 

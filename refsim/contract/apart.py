@@ -62,7 +62,7 @@ class Request:
 
 
 @dataclass(frozen=True)
-class About:
+class LibraryDescription:
     """A library as its process describes it: `names` are judged, `offered` has programs (None: refsim's own).
 
     declared  what it is declared to support: see `refsim.contract.report.gaps`
@@ -75,7 +75,7 @@ class About:
     declared: dict[str, list[Any]]
 
 
-def judge(request: Request) -> tuple[About, Iterator[Outcome]]:
+def judge(request: Request) -> tuple[LibraryDescription, Iterator[Outcome]]:
     """(what the library is, outcomes of the ladder as they come, operation by operation).
 
     A trial whose program ends its process or does not return in time fails; another process goes on behind it, at most
@@ -83,9 +83,9 @@ def judge(request: Request) -> tuple[About, Iterator[Outcome]]:
     fit it.
     """
     if request.source in SHARED and not request.replay:
-        from refsim.contract.programs import own
+        from refsim.contract.programs import refsim_programs
 
-        about = _described(own(request.source), request)
+        about = _described(refsim_programs(request.source), request)
         return about, _merged(about, request)
     child = _Child(request, request.operations)
     shared = request.processes > 1 and not request.replay
@@ -100,17 +100,17 @@ def judge(request: Request) -> tuple[About, Iterator[Outcome]]:
     return about, _outcomes(child, about.names, about.arrays, request)
 
 
-def _described(programs: Any, request: Request) -> About:
+def _described(programs: Any, request: Request) -> LibraryDescription:
     """What the programs are; InputError if they do not fit the request."""
     from refsim.contract.programs import checked_request
 
     names = list(checked_request(programs, request))
     offered = None if programs.programs is None else list(programs.programs)
     declared = {key: list(getattr(programs, key)) for key in ("dtypes", "dims", "kernels", "left_out")}
-    return About(programs.name, programs.arrays, names, offered, declared)
+    return LibraryDescription(programs.name, programs.arrays, names, offered, declared)
 
 
-def _merged(about: About, request: Request) -> Iterator[Outcome]:
+def _merged(about: LibraryDescription, request: Request) -> Iterator[Outcome]:
     """Outcomes as they come, of processes that each judge a part of the operations."""
     found: queue.SimpleQueue[Outcome | BaseException | None] = queue.SimpleQueue()
     stopped = threading.Event()
@@ -145,14 +145,14 @@ def _merged(about: About, request: Request) -> Iterator[Outcome]:
             thread.join()
 
 
-def _about(child: "_Child", request: Request) -> About:
+def _about(child: "_Child", request: Request) -> LibraryDescription:
     try:
         while True:
             kind, value = child.message(request.seconds)
             if kind == "refused":
                 raise InputError(value)
             if kind == "about":
-                return About(**value)
+                return LibraryDescription(**value)
     except _Gone as gone:
         raise InputError(f"{request.source} cannot be imported: {gone}.") from None
 
@@ -276,7 +276,7 @@ def _work(pipe: Any, request: Request, path: list[str]) -> None:
     """Import and judge. What programs print goes to standard error, which is no report; nothing is typed into them."""
     from refsim.contract import drawn
     from refsim.contract import programs as library
-    from refsim.contract.binding import told
+    from refsim.contract.binding import error_line
     from refsim.contract.export import write_replay
 
     os.setsid()  # what programs start ends with this process
@@ -307,7 +307,7 @@ def _work(pipe: Any, request: Request, path: list[str]) -> None:
             tell("refused", str(error))
             return
         except BaseException as error:
-            tell("refused", f"{request.source} cannot be imported: {told(error)}.")
+            tell("refused", f"{request.source} cannot be imported: {error_line(error)}.")
             return
         tell("about", dataclasses.asdict(about))
         for operation in about.names:
@@ -337,7 +337,7 @@ def _work(pipe: Any, request: Request, path: list[str]) -> None:
         code = 0
     except BaseException as error:
         with contextlib.suppress(BaseException):
-            tell("fault", str(error) if isinstance(error, InputError) else told(error, "it ended its step by"))
+            tell("fault", str(error) if isinstance(error, InputError) else error_line(error, "it ended its step by"))
     finally:
         with contextlib.suppress(BaseException):
             sys.stdout.flush()

@@ -16,7 +16,7 @@ OWNED = "owned"  # number of the particles that a rank owns; those behind them a
 Convert = Callable[[Any], Any]
 
 
-def told(error: BaseException, how: str = "") -> str:
+def error_line(error: BaseException, how: str = "") -> str:
     """An exception of another's code on one line of printable characters."""
     try:
         text = str(error)[:MOST_TOLD]
@@ -50,14 +50,14 @@ def by_name(
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # SystemExit is a failure of the program, and no end of the ladder
-            raise ProgramFailed(told(error, "it raised")) from error
+            raise ProgramFailed(error_line(error, "it raised")) from error
         try:
             if returned is not None:
                 _hand_over(returned, operation, given, arrays)
         except ProgramFailed:
             raise
         except Exception as error:  # an object of its own kind
-            raise ProgramFailed(told(error, "its answer raised")) from error
+            raise ProgramFailed(error_line(error, "its answer raised")) from error
 
     call.arguments = names[:-1]  # type: ignore[attr-defined]
     call.takes = frozenset({*ordered, *named})  # type: ignore[attr-defined]

@@ -40,15 +40,15 @@ NUMBERED = {
 
 def judgement(target: Target, judged: Judged) -> Outcome:
     """The outcome of an answer with its traits; of a wrong one with its signs and the values of its worst row."""
-    error, told, more = worst(judged.found), named_worst(judged.found, judged.rows), dict[str, Any]()
+    error, told, more = worst(judged.ratios), named_worst(judged.ratios, judged.rows), dict[str, Any]()
     with np.errstate(all="ignore"):  # which a library may have changed for the whole process
         traits = traits_of(target, judged)
         if not error <= 1 and not target.faults:
-            began, sought, wrong = time.process_time(), target.sought, Wrong(target, judged)
+            began, sought, wrong = time.process_time(), target.sought, Diagnosis(target, judged)
             most = MOST_SOUGHT if len(judged.inputs["position"]) >= CAPACITY else 3  # few particles say less
             traits["sought"] = sought.answers < most and sought.seconds < MOST_SEEKING
             signs = tuple(wrong.signs(traits["sought"]))
-            told, more = signs[0] if signs else wrong.words, {"signs": signs, "values": wrong.values()}
+            told, more = signs[0] if signs else wrong.headline, {"signs": signs, "values": wrong.values()}
             sought.answers, sought.seconds = sought.answers + 1, sought.seconds + time.process_time() - began
     return target.outcome(error, told, telling=judged.telling, traits=traits, **more)
 
@@ -58,7 +58,7 @@ def traits_of(target: Target, judged: Judged) -> dict[str, Any]:
     inputs, operation, x = judged.inputs, target.operation, judged.inputs["position"]
     rows = np.arange(len(x)) if judged.rows is None else judged.rows
     wrong, telling = np.zeros(len(rows), bool), np.zeros(len(rows), bool)
-    for name, ratio in judged.found.items():
+    for name, ratio in judged.ratios.items():
         if 0 < len(rows) == len(ratio) == len(judged.answer[name][0]):
             wrong |= ~(np.asarray(ratio).reshape(len(rows), -1) <= 1).all(1)
             telling |= np.any(judged.answer[name][0].reshape(len(rows), -1) != 0, axis=1)
@@ -78,7 +78,7 @@ def traits_of(target: Target, judged: Judged) -> dict[str, Any]:
     whole = {f"in {inputs.case.dim} dimensions": 1, f"in {target.dtype}": 1, "particles": len(x)}
     whole |= {f"with {n}": 1 for n in operation.optional if n in given and (n != "walls" or len(inputs[n].position))}
     whole |= {f"with the kernel {name}": 1 for name, number in SHAPES.items() if number in shapes}
-    passed, found = worst(judged.found) <= 1, dict[str, Any]()
+    passed, found = worst(judged.ratios) <= 1, dict[str, Any]()
     for name, values in numbers.items():
         right = np.sort(values[telling & ~wrong])
         some = right[np.linspace(0, len(right) - 1, min(len(right), 11)).astype(int)].tolist()
@@ -133,13 +133,13 @@ def apart(key: str, told: Sequence[Outcome], wrong: Sequence[Outcome]) -> tuple[
     return most, least, 1 - sum(below) / max(len(below), 1), sum(share > 0 for share in below)
 
 
-class Wrong:
+class Diagnosis:
     """The worst output of a wrong answer. Arrays have one row for each particle that is compared."""
 
     def __init__(self, target: Target, judged: Judged) -> None:
         self.target, self.judged, self.inputs, self.operation = target, judged, judged.inputs, target.operation
-        self.name = max(judged.found, key=lambda n: float(np.max(judged.found[n], initial=0.0)))
-        ratio = np.asarray(judged.found[self.name])
+        self.name = max(judged.ratios, key=lambda n: float(np.max(judged.ratios[n], initial=0.0)))
+        ratio = np.asarray(judged.ratios[self.name])
         self.ratio, self.every = ratio.reshape(len(ratio), -1).max(1), np.arange(len(ratio))
         sampled = judged.rows is not None and len(judged.rows) == len(ratio)
         self.number = np.asarray(judged.rows) if sampled else self.every
@@ -154,15 +154,15 @@ class Wrong:
         bound = self.error / np.where(self.ratio > 0, self.ratio, np.nan)
         self.bound = np.where(np.isfinite(bound), bound, np.nanmedian(bound) if np.isfinite(bound).any() else 0.0)
         self.taken, self.count = self.operation.arguments("numpy"), len(self.inputs["position"])
-        self.own = self.inputs.per_particle(self.name)
-        self.sums = self.own and takes_neighbours(self.operation)
+        self.per_particle = self.inputs.per_particle(self.name)
+        self.sums = self.per_particle and takes_neighbours(self.operation)
         per = [n for n in self.taken if n != "position" and self.inputs.per_particle(n) and self.inputs[n] is not None]
         self.fields = [n for n in per if self.inputs[n].dtype.kind == "f"]
-        self.words = f"your program gives a wrong {self.name} in {self.wrong.sum()} of {self.wrong.size} rows"
+        self.headline = f"your program gives a wrong {self.name} in {self.wrong.sum()} of {self.wrong.size} rows"
 
     def signs(self, deep: bool) -> list[str]:
         """The first sign that there is; with `deep` oracle and program are called."""
-        deep = self.own and deep and self.count <= MOST_PARTICLES
+        deep = self.per_particle and deep and self.count <= MOST_PARTICLES
         for seek in SOUGHT if deep else ("plain", "shown", "sized"):
             with contextlib.suppress(*REFUSED):
                 if found := list(itertools.islice(getattr(self, seek)(), 1)):
@@ -181,7 +181,12 @@ class Wrong:
             yield f"your program gives {name} that is NaN or infinite ({broken.sum()} of {broken.size} rows){where}"
         elif self.adds and np.any(self.before) and self.agrees(self.right - self.before, self.every):
             yield f"your program overwrites {name}; it must add to what stands there"
-        elif self.own and self.judged.rows is None and 2 * first > self.count > CAPACITY and self.wrong[first:].all():
+        elif (
+            self.per_particle
+            and self.judged.rows is None
+            and 2 * first > self.count > CAPACITY
+            and self.wrong[first:].all()
+        ):
             yield f"the last rows of {name} are wrong, from row {first} on"
 
     def shown(self) -> Iterator[str]:

@@ -53,7 +53,7 @@ def drawn_inputs(target: Target) -> Iterator[Trial]:
     if target.seed is not None and target.variant == 0 and takes_neighbours(target.operation) and target.loader:
         if ("float32", "float64")[target.seed % 2] == target.dtype:
             yield Trial(f"drawn {target.seed}.many", functools.partial(_many, target))
-        if target.by_ranks and target.operation.reach == 1:
+        if target.by_ranks and target.operation.halo_depth == 1:
             name = f"drawn {target.seed}.ranks"
             yield Trial(name, functools.partial(_by_ranks, target, name))
 

@@ -56,7 +56,7 @@ def in_c(kind: str) -> str:
     return C.get(split(kind)[0], f"{split(kind)[0]}_t")
 
 
-def told(row: Argument) -> str:
+def argument_comment(row: Argument) -> str:
     """What an argument or member is, in one comment; numbers of rows that differ from run to run are left out."""
     shape = split(row.kind)[1]
     sizes = f" ({', '.join(shape)})" if shape and not shape[0].isdecimal() else ""
@@ -77,12 +77,14 @@ def header(operation: Operation) -> str:
         const = "const " if row.role == "in" else ""
         if not members:
             pointer = "*" if split(row.kind)[1] else ""
-            taken.append(f"{const if pointer else ''}{in_c(row.kind)} {pointer}{argument} /* {told(row)} */")
+            taken.append(
+                f"{const if pointer else ''}{in_c(row.kind)} {pointer}{argument} /* {argument_comment(row)} */"
+            )
             continue
         lines += [f"#ifndef REFSIM_{argument.upper()}", f"#define REFSIM_{argument.upper()}", "typedef struct {"]
         for m in members:
             kind = f"const {in_c(m.kind)} *" if split(m.kind)[1] else f"{in_c(m.kind)} "
-            lines.append(f"    {kind}{m.name.partition('.')[2]}; /* {told(m)} */")
+            lines.append(f"    {kind}{m.name.partition('.')[2]}; /* {argument_comment(m)} */")
         lines += ["    int64_t rows; /* of its first array */", f"}} refsim_{argument};", "#endif", ""]
         taken.append(f"const refsim_{argument} *{argument}{' /* or NULL */' if row.optional else ''}")
     words = f"/* {operation.name}: {operation.paper}, {operation.equation}"
@@ -103,13 +105,13 @@ def module(operation: Operation) -> str:
             lines.append(f"  type, bind(c) :: refsim_{argument}")
             for m in members:
                 kind = "type(c_ptr)" if split(m.kind)[1] else in_fortran(m.kind)
-                lines += [f"    ! {told(m)}", f"    {kind} :: {m.name.partition('.')[2]}"]
+                lines += [f"    ! {argument_comment(m)}", f"    {kind} :: {m.name.partition('.')[2]}"]
             lines += ["    ! of its first array", "    integer(c_int64_t) :: rows", "  end type"]
             taken.append(f"      type(refsim_{argument}), intent(in){optional} :: {argument}")
             continue
         intent, shape = "in" if row.role == "in" else "inout", ", ".join(reversed(split(row.kind)[1]))
         by = f", intent({intent}){optional} :: {argument}({shape})" if shape else f", value :: {argument}"
-        taken += [f"      ! {told(row)}", f"      {in_fortran(row.kind)}{by}"]
+        taken += [f"      ! {argument_comment(row)}", f"      {in_fortran(row.kind)}{by}"]
     listed = ", &\n        ".join([*sizes(operation), *parts(operation)])
     lines += ["  interface", f"    module subroutine {function_of(operation)}( &\n        {listed}) bind(c)", *taken]
     return "\n".join([*lines, "    end subroutine", "  end interface", "end module", ""])

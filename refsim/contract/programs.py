@@ -18,14 +18,14 @@ from pathlib import Path
 from typing import Any
 
 from refsim.contract.answers import extended, usual_value
-from refsim.contract.binding import by_name, told
+from refsim.contract.binding import by_name, error_line
 from refsim.contract.inputs import Inputs, backend_for
 from refsim.contract.ladder import STEPS, performed, planned
 from refsim.contract.parameters import KERNELS, groups_of, shape_acts
 from refsim.contract.target import Outcome, Target, Trial
 from refsim.core import cases
 from refsim.core.errors import InputError
-from refsim.core.operation import BACKENDS, REGISTRY, Made, Operation, backend_of
+from refsim.core.operation import BACKENDS, REGISTRY, CaseValue, Operation, backend_of
 from refsim.smoothing import SHAPES
 
 GROUP = "refsim.contract"  # of entry points
@@ -114,7 +114,7 @@ class Programs:
         for name in self.left_out:
             if name in given and variant.get(name, name) is not None:
                 return f"with {name}"
-        printed = [v for v in variant.values() if isinstance(v, Made) and v.function == "as_printed"]
+        printed = [v for v in variant.values() if isinstance(v, CaseValue) and v.function == "as_printed"]
         return AS_PRINTED if printed and not self.readings else ""
 
     @property
@@ -172,7 +172,7 @@ def reads_otherwise(operation: Operation, inputs: Inputs) -> bool:
     )
 
 
-def own(backend: str) -> Programs:
+def refsim_programs(backend: str) -> Programs:
     """refsim's own programs on `backend`."""
     return Programs(None, backend, DTYPES, f"refsim on {backend}")
 
@@ -186,7 +186,7 @@ def load(source: str) -> Programs:
     Raises InputError where it cannot be imported or is no mapping from names of operations to functions.
     """
     if source in BACKENDS:
-        return own(source)
+        return refsim_programs(source)
     entries = [e for e in importlib.metadata.entry_points(group=GROUP) if e.name == source]
     place, _, attribute = source.rpartition(":") if ":" in source else (source, "", "")
     try:
@@ -202,13 +202,13 @@ def load(source: str) -> Programs:
         if isinstance(error, ModuleNotFoundError) and not entries and f"{place}.".startswith(f"{error.name}."):
             hint = "give a file (folder/file.py), a module that Python can import, or an entry point's name"
             raise InputError(f"There is no module {place!r} and no such entry point of {GROUP}; {hint}.") from None
-        raise InputError(f"{source} cannot be imported: {told(error)}.") from None
+        raise InputError(f"{source} cannot be imported: {error_line(error)}.") from None
     try:
         return _programs(found, source, place, attribute)
     except InputError:
         raise
     except Exception as error:  # so may a mapping of its own kind
-        raise InputError(f"{source} offers no usable programs: {told(error)}.") from None
+        raise InputError(f"{source} offers no usable programs: {error_line(error)}.") from None
 
 
 def programs_of(module: Any) -> Programs:

@@ -140,7 +140,7 @@ def symmetries(target: Target) -> Iterator[Trial]:
         usual = Usual(target, case)
         for name, other in descriptions(usual).items():
             yield Trial(f"{name} of {case}", functools.partial(_compared, usual, name, other))
-        for ranks in RANKS if target.by_ranks and target.operation.reach == 1 else ():
+        for ranks in RANKS if target.by_ranks and target.operation.halo_depth == 1 else ():
             yield Trial(f"{ranks} ranks with {case}", functools.partial(by_ranks, usual, ranks))
 
 
@@ -394,7 +394,7 @@ class Spoiled:
         apart = np.asarray(inputs["position"], dtype=float) - inputs["position"][row]
         period = period_of(operation, inputs)
         distance = size(apart if period is None else nearest_image(apart, period))
-        self.far = (distance > 1.1 * inputs.case.list_radius * operation.reach) & (operation.reach > 0)
+        self.far = (distance > 1.1 * inputs.case.list_radius * operation.halo_depth) & (operation.halo_depth > 0)
         self._usual = usual
 
     @functools.cached_property

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from refsim.contract.answers import extended, present
-from refsim.contract.apart import About, Request
+from refsim.contract.apart import LibraryDescription, Request
 from refsim.contract.causes import first_cause
 from refsim.contract.ladder import STEPS
 from refsim.contract.parameters import shape_acts
@@ -21,7 +21,7 @@ TOLD = 8  # failed trials that the text names for each operation; --json has all
 Found = Mapping[str, Sequence[Outcome]]
 
 
-def report(about: About, request: Request, found: Found, seconds: float) -> dict[str, Any]:
+def report(about: LibraryDescription, request: Request, found: Found, seconds: float) -> dict[str, Any]:
     """The verdicts as plain data; an operation holds where trials passed, none failed and nothing declared is left."""
     operations = {}
     for name, outcomes in found.items():

@@ -141,7 +141,7 @@ class Judged:
     before: Mapping[str, np.ndarray]
     after: Mapping[str, np.ndarray]
     answer: Answer
-    found: Mapping[str, np.ndarray]
+    ratios: Mapping[str, np.ndarray]
     rows: np.ndarray | None = None
 
     @property

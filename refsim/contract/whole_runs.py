@@ -55,7 +55,7 @@ class Measure:
     @property
     def difference(self) -> float:
         """Distance from the middle of refsim's runs."""
-        return abs(self.theirs - middle(self.ours))
+        return abs(self.theirs - midrange(self.ours))
 
     @property
     def allowed(self) -> float:
@@ -73,7 +73,7 @@ class Measure:
         return "FAILS" if not self.holds else "holds" if self.difference <= self.chaos else "within resolution"
 
 
-def middle(ours: Sequence[float]) -> float:
+def midrange(ours: Sequence[float]) -> float:
     """Middle between the smallest and the largest value."""
     return 0.5 * (min(ours) + max(ours))
 
@@ -166,14 +166,14 @@ def compare(
         if name in given:
             chaos = given[name]
         elif other is not None:
-            resolution = max(abs(values[name] - middle(ours)) for values, ours in zip(other, curves))
+            resolution = max(abs(values[name] - midrange(ours)) for values, ours in zip(other, curves))
             resolution = max(resolution, scene.spacing if name.startswith(EXTENTS) else 0.0)
         points = [
             Measure(name, values[name][1], time, values[name][0], ours, chaos, resolution)
             for time, values, ours in zip(times, theirs, curves)
         ]
         found.append(max(points, key=lambda point: (point.difference, point.time)))
-        middles[name], bands[name] = [middle(ours) for ours in curves], found[-1].allowed
+        middles[name], bands[name] = [midrange(ours) for ours in curves], found[-1].allowed
         known = (max(middles[name]) - min(middles[name])) * DECIDES
         spread = [at for at, ours in zip(times, curves) if within * (max(ours) - min(ours)) > known]
         if times[0] not in spread:  # else it says nothing, as what is zero by symmetry

@@ -66,7 +66,7 @@ class FollowsScene:
 
     in_papers: ClassVar[Mapping[str, str]] = {}  # what the papers have for them
 
-    def settled(self, others: Mapping[str, Effect]) -> Effect:
+    def with_scene_defaults(self, others: Mapping[str, Effect]) -> Effect:
         """This effect with those of its parameters that are None as the scene has them."""
         raise NotImplementedError  # an effect with this capability defines it
 
@@ -94,14 +94,14 @@ class PullsParticles(SumsDensity):
     One without passes does not: the scene is settled as if it were not there.
     """
 
-    own: ClassVar[str] = ""  # the coefficient that may be given instead of surface_tension
+    coefficient_name: ClassVar[str] = ""  # the coefficient that may be given instead of surface_tension
 
     def sums_density(self, standing: bool) -> bool:
         """Not where the liquid stands on walls, whose weight a summed density does not carry.
 
         Everywhere where the source's reading, its own coefficient or adhesion is given, which belong to a summed one.
         """
-        given = (getattr(self, name, None) for name in ("literal", "adhesion", self.own) if name)
+        given = (getattr(self, name, None) for name in ("literal", "adhesion", self.coefficient_name) if name)
         return not standing or any(given)
 
 
@@ -171,7 +171,7 @@ def closed_box(grid: Discretisation, others: Mapping[str, Effect]) -> list[float
     """Lengths [m] of the box that a period or planes on both sides close along each axis; infinite where none do."""
     lengths = []
     for axis in range(grid.dim):
-        between = [np.subtract(*effect.domain(grid)[::-1])[axis] for effect in having(others, HasPlanes)]
+        between = [np.subtract(*effect.domain(grid)[::-1])[axis] for effect in effects_with(others, HasPlanes)]
         period = [grid.period[axis]] if grid.period[axis] > 0 else []
         lengths.append(float(min([*period, *between], default=math.inf)))
     return lengths
@@ -348,7 +348,7 @@ class KeepsBalance:
         raise NotImplementedError
 
 
-class Watches:
+class RunMonitor:
     """Checks small fields on the host after each step; it may stop the run or add a note to it."""
 
     watched: ClassVar[tuple[str, ...]] = ()  # names of those fields
@@ -357,7 +357,7 @@ class Watches:
         """(reason, sentence that goes on after "In step n") if the run must stop; `length` of the step [s]."""
         return None
 
-    def remark(self, grid: Discretisation, seen: Mapping[str, np.ndarray]) -> str | None:
+    def warning(self, grid: Discretisation, seen: Mapping[str, np.ndarray]) -> str | None:
         """Sentence that goes on after "From step n on", if results are to be read with care from here on.
 
         The first one becomes a note of the run.
@@ -390,13 +390,13 @@ class HoldsOtherMemory:
 Capability = TypeVar("Capability")
 
 
-def having(effects: Mapping[str, Effect] | Iterable[Effect], capability: type[Capability]) -> list[Capability]:
+def effects_with(effects: Mapping[str, Effect] | Iterable[Effect], capability: type[Capability]) -> list[Capability]:
     """The effects with a capability, in their order."""
     each = effects.values() if isinstance(effects, Mapping) else effects
     return [effect for effect in each if isinstance(effect, capability)]
 
 
-def settled(effects: Iterable[Effect]) -> dict[str, Effect]:
+def with_scene_defaults(effects: Iterable[Effect]) -> dict[str, Effect]:
     """Effects by name, with parameters that follow the scene as it has them; those that they need are among them.
 
     Effects that join the scene are, too. A tension that launches nothing, since its coefficients are zero, decides
@@ -407,4 +407,4 @@ def settled(effects: Iterable[Effect]) -> dict[str, Effect]:
     absent = [kind for name, kind in EFFECTS.items() if name not in given and issubclass(kind, Joins)]
     joining = {kind.name: kind() for kind in absent if kind.joins(acting)}
     given, acting = given | joining, acting | joining
-    return {name: e.settled(acting) if isinstance(e, FollowsScene) else e for name, e in given.items()}
+    return {name: e.with_scene_defaults(acting) if isinstance(e, FollowsScene) else e for name, e in given.items()}

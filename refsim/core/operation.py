@@ -76,7 +76,7 @@ class Operation:
     programs    programs that stand elsewhere, or beside the plain ones, by name: "cpu", "cuda" or "backend:algorithm"
     outputs     kernel arguments that are written
     exact       outputs compared exactly wherever the margin exceeds tolerance * eps
-    reach       how many neighbourhoods away one particle's values act; 0 where they may act on all
+    halo_depth  how many neighbourhoods away one particle's values act; 0 where they may act on all
     adds        outputs to which the kernel adds instead of assigning
     work        arguments, or members of groups ("group.member"), that serve as work space: the contract lets a program
                 change them, and no other input
@@ -99,7 +99,7 @@ class Operation:
     outputs: tuple[str, ...]
     exact: tuple[str, ...] = ()
     adds: tuple[str, ...] = ()
-    reach: int = 1
+    halo_depth: int = 1
     work: tuple[str, ...] = ()
     entrywise: tuple[str, ...] = ()
     optional: tuple[str, ...] = ()
@@ -180,14 +180,14 @@ class Operation:
         function = self.program(program)
         values = [lookup(name) for name in self.arguments(program)]
         if program != "numpy":
-            if any(isinstance(value, Current) for value in values):
-                return Late(function, values)
+            if any(isinstance(value, LiveAttribute) for value in values):
+                return RebindingCall(function, values)
             return functools.partial(function, *values)
         targets = {name: lookup(name) for name in self.outputs}
 
         def call() -> None:
-            for name, (value, _) in function(*map(current, values)).items():
-                target = current(targets[name])
+            for name, (value, _) in function(*map(live_value, values)).items():
+                target = live_value(targets[name])
                 if target is None:
                     continue
                 if name in self.adds:
@@ -233,20 +233,20 @@ class Fused(Operation):
 
 
 @dataclass(frozen=True)
-class Current:
+class LiveAttribute:
     """Attribute `name` of an object of the run, taken anew at each launch: an array whose size changes, say."""
 
     owner: Any
     name: str
 
 
-def current(value: Any) -> Any:
+def live_value(value: Any) -> Any:
     """What a Current stands for at present; any other value as it is."""
-    return getattr(value.owner, value.name) if isinstance(value, Current) else value
+    return getattr(value.owner, value.name) if isinstance(value, LiveAttribute) else value
 
 
 @dataclass(frozen=True)
-class Late:
+class RebindingCall:
     """A call of which some values are taken anew at each launch; `func` and `args` as of functools.partial."""
 
     func: Callable
@@ -255,7 +255,7 @@ class Late:
     @property
     def args(self) -> tuple[Any, ...]:
         """The values at present."""
-        return tuple(map(current, self.values))
+        return tuple(map(live_value, self.values))
 
     def __call__(self) -> None:
         self.func(*self.args)
@@ -372,7 +372,7 @@ class Procedure:
         values = [lookup(name) for name in (self.owner, *self.takes)]
 
         def call() -> Any:
-            owner, *arguments = map(current, values)
+            owner, *arguments = map(live_value, values)
             return getattr(owner, self.method)(*arguments)
 
         return call
@@ -390,7 +390,7 @@ def enter(procedure: Procedure) -> Procedure:
 
 
 @dataclass(frozen=True)
-class Made:
+class CaseValue:
     """Value of an argument that a function of (case, grid) in a folder's cases.py makes, imported at first use."""
 
     folder: str
@@ -419,7 +419,7 @@ def _entry(program: str | Program, folder: str) -> Program:
 def _overrides(variant: str | Mapping[str, Any], folder: str) -> dict[str, Any]:
     if isinstance(variant, str):
         return dict.fromkeys(variant.split())
-    return {name: Made(folder, value) if isinstance(value, str) else value for name, value in variant.items()}
+    return {name: CaseValue(folder, value) if isinstance(value, str) else value for name, value in variant.items()}
 
 
 def _called(place: Any) -> Iterator[Any]:

@@ -63,7 +63,7 @@ def _interrupt(number: int, frame: Any) -> None:
 
 
 @contextmanager
-def heeding(act: Callable[[int, Any], Any] = _interrupt, last: bool = False) -> Iterator[None]:
+def handling_signals(act: Callable[[int, Any], Any] = _interrupt, last: bool = False) -> Iterator[None]:
     """Call `act` on the first of the signals, and on every Ctrl-C; by default it raises Interrupted.
 
     A batch system may send SIGTERM twice: what comes after the first signal, but for Ctrl-C, is dropped. Python drops

@@ -129,16 +129,16 @@ def in_time(seconds: float) -> str:
 class Shown:
     """Shows itself as a table of facts, as text and in notebooks."""
 
-    def _facts(self) -> tuple[str, list[tuple[str, str]]]:
+    def _summary(self) -> tuple[str, list[tuple[str, str]]]:
         """Title, and (what, its value in words)."""
         raise NotImplementedError
 
     def __repr__(self) -> str:
-        title, rows = self._facts()
+        title, rows = self._summary()
         return f"{title}\n{table(rows)}"
 
     def _repr_html_(self) -> str:
-        return html_table(*self._facts())
+        return html_table(*self._summary())
 
 
 class Table(Mapping[str, Any]):

@@ -59,17 +59,17 @@ class Bar:
     line: ClassVar[Any] = None  # that is renewed, by one bar at a time
 
     def __init__(self, whole: float, done: float = 0.0, shown: bool = True) -> None:
-        self.whole, self.first, self.done, self.shown, self.words = whole, done, done, shown, ""
+        self.whole, self.first, self.done, self.shown, self.caption = whole, done, done, shown, ""
         self.renewed = wanted() and os.environ.get("TERM") not in ("dumb", "unknown")
         self.began = time.perf_counter()
-        self.told = -math.inf if self.renewed else self.began
+        self.last_shown = -math.inf if self.renewed else self.began
 
     def to(self, done: float, words: str) -> None:
         """So much is done now, and this is said of it."""
-        self.done, self.words = min(max(done, self.done), self.whole), words
+        self.done, self.caption = min(max(done, self.done), self.whole), words
         now = time.perf_counter()
-        if self.shown and now - self.told >= (RENEWED if self.renewed else TOLD):
-            self.told = now
+        if self.shown and now - self.last_shown >= (RENEWED if self.renewed else TOLD):
+            self.last_shown = now
             self._show()
 
     def close(self) -> None:
@@ -92,7 +92,7 @@ class Bar:
         words = f"{in_time(gone)} gone"
         if self.first < self.done < self.whole:
             words += f", {in_time(gone * (self.whole - self.done) / (self.done - self.first))} left"
-        words += f": {self.words}" if self.words else ""
+        words += f": {self.caption}" if self.caption else ""
         with suppress(OSError):  # of a terminal that has closed
             if self.renewed:
                 self._renew(share, words)

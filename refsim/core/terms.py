@@ -39,22 +39,22 @@ class Terms:
     """Numbers, vectors or matrices with the sum of the absolute terms behind each entry."""
 
     __array_ufunc__ = None
-    __slots__ = ("given", "rank", "value")
+    __slots__ = ("rank", "stated_size", "value")
 
     def __init__(self, value, size=None, rank=0):
         self.value = np.asarray(value, dtype=float)
-        self.given, self.rank = size, rank  # a size that is not given is the absolute value
+        self.stated_size, self.rank = size, rank  # a size that is not given is the absolute value
 
     @property
     def size(self):
-        return np.abs(self.value) if self.given is None else self.given
+        return np.abs(self.value) if self.stated_size is None else self.stated_size
 
     def __iter__(self):
         return iter((self.value, self.size))
 
     def at(self, rows):
         """Those of some rows."""
-        return Terms(self.value[rows], None if self.given is None else self.given[rows], self.rank)
+        return Terms(self.value[rows], None if self.stated_size is None else self.stated_size[rows], self.rank)
 
     def __add__(self, other):
         a, b = alike(self, other)
@@ -66,18 +66,18 @@ class Terms:
 
     def __mul__(self, other):
         a, b = alike(self, other)
-        if a.given is b.given is None:
+        if a.stated_size is b.stated_size is None:
             return Terms(a.value * b.value, None, a.rank)
         size = a.size * b.size
-        if a.given is not None and b.given is not None:
+        if a.stated_size is not None and b.stated_size is not None:
             size = size - (1 - SMALL) * (a.size - np.abs(a.value)) * (b.size - np.abs(b.value))
         return Terms(a.value * b.value, size, a.rank)
 
     def __truediv__(self, other):
         a, b = alike(self, other)
-        if b.given is not None:
+        if b.stated_size is not None:
             return a * Terms(1 / b.value, b.size / b.value**2, b.rank)
-        return Terms(a.value / b.value, None if a.given is None else a.size / b.size, a.rank)
+        return Terms(a.value / b.value, None if a.stated_size is None else a.size / b.size, a.rank)
 
     def __matmul__(self, other):
         a, b = self, terms(other)
@@ -92,7 +92,7 @@ class Terms:
         raise TypeError("Terms are no condition: use `where`.")
 
     def __neg__(self):
-        return Terms(-self.value, self.given, self.rank)
+        return Terms(-self.value, self.stated_size, self.rank)
 
     def __rsub__(self, other):
         return terms(other) - self
@@ -132,7 +132,7 @@ def _raised(x, rank):
     axes = tuple(range(-1, x.rank - rank - 1, -1))
     if not axes:
         return x
-    size = None if x.given is None else np.expand_dims(x.given, axes)
+    size = None if x.stated_size is None else np.expand_dims(x.stated_size, axes)
     return Terms(np.expand_dims(x.value, axes), size, rank)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.core.capabilities import Inspects, KeepsBalance, having
+from refsim.core.capabilities import Inspects, KeepsBalance, effects_with
 from refsim.core.errors import RunStopped
 from refsim.engine.state import State
 
@@ -24,8 +24,10 @@ class Balances:
 
     def __init__(self, run: State) -> None:
         effects = run.plan.effects
-        self.keeping: list[Any] = [e for e in having(effects, KeepsBalance) if e.is_closed(run.plan.grid, effects)]
-        self.inspecting: list[Any] = having(effects, Inspects)
+        self.keeping: list[Any] = [
+            e for e in effects_with(effects, KeepsBalance) if e.is_closed(run.plan.grid, effects)
+        ]
+        self.inspecting: list[Any] = effects_with(effects, Inspects)
         self.renew(run)
 
     def renew(self, run: State) -> None:
@@ -51,7 +53,9 @@ class Balances:
             reason, words = found
             if reason:
                 raise RunStopped(reason, f"In step {run.steps} to {run.time:.6g} s {words}.")
-            run.remark(f"{effect.name} inspection", f"{effect.name}: in step {run.steps}, at {run.time:.6g} s, {words}")
+            run.add_note(
+                f"{effect.name} inspection", f"{effect.name}: in step {run.steps}, at {run.time:.6g} s, {words}"
+            )
 
     def look(self, run: State) -> None:
         """Compare the totals now. Raises RunStopped as `after_step`."""
@@ -69,4 +73,4 @@ class Balances:
             )
             if 0 < effect.largest_drift < share:
                 raise RunStopped(effect.stops_as, f"{words}: {effect.remedy}.")
-            run.remark(f"{effect.name} balance", f"{words}; rounding explains {rounding:.2g} J: {effect.remedy}.")
+            run.add_note(f"{effect.name} balance", f"{words}; rounding explains {rounding:.2g} J: {effect.remedy}.")

@@ -7,7 +7,7 @@ from typing import Any
 from refsim.backends.arrays import Backend
 from refsim.core.effect import Effect, Pass
 from refsim.core.errors import InputError
-from refsim.core.operation import PROCEDURES, REGISTRY, Current, backend_of
+from refsim.core.operation import PROCEDURES, REGISTRY, LiveAttribute, backend_of
 from refsim.scene.passes import ordered_passes
 from refsim.scene.plan import Plan
 
@@ -57,7 +57,7 @@ def step_launches(plan: Plan, backend: str) -> tuple[str, ...]:
     return (*(p.operation for _, p in plan.begin), *forces, "sph.extremes", *choice, *motion, *clock)
 
 
-def bound(p: Pass, backend: Backend, sources: Sequence[Mapping[str, Any]]) -> Callable[[], None]:
+def bind_pass(p: Pass, backend: Backend, sources: Sequence[Mapping[str, Any]]) -> Callable[[], None]:
     """A pass as a call without arguments; each name stands for the value of the first of `sources` that has it.
 
     A name "owner.attribute" is read from its owner at every launch. Raises KeyError where no source has a name that the
@@ -73,7 +73,7 @@ def bound(p: Pass, backend: Backend, sources: Sequence[Mapping[str, Any]]) -> Ca
         owner, _, attribute = (name or "").partition(".")
         for source in sources:
             if owner in source:
-                return Current(source[owner], attribute) if attribute else source[owner]
+                return LiveAttribute(source[owner], attribute) if attribute else source[owner]
         if name is None or (operation is not None and name in operation.optional):
             return None
         raise KeyError(f"{p.operation} takes {name!r}, which no effect of the scene provides")

@@ -7,14 +7,14 @@ from refsim.core.effect import Pass
 from refsim.core.operation import PROCEDURES, REGISTRY
 
 
-class Touched(NamedTuple):
+class Accesses(NamedTuple):
     """Names of what a launch takes, and of what it changes of these; None if it may touch anything."""
 
     taken: frozenset[str]
     changed: frozenset[str]
 
 
-def touched(p: Pass, backend: str) -> Touched | None:
+def accesses(p: Pass, backend: str) -> Accesses | None:
     """What a pass touches on a backend, by the arguments of its program; the contract sees that it changes no other.
 
     A procedure may touch anything. Scratch memory is changed by every program that takes it.
@@ -32,10 +32,10 @@ def touched(p: Pass, backend: str) -> Touched | None:
     changed = owners((*operation.outputs, *operation.work)) | {*p.writes, *p.updates}
     if "scratch" in arguments:
         changed.add("scratch")
-    return Touched(frozenset({*owners(arguments), *p.reads} | changed), frozenset(changed))
+    return Accesses(frozenset({*owners(arguments), *p.reads} | changed), frozenset(changed))
 
 
-def needed_before(launches: Sequence[Touched | None]) -> list[tuple[int, ...]]:
+def needed_before(launches: Sequence[Accesses | None]) -> list[tuple[int, ...]]:
     """For each launch the earlier ones that must have ended; without those that these wait for themselves."""
     result: list[tuple[int, ...]] = []
     behind: list[set[int]] = []  # of each launch all that must have ended

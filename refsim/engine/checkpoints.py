@@ -157,7 +157,7 @@ def restore(run: State, saved: SavedRun) -> None:
     run.backend.assign(run.timestep, np.array([0.0, untaken], dtype=run.plan.grid.dtype))
     lists.velocities_set = clock.velocities_set
     for effect, note in clock.remarks.items():
-        run.remark(effect, note)
+        run.add_note(effect, note)
     if lists.search is not None and clock.list_built:
         rebuild(run)
         bind(run)

@@ -62,7 +62,7 @@ class Counting:
             if self.latest is not None and abs(self.latest.difference) > abs(self.greatest or 0.0):
                 self.greatest = self.latest.difference
             if words:
-                run.remark(LOOKED, words)
+                run.add_note(LOOKED, words)
 
     def judged(self, run: State) -> str:
         """Look now: a note, or "". Raises RunStopped as `after_step`; nothing that a checkpoint holds is changed."""
@@ -112,7 +112,7 @@ def counted(run: State) -> Counted | None:
     told = cells.filled(np.where(wet, volume, 0.0))
     left = np.broadcast_to(left, told.shape)
     inside = cells.inside(np.flatnonzero(wet), left <= 0.5)
-    kept, of = np.flatnonzero(inside), wet & inside[cells.own[: grid.count]]
+    kept, of = np.flatnonzero(inside), wet & inside[cells.cell_of[: grid.count]]
     if len(kept) < LEAST or not of.any():
         return None
     density, shares = mass[of].sum() / volume[of].sum(), told[kept] / left[kept] - 1

@@ -28,12 +28,12 @@ from refsim.core.tables import Shown, in_time
 from refsim.core.terminal import wanted
 from refsim.core.versions import versions
 from refsim.core.writing import write_file, writing
+from refsim.engine.conserved_totals import check_particles, conserved_totals
 from refsim.engine.counting import LOOKED
 from refsim.engine.launching import refresh
 from refsim.engine.postmortem import AFTER_THESE, POSTMORTEM, POSTMORTEM_FIELDS, write_postmortem
 from refsim.engine.progress import Progress, compiling_bar
 from refsim.engine.simulation import Simulation
-from refsim.engine.stock import check_particles, stock
 from refsim.io.checkpoint import KEPT, previous_path
 from refsim.io.frames import OLDER, Frame, ParticleWriter, origin_of
 from refsim.io.results import PARTICLES, REPORT
@@ -99,7 +99,7 @@ class RunReport(Shown):
     files: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
-    def _facts(self) -> tuple[str, list[tuple[str, str]]]:
+    def _summary(self) -> tuple[str, list[tuple[str, str]]]:
         return f"RunReport of {self.scene!r}", [
             ("ended with", "its end" if self.reason is None else self.reason),
             ("time", f"{self.time:.6g} s of {self.until:.6g} s in {self.steps:,} steps"),
@@ -416,7 +416,7 @@ class _Run:
             stopped_at_walls=simulation.stopped_at_walls,
             density=simulation.counting.report(),
             energy_audit=simulation.auditor.report() if simulation.auditor else None,
-            ledger={"start": stock(plan), "end": stock(simulation)},
+            ledger={"start": conserved_totals(plan), "end": conserved_totals(simulation)},
             frames=self.frames,
             checkpoints=self.checkpoints,
             seconds={**timings.account(), "stages": dict(timings.stages)},

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim.core.capabilities import BringsWalls, having
+from refsim.core.capabilities import BringsWalls, effects_with
 from refsim.core.effect import Effect, Pass
 from refsim.engine.launching import bring, launch_pass, ready
 from refsim.engine.motions import Drive
@@ -40,7 +40,7 @@ class Driving:
             place = plan.grid.local(plan.walls.position)
             moving = ((place < low) | (place > high)).any(1)
             self.volume = self.forces.volumes(run, np.where(moving, plan.walls.volume, 0.0))
-            extrapolated = any(effect.extrapolates() for effect in having(plan.effects, BringsWalls))
+            extrapolated = any(effect.extrapolates() for effect in effects_with(plan.effects, BringsWalls))
             pushing = self.forces.passes if extrapolated else ()
             self.passes = [part for part in self.forces.passes if part[1].operation == FRICTION]
             self.pressing = [part for part in pushing if part[1].operation != FRICTION]

@@ -22,7 +22,7 @@ from refsim.gauges.checks import shares_of_faces
 from refsim.neighbours.reference import pair_blocks
 from refsim.scene.plan import Plan
 from refsim.smoothing.reference import kernel_value
-from refsim.sph import Lean, acceleration_of, gravity_of, liquid_of
+from refsim.sph import WallFrameGravity, acceleration_of, gravity_of, liquid_of
 
 LEAST_OPEN = 0.1  # of the space around a point that walls leave to the liquid, below which it counts as wall
 
@@ -118,7 +118,7 @@ class Gauges:
         """Pressure [Pa] at all points, extrapolated from the liquid near them; 0 where there is none."""
         grid = run.plan.grid
         found = run.backend.zeros((len(self.places),), grid.dtype)
-        lean = Lean(*map(grid.real, _gravity(run)))
+        lean = WallFrameGravity(*map(grid.real, _gravity(run)))
         launch_pass(
             run, Pass("adami_2012.extrapolation"), self._near_points(run), {"lean": lean, "wall_pressure": found}
         )

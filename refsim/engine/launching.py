@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Generator, Iterable, Iterator
 from typing import Any
 
 from refsim.core.effect import Effect, Pass
-from refsim.engine.binding import bound
+from refsim.engine.binding import bind_pass
 from refsim.engine.neighbour_lists import attend, empty, update
 from refsim.engine.state import State
 
@@ -30,12 +30,12 @@ def _call(state: State, effects: Iterable[Effect | None], p: Pass) -> Callable[[
     for effect in effects:
         groups |= {} if effect is None else state.parameters[effect.name]
     own = {name: getattr(state, name) for name in ("extremes", "displacement", "timestep", "build_position")}
-    return bound(p, state.backend, (groups, state.shared, state.fields, own))
+    return bind_pass(p, state.backend, (groups, state.shared, state.fields, own))
 
 
 def compile_ahead(state: State, compiling: Compiling) -> None:
     """Compile what the passes and the lists need, in processes side by side, into a CPU's cache."""
-    from refsim.backends import ahead
+    from refsim.backends import parallel_compile
 
     with empty(state) as launched:
         bind(state)
@@ -43,8 +43,8 @@ def compile_ahead(state: State, compiling: Compiling) -> None:
         passes += [call for _, _, call in state.force_calls]
         for call in (*passes, state.extremes_call):
             with contextlib.suppress(AttributeError, KeyError):  # a procedure, or arrays that a pass before makes
-                launched += ahead.launched_by(call.func, call.args)  # type: ignore[attr-defined]
-        ahead.compile_ahead(launched, compiling)
+                launched += parallel_compile.launched_by(call.func, call.args)  # type: ignore[attr-defined]
+        parallel_compile.compile_ahead(launched, compiling)
     state.bound = False
 
 
@@ -127,4 +127,4 @@ def needed(state: State, name: str) -> frozenset[int]:
 
 def launch_pass(state: State, p: Pass, *own: dict[str, Any]) -> None:
     """Launch a pass outside a step: what it takes stands in `own`, or with all passes."""
-    state.timings.run(p.operation, bound(p, state.backend, (*own, state.shared, state.fields)))
+    state.timings.run(p.operation, bind_pass(p, state.backend, (*own, state.shared, state.fields)))

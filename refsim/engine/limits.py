@@ -9,7 +9,7 @@ from refsim.scene.plan import Plan
 
 
 @dataclass(frozen=True)
-class Advance:
+class StepOutcome:
     """What a step did: its length [s], the limit that set it, and how far particles have moved.
 
     limits                all largest stable steps [s]

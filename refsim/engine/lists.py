@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from refsim.backends.arrays import Backend
-from refsim.core.capabilities import BringsWalls, CorrectsPositions, NeedsCellOrder, having
+from refsim.core.capabilities import BringsWalls, CorrectsPositions, NeedsCellOrder, effects_with
 from refsim.core.walls import WallParticles
-from refsim.engine.limits import Advance
+from refsim.engine.limits import StepOutcome
 from refsim.neighbours import NeighbourSearch, Particles
 from refsim.scene.plan import Plan
 
@@ -47,8 +47,8 @@ class Lists:
         self.latest: tuple[Any, Any, Any] | None = None
         self.static: Any = None
         self.walls: tuple[Any, Any] | None = None
-        self.around_walls = any(effect.extrapolates() for effect in having(effects, BringsWalls))
-        self.auditable = not any(effect.corrects_positions() for effect in having(effects, CorrectsPositions))
+        self.around_walls = any(effect.extrapolates() for effect in effects_with(effects, BringsWalls))
+        self.auditable = not any(effect.corrects_positions() for effect in effects_with(effects, CorrectsPositions))
         self.velocities_set = False
         self.by_forces = not any(
             effect is not None and {"velocity", "position"} & {*p.updates, *p.writes} for effect, p in plan.motion
@@ -109,7 +109,7 @@ class Lists:
         largest = math.sqrt(self.squared_displacement) + self.step_displacement
         return largest > self.search.allowed_displacement and self._left(self.length, self.gained) <= 0
 
-    def after_step(self, done: Advance) -> None:
+    def after_step(self, done: StepOutcome) -> None:
         """Note a step."""
         self.squared_displacement, self.step_displacement = done.squared_displacement, done.step_displacement
         self.length = done.length
@@ -156,7 +156,7 @@ class Order:
 
     def __init__(self, plan: Plan, backend: Backend, parameters: dict[str, dict[str, Any]]) -> None:
         grid, groups = plan.grid, parameters.values()
-        size = max((effect.sorting_cell(grid) for effect in having(plan.effects, NeedsCellOrder)), default=0.0)
+        size = max((effect.sorting_cell(grid) for effect in effects_with(plan.effects, NeedsCellOrder)), default=0.0)
         sorted_alone = plan.list_radius == 0 and size > 0 and backend.name != "numpy"
         self.cells = NeighbourSearch(backend, grid.dim, grid.dtype, size, 0.0) if sorted_alone else None
         recorded = backend.name == "cuda" and not any(effect.host_in_step for effect in plan.effects.values())

@@ -35,13 +35,13 @@ class Progress:
         self.until, self.folder, self.quiet = until, folder, quiet
         self.time: float | None = None
         self.bar: Bar | None = None
-        self.told = 0
+        self.notes_shown = 0
 
     def __call__(self, simulation: State) -> None:
         """Show the state of the simulation."""
-        for note in simulation.notes[self.told :]:
+        for note in simulation.notes[self.notes_shown :]:
             say(f"note: {note}")
-        self.told = len(simulation.notes)
+        self.notes_shown = len(simulation.notes)
         if self.time is None:
             self._head(simulation)
         if self.quiet or simulation.time == self.time:

@@ -10,7 +10,7 @@ import numpy as np
 
 from refsim.backends import arrays as backends
 from refsim.backends.threads import places
-from refsim.core.capabilities import FollowsSettings, HasPlanes, having
+from refsim.core.capabilities import FollowsSettings, HasPlanes, effects_with
 from refsim.core.checked import plainly, suggestion
 from refsim.core.errors import InputError
 from refsim.core.tables import Shown
@@ -97,7 +97,7 @@ class Simulation(State, Shown):
         """Have the loops of the block use this simulation's CPU threads; after it the process's are as before."""
         return backends.on_threads(self.threads)
 
-    def _facts(self) -> tuple[str, list[tuple[str, str]]]:
+    def _summary(self) -> tuple[str, list[tuple[str, str]]]:
         grid = self.plan.grid
         last = "none" if self.last is None else f"{self.last.length:.4g} s, set by {self.last.limiter}"
         return f"Simulation of {self.plan.scene.name!r}", [
@@ -164,13 +164,13 @@ class Simulation(State, Shown):
             self._check_places(values)
         if name == "velocity" and not self.lists.velocities_set:
             self._end_step_of_density()
-        self.put(name, values[self.host("identity")])
+        self.write_field(name, values[self.host("identity")])
         self.outdate()
         self.lists.velocities_set |= name in ("position", "velocity")
         self.lists.velocities_changed()
-        for effect in having(self.plan.effects, FollowsSettings):
+        for effect in effects_with(self.plan.effects, FollowsSettings):
             for own, following in effect.after_setting(name, self.host).items():
-                self.put(own, following)
+                self.write_field(own, following)
         if self.auditor is not None:
             self.auditor.renew()
         self.balances.renew(self)
@@ -183,7 +183,7 @@ class Simulation(State, Shown):
         there = grid.local(values)
         check_coincident(there, grid.dtype, "set_field")
         moved = (values != self.stored("position")).any(1, keepdims=True)
-        bounding: list[Any] = having(self.plan.effects, HasPlanes)
+        bounding: list[Any] = effects_with(self.plan.effects, HasPlanes)
         for planes in (effect.local(grid) for effect in bounding):
             held = np.where(moved, there, np.clip(there, *planes.domain(grid)))
             planes.check_inside(grid, held, INSIDE * grid.spacing)
@@ -256,7 +256,7 @@ class Simulation(State, Shown):
         """Advance an advanced density by the velocities that led to the positions, before others are set."""
         if "advanced_excess" in self.fields and self.previous_length > 0:
             bring(self, ("density_excess",))
-            self.put("advanced_excess", self.host("density_excess"))
+            self.write_field("advanced_excess", self.host("density_excess"))
             self.backend.assign(self.timestep, 0.0)
 
     def _is_of_steps(self, name: str) -> bool:

@@ -14,10 +14,10 @@ import numpy as np
 from refsim.backends import arrays as backends
 from refsim.backends.arrays import Backend
 from refsim.backends.scratch import Scratch
-from refsim.core.capabilities import LimitsSpeed, having
+from refsim.core.capabilities import LimitsSpeed, effects_with
 from refsim.core.effect import Effect, Pass
 from refsim.engine.binding import fused
-from refsim.engine.limits import Advance, step_limits
+from refsim.engine.limits import StepOutcome, step_limits
 from refsim.engine.lists import Lists, Order
 from refsim.engine.motions import Motions
 from refsim.engine.timings import Timings
@@ -76,7 +76,7 @@ class State:
         places = {"position": given.position, "velocity": given.velocity, "mass": given.mass}
         numbers = {name: np.arange(grid.count) for name in ("identity", "place") if name in self.fields}
         for name, values in (places | numbers | dict(given.values)).items():
-            self.put(name, values)
+            self.write_field(name, values)
         self.time, self.steps, self.previous_length, self.stopped_at_walls = 0.0, 0, 0.0, 0
         self.limiters: dict[str, int] = {}
         self.notes, self.remarks = list(plan.notes), dict[str, str]()
@@ -90,7 +90,7 @@ class State:
         self.order = Order(plan, backend, self.parameters)
         self.force_passes: list[tuple[tuple[Effect, ...], Pass]] = fused(plan.passes, backend.name)
         self.limits = step_limits(plan)
-        speeds = (effect.greatest_speed(grid) for effect in having(plan.effects, LimitsSpeed))
+        speeds = (effect.greatest_speed(grid) for effect in effects_with(plan.effects, LimitsSpeed))
         self.greatest_speed = min(speeds, default=math.inf)  # [m/s] beyond which the run is taken to have diverged
         self.needs: dict[str, frozenset[int]] = {}  # numbers of the passes on which a field depends, once asked for
         self.current: set[str] = set()
@@ -127,7 +127,7 @@ class State:
         ordered[self.host("identity")] = rows
         return ordered
 
-    def put(self, name: str, values: np.ndarray) -> None:
+    def write_field(self, name: str, values: np.ndarray) -> None:
         """Copy values to a field, in the order of the memory; positions are places in the scene."""
         if name == "position":
             values = self.plan.grid.local(values)
@@ -135,7 +135,7 @@ class State:
                 self.backend.assign(self.fields["position_residual"], 0.0)
         self.backend.assign(self.fields[name], values.astype(self.fields[name].dtype))
 
-    def tick(self, done: Advance) -> None:
+    def tick(self, done: StepOutcome) -> None:
         """Count a step: the clock moves on, and what follows the time; no field belongs to the new state yet.
 
         Raises RunStopped where a motion has no finite value at the new time.
@@ -155,7 +155,7 @@ class State:
         self.current.clear()
         self.foreseen = False
 
-    def remark(self, by: str, note: str) -> None:
+    def add_note(self, by: str, note: str) -> None:
         """Add a note to the run, once for each that makes one."""
         if by not in self.remarks:
             self.remarks[by] = note

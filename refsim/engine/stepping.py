@@ -8,12 +8,12 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from refsim.core.capabilities import Watches, having
+from refsim.core.capabilities import RunMonitor, effects_with
 from refsim.core.effect import Extremes, Pass
 from refsim.core.errors import RunStopped
 from refsim.engine import launching
-from refsim.engine.branches import Touched, needed_before, touched
-from refsim.engine.limits import Advance, stable_steps
+from refsim.engine.branches import Accesses, accesses, needed_before
+from refsim.engine.limits import StepOutcome, stable_steps
 from refsim.engine.neighbour_lists import look_ahead
 from refsim.engine.state import Calls, State
 from refsim.sph import CROWD, LARGEST_SHIFT
@@ -21,7 +21,7 @@ from refsim.sph import CROWD, LARGEST_SHIFT
 SMALLEST_STEP = 1e-6  # share of the first step below which the run is taken to have diverged
 
 
-def advance(state: State) -> Advance:
+def advance(state: State) -> StepOutcome:
     """Launch the passes of a step one by one, choose its length, and move the particles.
 
     Raises RunStopped, with the state as it was, where that is impossible.
@@ -104,13 +104,13 @@ def _too_small(state: State, limiter: str, length: float) -> NoReturn:
 def _advanced(
     state: State, length: float, limiter: str, limits: dict[str, float], extremes: Extremes, squared: float,
     stopped: float,
-) -> Advance:  # fmt: skip
+) -> StepOutcome:  # fmt: skip
     """What a step of this length did; `squared` and `stopped` as operation sph.kick_drift gives them."""
     gained = 0.5 * (state.previous_length + length) * extremes.acceleration
     moved = (extremes.speed + gained) * length
     if "shift" in state.fields:  # beside dt v
         moved += LARGEST_SHIFT * (extremes.speed * length)
-    return Advance(length, limiter, limits, moved, gained, squared, int(stopped), int(extremes.dense))
+    return StepOutcome(length, limiter, limits, moved, gained, squared, int(stopped), int(extremes.dense))
 
 
 class DeviceStepper:
@@ -131,9 +131,9 @@ class DeviceStepper:
         self.names = list(s.limits)
         self.limits = s.backend.asarray(np.array(list(s.limits.values()), dtype=np.float64))
         self.clock = s.backend.zeros(device.CLOCK_ROWS, np.float64)
-        self.mirror, self.mark = device.Mirror(self.clock), device.Mark()
-        watched = {name for effect in having(s.plan.effects, Watches) for name in effect.watched}
-        self.mirrors = {name: device.Mirror(s.fields[name]) for name in sorted(watched)}
+        self.mirror, self.mark = device.PinnedCopy(self.clock), device.Event()
+        watched = {name for effect in effects_with(s.plan.effects, RunMonitor) for name in effect.watched}
+        self.mirrors = {name: device.PinnedCopy(s.fields[name]) for name in sorted(watched)}
         self.in_step_with = -1  # the step up to which the device's clock has counted
         self.profiled = s.timings.wait is not None
         whole = not (self.profiled or any(effect.host_in_step for effect in s.plan.effects.values()))
@@ -148,7 +148,7 @@ class DeviceStepper:
         apart = self.hosted or s.plan.begin or s.motions or s.order.attended or kept
         self.foresees = whole and not apart
         self.recorded, self.forces, self.motion = (
-            device.Recorded(partial(self._launch, part), whole)
+            device.CudaGraph(partial(self._launch, part), whole)
             for part in (slice(None), slice(choice), slice(choice, None))
         )
         self.parts = self._parts()
@@ -166,9 +166,9 @@ class DeviceStepper:
         names, first = [name for name, _ in self.calls], 0
         parts: list[Callable[[], Any]] = []
         for k in [k for k, name in enumerate(names) if name in self.hosted]:
-            parts += [self.device.Recorded(partial(self._launch, slice(first, k))), self.calls[k][1]]
+            parts += [self.device.CudaGraph(partial(self._launch, slice(first, k))), self.calls[k][1]]
             first = k + 1
-        return [*parts, self.device.Recorded(partial(self._launch, slice(first, None)))] if parts else []
+        return [*parts, self.device.CudaGraph(partial(self._launch, slice(first, None)))] if parts else []
 
     def _launch_parts(self) -> None:
         """The parts; those behind a pass of the host are recorded anew where it says that arrays are others."""
@@ -182,7 +182,7 @@ class DeviceStepper:
         """A watched field after the step, which sent it with the clock."""
         return self.mirrors[name].values
 
-    def advance(self) -> Advance:
+    def advance(self) -> StepOutcome:
         """One step. Raises RunStopped, with the state as it was, where that is impossible."""
         s, device = self.state, self.device
         if self.bindings != s.bindings:
@@ -244,19 +244,19 @@ class DeviceStepper:
                 call()
         self.state.scratch.unchanged(False)
 
-    def _sequence(self) -> tuple[Calls, list[Touched | None]]:
+    def _sequence(self) -> tuple[Calls, list[Accesses | None]]:
         """All that a step launches, in order, and what each launch touches."""
         s, plan, backend = self.state, self.state.plan, self.state.backend.name
         forces = [(name, call, p) for (name, rare, call), (_, p) in zip(s.force_calls, s.force_passes) if not rare]
         own = frozenset({"acceleration", "extremes", "displacement"})
         motion = [(name, _cleared(call)) for name, call in s.motion_calls]
-        steps: list[tuple[str, Callable[[], None], Touched | None]] = [
-            *((*call, touched(p, backend)) for call, (_, p) in zip(s.begin_calls, plan.begin)),
-            ("", self._clear, Touched(own, own)),
-            *((name, call, touched(p, backend)) for name, call, p in forces),
-            ("sph.extremes", _cleared(s.extremes_call), touched(Pass("sph.extremes"), backend)),
-            ("choose_step", self._choose, Touched(frozenset({"extremes", "timestep"}), frozenset({"timestep"}))),
-            *((*call, touched(p, backend)) for call, (_, p) in zip(motion, plan.motion)),
+        steps: list[tuple[str, Callable[[], None], Accesses | None]] = [
+            *((*call, accesses(p, backend)) for call, (_, p) in zip(s.begin_calls, plan.begin)),
+            ("", self._clear, Accesses(own, own)),
+            *((name, call, accesses(p, backend)) for name, call, p in forces),
+            ("sph.extremes", _cleared(s.extremes_call), accesses(Pass("sph.extremes"), backend)),
+            ("choose_step", self._choose, Accesses(frozenset({"extremes", "timestep"}), frozenset({"timestep"}))),
+            *((*call, accesses(p, backend)) for call, (_, p) in zip(motion, plan.motion)),
             ("send_clock", self._send, None),
         ]
         return [(name, call) for name, call, _ in steps], [what for *_, what in steps]

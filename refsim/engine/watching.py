@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from refsim.core.capabilities import Watches, having
+from refsim.core.capabilities import RunMonitor, effects_with
 from refsim.core.errors import RunStopped
-from refsim.engine.limits import Advance
+from refsim.engine.limits import StepOutcome
 from refsim.engine.state import State
 from refsim.engine.stepping import most_dense
 from refsim.sph import CROWD, DENSE, LIQUID
@@ -17,7 +17,7 @@ STOPPED, ENOUGH = 2e-3, 100  # stops by planes over steps times particles that g
 HELD = 0.3  # the same that stop the run
 
 
-def watch(state: State, done: Advance, field: Callable[[str], np.ndarray]) -> None:
+def watch(state: State, done: StepOutcome, field: Callable[[str], np.ndarray]) -> None:
     """Look at what a step did, and add notes to the run. Raises RunStopped where it cannot go on.
 
     field  values of a watched field after the step
@@ -30,15 +30,15 @@ def watch(state: State, done: Advance, field: Callable[[str], np.ndarray]) -> No
     _note_density(state, done.dense)
     _note_stops(state)
     grid = state.plan.grid
-    watching: list[Any] = [effect for effect in having(state.plan.effects, Watches) if effect.watched]
+    watching: list[Any] = [effect for effect in effects_with(state.plan.effects, RunMonitor) if effect.watched]
     for effect in watching:
         seen = {name: field(name) for name in effect.watched}
         stop = effect.verdict(grid, seen, done.length)
         if stop is not None:
             raise RunStopped(stop[0], f"In step {state.steps} to {state.time:.6g} s {stop[1]}")
-        said = effect.remark(grid, seen)
+        said = effect.warning(grid, seen)
         if said is not None:
-            state.remark(effect.name, f"{effect.name}: from step {state.steps} on, at {state.time:.6g} s, {said}")
+            state.add_note(effect.name, f"{effect.name}: from step {state.steps} on, at {state.time:.6g} s, {said}")
 
 
 def _note_density(state: State, dense: int) -> None:
@@ -46,7 +46,7 @@ def _note_density(state: State, dense: int) -> None:
     if dense > most_dense(state):
         words = f"{LIQUID}: from step {state.steps} on, at {state.time:.6g} s, {dense} of {state.count} particles"
         bound = f"more than {100 * CROWD:g} %, are denser than {DENSE:g} times the rest density"
-        state.remark(LIQUID, f"{words}, {bound}: take a larger sound_speed, or a shorter step with iisph")
+        state.add_note(LIQUID, f"{words}, {bound}: take a larger sound_speed, or a shorter step with iisph")
 
 
 def _note_stops(state: State) -> None:
@@ -63,6 +63,6 @@ def _note_stops(state: State) -> None:
         f"up to step {state.steps}, at {state.time:.6g} s, planes have stopped {100 * share:.2g} % of the particles"
         f" in a step: the walls do not hold the liquid; take {advice}, or a smaller support_radius"
     )
-    state.remark("planes", words)
+    state.add_note("planes", words)
     if share > HELD and extrapolated and state.plan.grid.solids is None:
         raise RunStopped("held_by_planes", f"{words[0].upper()}{words[1:]}.")

@@ -19,7 +19,7 @@ def between_two(w):
     """A point 1 m from two particles of 2 m^3 and 1 m^3; nothing far away."""
     place = np.array([[0.0, 1.0, 0.0], [0.0, 9.0, 0.0]])
     position = np.array([[0.0, 0.0, 0.0], [0.0, 2.0, 0.0]])
-    w = w.share * w.own
+    w = w.share * w.at_zero
     return Exact(
         at("between_two_points", position, place),
         {

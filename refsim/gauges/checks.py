@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim.core.capabilities import FACES, BringsWalls, HasPlanes, having
+from refsim.core.capabilities import FACES, BringsWalls, HasPlanes, effects_with
 from refsim.core.checked import suggestion
 from refsim.core.effect import Discretisation, Effect, Others
 from refsim.core.errors import InputError
@@ -41,7 +41,7 @@ def check_gauges(gauges: Sequence[Gauge], solids: int, grid: Discretisation, eff
 def _check_body(gauge: Gauge, solids: int, grid: Discretisation, effects: Others) -> None:
     """Raise InputError where the scene lacks what a force acts on."""
     bodies = [f"solid {k}" for k in range(1, solids + 1)]
-    known = [effect.name for effect in having(effects, BringsWalls) if isinstance(effect, Effect)]
+    known = [effect.name for effect in effects_with(effects, BringsWalls) if isinstance(effect, Effect)]
     box: Any = effects.get("box_walls")
     faces = [] if box is None else walled_faces(box, grid)
     choices = (*faces, *known, *bodies)
@@ -60,7 +60,7 @@ def walled_faces(box: Any, grid: Discretisation) -> list[str]:
 
 def _check_inside(gauge: Gauge, place: NDArray[np.float64], grid: Discretisation, effects: Others) -> None:
     """Raise InputError where a point lies behind a plane of the walls, or outside a periodic box."""
-    corners = [effect.domain(grid) for effect in having(effects, HasPlanes)]
+    corners = [effect.domain(grid) for effect in effects_with(effects, HasPlanes)]
     for axis in range(grid.dim):
         lows, highs = [low[axis] for low, _ in corners], [high[axis] for _, high in corners]
         if grid.period[axis] > 0:

@@ -24,7 +24,7 @@ operation = operations(
     broken={1: "rotation"},
 )  # fmt: skip
 _scheme = operations(
-    paper="standard", cases=_STEEP, outputs="enthalpy temperature", reach=0,
+    paper="standard", cases=_STEEP, outputs="enthalpy temperature", halo_depth=0,
     optional=f"reservoir period {_MELTS} {_MADE_UP}",
     variants=(
         f"reservoir period {_MELTS} {_MADE_UP}", f"reservoir {_MELTS}", f"period {_MELTS} {_MADE_UP}",
@@ -148,7 +148,7 @@ def tensors(x, rest):
 @operation(
     "S_i = sum_j V_j L_ij f_ij x_ij x_ij^T = I, f_ij = e.(A_i + A_j).e/2 (Shao & Song M26)",
     optional="reservoir period", outputs="compensation_x compensation_rest", variants=("reservoir period", ""),
-    reach=0, broken={}, tolerance=4.0,
+    halo_depth=0, broken={}, tolerance=4.0,
     invariants="translation reordering", programs={"cpu": "schemes", "cuda": "schemes"},
     reason="the scale counts the moments once for each round, over the square of the least eigenvalue that is inverted",
 )  # fmt: skip
@@ -212,7 +212,7 @@ def _after(change, start, scale, enthalpy, heat_capacity, melting):
     return _answer(ref.temperature_of(h, c, point, latent), h, scale, c, latent)
 
 
-@_scheme("forward Euler on (4)", reach=1)
+@_scheme("forward Euler on (4)", halo_depth=1)
 def explicit(body: Body, melting: Melting, step: Step, enthalpy, temperature):
     """Forward Euler: C_i T_i += dt Q_i, or m_i H_i += dt Q_i [K; J/kg]. Unstable where s_i > 1."""
     pairs, (start,) = Exchanges(body, step), _f(temperature)
@@ -220,7 +220,7 @@ def explicit(body: Body, melting: Melting, step: Step, enthalpy, temperature):
 
 
 @_scheme(
-    "(4) with Shao & Song M7 as printed (R1)", paper="Shao & Song 2017", outputs="temperature", reach=2, **_SOLID,
+    "(4) with Shao & Song M7 as printed (R1)", paper="Shao & Song 2017", outputs="temperature", halo_depth=2, **_SOLID,
     invariants="translation",
 )  # fmt: skip
 def one_sided(body: Body, step: Step, temperature):

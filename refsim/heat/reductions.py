@@ -7,7 +7,7 @@ import numpy as np
 
 from refsim.backends.chunks import CHUNKS, limits
 from refsim.backends.compile import formula, kernel
-from refsim.backends.fast.staging import AT_A_TIME, buffer, staged
+from refsim.backends.fast.staging import AT_A_TIME, buffer, gathered
 from refsim.backends.tuples import three
 from refsim.heat.formulas import missing_factor
 from refsim.heat.kernels import capacity_of, scaled_distance, weight_at
@@ -17,7 +17,7 @@ from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import row_of
 
 
-def weighed(body, neighbours, step, scratch):
+def weigh_exchanges(body, neighbours, step, scratch):
     """(exchanges, 1/C_i [K/J], array (1,) of the largest s_i, infinite where a sum is not finite)."""
     n, real, capacity = len(body.volume), body.volume.dtype, len(neighbours.entries)
     exchanges = ExchangeRows(
@@ -42,7 +42,7 @@ def compensate_block(i, at, size, position, compensation_x, compensation_rest, n
             buffer(compensation_x), buffer(compensation_x), buffer(compensation_x), buffer(compensation_rest),
             buffer(compensation_rest), buffer(compensation_rest),
         )  # fmt: skip
-        staged(neighbours.entries, at, size, (compensation_x, compensation_rest), (xx, xy, xz, yy, yz, zz))
+        gathered(neighbours.entries, at, size, (compensation_x, compensation_rest), (xx, xy, xz, yy, yz, zz))
         own_x, own_rest, own = three(compensation_x, i), three(compensation_rest, i), three(position, i)
         x, y, z = places
         for m in range(size):
@@ -62,7 +62,7 @@ def weigh_and_pack(i, body, neighbours, seconds, conduction, period, exchanges):
     for begin in range(np.uint64(0), count, np.uint64(AT_A_TIME)):
         left = min(count - begin, np.uint64(AT_A_TIME))
         arrays, buffers = (position, volume, conductivity), (x, y, z, volumes, conductivities)
-        staged(neighbours.entries, first + begin, left, arrays, buffers)
+        gathered(neighbours.entries, first + begin, left, arrays, buffers)
         for m in range(left):  # a loop of its own, which vectorises
             away = position[i, 0] - x[m], position[i, 1] - y[m], position[i, 2] - z[m]
             q = scaled_distance(away, period, conduction)
@@ -143,14 +143,14 @@ def stepped(i, length, inverse, direction, image, solution, residual, gradient):
     return np.float64(residual[i]) * np.float64(gradient[i])
 
 
-def turn(exchanges, inverse, gradient, dots, old, direction, image, scratch):
+def update_direction(exchanges, inverse, gradient, dots, old, direction, image, scratch):
     """p = z + beta p_before, A p and p A p."""
     partial = scratch.array("heat partial", CHUNKS, np.float64)
     turn_chunk(exchanges, inverse, gradient, dots, old, direction, image, partial)
     dots[1] = partial.sum()
 
 
-def step(inverse, direction, image, dots, solution, residual, gradient, scratch):
+def update_solution(inverse, direction, image, dots, solution, residual, gradient, scratch):
     """x += alpha p, r -= alpha A p, z = r/C and r z."""
     partial = scratch.array("heat partial", CHUNKS, np.float64)
     step_chunk(inverse, direction, image, dots, solution, residual, gradient, partial)

@@ -16,7 +16,7 @@ from refsim.neighbours.formulas import to_nearest_image
 from refsim.neighbours.rows import over_lanes, row_of
 
 
-def weighed(body, neighbours, step, scratch):
+def weigh_exchanges(body, neighbours, step, scratch):
     """(exchanges, 1/C_i [K/J], array (1,) of the largest s_i, infinite where a sum is not finite)."""
     n, real, capacity = body.volume.shape[0], body.volume.dtype, neighbours.entries.shape[0]
     weights = scratch.array("heat weight", capacity, real)
@@ -87,14 +87,14 @@ def weigh(placed, conductor, step, exchanges, inverse, largest):
         cuda.atomic.max(largest, 0, most)
 
 
-def turn(exchanges, inverse, gradient, dots, old, direction, image, scratch):
+def update_direction(exchanges, inverse, gradient, dots, old, direction, image, scratch):
     """p = z + beta p_before, A p and p A p."""
     partial = _partial_sums(direction.shape[0] * len(exchanges.lanes), "heat partial turn", scratch)
     turn_blocks(exchanges, inverse, gradient, dots, old, image, partial, direction)
     add_up(partial, np.int32(1), scratch.array("heat one", 1, np.int32), dots)
 
 
-def step(inverse, direction, image, dots, solution, residual, gradient, scratch):
+def update_solution(inverse, direction, image, dots, solution, residual, gradient, scratch):
     """x += alpha p, r -= alpha A p, z = r/C and r z."""
     partial = _partial_sums(direction.shape[0], "heat partial", scratch)
     step_blocks(inverse, direction, image, dots, residual, gradient, partial, solution)

@@ -29,16 +29,16 @@ from refsim.heat.stages import (
 
 
 def reduced(scratch):
-    """(weighed, turn, step) of `reductions`, on the backend of the scratch memory."""
+    """(weigh_exchanges, update_direction, update_solution) of `reductions`, on the backend of the scratch memory."""
     if scratch.backend.name != "cuda":
-        return reductions.weighed, reductions.turn, reductions.step
+        return reductions.weigh_exchanges, reductions.update_direction, reductions.update_solution
     from refsim.heat import reductions_cuda  # loads numba.cuda
 
-    return reductions_cuda.weighed, reductions_cuda.turn, reductions_cuda.step
+    return reductions_cuda.weigh_exchanges, reductions_cuda.update_direction, reductions_cuda.update_solution
 
 
 def weighed(body, neighbours, step, scratch):
-    """As `reductions.weighed`, on the backend of the scratch memory."""
+    """As `reductions.weigh_exchanges`, on the backend of the scratch memory."""
     return reduced(scratch)[0](body, neighbours, step, scratch)
 
 

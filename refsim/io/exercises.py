@@ -26,7 +26,7 @@ UNITS: tuple[dict[str, float], ...] = (
 WRITTEN = re.compile(r"([-+]?[\d.]+(?:e[-+]?\d+)?)\s*(?:/\s*([\d.]+))?\s*(\D*)", re.IGNORECASE)
 
 
-class Wrong(Exception):
+class WrongAnswer(Exception):
     """Says what is wrong with an answer."""
 
 
@@ -37,7 +37,7 @@ class Verdict(NamedTuple):
     words: str
 
 
-class About(NamedTuple):
+class Approximate(NamedTuple):
     """A value, and the relative error with which it is meant."""
 
     value: Any
@@ -64,16 +64,16 @@ class Exercises:
         def told(helper: Any, *values: Any, **more: Any) -> Any:
             try:
                 return helper(*values, **more)
-            except Wrong as wrong:
-                raise Wrong(f"{wrong}{'' if OPEN in str(wrong) else tried(answer, given)}") from None
+            except WrongAnswer as wrong:
+                raise WrongAnswer(f"{wrong}{'' if OPEN in str(wrong) else tried(answer, given)}") from None
 
         beside = {"answer": answer, "called": call, "compare": functools.partial(told, compare)}
         known = dict(self.names) | HELPERS | beside
         try:
             if answer is ... or (isinstance(answer, tuple | list) and any(part is ... for part in answer)):
-                raise Wrong(f"{OPEN}.")
+                raise WrongAnswer(f"{OPEN}.")
             exec(compile(self.judges[exercise], f"judge of exercise {exercise}", "exec"), known)
-        except Wrong as wrong:
+        except WrongAnswer as wrong:
             return Verdict(False, str(wrong))
         return Verdict(True, known["right"])
 
@@ -103,75 +103,82 @@ def tried(answer: Any, given: list[Any]) -> str:
 
 
 def read(text: str, unit: str) -> float:
-    """The number that a text writes, such as "0.5", "0,5", "3/16" or "12 cm", in a unit of `UNITS`; raises Wrong."""
+    """The number that a text writes, such as "0.5", "0,5", "3/16" or "12 cm", in a unit of `UNITS`.
+
+    Raises WrongAnswer.
+    """
     found = WRITTEN.fullmatch(text.strip().replace(",", ".").replace("\u2212", "-"))
     try:
         value = float(found[1]) / float(found[2] or 1) if found else None
     except (ValueError, ZeroDivisionError):
         value = None
     if found is None or value is None:
-        raise Wrong(f"this is {text!r}; write one number, such as 0.5 or 3/16.")
+        raise WrongAnswer(f"this is {text!r}; write one number, such as 0.5 or 3/16.")
     units = next(units for units in UNITS if unit in units)
     written = found[3].strip().replace("\u00b7", " ") or unit
     if written not in units:
-        raise Wrong(f"{text!r} is not {f'in {unit}' if unit else 'a plain number'}, and that is asked for.")
+        raise WrongAnswer(f"{text!r} is not {f'in {unit}' if unit else 'a plain number'}, and that is asked for.")
     return value * units[written] / units[unit]
 
 
 def number(answer: Any, unit: str = "") -> float:
-    """The answer as one finite number, in a unit of `UNITS` where it is a text with a unit; raises Wrong."""
+    """The answer as one finite number, in a unit of `UNITS` where it is a text with a unit; raises WrongAnswer."""
     return float(numbers(answer, (), unit))
 
 
 def numbers(answer: Any, shape: tuple[int, ...], unit: str = "") -> np.ndarray:
-    """The answer as an array of finite numbers of a shape; raises Wrong."""
+    """The answer as an array of finite numbers of a shape; raises WrongAnswer."""
     wanted = f"numbers in an array of shape {shape}" if shape else "one number"
     if isinstance(answer, str):
         answer = read(answer, unit)
     elif isinstance(answer, list | tuple):
         answer = [read(part, unit) if isinstance(part, str) else part for part in answer]
     if callable(answer):
-        raise Wrong(f"this is a function: call it, with brackets. Asked for: {wanted}.")
+        raise WrongAnswer(f"this is a function: call it, with brackets. Asked for: {wanted}.")
     if answer is None:
-        raise Wrong("this is None: a function that gives nothing back lacks its `return`.")
+        raise WrongAnswer("this is None: a function that gives nothing back lacks its `return`.")
     try:
         found = np.asarray(answer, dtype=float)
     except (TypeError, ValueError):
-        raise Wrong(f"this is {answer!r}; asked for: {wanted}.") from None
+        raise WrongAnswer(f"this is {answer!r}; asked for: {wanted}.") from None
     if found.shape != shape:
-        raise Wrong(f"this has the shape {found.shape}; asked for: {wanted}.")
+        raise WrongAnswer(f"this has the shape {found.shape}; asked for: {wanted}.")
     if not np.isfinite(found).all():
-        raise Wrong(
+        raise WrongAnswer(
             "some of it is infinite or no number: look for a division by zero, or a negative number under a root."
         )
     return found
 
 
 def mask(answer: Any, count: int) -> np.ndarray:
-    """The answer as True or False for each of `count` particles; raises Wrong."""
+    """The answer as True or False for each of `count` particles; raises WrongAnswer."""
     found = np.asarray(answer)
     if found.dtype.kind in "iu" and (found.shape != (count,) or found.max(initial=0) > 1):
-        raise Wrong(
+        raise WrongAnswer(
             f"these are indices of particles, and a mask is asked for: True or False for each of the {count}."
             f" Make `marked = np.zeros({count}, bool)`, then `marked[indices] = True`."
         )
     if found.dtype != bool:
-        raise Wrong(f"these are values of type {found.dtype}, and a mask is True or False: compare them with a limit.")
+        raise WrongAnswer(
+            f"these are values of type {found.dtype}, and a mask is True or False: compare them with a limit."
+        )
     if found.shape != (count,):
-        raise Wrong(f"this has the shape {found.shape}; a mask has one value for each of the {count} particles.")
+        raise WrongAnswer(f"this has the shape {found.shape}; a mask has one value for each of the {count} particles.")
     return found
 
 
 def called(answer: Any, *given: Any) -> Any:
-    """What the answer, a function, gives back; raises Wrong where it is none, fails, or gives nothing back."""
+    """What the answer, a function, gives back; raises WrongAnswer where it is none, fails, or gives nothing back."""
     if not callable(answer):
-        raise Wrong(f"this is {type(answer).__name__}, and a function is asked for: give its name, without brackets.")
+        raise WrongAnswer(
+            f"this is {type(answer).__name__}, and a function is asked for: give its name, without brackets."
+        )
     try:
         found = answer(*given)
     except Exception as error:
-        raise Wrong(f"your function stops with {type(error).__name__}: {error}.") from None
+        raise WrongAnswer(f"your function stops with {type(error).__name__}: {error}.") from None
     if found is None or found is ...:
-        raise Wrong(f"{OPEN}, and end the function with `return`.")
+        raise WrongAnswer(f"{OPEN}, and end the function with `return`.")
     return found
 
 
@@ -193,17 +200,19 @@ def compare(
     if near(right, within):
         return
     for words, other in wrong.items():
-        if near(*(other if isinstance(other, About) else (other, within))):
-            raise Wrong(words)
+        if near(*(other if isinstance(other, Approximate) else (other, within))):
+            raise WrongAnswer(words)
     share = float((value * right).sum() / (right**2).sum())
     tens = round(np.log10(share)) if share > 0 else 0
     if near(-right, within):
-        raise Wrong("the size is right and the sign is wrong.")
+        raise WrongAnswer("the size is right and the sign is wrong.")
     if tens and abs(tens) % 3 == 0 and near(right * 10.0**tens, within):
-        raise Wrong(f"this is 1e{tens} times the right answer: look at the units.")
+        raise WrongAnswer(f"this is 1e{tens} times the right answer: look at the units.")
     if right.size > 1 and near(right * share, max(within, 1e-6)):
-        raise Wrong(f"all values are {share:.4g} times the right ones: a factor is wrong or missing.")
-    raise Wrong(hint)
+        raise WrongAnswer(f"all values are {share:.4g} times the right ones: a factor is wrong or missing.")
+    raise WrongAnswer(hint)
 
 
-HELPERS = {"Wrong": Wrong, "about": About} | {f.__name__: f for f in (called, compare, mask, number, numbers)}
+HELPERS = {"WrongAnswer": WrongAnswer, "about": Approximate} | {
+    f.__name__: f for f in (called, compare, mask, number, numbers)
+}

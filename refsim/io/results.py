@@ -250,7 +250,7 @@ class Run(Shown):
 
     # As text
 
-    def _facts(self) -> tuple[str, list[tuple[str, str]]]:
+    def _summary(self) -> tuple[str, list[tuple[str, str]]]:
         span = f", from {self.times[0]:.6g} to {self.times[-1]:.6g} s" if len(self) else ""
         counts = sorted({head.count for head in self._heads})
         particles = f"{counts[0]:,}" + (f" to {counts[-1]:,}" if len(counts) > 1 else "") if counts else "none"

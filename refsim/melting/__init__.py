@@ -51,8 +51,8 @@ class Melting(Effect, KeepsLedger, SumsDensity, FollowsScene, frozen=True, kw_on
 
     bookkeeping: Literal["immiscible", "water"] | None = None
 
-    def settled(self, others: Others) -> "Melting":
-        summed = not liquid_of(others).settled(others).advances()
+    def with_scene_defaults(self, others: Others) -> "Melting":
+        summed = not liquid_of(others).with_scene_defaults(others).advances()
         return msgspec.structs.replace(self, bookkeeping=self.bookkeeping or ("immiscible" if summed else "water"))
 
     def sums_density(self, standing: bool) -> bool:

@@ -22,7 +22,7 @@ from refsim.core.capabilities import (
     KnowsParticleMass,
     LimitsMassRatio,
     NeedsCellOrder,
-    Watches,
+    RunMonitor,
 )
 from refsim.core.checked import NotNegative, Positive, Printed
 from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
@@ -133,7 +133,7 @@ class Contact(NamedTuple):
 
 
 class MpmLiquid(
-    Effect, KnowsParticleMass, LimitsMassRatio, NeedsCellOrder, HoldsOtherMemory, Watches, HasErrata, JudgesStart,
+    Effect, KnowsParticleMass, LimitsMassRatio, NeedsCellOrder, HoldsOtherMemory, RunMonitor, HasErrata, JudgesStart,
     frozen=True, kw_only=True,
 ):  # fmt: skip
     """Weakly compressible liquid moved by the material point method (APIC, quadratic B-splines).

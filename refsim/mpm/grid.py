@@ -147,7 +147,7 @@ class MpmGrid:
 
         self._unseen = UNSEEN - 2 * self.reach
         if self.noted is None:
-            self.noted = device.Mirror(self.backend.zeros(3, "int32"))
+            self.noted = device.PinnedCopy(self.backend.zeros(3, "int32"))
         elif not moved:
             shallow, lost, _ = self._noted()  # by the step before, half a cell ago
             self._check_lost(SETS[0], lost)

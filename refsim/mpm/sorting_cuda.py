@@ -54,9 +54,9 @@ def block_keys(position, inverse_cell, dim):
 
 def find_cells(position, inverse_cell, blocks, complete, cell):
     """Write the points' cells; (points outside all blocks, points too far away or NaN)."""
-    counts = device.wrapped(device.library().zeros(2, np.int32))
+    counts = device.as_numba(device.cupy_or_numpy().zeros(2, np.int32))
     write_cells(position, inverse_cell, blocks.keys, complete, block_bits(blocks), counts, cell)
-    missing, lost = device.seen(counts).tolist()
+    missing, lost = device.as_cupy(counts).tolist()
     return missing, lost
 
 

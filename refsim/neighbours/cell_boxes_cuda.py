@@ -201,11 +201,13 @@ class CellBoxes:
         self.boxes = [(backend.empty((n, 6), real), backend.empty((n, 6), real)) for n in (capacity, parts, 1)]
         self.near = backend.empty(capacity * (3 if search.dim == 2 else 13), np.int32)
         self.displacements, self.reach = backend.zeros(4, real), real.type(search.reach)
-        self.mirror = device.Mirror(self.displacements)
-        self.found = self.launched = False  # whether `near` belongs to the list, and `displacements` to the positions
+        self.mirror = device.PinnedCopy(self.displacements)
+        self.near_known = self.launched = (
+            False  # whether `near` belongs to the list, and `displacements` to the positions
+        )
         static_cells = None if static is None else static.table.cells
         self.find = lambda: near_cells(table.cells, table.report, static_cells, capacity, self.near)
-        self.first, self.again = (device.Recorded(lambda found=found: self._measure(found)) for found in (False, True))
+        self.first, self.again = (device.CudaGraph(lambda found=found: self._measure(found)) for found in (False, True))
 
     def _measure(self, found):
         table = self.table
@@ -226,8 +228,8 @@ class CellBoxes:
 
     def launch(self):
         """Compare the present positions; the host does not wait."""
-        (self.again if self.found else self.first)()
-        self.found = self.launched = True
+        (self.again if self.near_known else self.first)()
+        self.near_known = self.launched = True
 
     def relative_displacements(self):
         """Bounds [m] now and ahead: of two particles' displacement less the gap between their cells, and of any two."""

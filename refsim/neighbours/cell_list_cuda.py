@@ -96,7 +96,7 @@ class CellSearch:
             self._build(own)
         result, table = own.result, own.queries
         if self.boxes is not None:
-            self.boxes.found = self.boxes.launched = False
+            self.boxes.near_known = self.boxes.launched = False
             if self.boxes.boxes[0][0].shape[0] != table.cells.shape[0]:
                 self.boxes = None
         return result
@@ -176,7 +176,7 @@ class CellSearch:
             return
         while True:
             if self.together[0] != lists:
-                self.together = lists, device.Recorded(lambda: self._launch(lists))
+                self.together = lists, device.CudaGraph(lambda: self._launch(lists))
                 self.counted = ()
             self.together[1]()
             lists[-1].mirror.read()

@@ -134,9 +134,9 @@ class Sorter:
         self.keys, self.order = backend.empty(n, np.int64), backend.empty(n, np.int64)
         self.rows = device.Rows(arrays, self.order)
         self.by_count = CellOrder(backend, self.keys, self.order) if n else None
-        self.mirror = None if self.by_count is None else device.Mirror(self.by_count.report)
-        self.all = device.Recorded(lambda: self._sort(position, 1.0 / search.reach, search.periodic, sorted_position))
-        self.move = device.Recorded(lambda: self._move(position, sorted_position))
+        self.mirror = None if self.by_count is None else device.PinnedCopy(self.by_count.report)
+        self.all = device.CudaGraph(lambda: self._sort(position, 1.0 / search.reach, search.periodic, sorted_position))
+        self.move = device.CudaGraph(lambda: self._move(position, sorted_position))
         # Whether the host has yet to see whether counting gave an order, and whether it did the last time
         self.open, self.suffices = False, True
         self.beside, self.behind = None, behind

@@ -124,7 +124,7 @@ class ListOf:
         if table is None:
             self.table = self.queries
         self.report = self.queries.report if known is None else self.backend.zeros(4, np.int32)
-        self.mirror = device.Mirror(self.report)
+        self.mirror = device.PinnedCopy(self.report)
         self.most = self.missed = 0
         self.ready = False  # whether it was built with another list
         lanes = (np.int32(0),) * (LANES if n < FEW else 1)

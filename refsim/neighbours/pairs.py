@@ -101,7 +101,7 @@ NEAR_LOOP = """\
 STAGED_LOOP = """\
     {buffers}
     for begin in range(np.uint64(0), count, np.uint64(staging.AT_A_TIME)):
-        size = staging.staged(listed.entries, first + begin, count - begin, ({arrays}), ({parts}))
+        size = staging.gathered(listed.entries, first + begin, count - begin, ({arrays}), ({parts}))
         for m in range(size):
             dx, dy, dz = to_nearest_image(x - x_at[m], y - y_at[m], z - z_at[m], box)
             r2 = dx * dx + dy * dy + dz * dz

@@ -17,7 +17,7 @@ from refsim.core.capabilities import (
     Joins,
     PullsParticles,
     closed_box,
-    having,
+    effects_with,
     open_axis,
 )
 from refsim.core.checked import NotNegative
@@ -72,7 +72,7 @@ class ParticleShifting(Effect, CorrectsPositions, Joins, frozen=True, kw_only=Tr
     def joins(cls, others: Others) -> bool:
         """Beside a liquid that names no density, where that is advanced."""
         liquid = others.get(LIQUID)
-        return liquid is not None and liquid.density is None and liquid.settled(others).advances()  # type: ignore[attr-defined]
+        return liquid is not None and liquid.density is None and liquid.with_scene_defaults(others).advances()  # type: ignore[attr-defined]
 
     def check(self, grid: Discretisation, others: Others) -> None:
         if self.strength == 0:
@@ -86,7 +86,7 @@ class ParticleShifting(Effect, CorrectsPositions, Joins, frozen=True, kw_only=Tr
 
     def initial(self, grid: Discretisation, state: "InitialState", others: Others) -> Mapping[str, np.ndarray]:
         """Nothing. Raises InputError for a box that is not full where the liquid is said to have no surface."""
-        walled = any(not isinstance(effect, HasPlanes) for effect in having(others, BringsWalls))
+        walled = any(not isinstance(effect, HasPlanes) for effect in effects_with(others, BringsWalls))
         if self.strength > 0 and self.surface == "none" and not walled:
             filled = grid.count * grid.spacing**grid.dim / float(np.prod(closed_box(grid, others)))
             if filled < LEAST_FULL:
@@ -145,7 +145,7 @@ class ParticleShifting(Effect, CorrectsPositions, Joins, frozen=True, kw_only=Tr
         """None of its own: what its displacements add to that of gravity the audit sums step by step."""
         if self.strength == 0:
             return EnergyAccount()
-        pulled = any(effect.passes(others) for effect in having(others, PullsParticles))  # type: ignore[attr-defined]
+        pulled = any(effect.passes(others) for effect in effects_with(others, PullsParticles))  # type: ignore[attr-defined]
         words = ["what shifts change in the potential of cohesion"] if pulled else []
         words += [] if self._at_surface() else ["what shifts change in the density"]
         return EnergyAccount(uncounted=tuple(words))

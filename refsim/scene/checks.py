@@ -9,7 +9,14 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from refsim.core.capabilities import BringsWalls, HasPlanes, KnowsParticleMass, LimitsMassRatio, having, settled
+from refsim.core.capabilities import (
+    BringsWalls,
+    HasPlanes,
+    KnowsParticleMass,
+    LimitsMassRatio,
+    effects_with,
+    with_scene_defaults,
+)
 from refsim.core.effect import EFFECTS, Discretisation, Effect, Extremes, InitialState, Nodes
 from refsim.core.errors import InputError
 from refsim.core.reading import GREATEST, LONGEST
@@ -46,7 +53,7 @@ def checked(scene: Scene) -> tuple[Discretisation, dict[str, Effect]]:
     given = {name: effect.in_scene(grid) for name, effect in _effects(scene).items()}
     if moves_tank(scene.motion) and "gravity" not in given:
         given["gravity"] = EFFECTS["gravity"](acceleration=(0.0, 0.0, 0.0))
-    effects = settled(effect for effect in given.values() if not _is_open(effect, grid))
+    effects = with_scene_defaults(effect for effect in given.values() if not _is_open(effect, grid))
     _check_support(grid, effects)
     postponed = []
     for effect in (given | effects).values():
@@ -235,7 +242,7 @@ def crowded(
     Particles count with their volume, heavier ones than a lattice's as one of it. A cloud that is no lattice itself
     crowds in places; with one in the scene there is no note.
     """
-    liquid = next((effect for effect in having(effects, KnowsParticleMass) if effect.of_liquid), None)
+    liquid = next((effect for effect in effects_with(effects, KnowsParticleMass) if effect.of_liquid), None)
     if liquid is None:
         return
     solid, lattice = 0 if grid.solids is None else len(grid.solids.lattice.key), grid.spacing**grid.dim

@@ -47,7 +47,7 @@ class Cells:
             return np.sum([(key // s + o) % n * s for s, n, o in zip(stride, count, offset)], axis=0)
 
         cells = np.unique(np.concatenate([beside(key, offset) for offset in self.offsets]))
-        self.own = np.searchsorted(cells, key)[inverse]
+        self.cell_of = np.searchsorted(cells, key)[inverse]
         self.near = np.empty((len(self.offsets), len(cells)), np.int64)
         for near, offset in zip(self.near, self.offsets):
             wanted = beside(cells, offset)
@@ -75,7 +75,7 @@ class Cells:
                 from one: air between a surface and a lid is no liquid
         """
         beyond = np.array([False])
-        wet = np.bincount(self.own[liquid], minlength=len(solid)) > 0
+        wet = np.bincount(self.cell_of[liquid], minlength=len(solid)) > 0
         near = np.append(wet, beyond)[self.near].any(0)
         found = near & np.append(near | solid, beyond)[self.near].all(0)
         found &= wet | np.append(near, beyond)[self.near].all(0)
@@ -93,7 +93,7 @@ class Cells:
             along = 0.5 * (0.5 - x) ** 2, 0.75 - x**2, 0.5 * (0.5 + x) ** 2
             for near, offset in zip(self.near, self.offsets):
                 share = functools.reduce(np.multiply, (along[o + 1][:, axis] for axis, o in enumerate(offset)))
-                yield part, near[self.own[rows]], share
+                yield part, near[self.cell_of[rows]], share
 
 
 def _numbered(number: np.ndarray, around: int) -> tuple[np.ndarray, int]:

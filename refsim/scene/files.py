@@ -124,7 +124,7 @@ def scene_to_dict(scene: Scene) -> dict[str, Any]:
     return tables
 
 
-def put(tables: Mapping[str, Any], name: str, value: Any, source: str) -> None:
+def set_parameter(tables: Mapping[str, Any], name: str, value: Any, source: str) -> None:
     """Set a parameter in a scene's tables, such as effects.gravity.acceleration or fluid.1.cells; parts count from 1.
 
     Raises InputError, beginning with `source`, where the scene lacks the table or the part.

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.core.capabilities import KnowsParticleMass, NeedsCellOrder, having
+from refsim.core.capabilities import KnowsParticleMass, NeedsCellOrder, effects_with
 from refsim.core.effect import Discretisation, Effect, InitialState, Nodes
 from refsim.core.errors import InputError
 from refsim.scene.checks import check_coincident, check_particles, resolved
@@ -31,7 +31,7 @@ def placed(
     solids = voxelised(scene.solid, empty) if scene.solid else None
     state = _initial_state(scene, empty, effects, solids)
     grid = dataclasses.replace(empty, count=len(state.position), solids=solids)
-    cell = max((e.sorting_cell(grid) for e in having(effects, NeedsCellOrder)), default=0.0)
+    cell = max((e.sorting_cell(grid) for e in effects_with(effects, NeedsCellOrder)), default=0.0)
     unit = cell if cell > 0 and solids is None else grid.spacing
     middle = unit * np.rint(0.5 * (state.position.min(0) + state.position.max(0)) / unit) + 0.0  # no -0
     farthest, nearer = np.abs(state.position).max(), np.abs(state.position - middle).max()
@@ -104,13 +104,13 @@ def fitting_share(place: str, mass: float, lattice: float) -> float:
 
 def solid_volume(grid: Discretisation, effects: Mapping[str, Effect]) -> float:
     """Volume of a particle of a solid [m^dim]: that of a particle of the liquid in bulk."""
-    liquid = next((e for e in having(effects, KnowsParticleMass) if e.of_liquid), None)
+    liquid = next((e for e in effects_with(effects, KnowsParticleMass) if e.of_liquid), None)
     return grid.spacing**grid.dim if liquid is None else liquid.particle_volume(grid)
 
 
 def lattice_mass(grid: Discretisation, effects: Mapping[str, Effect]) -> float:
     """Mass of a lattice particle: the liquid's, else that of the first effect that gives one, else 1."""
-    liquid_first = sorted(having(effects, KnowsParticleMass), key=lambda effect: not effect.of_liquid)
+    liquid_first = sorted(effects_with(effects, KnowsParticleMass), key=lambda effect: not effect.of_liquid)
     return liquid_first[0].particle_mass(grid) if liquid_first else 1.0
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.core.capabilities import BringsWalls, JudgesStart, having
+from refsim.core.capabilities import BringsWalls, JudgesStart, effects_with
 from refsim.core.checked import plainly
 from refsim.core.effect import Discretisation, Effect, InitialState, Pass
 from refsim.core.errors import InputError
@@ -55,7 +55,7 @@ class Plan(Shown):
     wall_rows: Mapping[str, tuple[int, int]] = field(default_factory=dict)
     notes: tuple[str, ...] = field(default_factory=tuple)
 
-    def _facts(self) -> tuple[str, list[tuple[str, str]]]:
+    def _summary(self) -> tuple[str, list[tuple[str, str]]]:
         return f"Plan of {self.scene.name!r}", [
             ("particles", f"{self.grid.count:,} in {self.grid.dim}D, {self.grid.dtype}"),
             ("spacing", f"{self.grid.spacing:g} m, support radius {self.grid.support_radius:g} m"),
@@ -114,7 +114,7 @@ def _planned(scene: Scene, grid: Discretisation, given: Mapping[str, Effect], ab
     period = period_group(scene.period, scene.dtype) if any(scene.period) else None
     shared: dict[str, Any] = {"walls": None, "period": period}
     parameters: dict[str, dict[str, Any]] = {}
-    bringing: list[Any] = having(effects, BringsWalls)
+    bringing: list[Any] = effects_with(effects, BringsWalls)
     made = [effect.walls(grid, effects) for effect in bringing]
     walls = [part for part in made if part is not None]
     ends = np.cumsum([0 if part is None else len(part.volume) for part in made]).tolist()
@@ -172,7 +172,11 @@ def _planned(scene: Scene, grid: Discretisation, given: Mapping[str, Effect], ab
             *checks.coarse_places(grid, state),
             *checks.crowded(grid, state, merged, scene, effects),
             *checks.unequal_masses(state, effects),
-            *(note for e in having(effects, JudgesStart) for note in e.notes_on_start(grid, state, merged, effects)),
+            *(
+                note
+                for e in effects_with(effects, JudgesStart)
+                for note in e.notes_on_start(grid, state, merged, effects)
+            ),
             *(f"[[solid]] number {k}: {note}" for k, body in enumerate(scene.solid, 1) for note in body.notes()),
             *(note for e in effects.values() for note in e.notes(grid, effects)),
         ),

@@ -6,10 +6,10 @@ from typing import Any
 
 import msgspec
 
-from refsim.core.capabilities import settled
+from refsim.core.capabilities import with_scene_defaults
 from refsim.core.effect import Discretisation, Effect, Extremes
 from refsim.core.errors import InputError
-from refsim.scene.files import lookup, put, scene_from_dict, scene_to_dict
+from refsim.scene.files import lookup, scene_from_dict, scene_to_dict, set_parameter
 from refsim.scene.particles import lattice_mass, solid_volume
 from refsim.scene.scene import Scene
 from refsim.scene.shapes import Ball, Box, Cloud
@@ -68,7 +68,7 @@ def _scaled(scene: Scene, factor: float, names: Sequence[str]) -> Scene:
         value = lookup(tables, name, scene.name)
         if not isinstance(value, float | int):
             raise InputError(f"{scene.name}: {name!r} is no number that could be in proportion to the spacing.")
-        put(tables, name, value / factor, scene.name)
+        set_parameter(tables, name, value / factor, scene.name)
     return scene_from_dict(tables, scene.name)
 
 
@@ -77,13 +77,15 @@ def without(scene: Scene, name: str) -> Scene:
 
     So the density of the liquid and the model of walls are the same with and without a tension.
     """
-    return msgspec.structs.replace(scene, effects=tuple(e for e in settled(scene.effects).values() if e.name != name))
+    return msgspec.structs.replace(
+        scene, effects=tuple(e for e in with_scene_defaults(scene.effects).values() if e.name != name)
+    )
 
 
 def _with_masses(scene: Scene) -> tuple[tuple, tuple]:
     """The scene's parts of fluid, and its solids; those cut from the lattice with the mass that they have there."""
     grid = Discretisation(scene.dim, scene.dtype, scene.spacing, scene.support_radius, 0)
-    effects = settled(scene.effects)
+    effects = with_scene_defaults(scene.effects)
 
     def of_fluid(part: Any) -> Any:
         if not isinstance(part, Ball) or part.mass is not None:
@@ -118,7 +120,7 @@ def resting_step(scene: Scene, spacing: float, support_radius: float) -> float:
     """Largest stable step [s] of particles at rest; infinite where nothing limits it."""
     factor = scene.spacing / spacing
     grid = Discretisation(scene.dim, scene.dtype, spacing, support_radius, 0, 0.0)
-    effects = settled(_effect(effect, factor).in_scene(grid) for effect in scene.effects)
+    effects = with_scene_defaults(_effect(effect, factor).in_scene(grid) for effect in scene.effects)
     limits = (limit for effect in effects.values() for limit in effect.step_limits(grid, effects).values())
     return min((limit.at(Extremes(0.0, 0.0)) for limit in limits), default=math.inf)
 

@@ -33,7 +33,7 @@ PLACES = {2: [[0.0, 0.0, 0.0], [0.6, 0.8, 0.0]], 3: [[0.0, 0.0, 0.0], [0.0, 1.0,
 class AtHalf(NamedTuple):
     """A kernel with h = 2 m: W(0) [1/m^dim], W(h/2)/W(0), |W'(h/2)| [1/m^(dim+1)], two particles 1 m apart."""
 
-    own: float
+    at_zero: float
     share: float
     slope: float
     smoothing: Smoothing

@@ -146,13 +146,13 @@ class BlockSearch:
 
     def _sure(self, blocks, below, above):
         """Whether all blocks in reach of each exist (blocks,) uint8."""
-        xp = device.library()
-        made = device.seen(blocks.keys)
+        xp = device.cupy_or_numpy()
+        made = device.as_cupy(blocks.keys)
         if not len(made):
             return device.empty(0, np.uint8)
         wanted = made[:, None] + xp.asarray(key_steps(self.dim, self._axis(below, above)))[None, :]
         place = xp.minimum(xp.searchsorted(made, wanted.ravel()).reshape(wanted.shape), len(made) - 1)
-        return device.wrapped((made[place] == wanted).all(1).astype(np.uint8))
+        return device.as_numba((made[place] == wanted).all(1).astype(np.uint8))
 
     def _axis(self, below, above):
         """Blocks along an axis in reach of a point's, from `below` nodes under to `above` over its cell."""

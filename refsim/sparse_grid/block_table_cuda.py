@@ -106,7 +106,7 @@ def make_table(points, entries, dim, low, high):
     points   their number
     entries  calls that enter keys of the points' blocks, with (table, list of different keys, counts)
     """
-    xp, width = device.library(), high - low + 1
+    xp, width = device.cupy_or_numpy(), high - low + 1
     layers = width if dim == 3 else 1
     size = 1 << (max(LEAST, points // EACH) - 1).bit_length()
     while True:
@@ -116,11 +116,11 @@ def make_table(points, entries, dim, low, high):
         for enter_points in entries:
             enter_points(table, listed, counts)
         enter_reached(listed, low, width, layers, counts, table, reached)
-        _, made, lost, full = device.seen(counts).tolist()
+        _, made, lost, full = device.as_cupy(counts).tolist()
         if not full:
             break
         size *= MORE
-    ordered = device.wrapped(xp.sort(device.seen(reached)[:made]))
+    ordered = device.as_numba(xp.sort(device.as_cupy(reached)[:made]))
     neighbour = device.empty((made, 3**dim), np.int32)
     find_neighbours(ordered, neighbour)
     return Blocks(ordered, neighbour), lost

@@ -26,7 +26,7 @@ from refsim.core.capabilities import (
     Margin,
     PullsParticles,
     SumsDensity,
-    having,
+    effects_with,
     open_axis,
 )
 from refsim.core.checked import NotNegative, Positive, Printed, Share
@@ -128,7 +128,7 @@ class Recount(NamedTuple):
     whole: float  # 1/sum_j d^dim W_ij of the lattice [-]
 
 
-class Lean(NamedTuple):
+class WallFrameGravity(NamedTuple):
     """Acceleration of gravity as kernels take it, seen from the walls: g - a_w [m/s^2]."""
 
     x: Any  # [m/s^2]
@@ -165,12 +165,12 @@ def central_coefficient(dynamic_viscosity: float, dim: int) -> float:
 
 def cohesive_pressure(grid: Discretisation, others: Others) -> float:
     """Internal pressure [Pa] of all cohesive effects, as far as the equation of state balances it."""
-    return sum(effect.balanced_pressure(grid, others) for effect in having(others, BalancesCohesion))
+    return sum(effect.balanced_pressure(grid, others) for effect in effects_with(others, BalancesCohesion))
 
 
 def least_wall_share(others: Others) -> float:
     """How many times the particle's pressure wall particles push with: the least of all walls, 2 without any."""
-    return min((effect.wall_share for effect in having(others, BringsWalls)), default=BringsWalls.wall_share)
+    return min((effect.wall_share for effect in effects_with(others, BringsWalls)), default=BringsWalls.wall_share)
 
 
 def pressure_is_replaced(others: Others) -> bool:
@@ -246,11 +246,13 @@ class WeaklyCompressible(
         whole = self.dynamic_viscosity + self.artificial_viscosity * self.rest_density * self.sound_speed * reach
         return msgspec.structs.replace(self, dynamic_viscosity=whole, artificial_viscosity=0.0)
 
-    def settled(self, others: Others) -> WeaklyCompressible:
+    def with_scene_defaults(self, others: Others) -> WeaklyCompressible:
         gravity = gravity_of(others)
         pulled = gravity is not None and (gravity.acceleration is None or any(gravity.acceleration))
-        standing = pulled and bool(having(others, BringsWalls))
-        summed = bool(self.literal) or any(effect.sums_density(standing) for effect in having(others, SumsDensity))
+        standing = pulled and bool(effects_with(others, BringsWalls))
+        summed = bool(self.literal) or any(
+            effect.sums_density(standing) for effect in effects_with(others, SumsDensity)
+        )
         density = self.density or ("summation" if summed else "continuity")
         printed = self.density == "summation" or self.literal or (summed and "two_way_coupling" in others)
         viscosity = self.viscosity or ("laplacian" if printed else "central")
@@ -258,8 +260,8 @@ class WeaklyCompressible(
         if restoring is None:
             restoring = 0.0
             if density == "continuity":
-                drifts = any(effect.parts_from_density() for effect in having(others, CorrectsPositions))
-                restoring = SLOW if drifts else RESTORING if having(others, PullsParticles) else 0.0
+                drifts = any(effect.parts_from_density() for effect in effects_with(others, CorrectsPositions))
+                restoring = SLOW if drifts else RESTORING if effects_with(others, PullsParticles) else 0.0
         return msgspec.structs.replace(self, density=density, viscosity=viscosity, restoring=restoring)
 
     def needs(self) -> tuple[str, ...]:
@@ -303,7 +305,7 @@ class WeaklyCompressible(
                     f"{self.name}: {key} = {value:g} is for an advanced density, and this one is summed; leave it out"
                     ", or set density = 'continuity'."
                 )
-        walls = having(others, BringsWalls)
+        walls = effects_with(others, BringsWalls)
         extrapolated = any(effect.extrapolates() for effect in walls)
         if not (self.advances() or extrapolated or self.controls()):
             return
@@ -360,7 +362,7 @@ class WeaklyCompressible(
         viscous = self.dynamic_viscosity > 0
         names = {"smoothing": "gradient_smoothing"}
         friction = Pass("sph.central_viscosity", updates=("acceleration",), names=names)
-        extrapolated = any(effect.extrapolates() for effect in having(others, BringsWalls))
+        extrapolated = any(effect.extrapolates() for effect in effects_with(others, BringsWalls))
         replaced = any("sph.pressure" in effect.replaces() for effect in others.values())
         before = (*self._density_passes(others), Pass("sph.state", writes=("pressure",)))
         if self.advances() and self.central() and not (replaced or self.controls()):
@@ -440,7 +442,7 @@ class WeaklyCompressible(
     def _braked(self, grid: Discretisation, others: Others) -> Iterator[str]:
         """Note on the loss of angular momentum by J(11) in a liquid without walls."""
         own = not any("sph.density" in effect.replaces() for effect in others.values())  # its forces act
-        held = bool(having(others, BringsWalls))
+        held = bool(effects_with(others, BringsWalls))
         if self.dynamic_viscosity == 0 or self.central() or not own or held or grid.count == 0:
             return
         radius = grid.spacing * math.sqrt(grid.count / math.pi)
@@ -525,13 +527,13 @@ class WeaklyCompressible(
 
     def _stands(self, x: np.ndarray, down: np.ndarray, grid: Discretisation, others: Others) -> bool:
         """Whether liquid at x (n, 3) [m] stands on a plane or on other walls' particles, a spacing below at most."""
-        for effect in having(others, HasPlanes):
+        for effect in effects_with(others, HasPlanes):
             lower, upper = effect.domain(grid)
             apart = np.where(down < 0, x.min(0) - lower, upper - x.max(0))
             if (apart < grid.spacing)[down != 0].all():
                 return True
         foot = x[np.argmax(x @ down)] + grid.spacing * down
-        return any(effect.filled(grid, foot[None])[0][0] > 0 for effect in having(others, BringsWalls))
+        return any(effect.filled(grid, foot[None])[0][0] > 0 for effect in effects_with(others, BringsWalls))
 
     def largest_mass_ratio(self, others: Others) -> float:
         summed = not any("sph.density" in effect.replaces() for effect in others.values())
@@ -621,7 +623,7 @@ class WeaklyCompressible(
 def continuity_pass(others: Others, names: Mapping[str, str | None]) -> Pass:
     """The pass that advances the density; walls, where there are any, are those of `adami_2012`."""
     shifts = any(SHIFT in effect.fields(others) for effect in others.values())
-    left_out = {} if having(others, BringsWalls) else {"wall_strain": None}
+    left_out = {} if effects_with(others, BringsWalls) else {"wall_strain": None}
     left_out |= {} if shifts else {"shift": None}
     left_out |= {} if finds_filling(others) else {"filling": None}
     return Pass(
@@ -685,9 +687,9 @@ def gravity_of(others: Others) -> Gravity | None:
     return others.get(Gravity.name)  # type: ignore[return-value]
 
 
-def lean(grid: Discretisation, others: Others) -> dict[str, Lean]:
+def lean(grid: Discretisation, others: Others) -> dict[str, WallFrameGravity]:
     """Parameter group of gravity as walls at rest see it, for `Effect.prepare`."""
-    return {"lean": Lean(*map(grid.real, acceleration_of(others)))}
+    return {"lean": WallFrameGravity(*map(grid.real, acceleration_of(others)))}
 
 
 def acceleration_of(others: Others) -> tuple[float, float, float]:

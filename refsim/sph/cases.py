@@ -35,9 +35,9 @@ from refsim.sph import (
     Diffusion,
     Fluid,
     Gravity,
-    Lean,
     Recount,
     ViscosityTerm,
+    WallFrameGravity,
     WeaklyCompressible,
 )
 
@@ -167,12 +167,13 @@ WATER = Fluid(1000.0, 4e5, 1, 0)
 def two_particles_and_a_wall(w):
     """rho_1 = m_1 W(0) + m_2 W(h/2) + rho0 V_b W(h/2); the wall is opposite to 2, and as far from it as h."""
     wall = at("pair_on_wall", PAIR.position, [[0.0, -1.0, 0.0]])
-    mass, reach = np.array([2.0, 3.0]), w.share * w.own
+    mass, reach = np.array([2.0, 3.0]), w.share * w.at_zero
     filled = np.array([1000 * 0.5 * reach, 0.0])
     return Exact(
         wall, {"mass": mass, "walls": WallParticles(wall.wall_position, np.array([0.5])), "fluid": WATER},
         {
-            "density": mass * w.own + mass[::-1] * reach + filled, "number_density": w.own + reach + filled / mass,
+            "density": mass * w.at_zero + mass[::-1] * reach + filled,
+            "number_density": w.at_zero + reach + filled / mass,
             "asymmetry": np.abs(reach - filled / mass),
         },
     )  # fmt: skip
@@ -184,8 +185,8 @@ def two_particles(w):
     mass = np.array([2.0, 3.0])
     return Exact(
         w.pair, {"mass": mass},
-        {"density": w.own * (mass + w.share * mass[::-1]), "number_density": np.full(2, w.own * (1 + w.share)),
-         "asymmetry": np.full(2, w.own * w.share)},
+        {"density": w.at_zero * (mass + w.share * mass[::-1]), "number_density": np.full(2, w.at_zero * (1 + w.share)),
+         "asymmetry": np.full(2, w.at_zero * w.share)},
     )  # fmt: skip
 
 
@@ -238,7 +239,7 @@ def diffusing_pair(w):
     rate = slope * difference * np.array([3.0 / 980.0, -2.0 / 1100.0])
     given = {
         **ALONE, "mass": [2.0, 3.0], "velocity": np.zeros((2, 3)), "fluid": WATER, "advanced_excess": excess,
-        "timestep": [0.5, 0.25], "diffusion": Diffusion(0.5, 2.0), "lean": Lean(3.5, 20.0, -1.5),
+        "timestep": [0.5, 0.25], "diffusion": Diffusion(0.5, 2.0), "lean": WallFrameGravity(3.5, 20.0, -1.5),
     }  # fmt: skip
     return Exact(PAIR, given, {"density_excess": excess + 0.25 * rate, "density": 1000 + excess + 0.25 * rate})
 
@@ -252,7 +253,7 @@ def moving_walls(w):
     place = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
     case = at("between_walls", [0, 0, 0], place)
     far = np.full(3, np.inf)
-    rate = 1100 * (50 * w.slope * (-0.002 + (0.002 - 0.005)) + 1100 / 2 * (0.02 - 0.01) * w.share * w.own)
+    rate = 1100 * (50 * w.slope * (-0.002 + (0.002 - 0.005)) + 1100 / 2 * (0.02 - 0.01) * w.share * w.at_zero)
     excess = 100.0 + 0.25 * rate
     given = {
         **ALONE, "mass": [2.0], "velocity": [[1.0, 0.002, 0.0]], "fluid": WATER, "diffusion": None, "lean": None,
@@ -270,7 +271,7 @@ def counted_by_walls(w):
     """
     place = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 9.0, 0.0]])
     volume, whole = 30.0, 0.125
-    filled = whole * w.own * (2.0 / 1100 + 2 * volume * w.share)
+    filled = whole * w.at_zero * (2.0 / 1100 + 2 * volume * w.share)
     given = {
         **ALONE, "mass": [2.0], "velocity": np.zeros((1, 3)), "fluid": WATER, "diffusion": None, "lean": None,
         "advanced_excess": [100.0], "timestep": [0.5, 0.25], "walls": WallParticles(place, np.full(3, volume)),
@@ -290,7 +291,7 @@ def liquid_beside_a_solid(w):
     given = {
         "mass": [2.0, 3.0], "velocity": [[7.0, 2.0, 0.0], [3.0, 0.0, -5.0]], "fluid": WATER,
         "advanced_excess": [100.0, 0.0], "timestep": [0.5, 0.25], "diffusion": Diffusion(0.5, 2.0),
-        "lean": Lean(3.5, 20.0, -1.5), "rest_density": [1000.0, 900.0], "phase": [0, 1], "shift": None,
+        "lean": WallFrameGravity(3.5, 20.0, -1.5), "rest_density": [1000.0, 900.0], "phase": [0, 1], "shift": None,
         "recount": None, "filling": None,
     }  # fmt: skip
     return Exact(PAIR, given, {"density_excess": [100 + 0.25 * rate, 0.0], "density": [1100 + 0.25 * rate, 900.0]})

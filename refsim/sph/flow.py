@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from refsim.core.capabilities import HasPlanes, having
+from refsim.core.capabilities import HasPlanes, effects_with
 from refsim.core.effect import Discretisation, InitialState, Others
 from refsim.core.scalars import rounded_up
 from refsim.core.walls import WallParticles
@@ -31,7 +31,7 @@ def fall_height(
     half = 0.5 * grid.spacing * np.abs(down).sum()  # to the farthest corner of a particle's cell
     depth = state.position @ down
     floors = []
-    for effect in having(others, HasPlanes):
+    for effect in effects_with(others, HasPlanes):
         lower, upper = effect.domain(grid)
         floors.append(sum(d * (upper if d > 0 else lower)[axis] for axis, d in enumerate(down) if d != 0))
     floor = min(floors, default=math.inf)
@@ -52,7 +52,7 @@ def fast_flow(
     """
     fastest = max(
         float(np.sqrt((state.velocity**2).sum(1).max(initial=0.0))),
-        *(effect.wall_speed() for effect in having(others, HasPlanes)), 0.0,
+        *(effect.wall_speed() for effect in effects_with(others, HasPlanes)), 0.0,
     )  # fmt: skip
     pull = np.where(np.array(grid.period) > 0, 0.0, acceleration)
     height = fall_height(grid, state, walls, others, pull)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.core.capabilities import HoldsOtherMemory, having
+from refsim.core.capabilities import HoldsOtherMemory, effects_with
 from refsim.engine.binding import fused
 from refsim.neighbours.limits import NEIGHBOUR_CAPACITY, PARTICLES_PER_CELL, WALL_CAPACITY, with_margin
 from refsim.scene.plan import Plan
@@ -29,7 +29,7 @@ def bytes_of(plan: Plan, backend: str) -> dict[str, int]:
     }
     if walls and listed:
         found["walls"] += n * (WALL_CAPACITY * 4 + 12)  # the list of walls near each particle
-    for effect in having(plan.effects, HoldsOtherMemory):
+    for effect in effects_with(plan.effects, HoldsOtherMemory):
         found |= effect.bytes_at_start(grid, plan.grid.local(plan.state.position), plan.effects, backend)
     return found | {"total": sum(found.values())}
 

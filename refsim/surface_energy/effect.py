@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
 
 import numpy as np
 
-from refsim.core.capabilities import HoldsOtherMemory, Watches
+from refsim.core.capabilities import HoldsOtherMemory, RunMonitor
 from refsim.core.checked import NotNegative, Positive
 from refsim.core.effect import Discretisation, Others, Pass, StepLimit
 from refsim.core.energy import Amount, EnergyAccount, EnergyState, amount
@@ -52,7 +52,7 @@ def _liquid(others: Others) -> GridLiquid:
     return others["mpm_liquid"]  # type: ignore[return-value]
 
 
-class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=True):
+class SurfaceEnergy(Tension, HoldsOtherMemory, RunMonitor, frozen=True, kw_only=True):
     """Surface tension of an MPM liquid: its surface is reconstructed in each step and pulls on the grid.
 
     embedding         how points are embedded for the samples: "cluster" (default), "thesis", "gradient_corrected" or
@@ -230,7 +230,7 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
             )
         return None
 
-    def remark(self, grid: Discretisation, seen: Mapping[str, np.ndarray]) -> str | None:
+    def warning(self, grid: Discretisation, seen: Mapping[str, np.ndarray]) -> str | None:
         crowding = float(seen["greatest_crowding"][0])
         if crowding > CROWDED:
             return (

@@ -26,7 +26,7 @@ def arrays(blocks, real, particles=0, vertices=0, facets=0):
     )
     made = np.zeros(COUNTS, np.int32)
     made[VERTICES], made[MADE] = vertices, facets
-    a["counts"] = device.wrapped(device.library().asarray(made))
+    a["counts"] = device.as_numba(device.cupy_or_numpy().asarray(made))
     for name in ("held_points", "members", "node_label", "first", "sample_count", "vertex_edge", "facets"):
         device.fill(a[name], 0)
     for name in ("vertex_nearest", "nearest"):  # where a search begins
@@ -43,7 +43,7 @@ def sorted_particles(position, blocks, term, vertices=0, facets=0):
     counts = a["counts"]
     a["counts"] = device.empty(COUNTS, np.int32)
     stages.sort_particles(a, position, blocks, term, sure)
-    number = device.wrapped(device.library().arange(position.shape[0], dtype=np.int32))
+    number = device.as_numba(device.cupy_or_numpy().arange(position.shape[0], dtype=np.int32))
     return a | {"counts": counts, "number": number}
 
 
@@ -81,7 +81,7 @@ def _no_table():
     from refsim.isosurface import CaseTable, case_table
 
     table = case_table(2)
-    count, edge, corner = (device.wrapped(device.library().asarray(part)) for part in table[:3])
+    count, edge, corner = (device.as_numba(device.cupy_or_numpy().asarray(part)) for part in table[:3])
     return CaseTable(count, edge, corner, table.merged)
 
 
@@ -118,9 +118,9 @@ def facet_samples(vertex_position, facets, blocks, surface_term, sample_position
 
 def _points_as_facets(a, position):
     """Facets without extent, whose samples stand at `position` (s, 3) [m]."""
-    xp, dim = device.library(), a["facets"].shape[1]
+    xp, dim = device.cupy_or_numpy(), a["facets"].shape[1]
     corner = xp.repeat(xp.arange(position.shape[0], dtype=np.int32)[:, None], dim, axis=1)
-    a |= {"vertex_position": position, "inset_position": position, "facets": device.wrapped(corner)}
+    a |= {"vertex_position": position, "inset_position": position, "facets": device.as_numba(corner)}
 
 
 def offsets(
@@ -140,8 +140,8 @@ def offsets(
 
 def sample_counts(nearest, interior_position, blocks, surface_term, sample_count):
     """Samples of each particle, counted where samples stand on their particles."""
-    own = device.seen(nearest)
-    own = device.wrapped(own[own >= 0])
+    own = device.as_cupy(nearest)
+    own = device.as_numba(own[own >= 0])
     position = device.empty((own.shape[0], 3), interior_position.dtype)
     device.gather(interior_position, own, position)
     a = sorted_particles(interior_position, blocks, surface_term, own.shape[0], own.shape[0])
@@ -163,21 +163,21 @@ def fit_weights(fit_position, fit_cells, blocks, surface_term, fit_splines, node
     """(3.7), and the splines, which the stage keeps cell by cell; 0 for points outside all blocks."""
     a = _sorted_points(fit_position, fit_cells, blocks, surface_term) | {"node_weight": node_weight}
     stages.sweep(a, blocks, surface_term)
-    xp = device.library()
-    cell, kept = device.seen(fit_cells.cell), device.seen(a["fit_splines"])
+    xp = device.cupy_or_numpy()
+    cell, kept = device.as_cupy(fit_cells.cell), device.as_cupy(a["fit_splines"])
     by_cell = xp.argsort(xp.where(cell < 0, xp.iinfo(cell.dtype).max, cell), kind="stable")
     place = xp.where(cell < 0, len(kept), xp.argsort(by_cell, kind="stable"))
     kept = xp.concatenate([kept, xp.zeros((1, kept.shape[1]), kept.dtype)])
-    device.gather(device.wrapped(kept), device.wrapped(place), fit_splines)
+    device.gather(device.as_numba(kept), device.as_numba(place), fit_splines)
 
 
 def fit(fit_position, fit_splines, fit_cells, blocks, surface_term, residual, coefficients):
     """(3.6), Algorithm 2, from the given splines; residuals stay in registers, so that there is no such output."""
     a = _sorted_points(fit_position, fit_cells, blocks, surface_term) | {"coefficients": coefficients}
-    xp, cell = device.library(), device.seen(fit_cells.cell)
+    xp, cell = device.cupy_or_numpy(), device.as_cupy(fit_cells.cell)
     order = xp.argsort(xp.where(cell < 0, blocks.neighbour.shape[0] * 64, cell), kind="stable")  # without a cell: last
     a["fit_splines"] = device.empty(fit_splines.shape, fit_splines.dtype)
-    device.gather(fit_splines, device.wrapped(order), a["fit_splines"])
+    device.gather(fit_splines, device.as_numba(order), a["fit_splines"])
     stages.sweep(a, blocks, surface_term)
 
 

@@ -54,7 +54,7 @@ def pair_normals(w):
 def pair_corrected_normals(w):
     """n*_1 = ((d_2 - d_1)/d_0) V_2 W'(r) e_12 / (V_1 W(0) + V_2 W(r)); the second particle is no candidate."""
     volume = np.array([2 / 1000, 3 / 500])
-    filled = volume[0] * w.own + volume[1] * w.share * w.own
+    filled = volume[0] * w.at_zero + volume[1] * w.share * w.at_zero
     given = {
         "mass": [2.0, 3.0], "density": [1000.0, 500.0], "number_density": [1.0, 3.0], "normal_term": TERM,
         "candidates": [1, 0],

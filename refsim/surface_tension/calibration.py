@@ -144,8 +144,11 @@ def calibrate(
     options: Any = {"kernels": kernels, "density": density}
     liquid = WeaklyCompressible(rest_density=rest_density, sound_speed=speed, **options)
     effect: Any = SETTINGS[model][1](nominal)
-    if isinstance(effect, PairCohesion) and effect.own:  # which means the same in every scene
-        named: dict[str, Any] = {"surface_tension": None, effect.own: effect.coefficient(grid, {LIQUID: liquid})}
+    if isinstance(effect, PairCohesion) and effect.coefficient_name:  # which means the same in every scene
+        named: dict[str, Any] = {
+            "surface_tension": None,
+            effect.coefficient_name: effect.coefficient(grid, {LIQUID: liquid}),
+        }
         effect = msgspec.structs.replace(effect, **named)
     return Calibration(
         effect=effect, nominal=nominal, nominal_error=nominal * found["uncertainty"], ratio=ratio,

@@ -15,7 +15,14 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim.core.capabilities import BalancesCohesion, CorrectsPositions, KnowsLimits, Margin, PullsParticles, having
+from refsim.core.capabilities import (
+    BalancesCohesion,
+    CorrectsPositions,
+    KnowsLimits,
+    Margin,
+    PullsParticles,
+    effects_with,
+)
 from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.energy import EnergyAccount, EnergyState, pair_potential
 from refsim.core.errors import InputError
@@ -116,8 +123,8 @@ def compression(number: float) -> float:
 class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen=True, kw_only=True):
     """Base of the models with pair cohesion, and of every force between particles at rest that is no pressure.
 
-    A model gives `name`, `own`, `prepare` and `force_of`. It has from here: the coefficient of a nominal tension,
-    internal pressure and its balance, the refusal of a collapse, capillary step limit, energy, and its notes.
+    A model gives `name`, `coefficient_name`, `prepare` and `force_of`. It has from here: the coefficient of a nominal
+    tension, internal pressure and its balance, the refusal of a collapse, capillary step limit, energy, and its notes.
 
     balance_pressure  the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2; without it
                       cohesion compresses the liquid, which collapses at P_int = rho0 c^2/4 (linear equation of state)
@@ -146,16 +153,16 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
 
     def check_coefficients(self) -> None:
         """Raise InputError unless either the tension or the model's own coefficient is given."""
-        one_of(self.name, **{name: getattr(self, name) for name in ("surface_tension", self.own)})
+        one_of(self.name, **{name: getattr(self, name) for name in ("surface_tension", self.coefficient_name)})
 
     def coheres(self) -> bool:
         """Whether the coefficient, given or from sigma, is not zero."""
-        given = getattr(self, self.own)
+        given = getattr(self, self.coefficient_name)
         return (getattr(self, "surface_tension") if given is None else given) != 0  # noqa: B009
 
     def coefficient(self, grid: Discretisation, others: Others) -> float:
         """The model's own coefficient, given or from sigma: measured in the default liquid, else nominal."""
-        given, sigma = getattr(self, self.own), getattr(self, "surface_tension")  # noqa: B009
+        given, sigma = getattr(self, self.coefficient_name), getattr(self, "surface_tension")  # noqa: B009
         if given is not None:
             return given
         return sigma / self.unit_tension(grid, others) / self.share_of_nominal(grid, others) if sigma else 0.0
@@ -289,7 +296,7 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
 
 def shifted(others: Others) -> bool:
     """Whether particles are shifted beside a surface."""
-    return any(effect.parts_from_density() for effect in having(others, CorrectsPositions))
+    return any(effect.parts_from_density() for effect in effects_with(others, CorrectsPositions))
 
 
 def stiffness_margin(sigma: float, largest: float, fate: str, grid: Discretisation, others: Others) -> Iterator[Margin]:

@@ -25,7 +25,7 @@ from refsim.core.locks import in_turn
 from refsim.core.tables import in_time, table
 from refsim.core.writing import replace_file, writing
 from refsim.io.store import tidy
-from refsim.scene.files import load_scene, put, scene_from_dict, scene_to_dict, struct_of, tables_of, text_of
+from refsim.scene.files import load_scene, scene_from_dict, scene_to_dict, set_parameter, struct_of, tables_of, text_of
 from refsim.scene.plan import make_plan
 from refsim.scene.scene import Scene
 from refsim.study.observables import Observable, observable_of
@@ -194,7 +194,7 @@ def points_of(given: Sweep, folder: Path, source: str) -> list[Point]:
             if name == SEED:
                 _seed(tables, value, source)
             else:
-                put(tables, name, value, source)
+                set_parameter(tables, name, value, source)
         words = ", ".join(f"{name} = {value}" for name, value in chosen.items())
         points.append(Point(chosen, scene_from_dict(tables, f"{source}: {given.scene} with {words}")))
     return points

@@ -16,7 +16,7 @@ import refsim as rs
 from refsim import make_plan
 from refsim.commands.plan import describe_plan
 from refsim.core import cases
-from refsim.core.capabilities import NeedsCellOrder, having
+from refsim.core.capabilities import NeedsCellOrder, effects_with
 from refsim.core.fields import BASE, POSITION_RESIDUAL
 from refsim.core.operation import REGISTRY
 from refsim.mpm.memory import grid_bytes
@@ -136,7 +136,7 @@ def differences(name):
     runner = {p.operation for effect, p in plan.motion if effect is None} | {p.operation for _, p in plan.start}
     runner |= {"sph.extremes"}
     runner |= {"neighbours"} if plan.list_radius > 0 else set()
-    runner |= {"sorting"} if having(plan.effects, NeedsCellOrder) else set()
+    runner |= {"sorting"} if effects_with(plan.effects, NeedsCellOrder) else set()
     stepped = set(simulation.timings.first_calls)
     simulation.evaluate()
     sound = any(isinstance(effect, (rs.WeaklyCompressible, rs.MpmLiquid)) for effect in effects)

@@ -118,7 +118,7 @@ class VelocitySmoothing(PairCohesion, frozen=True, kw_only=True):
     """Attraction between all pairs."""
 
     name: ClassVar[str] = "velocity_smoothing"
-    own: ClassVar[str] = "rate"
+    coefficient_name: ClassVar[str] = "rate"
 
     surface_tension: NotNegative | None = None
     rate: NotNegative | None = None

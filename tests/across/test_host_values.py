@@ -21,9 +21,9 @@ from refsim.core.capabilities import BalancesCohesion
 from refsim.core.effect import Discretisation, Extremes, InitialState, StepLimit
 from refsim.core.energy import Amount, compression_energy
 from refsim.engine.audit import Auditor, AuditState, unsure
+from refsim.engine.conserved_totals import conserved_totals
 from refsim.engine.limits import stable_steps, step_limits
 from refsim.engine.stepping import check_extremes
-from refsim.engine.stock import stock
 from refsim.heat import enthalpy_of, temperature_at
 from refsim.heat.shapes import lattice_sum
 from refsim.mpm import LARGEST_VOLUME, LEAST_VOLUME
@@ -90,7 +90,7 @@ def test_reports_sum_mass_momenta_and_energies():
     )  # fmt: skip
     plan = make_plan(made)
     simulation = rs.Simulation(plan, "numpy")
-    for found in (stock(plan), stock(simulation)):
+    for found in (conserved_totals(plan), conserved_totals(simulation)):
         assert (found["particles"], found["mass"], found["momentum"]) == (2, 7.0, near([3.25, 11.0, -19.0]))
         spins = [2 * (0.1 * 0.5 - 0.4 * 2), 2 * (-0.4 * 1 - 0.3 * 0.5), 2 * (-0.3 * 2 - 0.1)]
         others = [5 * (-0.8 * 4 - 0.9 * 3), 5 * (0.9 * 0.25 + 1.2 * 4), 5 * (1.2 * 3 - 0.8 * 0.25)]
@@ -101,17 +101,17 @@ def test_reports_sum_mass_momenta_and_energies():
         assert (found["potential_energy"], found["outside_walls"]) == (near(sum(heights)), 0)
         assert "effects" not in found
     simulation.fields["position"][0, 1] = 2.5  # above the upper wall
-    assert stock(simulation)["outside_walls"] == 1
+    assert conserved_totals(simulation)["outside_walls"] == 1
     simulation.fields["position"][0, 2] = 2.5  # along another axis, too: one particle
-    assert stock(simulation)["outside_walls"] == 1
+    assert conserved_totals(simulation)["outside_walls"] == 1
     simulation.fields["position"][1, 2] = -1.5  # below the lower one
-    assert stock(simulation)["outside_walls"] == 2
+    assert conserved_totals(simulation)["outside_walls"] == 2
     simulation.fields["position"][...] = [[0.0, 2.0, -1.0], [2.0, 0.0, 2.0]]  # on the walls is not behind them
-    assert stock(simulation)["outside_walls"] == 0
+    assert conserved_totals(simulation)["outside_walls"] == 0
 
 
 def test_reports_leave_out_what_a_scene_has_not():
-    found = stock(
+    found = conserved_totals(
         make_plan(rs.Scene(spacing=SPACING, support_radius=H, fluid=(rs.Box(cells=(2, 1, 1)),), effects=(LIQUID,)))
     )
     assert (found["outside_walls"], found["greatest_speed"]) == (0, 0.0)
@@ -121,11 +121,11 @@ def test_reports_leave_out_what_a_scene_has_not():
 def test_reports_take_what_effects_keep_account_of():
     heat = rs.HeatConduction(temperature=3.0, heat_capacity=5.0)
     cube = rs.Scene(spacing=0.5, support_radius=1.1, fluid=(rs.Box(cells=(2, 2, 1)),), effects=(heat,), dim=2)
-    found = stock(make_plan(cube))
+    found = conserved_totals(make_plan(cube))
     assert found["effects"] == {"heat_conduction": {"heat": near(4 * 1000 * 0.25 * 15, 1e-6)}}
     literal = rs.HeatConduction(temperature=3.0, literal=("M11",), scheme="explicit")
     cube = rs.Scene(spacing=0.5, support_radius=1.1, fluid=(rs.Box(cells=(2, 2, 1)),), effects=(literal,), dim=2)
-    assert stock(make_plan(cube))["effects"]["heat_conduction"]["heat"] == near(4 * 0.25 * 3.0, 1e-6)
+    assert conserved_totals(make_plan(cube))["effects"]["heat_conduction"]["heat"] == near(4 * 0.25 * 3.0, 1e-6)
 
 
 # Energies
@@ -709,7 +709,7 @@ def test_verdicts_on_crowding():
         (CROWDED, False, False), (CROWDED + 1e-9, True, False), (OVERFULL, True, False), (OVERFULL + 1e-9, True, True),
     ):  # fmt: skip
         seen = {"greatest_crowding": np.array([crowding])}
-        assert (surface.remark(grid(), seen) is not None) == remarked
+        assert (surface.warning(grid(), seen) is not None) == remarked
         assert (surface.verdict(grid(), seen, 1.0) is not None) == stopped
 
 

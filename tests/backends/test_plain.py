@@ -31,7 +31,7 @@ print(json.dumps([type(program).__name__, answers]))
 
 AHEAD = """
 import numpy as np
-from refsim.backends.ahead import missing
+from refsim.backends.parallel_compile import missing
 from refsim.backends.workers import Worker
 from refsim.sph.kernels import gravity
 calls = [(gravity, (np.zeros(3, np.float32), np.zeros((4, 3), np.float32)))]

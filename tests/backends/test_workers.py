@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from refsim.backends import workers
-from refsim.backends.ahead import launched_by
 from refsim.backends.compile import kernel
+from refsim.backends.parallel_compile import launched_by
 from refsim.backends.workers import Task, Worker
 
 TINY = """

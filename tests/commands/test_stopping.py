@@ -13,7 +13,7 @@ import weakref
 
 import pytest
 
-from refsim.core.stopping import heeding
+from refsim.core.stopping import handling_signals
 from tests.tank_file import tank
 
 ROOT = pathlib.Path(__file__).parents[2]
@@ -177,7 +177,7 @@ def command_line(pid):
 def test_a_closed_terminal_is_ignored_under_nohup():
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        with heeding():
+        with handling_signals():
             assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
             with pytest.raises(KeyboardInterrupt):
                 signal.raise_signal(signal.SIGTERM)
@@ -206,7 +206,7 @@ def test_a_signal_that_python_drops_comes_again():
         for _ in range(100):
             time.sleep(0.05)
 
-    with pytest.raises(KeyboardInterrupt), heeding():
+    with pytest.raises(KeyboardInterrupt), handling_signals():
         let_go()
     assert met == ["callback"]
     assert kept() is None

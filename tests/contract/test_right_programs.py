@@ -13,7 +13,7 @@ import pytest
 from refsim import contract
 from refsim.__main__ import main
 from refsim.contract import answers
-from refsim.contract.apart import About, Request
+from refsim.contract.apart import LibraryDescription, Request
 from refsim.contract.inputs import Inputs
 from refsim.contract.parameters import groups_of, shape_acts
 from refsim.contract.report import gaps, junit, report, text
@@ -184,7 +184,10 @@ def test_what_is_declared_and_met_no_trial_is_a_gap():
 def reported(outcomes, allowed):
     """(verdict's data, text, JUnit's XML) of these outcomes."""
     declared = {"dtypes": ["float64"], "dims": [3], "kernels": ["cubic_spline"], "left_out": OWN.left_out}
-    about, found = About("cubic", "cpu", ["sph.density"], ["sph.density"], declared), {"sph.density": outcomes}
+    about, found = (
+        LibraryDescription("cubic", "cpu", ["sph.density"], ["sph.density"], declared),
+        {"sph.density": outcomes},
+    )
     data = report(about, Request("cubic", steps=("T3",), variants=(0,), allow_untried=allowed), found, 0.0)
     return data, text(data, found), junit(data, found).decode()
 

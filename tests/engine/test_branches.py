@@ -7,12 +7,12 @@ import pytest
 from refsim import make_plan
 from refsim.backends import device, runtime
 from refsim.core.effect import Pass
-from refsim.engine.branches import Touched, needed_before, touched
+from refsim.engine.branches import Accesses, accesses, needed_before
 from validation.experiments.melting.scene import scene_of
 
 
 def launch(taken, changed):
-    return Touched(frozenset((taken + changed).split()), frozenset(changed.split()))
+    return Accesses(frozenset((taken + changed).split()), frozenset(changed.split()))
 
 
 def test_a_launch_waits_for_what_it_reads_and_for_what_reads_what_it_changes():
@@ -24,7 +24,7 @@ def test_a_launch_waits_for_what_it_reads_and_for_what_reads_what_it_changes():
 
 
 def test_two_reads_need_no_order_and_scratch_memory_is_changed_by_all_that_take_it():
-    heat, force = touched(Pass("heat.chebyshev"), "cuda"), touched(Pass("jiang_zhu_2023.cohesion"), "cuda")
+    heat, force = accesses(Pass("heat.chebyshev"), "cuda"), accesses(Pass("jiang_zhu_2023.cohesion"), "cuda")
     assert needed_before([launch("x ", "y"), launch("x ", "z")]) == [(), ()]
     assert "scratch" in heat.changed
     assert "position" in heat.taken
@@ -36,7 +36,7 @@ def test_two_reads_need_no_order_and_scratch_memory_is_changed_by_all_that_take_
 def test_heat_and_solids_of_a_melting_step_run_side_by_side():
     plan = make_plan(scene_of("figure_4", 0.2))
     order = [p.operation for _, p in plan.motion]
-    before = needed_before([touched(p, "cuda") for _, p in plan.motion])
+    before = needed_before([accesses(p, "cuda") for _, p in plan.motion])
     heat, solids = order.index("heat.chebyshev"), [order.index(f"shape_matching.{n}") for n in ("pull", "damp")]
     assert (before[heat], before[solids[0]], set(before[order.index("sph.kick_drift")])) == ((), (), {heat, solids[1]})
 
@@ -60,7 +60,7 @@ def test_a_graph_waits_where_calls_need_each_other(monkeypatch):
             Event=lambda disable_timing: types.SimpleNamespace(number=next(events), record=lambda stream: None)
         )
     )
-    monkeypatch.setattr(device, "library", lambda: library)
+    monkeypatch.setattr(device, "cupy_or_numpy", lambda: library)
     monkeypatch.setattr(device, "own_stream", lambda: FakeStream(runtime.branch(), log))
     monkeypatch.setattr(device, "_recording", True)
     calls = [lambda k=k: log.append(("call", runtime.branch(), k)) for k in range(4)]

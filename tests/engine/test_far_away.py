@@ -75,7 +75,7 @@ def ball(tmp_path_factory):
     return str(path)
 
 
-def shaken(at, dim, **changes):
+def jittered(at, dim, **changes):
     """A cloud out of its lattice, denser than at rest, around `at` [spacings]."""
     cells = np.stack(np.meshgrid(*[np.arange(-3, 3)] * dim, indexing="ij"), -1).reshape(-1, dim)
     points = np.zeros((len(cells), 3))
@@ -94,22 +94,22 @@ def scenes(kind, at, ball=None):
     low = tuple((at - 6.0) * D)
     if kind == "walls":
         friction = {"viscosity": 0.5, "moving_faces": ("-y",), "velocity": (0.3, 0.0, 0.0)}
-        return shaken(at - [0, 2, 0], 2, effects=(LIQUID, PULL, walls(at, 5.2, **friction)))
+        return jittered(at - [0, 2, 0], 2, effects=(LIQUID, PULL, walls(at, 5.2, **friction)))
     if kind == "tension":
-        return shaken(at, 3, effects=(LIQUID, rs.JiangZhu2023(surface_tension=0.1)))
+        return jittered(at, 3, effects=(LIQUID, rs.JiangZhu2023(surface_tension=0.1)))
     if kind == "period":
         lengths = {"period": (12 * D, 0, 0), "period_lower": (low[0], 0.0, 0.0)}
         open_faces = {"open_faces": ("-x", "+x", "-z", "+z")}
-        return shaken(at + [3, 0, 0], 2, effects=(LIQUID, PULL, walls(at, 4.0, **open_faces)), **lengths)
+        return jittered(at + [3, 0, 0], 2, effects=(LIQUID, PULL, walls(at, 4.0, **open_faces)), **lengths)
     if kind == "mesh":
         center = None if ball is not None and at[0] else tuple(at * D)
         above = rs.MeshBoundary(file=ball, center=center, size=6 * D, viscosity=0.1)
-        return shaken(at + [0.4, 7, 0.3], 3, effects=(LIQUID, PULL, above))
+        return jittered(at + [0.4, 7, 0.3], 3, effects=(LIQUID, PULL, above))
     if kind == "mpm":
         tension = rs.SurfaceEnergy(surface_tension=1.0, contact_angle=60.0)
         liquid = rs.MpmLiquid(bulk_modulus=1000 * C**2)
         box = rs.MpmWalls(lower=low, upper=tuple((at + 6) * D))
-        return shaken(at - [0, 2, 0], 2, effects=(liquid, PULL, box, tension), energy_audit=rs.EnergyAudit(every=5))
+        return jittered(at - [0, 2, 0], 2, effects=(liquid, PULL, box, tension), energy_audit=rs.EnergyAudit(every=5))
     assert kind == "solid"
     body = rs.SolidBox(lower=tuple((at - [3, 0, 2]) * D), upper=tuple((at + [1, 3, 2]) * D), spin=(0.0, 1.0, 2.0))
     cells = rs.SolidCells(

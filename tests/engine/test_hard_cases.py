@@ -20,7 +20,7 @@ from refsim import (
     SurfaceDetection,
 )
 from refsim import WeaklyCompressible as Liquid
-from refsim.engine.stock import check_particles
+from refsim.engine.conserved_totals import check_particles
 from refsim.io.checkpoint import read_checkpoint, write_checkpoint
 from tests.running import advanced, run_to
 

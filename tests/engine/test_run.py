@@ -18,7 +18,7 @@ from refsim import simulate
 from refsim.__main__ import main
 from refsim.engine import driver, stepping
 from refsim.engine.checkpoints import load_checkpoint
-from refsim.engine.stock import check_particles
+from refsim.engine.conserved_totals import check_particles
 from refsim.io.checkpoint import read_checkpoint, whole_checkpoint, write_checkpoint
 from refsim.io.frames import read_particles
 from refsim.scene.files import scene_to_toml

@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-import refsim.backends.ahead
+import refsim.backends.parallel_compile
 from refsim import Simulation, simulate
 from refsim.engine.timings import Timings
 from refsim.scene.files import parse_scene
@@ -31,7 +31,7 @@ def add_up(seconds):
 
 def test_kernels_that_are_compiled_ahead_are_counted(monkeypatch):
     """Also for a simulation that is made before it is handed over, and with the bar's own sentence."""
-    monkeypatch.setattr(refsim.backends.ahead, "compile_ahead", lambda launched, compiling: time.sleep(0.3))
+    monkeypatch.setattr(refsim.backends.parallel_compile, "compile_ahead", lambda launched, compiling: time.sleep(0.3))
     simulation = Simulation(scene(), "cpu", 1)
     assert simulation.timings.account()["compiling"] >= 0.3
     seconds = simulate(simulation).seconds

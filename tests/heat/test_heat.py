@@ -7,7 +7,7 @@ import pytest
 
 from refsim import Box, Cloud, HeatConduction, InputError, RunStopped, Scene, Simulation, load_scene, make_plan
 from refsim.engine import launching
-from refsim.engine.stock import stock
+from refsim.engine.conserved_totals import conserved_totals
 from refsim.heat import operations
 from tests.running import advanced
 from validation.metrics import heat as exact
@@ -35,7 +35,7 @@ def ran(scene, steps=10):
 
 
 def heat(of):
-    return stock(of)["effects"]["heat_conduction"]["heat"]
+    return conserved_totals(of)["effects"]["heat_conduction"]["heat"]
 
 
 def test_a_temperature_that_is_not_finite_stops_the_run():

@@ -9,7 +9,7 @@ import matplotlib
 import numpy as np
 import pytest
 
-from refsim.io.exercises import HELPERS, Exercises, Wrong, number
+from refsim.io.exercises import HELPERS, Exercises, WrongAnswer, number
 from refsim.io.lessons import cells, judges, lessons, notebook
 from refsim.smoothing import reference, smoothing
 
@@ -114,7 +114,7 @@ def test_a_written_number_is_read_with_its_unit(text, unit, value):
     if value is not None:
         assert number(text, unit) == pytest.approx(value)
         return
-    with pytest.raises(Wrong, match=r"asked for|write one number"):
+    with pytest.raises(WrongAnswer, match=r"asked for|write one number"):
         number(text, unit)
 
 

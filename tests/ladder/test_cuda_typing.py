@@ -161,9 +161,9 @@ def launches(monkeypatch, program, arguments):
         patch.setattr(device, "largest", lambda values: 0)
         patch.setattr(CudaKernel, "__call__", lambda kernel, *values: seen.append((kernel, values)))
         patch.setattr(Kernel, "__call__", lambda kernel, *values: kernel.program("cuda")(*values))  # arrays are NumPy's
-        patch.setattr(device, "library", lambda: np)  # what CuPy does is nothing to compile
-        patch.setattr(device, "seen", lambda array: array)
-        patch.setattr(device, "wrapped", lambda array: array)
+        patch.setattr(device, "cupy_or_numpy", lambda: np)  # what CuPy does is nothing to compile
+        patch.setattr(device, "as_cupy", lambda array: array)
+        patch.setattr(device, "as_numba", lambda array: array)
         program(*arguments)
     return seen
 

@@ -362,7 +362,7 @@ def test_list_stays_complete_while_it_is_kept(dim, motion, share):
         effects=(WeaklyCompressible(sound_speed=8.0, density="summation"),),
     )  # fmt: skip
     simulation = Simulation(scene, "cpu")
-    simulation.put("velocity", whirl(motion, simulation.plan.state.position))
+    simulation.write_field("velocity", whirl(motion, simulation.plan.state.position))
     way = 0.0
     for _ in range(50):
         simulation.step()

@@ -18,7 +18,7 @@ from PIL import Image
 
 from refsim import Box, BoxWalls, Gravity, InputError, Scene, Simulation, WeaklyCompressible, simulate
 from refsim.__main__ import main
-from refsim.core.stopping import heeding
+from refsim.core.stopping import handling_signals
 from refsim.io.frames import ParticleWriter, origin_of
 from refsim.render import space
 from refsim.render.looks import Camera, camera_of, cut_of, level_axes
@@ -410,7 +410,7 @@ def test_a_signal_waits_until_vtk_is_imported(monkeypatch):
         return pytest.importorskip(module)
 
     monkeypatch.setattr(space, "extra", interrupted)
-    with heeding(), pytest.raises(KeyboardInterrupt):
+    with handling_signals(), pytest.raises(KeyboardInterrupt):
         space.pyvista()
     assert imported == ["pyvista"]
 

@@ -8,7 +8,7 @@ import pytest
 import refsim as rs
 from refsim import load_scene, make_plan
 from refsim.commands.plan import _text, describe_plan
-from refsim.core.capabilities import settled
+from refsim.core.capabilities import with_scene_defaults
 from tests.running import run_to
 
 EXAMPLES = pathlib.Path(rs.__file__).parent / "examples"
@@ -73,7 +73,7 @@ def test_shifting_joins_a_liquid_that_names_no_density_and_has_none_summed(made,
 ])  # fmt: skip
 def test_a_tank_with_tension_is_known_before_its_dimension(gravity, density):
     liquid, walls, tension = scene(walls={}).effects[1], rs.BoxWalls(**BOX), rs.Akinci2013(surface_tension=0.1)
-    assert settled((liquid, walls, gravity, tension))["weakly_compressible"].density == density
+    assert with_scene_defaults((liquid, walls, gravity, tension))["weakly_compressible"].density == density
 
 
 @pytest.mark.parametrize(("density", "bookkeeping"), [(None, "water"), ("summation", "immiscible")])

@@ -8,7 +8,7 @@ import pytest
 
 import refsim as rs
 from refsim import make_plan, simulate
-from refsim.core.capabilities import settled
+from refsim.core.capabilities import with_scene_defaults
 from tests.running import advanced, run_to
 from validation import pairs
 from validation.experiments.flows import runs as flows
@@ -38,7 +38,7 @@ def tank(cells, ratio, dim, dtype="float64", effects=(), **liquid):
     )  # fmt: skip
 
 
-def shaken(simulation, size, seed=3):
+def jittered(simulation, size, seed=3):
     """The simulation with each particle moved by up to `size` spacings along each axis."""
     grid, position = simulation.plan.grid, simulation.field("position")
     moves = np.random.default_rng(seed).uniform(-size, size, position.shape) * grid.spacing
@@ -55,7 +55,7 @@ def shaken(simulation, size, seed=3):
 def test_a_tank_rests_and_weighs_what_it_holds(cells, ratio, dim, shake, gradient):
     """From the lattice, and shaken with particle shifting; mean values of the last half second."""
     shifting = (rs.ParticleShifting(),) if shake else ()
-    simulation = shaken(
+    simulation = jittered(
         rs.Simulation(tank(cells, ratio, dim, effects=shifting, gradient=gradient), "cpu", threads=2), shake
     )
     slopes, weights, total = [], [], simulation.field("mass").sum() * G
@@ -123,7 +123,7 @@ def test_a_lid_drives_its_cavity(monkeypatch):
 
 def test_a_step_alone_advances_the_density(tmp_path):
     """Not a field that is read, nor velocities that are set: these strain the liquid from the next step on."""
-    simulation = shaken(rs.Simulation(tank(8, 2.6, 2), "cpu"), 0.1)
+    simulation = jittered(rs.Simulation(tank(8, 2.6, 2), "cpu"), 0.1)
     first = advanced(simulation, 3).field("density")
     simulation.evaluate()
     assert np.array_equal(simulation.field("density"), first)
@@ -164,7 +164,7 @@ def test_the_correction_gives_the_gradient_of_a_linear_pressure(gradient, error)
     inner = (np.abs(x[:, :2] - 0.7) < 0.2).all(1)
     upward = simulation.field("acceleration")[inner, 1]
     assert upward == pytest.approx(np.full(inner.sum(), (1 - error) * -0.05 * 100 / DENSITY), rel=1e-3)
-    simulation = shaken(simulation, 0.1)
+    simulation = jittered(simulation, 0.1)
     simulation.evaluate()
     force = simulation.field("mass")[:, None] * simulation.field("acceleration")
     assert np.abs(force.sum(0)).max() <= 1e-13 * np.abs(force).sum()
@@ -212,7 +212,7 @@ def test_shifting_beside_a_surface_brings_the_slow_return():
         ((rs.ParticleShifting(strength=0.0),), {}, 0.0), ((rs.ParticleShifting(surface="none"),), {}, 0.0),
     ):  # fmt: skip
         liquid = rs.WeaklyCompressible(sound_speed=20.0, **given)
-        assert settled((liquid, *effects))["weakly_compressible"].restoring == rate, (given, effects)
+        assert with_scene_defaults((liquid, *effects))["weakly_compressible"].restoring == rate, (given, effects)
 
 
 @pytest.mark.parametrize("tension", [rs.Akinci2013(surface_tension=0.072), rs.JiangZhu2023(surface_tension=0.072)])

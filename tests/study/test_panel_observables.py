@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from refsim.study.panels import FOLDER, drops, observables, panel
-from refsim.study.panels.making import MADE
+from refsim.study.panels.scene_factories import SCENE_FACTORIES
 from refsim.study.panels.scenes import scene_of
 
 STORED = pathlib.Path(__file__).with_name("panel_scenes.json")
@@ -311,7 +311,7 @@ def chosen(of):
     return {p.key: p for p in [of.points[of.about.base], *list(kinds.values())[:3]]}
 
 
-@pytest.mark.parametrize("name", MADE)
+@pytest.mark.parametrize("name", SCENE_FACTORIES)
 def test_scenes_of_settings_are_those_that_were_measured(name):
     """Whoever changes one measures its panel anew; `panel_scenes.json` is then made by this file as a program."""
     of = panel(name)
@@ -319,5 +319,5 @@ def test_scenes_of_settings_are_those_that_were_measured(name):
 
 
 if __name__ == "__main__":
-    scenes = {n: {k: told(scene_of(panel(n), p)) for k, p in chosen(panel(n)).items()} for n in MADE}
+    scenes = {n: {k: told(scene_of(panel(n), p)) for k, p in chosen(panel(n)).items()} for n in SCENE_FACTORIES}
     STORED.write_text("{\n" + ",\n".join(f'"{n}": {json.dumps(s)}' for n, s in scenes.items()) + "\n}\n")

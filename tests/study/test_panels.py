@@ -12,7 +12,7 @@ from refsim.scene.plan import make_plan
 from refsim.study import advice
 from refsim.study.advice import cheapest, duration, least, most, settings
 from refsim.study.observables import observable_of
-from refsim.study.panels import FOLDER, OWN, About, Panel, Place, Point, abouts, as_text, panel, parse
+from refsim.study.panels import FOLDER, OWN, Machine, Panel, PanelSpec, Point, abouts, as_text, panel, parse
 from refsim.study.panels import measured as measuring
 from refsim.study.panels.measured import measured, merged
 from refsim.study.panels.scenes import packaged, packed, scene_of
@@ -27,7 +27,9 @@ def point(key, error, seconds=1.0, **more):
 
 def made(*points, **about):
     words = dict.fromkeys(("words", "relative", "observed", "reference", "page"), "a")
-    return Panel("a", About(**words, base="b", **about), (Place("m", 1, "2026-01-01"),), {p.key: p for p in points})
+    return Panel(
+        "a", PanelSpec(**words, base="b", **about), (Machine("m", 1, "2026-01-01"),), {p.key: p for p in points}
+    )
 
 
 def key(found):

@@ -66,7 +66,7 @@ def on_device(reading, tiny):
 
 @cuda_alone
 def test_copy(on_device, tiny, backend):
-    xp = device.library()
+    xp = device.cupy_or_numpy()
     source = xp.ones(2**4 if tiny else 2**29, np.float32)
     target = xp.empty_like(source)
 
@@ -107,7 +107,7 @@ def test_kernel(on_device, tiny, size, kernel, backend):
             calls[kernel]()
 
     build = functools.partial(simulation.search.build, simulation.build_position)
-    run = device.Recorded(several) if kernel in calls else build
+    run = device.CudaGraph(several) if kernel in calls else build
     given = {"particles": particles, "neighbours": neighbours, "entries": entries}
     on_device(f"{size} {kernel}", run, calls=launches, **given)
 
@@ -119,7 +119,7 @@ def test_kernel(on_device, tiny, size, kernel, backend):
 )
 def test_step(reading, benchmark, tiny, size, effects, backend):
     simulation = Simulation(timed.spinning_cube(3 if tiny else SIZES[size], effects), backend)
-    simulation.put("velocity", timed.spinning(simulation.plan.state.position))
+    simulation.write_field("velocity", timed.spinning(simulation.plan.state.position))
     more = {"particles": simulation.count, "steps": 1 if tiny else 100}
 
     def steps():

@@ -11,9 +11,9 @@ import pytest
 from refsim import Simulation
 from refsim.scene.files import parse_scene
 from refsim.study.panels import FOLDER, OWN, Point, abouts, panel, parse
-from refsim.study.panels.making import DENSITY, GRAVITY, MADE, implicit_pressure
 from refsim.study.panels.measured import measured, text
 from refsim.study.panels.observables import FALL
+from refsim.study.panels.scene_factories import DENSITY, GRAVITY, SCENE_FACTORIES, implicit_pressure
 from refsim.study.panels.scenes import PACKED
 from validation import accuracy, accuracy_page
 from validation import panel_runs as accuracy_runs
@@ -29,7 +29,7 @@ def test_the_page_is_what_the_stored_points_make():
 def test_every_panel_can_be_measured_anew(name):
     """By its packaged scene, or by one that a function makes; other programs' points by a run that is there."""
     written = "fluid" in tomllib.loads((FOLDER / f"{name}.toml").read_text()) or name == "spinning_body"
-    assert [written, name in MADE, name in PACKED].count(True) == 1
+    assert [written, name in SCENE_FACTORIES, name in PACKED].count(True) == 1
     programs = {p.program for p in panel(name).points.values()} - {OWN}
     assert bool(programs) == (name in accuracy.PEERS)
     assert name not in accuracy.PEERS or callable(accuracy.reader(accuracy.PEERS[name]))

@@ -78,10 +78,10 @@ def test_a_lost_state_and_words_that_are_no_sentence_are_noticed(monkeypatch, tm
     assert reached(half) != whole
     monkeypatch.setattr("refsim.__main__.main", lambda arguments: 1)
     with pytest.raises(AssertionError, match="exit code 1"):
-        attack.told(["plan"])
+        attack.outcome_of(["plan"])
     monkeypatch.setattr("refsim.__main__.main", lambda arguments: 2)
     with pytest.raises(AssertionError, match="not one sentence"):
-        attack.told(["plan"])
+        attack.outcome_of(["plan"])
 
 
 def test_bad_options_get_one_sentence(capsys):

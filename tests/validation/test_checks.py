@@ -31,7 +31,7 @@ from validation.checks import (
     Sentence,
     read_all,
 )
-from validation.experiment import Experiment, Measure, Options, Run, discover
+from validation.experiment import Experiment, Measure, Options, RunSpec, discover
 from validation.perform import EXIT_FAILED, EXIT_FINE, EXIT_INPUT
 from validation.results import Result
 from validation.running import Context
@@ -183,10 +183,10 @@ def test_a_check_judges_the_runs_that_it_names(tmp_path):
     check = checks.Checks("own", folder=tmp_path)
     rows = {"tank_1": 0.5, "held_5": 2.0, "held_50": 3.0}
     check.of_runs({key: Result({"a": value}) for key, value in rows.items()}, lambda key, row: f"{key} of {row['a']}")
-    assert [(made.name, made.value, made.verdict) for made in check.made] == [
+    assert [(made.name, made.value, made.verdict) for made in check.results] == [
         ("a.tank_1", 0.5, "pass"), ("a.held_5", 2.0, "fail"), ("narrow.held_5", 2.0, "fail"),
     ]  # fmt: skip
-    assert check.made[0].what == "x, tank_1 of 0.5"
+    assert check.results[0].what == "x, tank_1 of 0.5"
 
 
 def test_every_run_that_a_check_names_is_planned():
@@ -268,7 +268,7 @@ def own(tmp_path, monkeypatch):
     values = [0.25, 0.5, 0.75, 0.5, 0.5]
 
     def runs(options):
-        return [Run(f"size_{k}", number_of, {"value": value}) for k, value in enumerate(values)]
+        return [RunSpec(f"size_{k}", number_of, {"value": value}) for k, value in enumerate(values)]
 
     large = Family(("small",), "It could be large.", "a large one", {"value": 9.0})
     one = Measure(runs, lambda results: [result.values["value"] for result in results.values()], family=large)
@@ -329,7 +329,7 @@ FIRST = Entry("first", "fake", VALUE, "first size", "m", "nothing", measured=2.0
 
 
 def verified(starts, steady=STEADY, value=FIRST):
-    runs = [Run(f"start_{k}", made, {"value": value}) for k, value in enumerate(starts)]
+    runs = [RunSpec(f"start_{k}", made, {"value": value}) for k, value in enumerate(starts)]
     measure = Measure(lambda options: runs, lambda results: [each.values["value"] for each in results.values()])
     known = {"fake": Experiment("fake", "for tests", runs=lambda options: runs, claims={"steady": measure})}
     return {entry.name: why for entry, _, why in judging.verify([steady, value], 1, None, known)}

@@ -13,7 +13,7 @@ import pytest
 
 from tests.validation.test_validation import draw_line as drawn
 from validation.checks import CLAIM, FAIL, PASS, SHOWN, Check, read_all
-from validation.experiment import Experiment, Options, Picture, Run, discover
+from validation.experiment import Experiment, Options, Picture, RunSpec, discover
 from validation.perform import perform
 from validation.report import LINES, WIDTH, Whole, page
 from validation.results import Result
@@ -39,8 +39,8 @@ def made_up(name="fake", verdict=PASS, checks=1, runs=1):
     words = 'a <quantity> & "more"'
     return Experiment(
         name=name, title="an experiment <for> tests",
-        runs=lambda options: [Run(f"run_{k}", computed, {"value": k + 2}) for k in range(runs)],
-        checks=lambda found, check: check.made.extend(
+        runs=lambda options: [RunSpec(f"run_{k}", computed, {"value": k + 2}) for k in range(runs)],
+        checks=lambda found, check: check.results.extend(
             Check(f"quantity.{k}", words, 1.5, "m", "2 & 3", "at most <5>", verdict) for k in range(checks)
         ),
         pictures=tuple(

@@ -17,7 +17,7 @@ from validation import __main__ as command
 from validation import judging, results, running
 from validation import perform as performing
 from validation.checks import Check, Checks
-from validation.experiment import Experiment, Options, Picture, Run
+from validation.experiment import Experiment, Options, Picture, RunSpec
 from validation.experiments.dam_break import runs as dam_runs
 from validation.experiments.droplet import runs as droplet
 from validation.report import report
@@ -56,10 +56,10 @@ def fake(value=2, judge=None, function=doubled, parameters=None):
     return Experiment(
         name="fake", title="an experiment for tests",
         runs=lambda options: [
-            Run("one", function, {"value": value} if parameters is None else parameters),
-            Run("other", function, {"value": 9}, skip="quick" if options.quick else ""),
+            RunSpec("one", function, {"value": value} if parameters is None else parameters),
+            RunSpec("other", function, {"value": 9}, skip="quick" if options.quick else ""),
         ][: 1 if parameters is not None else 2],
-        checks=lambda found, check: check.made.extend(judge(found)),
+        checks=lambda found, check: check.results.extend(judge(found)),
         pictures=(Picture("line", lambda found: {"line": found["one"].arrays["line"]}, draw_line, ("one",)),),
         tables=lambda found: [Table("A table", ["a", "b"], [["x", 1.5], ["y", None]])],
     )  # fmt: skip
@@ -102,7 +102,7 @@ def test_an_interrupted_run_says_what_is_kept(options):
         raise KeyboardInterrupt
 
     case = fake()
-    runs = [*case.runs(options)[:1], Run("later", stop, {"value": 1})]
+    runs = [*case.runs(options)[:1], RunSpec("later", stop, {"value": 1})]
     case = dataclasses.replace(case, runs=lambda options: runs)
     with pytest.raises(RunStopped, match=r"1 finished since the start are kept in .*results; the same command") as told:
         perform(case, options)
@@ -193,7 +193,7 @@ def test_verdicts(tmp_path):
         assert check(name, value).verdict == verdict, (name, value)
     made = check("low", 0.1, "run_2", "second run")
     assert (made.name, made.what, made.bar) == ("low.run_2", "a, second run", "at most 0.5")
-    assert [c.verdict for c in check.made] == [*(verdict for *_, verdict in cases), "pass"]
+    assert [c.verdict for c in check.results] == [*(verdict for *_, verdict in cases), "pass"]
     (tmp_path / "y" / "expected.toml").write_text('[low]\nwhat="a"\n')
     with pytest.raises(ValueError, match=r"an entry is \[check.NAME\].*low"):
         Checks("y", folder=tmp_path)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from refsim.core.capabilities import BringsWalls, CorrectsPositions, having, settled
+from refsim.core.capabilities import BringsWalls, CorrectsPositions, effects_with, with_scene_defaults
 from refsim.core.effect import EFFECTS
 from refsim.core.operation import REGISTRY
 from refsim.engine.simulation import Simulation
@@ -186,7 +186,7 @@ def boosted(drawn: Drawn, backend: str) -> Found | None:
     """Without walls, a common velocity is added to all positions; with a fixed step, which speeds would shorten."""
     scene = drawn.scene
     liquid = of_kind(scene, WeaklyCompressible)
-    if liquid is None or having(scene.effects, BringsWalls) or corrected(scene):
+    if liquid is None or effects_with(scene.effects, BringsWalls) or corrected(scene):
         return None
     scene = msgspec.structs.replace(scene, step=0.05 * scene.support_radius / liquid.sound_speed)
     u = 0.1 * liquid.sound_speed
@@ -233,7 +233,9 @@ def claims(simulation: Simulation, what: str) -> bool:
 
 def corrected(scene: Scene) -> bool:
     """Whether an effect moves particles by other displacements than dt v, which follow the largest speed."""
-    return any(effect.corrects_positions() for effect in having(settled(scene.effects), CorrectsPositions))
+    return any(
+        effect.corrects_positions() for effect in effects_with(with_scene_defaults(scene.effects), CorrectsPositions)
+    )
 
 
 @law("ledger")
@@ -311,7 +313,7 @@ def full_tank(drawn: Drawn, backend: str) -> Found | None:
     """
     pulling = ("surface_tension", "area_acceleration")
     calm = tuple(e for e in drawn.scene.effects if not any(name in e.scales for name in pulling))
-    settled_liquid = settled(calm).get("weakly_compressible")
+    settled_liquid = with_scene_defaults(calm).get("weakly_compressible")
     if settled_liquid is None or not settled_liquid.advances():
         return None
     return _rest(drawn, backend, msgspec.structs.replace(drawn.scene, effects=calm), "a tank on its lattice")

@@ -110,7 +110,7 @@ def _add(draw: Draw, effects: dict[str, Effect], name: str, scale: Unit, dim: in
         issubclass(kind, PullsParticles) and any(isinstance(e, PullsParticles) for e in effects.values())
     ):
         return
-    effects[name] = made(draw, kind, scale, dim)
+    effects[name] = make_effect(draw, kind, scale, dim)
     for other in effects[name].needs():
         if other not in BUILT:
             _add(draw, effects, other, scale, dim)
@@ -121,17 +121,17 @@ def _liquid(draw: Draw, name: str, scale: Unit, dim: int) -> Effect:
     density = unit("kg/m^3").of(scale)
     speed = unit("m/s").of(scale)
     if name == "mpm_liquid":
-        return made(draw, EFFECTS[name], scale, dim, rest_density=density, bulk_modulus=density * speed**2)
+        return make_effect(draw, EFFECTS[name], scale, dim, rest_density=density, bulk_modulus=density * speed**2)
     given = {"rest_density": density, "sound_speed": speed, "tensile_control": "none", "gradient": "plain"}
     given["dynamic_viscosity"] = density * speed * 3.0 * unit("m").of(scale) / 60
     kind = draw(st.sampled_from((None, None, "summation", "continuity")))
     given["density"] = kind
     if kind != "continuity":  # what belongs to an advanced density
         given |= {"diffusion": DIFFUSION, "restoring": None}
-    return made(draw, EFFECTS[name], scale, dim, **given)
+    return make_effect(draw, EFFECTS[name], scale, dim, **given)
 
 
-def made(draw: Draw, kind: type[Effect], scale: Unit, dim: int, **given: Any) -> Effect:
+def make_effect(draw: Draw, kind: type[Effect], scale: Unit, dim: int, **given: Any) -> Effect:
     """An effect: what it must have, and a third of what it may have, by its schema."""
     for field in msgspec.structs.fields(kind):
         needed = field.required or kind.scales[:1] == (field.name,)

@@ -18,7 +18,7 @@ import numpy as np
 
 from refsim.core.writing import write_file
 from refsim.surface_tension.calibration import MAP as PACKAGED
-from validation.experiment import Run
+from validation.experiment import RunSpec
 from validation.measure import drops
 from validation.measure.drops import FITTED_FROM, MODELS, SEEDED, Point, fit_laplace, measure
 from validation.results import Result, finite
@@ -143,16 +143,16 @@ def digest_of(file: Path) -> str:
     return hashlib.sha256(file.read_bytes()).hexdigest()[:16]
 
 
-def map_run() -> Run:
+def map_run() -> RunSpec:
     """The run that reads the published map."""
-    return Run("map", published, {"rows": digest_of(ROWS)}, estimate=1.0)
+    return RunSpec("map", published, {"rows": digest_of(ROWS)}, estimate=1.0)
 
 
-def drop_run(model: str, dim: int, radius: float, seed: int = 1, kicked: bool = False) -> Run:
+def drop_run(model: str, dim: int, radius: float, seed: int = 1, kicked: bool = False) -> RunSpec:
     """One drop at the map's base."""
     point = {"model": model, "dim": dim, "radius": radius, "seed": seed, "kicked": kicked}
     seconds = 0.4e-3 * radius ** (dim + 1.5) * (1.6 if kicked else 1.0)
-    return Run(f"{model}_{dim}d_R{radius:g}_{seed}", drop, point, estimate=max(1.0, seconds))
+    return RunSpec(f"{model}_{dim}d_R{radius:g}_{seed}", drop, point, estimate=max(1.0, seconds))
 
 
 def words_of(row: Mapping[str, Any]) -> str:

@@ -188,8 +188,8 @@ class Conductor:
             "period": period_group(period, dtype) if any(period) else None,
         }  # fmt: skip
         put = self.there.asarray
-        self.given = {name: put(value) if isinstance(value, np.ndarray) else value for name, value in given.items()}
-        self.given["neighbours"] = self._listed(neighbour_rows(position, SUPPORT * spacing, period))
+        self.arguments = {name: put(value) if isinstance(value, np.ndarray) else value for name, value in given.items()}
+        self.arguments["neighbours"] = self._listed(neighbour_rows(position, SUPPORT * spacing, period))
         operation = REGISTRY[effect.operation()]
         self.program, self.names = operation.program(backend), operation.arguments(backend)
 
@@ -205,19 +205,19 @@ class Conductor:
     @property
     def temperature(self) -> np.ndarray:
         """Temperatures (n,) [deg C]."""
-        return self.there.host(self.given["temperature"])
+        return self.there.host(self.arguments["temperature"])
 
     @property
     def enthalpy(self) -> np.ndarray | None:
         """Enthalpies (n,) [J/kg] of what melts."""
-        return None if self.given["enthalpy"] is None else self.there.host(self.given["enthalpy"])
+        return None if self.arguments["enthalpy"] is None else self.there.host(self.arguments["enthalpy"])
 
     def step(self, seconds: float) -> None:
         """One step of so many seconds."""
-        self.given["timestep"] = self.there.asarray(np.array([0.0, seconds]))
+        self.arguments["timestep"] = self.there.asarray(np.array([0.0, seconds]))
         self.there.synchronize()
         began = time.perf_counter()
-        self.program(*(self.given[name] for name in self.names))
+        self.program(*(self.arguments[name] for name in self.names))
         self.there.synchronize()
         self.seconds += time.perf_counter() - began
 
@@ -237,7 +237,7 @@ class Conductor:
 
     def molten(self) -> np.ndarray:
         """Share of each particle's latent heat that it has taken up, 0 to 1."""
-        latent = float(self.there.host(self.given["latent_heat"])[0])
+        latent = float(self.there.host(self.arguments["latent_heat"])[0])
         return np.clip(self.enthalpy.astype(float) / latent, 0.0, 1.0)
 
     def passes(self, seconds: float) -> int:
@@ -258,7 +258,7 @@ class Conductor:
         """Exchanges, 1/C_i and the largest s_i of a step, as schemes have them."""
         from refsim.heat import schemes
 
-        given = {**self.given, "timestep": np.array([0.0, seconds])}
+        given = {**self.arguments, "timestep": np.array([0.0, seconds])}
         body, step = (kind(*(given[name] for name in kind._fields)) for kind in (Body, Step))
         return schemes.weighed(body, given["neighbours"], step, given["scratch"])
 
@@ -267,7 +267,7 @@ class Conductor:
         from refsim.heat import schemes
 
         exchanges, inverse, _ = self.weighed(seconds)
-        return schemes.solve(exchanges, inverse, self.conduction, self.given["scratch"], self.temperature.copy())
+        return schemes.solve(exchanges, inverse, self.conduction, self.arguments["scratch"], self.temperature.copy())
 
 
 def cosine_slab(

@@ -93,7 +93,7 @@ def rotated_box(
     return LatticeBox(_block(shape) @ rotation.T * spacing, shape, rotation)
 
 
-def shaken(position: NDArray[np.float64], spacing: float, seed: int, share: float = 0.01) -> NDArray[np.float64]:
+def jittered(position: NDArray[np.float64], spacing: float, seed: int, share: float = 0.01) -> NDArray[np.float64]:
     """Positions (n, 3) [m], each moved at random along the axes in which they differ, by `share` of the spacing (rms).
 
     It takes from a lattice the symmetry that nothing in the world has: rounding alone would break it, later in float64

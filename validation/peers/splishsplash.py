@@ -134,7 +134,7 @@ def watched(
     """Run from a shaken lattice: moments, seconds and what `see(positions)` says at the `times`."""
     import numpy as np
 
-    from validation.metrics.shapes import shaken
+    from validation.metrics.shapes import jittered
 
     found: dict[str, Any] = {"time": [], "wall": []}
     clock = {"last": 0.0, "spent": 0.0, "steps": 0}
@@ -154,7 +154,7 @@ def watched(
     base.initSimulation()
     fluid = coefficients(peer, *coefficients_given)
     lattice = np.array(fluid.getFieldBuffer("position"))[: fluid.numActiveParticles()].astype(float)
-    for i, place in enumerate(shaken(lattice, spacing, shake)):
+    for i, place in enumerate(jittered(lattice, spacing, shake)):
         fluid.setPosition(i, (place * [1.0, 1.0, 0.0] if flat else place).astype(np.float32))
     clock["last"] = stopwatch()
     base.runSimulation()

@@ -64,14 +64,14 @@ def names(feature: str) -> SimpleNamespace | None:
             for part in path.split("."):
                 value = getattr(value, part)
         except (ImportError, AttributeError):
-            lose(feature, name)
+            disable_private(feature, name)
             return None
         if "." not in path:
             setattr(found, path, value)
     return found
 
 
-def lose(feature: str, name: str) -> None:
+def disable_private(feature: str, name: str) -> None:
     """Note that a feature is done without, because of a name that is gone."""
     _lost.setdefault(feature, f"This version of Numba lacks {name}: {FEATURES[feature].costs}.")
 

@@ -1,4 +1,4 @@
-"""Values of a particle's neighbours side by side, for CPU kernels: `buffer` to put them, and `staged`, which does.
+"""Values of a particle's neighbours side by side, for CPU kernels: `buffer` to put them, and `gathered`, which does.
 
 A processor that gathers eight values reads one after the other, and once more for each component of a vector. Here the
 components of a vector are one read, of four neighbours at a time, and the loop that follows reads side by side what it
@@ -16,7 +16,7 @@ from numba.extending import lower_builtin, type_callable
 
 AT_A_TIME = 128  # neighbours that are staged
 STAGED = """\
-def staged(entries, first, count, arrays, buffers):
+def gathered(entries, first, count, arrays, buffers):
     size = min(count, np.uint64(AT_A_TIME))
     for m in range(size):
         j = entries[first + m]"""
@@ -28,7 +28,7 @@ def buffer(array: Any) -> Any:
     return np.empty(AT_A_TIME, array.dtype)
 
 
-def staged(entries: Any, first: Any, count: Any, arrays: tuple, buffers: tuple) -> Any:
+def gathered(entries: Any, first: Any, count: Any, arrays: tuple, buffers: tuple) -> Any:
     """Put the rows entries[first], entries[first + 1], ... of the arrays into the buffers; the number of values there.
 
     These are `count` rows, AT_A_TIME at most. An (n, 3) array has a buffer for each component, an (n,) array one. The
@@ -43,19 +43,19 @@ def staged(entries: Any, first: Any, count: Any, arrays: tuple, buffers: tuple) 
 
 
 def _written(kinds: Any) -> Any:
-    """`staged` for kinds of `refsim.backends.written`: a loop over the rows."""
+    """`gathered` for kinds of `refsim.backends.written`: a loop over the rows."""
     columns = [f"{n}][j{f', {c}' if kind.ndim == 2 else ''}" for n, kind in enumerate(kinds[3].parts)
                for c in range(3 if kind.ndim == 2 else 1)]  # fmt: skip
     lines = [f"        buffers[{k}][m] = arrays[{column}]" for k, column in enumerate(columns)]
     text = "\n".join([STAGED, *lines, "    return size\n"])
-    path = f"<staged {columns}>"
+    path = f"<gathered {columns}>"
     linecache.cache[path] = (len(text), None, text.splitlines(keepends=True), path)
     space = {"np": np, "AT_A_TIME": AT_A_TIME}
     exec(compile(text, path, "exec"), space)
-    return space["staged"]
+    return space["gathered"]
 
 
-staged.written = _written  # type: ignore[attr-defined]
+gathered.written = _written  # type: ignore[attr-defined]
 
 
 def _placed(context: Any, builder: ir.IRBuilder, signature: Any, values: Any) -> Any:
@@ -74,7 +74,7 @@ def _placed(context: Any, builder: ir.IRBuilder, signature: Any, values: Any) ->
 
 
 def _read(context: Any, builder: ir.IRBuilder, signature: Any, values: Any) -> Any:
-    """`staged`: a loop over groups of four, and one group more for a rest."""
+    """`gathered`: a loop over groups of four, and one group more for a rest."""
     entries, _, _, arrays, buffers = signature.args
     word = ir.IntType(types.intp.bitwidth)
 
@@ -149,5 +149,5 @@ def _components(context: Any, builder: ir.IRBuilder, kind: Any, source: Any, row
 
 type_callable(buffer)(lambda context: lambda array: types.Array(array.dtype, 1, "C"))
 lower_builtin(buffer, types.Array)(_placed)
-type_callable(staged)(lambda context: lambda entries, first, count, arrays, buffers: types.uint64)
-lower_builtin(staged, types.Array, types.Any, types.Any, types.BaseTuple, types.BaseTuple)(_read)
+type_callable(gathered)(lambda context: lambda entries, first, count, arrays, buffers: types.uint64)
+lower_builtin(gathered, types.Array, types.Any, types.Any, types.BaseTuple, types.BaseTuple)(_read)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import msgspec
 
 from refsim.boundary.adami_2012 import operations as operations
-from refsim.core.capabilities import BringsWalls, FollowsScene, SumsDensity, having
+from refsim.core.capabilities import BringsWalls, FollowsScene, SumsDensity, effects_with
 from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
@@ -35,13 +35,13 @@ class ParticleWalls(Effect, BringsWalls, FollowsScene, SumsDensity, frozen=True,
         viscosity: float
         no_slip: bool
 
-    def settled(self, others: Others) -> "ParticleWalls":
+    def with_scene_defaults(self, others: Others) -> "ParticleWalls":
         """Extrapolated, where no model is given, with a liquid whose density is advanced; else mirrored.
 
         Raises InputError where `no_slip` has no viscosity to follow.
         """
         liquid = liquid_of(others)
-        model = self.model or ("extrapolated" if liquid.settled(others).advances() else "mirrored")
+        model = self.model or ("extrapolated" if liquid.with_scene_defaults(others).advances() else "mirrored")
         if not self.no_slip:
             return msgspec.structs.replace(self, model=model)
         if self.viscosity > 0:
@@ -65,7 +65,7 @@ class ParticleWalls(Effect, BringsWalls, FollowsScene, SumsDensity, frozen=True,
 
     def pressure_passes(self, others: Others) -> tuple[Pass, ...]:
         """Extrapolation from the liquid and push of all walls, of the first effect with such walls."""
-        if self is not next((effect for effect in having(others, BringsWalls) if effect.extrapolates()), None):
+        if self is not next((effect for effect in effects_with(others, BringsWalls) if effect.extrapolates()), None):
             return ()
         solids = "two_way_coupling" in others
         pushing: dict[str, str | None] = {"smoothing": "gradient_smoothing"}

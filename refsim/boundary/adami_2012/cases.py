@@ -6,14 +6,14 @@ from refsim.boundary.akinci_2012 import BoxWalls
 from refsim.core.cases import Exact, at, example, groups, takes
 from refsim.core.walls import WallParticles
 from refsim.smoothing.cases import for_each_kernel
-from refsim.sph import Fluid, Lean
+from refsim.sph import Fluid, WallFrameGravity
 
 takes("adami_2012.strain", fluid="rest_density")
 takes("adami_2012.extrapolation", fluid="rest_density")
 example(BoxWalls(lower=(-0.03, -0.03, -0.5), upper=(0.8, 0.8, 0.8)))
 
 
-groups(lean=lambda case, grid: Lean(*map(grid.real, (2.0, -9.0, 1.5 if case.dim == 3 else 0.0))))
+groups(lean=lambda case, grid: WallFrameGravity(*map(grid.real, (2.0, -9.0, 1.5 if case.dim == 3 else 0.0))))
 
 
 @groups("wall_pressure")
@@ -40,7 +40,7 @@ def _extrapolated(phase, wanted, wet=(0.0, 0.0)):
     """Wall particles 1 m from both particles and far away."""
     place = np.array([[0.0, 1.0, 0.0], [0.0, 9.0, 0.0]])
     given = {
-        "density": [1000.0, 500.0], "pressure": [300.0, 500.0], "lean": Lean(2.0, -9.0, 1.5),
+        "density": [1000.0, 500.0], "pressure": [300.0, 500.0], "lean": WallFrameGravity(2.0, -9.0, 1.5),
         "walls": WallParticles(place, np.full(2, 0.5)), "period": None, "phase": np.array(phase, np.int32),
         "wet": np.array(wet), "fluid": Fluid(2000.0, 4e5, 1, 0),
     }  # fmt: skip
@@ -68,7 +68,7 @@ def strained_by_one(w):
         "walls": WallParticles(place, np.array([0.25])), "period": None, "phase": [0, 1],
         "fluid": Fluid(1000.0, 4e5, 1, 0),
     }  # fmt: skip
-    return Exact(_beside(place), given, {"wall_strain": [0.25 * 2.0 * 2 / 1100 * w.slope / (w.share * w.own)]})
+    return Exact(_beside(place), given, {"wall_strain": [0.25 * 2.0 * 2 / 1100 * w.slope / (w.share * w.at_zero)]})
 
 
 @for_each_kernel("adami_2012.wall_force")

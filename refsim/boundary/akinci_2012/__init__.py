@@ -13,7 +13,7 @@ import numpy as np
 
 from refsim.boundary import adami_2012
 from refsim.boundary.adami_2012 import LEAST_SHARE, ParticleWalls
-from refsim.core.capabilities import FACES, BringsWalls, Face, HasErrata, HasPlanes, having
+from refsim.core.capabilities import FACES, BringsWalls, Face, HasErrata, HasPlanes, effects_with
 from refsim.core.checked import NotNegative, Printed
 from refsim.core.effect import Discretisation, Others
 from refsim.core.energy import EnergyAccount
@@ -158,7 +158,7 @@ class BoxWalls(ParticleWalls, HasPlanes, HasErrata, frozen=True, kw_only=True):
         """Cells at (m, 3) [m] less what other walls fill of them: each at the centre of the rest."""
         left = np.ones(len(position))
         moment = position.copy()
-        for effect in having(others, BringsWalls):
+        for effect in effects_with(others, BringsWalls):
             if not isinstance(effect, BoxWalls):
                 share, centre = effect.filled(grid, position)
                 left -= share

@@ -9,7 +9,7 @@ from refsim.core import cases
 from refsim.core.cases import REST_DENSITY, Case, Exact, at, closed_form, example, groups, particles, takes, vectors
 from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
 from refsim.smoothing.cases import for_each_kernel
-from refsim.sph import Fluid, Lean, ViscosityTerm
+from refsim.sph import Fluid, ViscosityTerm, WallFrameGravity
 
 example(TwoWayCoupling(), brings="relative_contribution rest_density volume")
 
@@ -86,7 +86,7 @@ def surface_beside_inside(w):
     """V_k = 1/(W(0) + W(h/2)) over both solids (Shao & Song M4), phi = V_k/V_min; 0 inside, 1 in the liquid."""
     position = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 2.0, 0.0]])
     three = at("coupled_three", position)
-    phi = 1 / ((1 + w.share) * w.own * 0.5)
+    phi = 1 / ((1 + w.share) * w.at_zero * 0.5)
     given = {"phase": [SURFACE, INTERIOR, FLUID], "coupling": _coupled()}
     return Exact(three, given, {"relative_contribution": [phi, 0.0, 1.0]})
 
@@ -95,7 +95,7 @@ def surface_beside_inside(w):
 def printed_surface_beside_inside(w):
     """As printed V_k = 1/W(0): the interior is not counted."""
     given = {"phase": [SURFACE, INTERIOR], "coupling": _coupled(printed_volume=1)}
-    return Exact(PAIR, given, {"relative_contribution": [1 / (w.own * 0.5), 0.0]})
+    return Exact(PAIR, given, {"relative_contribution": [1 / (w.at_zero * 0.5), 0.0]})
 
 
 @for_each_kernel("two_way_coupling.density")
@@ -105,21 +105,21 @@ def liquid_beside_solid(w):
         "mass": [2.0, 3.0], "rest_density": [1000.0, 900.0], "phase": WATER_AND_ICE,
         "relative_contribution": [1.0, 4.0], "walls": None,
     }  # fmt: skip
-    return Exact(PAIR, given, {"density": [2 * w.own * (1 + 4 * w.share), 900.0]})
+    return Exact(PAIR, given, {"density": [2 * w.at_zero * (1 + 4 * w.share), 900.0]})
 
 
 def _substances(w, stiffness):
     """(2^7 - 1) c^2/g rho0 at twice the rest density, none in the solid, none below the rest density; V = m/rho."""
     apart = Case("substances", 3, np.array([[0.0, 0.0, 0.0], [0.0, 9.0, 0.0], [0.0, 18.0, 0.0]]), 1.0, 2.0)
     given = {
-        "mass": np.array([400.0, 100.0, 150.0]) / w.own, "rest_density": np.full(3, 200.0),
+        "mass": np.array([400.0, 100.0, 150.0]) / w.at_zero, "rest_density": np.full(3, 200.0),
         "phase": [FLUID, SURFACE, FLUID], "relative_contribution": [1.0, 4.0, 1.0],
         "walls": None, "coupling": _coupled(stiffness=stiffness),
     }  # fmt: skip
     return Exact(
         apart, given,
         {"density": [400.0, 200.0, 150.0], "pressure": [127 * 200 * stiffness, 0.0, 0.0],
-         "volume": np.array([1.0, 0.5, 1.0]) / w.own},
+         "volume": np.array([1.0, 0.5, 1.0]) / w.at_zero},
     )  # fmt: skip
 
 
@@ -176,7 +176,7 @@ def _held(**changes):
     given = {
         "velocity": [[0.0, 0.0, 0.0], [0.0, 3.0, 0.0]], "phase": WATER_AND_ICE,
         "followed_velocity": [[0.0, 0.0, 0.0], [0.0, 2.0, 0.0]], "density": [1000.0, 900.0],
-        "lean": Lean(1.0, -9.0, 0.0), "delay": Delay(0.5), "pressure": [300.0, 7.0],
+        "lean": WallFrameGravity(1.0, -9.0, 0.0), "delay": Delay(0.5), "pressure": [300.0, 7.0],
     }  # fmt: skip
     return given | changes
 
@@ -194,7 +194,7 @@ def _film(pressure, found, **changes):
     """A solid's particle between two wet ones, 1 m below the first; the liquid's rest density is 1000 kg/m^3."""
     three = at("film", [[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     given = {
-        "velocity": np.zeros((3, 3)), "followed_velocity": np.zeros((3, 3)), "lean": Lean(1.0, -9.0, 0.0),
+        "velocity": np.zeros((3, 3)), "followed_velocity": np.zeros((3, 3)), "lean": WallFrameGravity(1.0, -9.0, 0.0),
         "delay": Delay(0.5), "phase": [SURFACE, SURFACE, INTERIOR], "wet": [3.0, 0.0, 1.0],
         "fluid": Fluid(1000.0, 4e5, 1, 0), "pressure": pressure,
     }  # fmt: skip

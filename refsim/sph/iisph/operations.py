@@ -108,7 +108,7 @@ def keep(new_pressure, rows=None):
 @operation(
     "all steps of one solution",
     outputs="own_displacement diagonal advected_density pair_displacement density_error new_pressure pressure"
-    " acceleration", adds="acceleration", reach=8, optional="walls", tolerance=32.0,
+    " acceleration", adds="acceleration", halo_depth=8, optional="walls", tolerance=32.0,
     reason="the roundings of every step, which the scale carries on", invariants=SYMMETRY,
     programs={"cpu": "iteration", "cuda": "iteration"},
 )  # fmt: skip

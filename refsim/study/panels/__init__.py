@@ -52,7 +52,7 @@ class Option(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             )  # fmt: skip
 
 
-class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class PanelSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What a panel observes, against what.
 
     words         the observable
@@ -134,7 +134,7 @@ class Point(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
         return bool(self.knobs.get("backend") == "cuda")
 
 
-class Place(msgspec.Struct, frozen=True):
+class Machine(msgspec.Struct, frozen=True):
     """Where and when points were measured; `device` is the GPU, "" on a CPU."""
 
     machine: str
@@ -153,8 +153,8 @@ class Panel:
     """An observable, what it is held against, and its measured points by key."""
 
     name: str
-    about: About
-    places: tuple[Place, ...]
+    about: PanelSpec
+    places: tuple[Machine, ...]
     points: Mapping[str, Point]
 
     def reference(self) -> tuple[float, float, float]:
@@ -190,11 +190,11 @@ class Panel:
 
 
 @functools.cache
-def abouts() -> dict[str, About]:
+def abouts() -> dict[str, PanelSpec]:
     """What every panel observes, by name, in the order of their pages."""
     files = [file for file in FOLDER.iterdir() if file.name.endswith(".toml")]
     found = {file.name.removesuffix(".toml"): tomllib.loads(file.read_text(encoding="utf-8")) for file in files}
-    known = {name: msgspec.convert(tables["panel"], About) for name, tables in found.items()}
+    known = {name: msgspec.convert(tables["panel"], PanelSpec) for name, tables in found.items()}
     return dict(sorted(known.items(), key=lambda item: (item[1].page, item[0])))
 
 
@@ -210,7 +210,7 @@ def panel(name: str) -> Panel:
     return parse(file.read_text(encoding="utf-8"))
 
 
-def _points(about: About) -> dict[str, Point]:
+def _points(about: PanelSpec) -> dict[str, Point]:
     return {point.key: point for key, option in about.settings.items() for point in option.points(key)}
 
 
@@ -226,7 +226,7 @@ def parse(text: str) -> Panel:
             own = points[found.key]
             given = {name: getattr(own, name) for name in GIVEN}
             points[found.key] = msgspec.structs.replace(found, **given)
-        return Panel(data["name"], about, msgspec.convert(data["places"], tuple[Place, ...]), points)
+        return Panel(data["name"], about, msgspec.convert(data["places"], tuple[Machine, ...]), points)
     except (KeyError, TypeError, ValueError) as error:  # msgspec.ValidationError is a ValueError
         raise InputError(f"this is no stored panel ({error}); measure it anew (refsim study).") from None
 

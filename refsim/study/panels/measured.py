@@ -17,7 +17,7 @@ from refsim.scene.plan import make_plan
 from refsim.scene.scene import Scene
 from refsim.study.advice import READINGS, duration, percent
 from refsim.study.observables import observable_of
-from refsim.study.panels import GIVEN, OWN, Panel, Place, Point
+from refsim.study.panels import GIVEN, OWN, Machine, Panel, Point
 from refsim.study.panels.scenes import scene_of
 from refsim.study.runs import Reading, Setting, machine, measure
 
@@ -27,7 +27,7 @@ Read = Callable[[Point, int], Reading]
 
 def measured(
     panel: Panel, keys: Iterable[str] = (), *, backend: str = "cpu", readings: int = READINGS,
-    say: Callable[[str], None] = lambda text: None, read: Read | None = None, place: Place | None = None,
+    say: Callable[[str], None] = lambda text: None, read: Read | None = None, place: Machine | None = None,
 ) -> Panel:  # fmt: skip
     """The panel with settings measured anew, all of this backend by default, and no others.
 
@@ -96,10 +96,10 @@ def _middle(values: np.ndarray) -> tuple[float, float]:
     return median, float(np.median(np.abs(values - median)))
 
 
-def _here(backend: str) -> Place:
+def _here(backend: str) -> Machine:
     today = datetime.date.today().isoformat()
     device = device_name() if backend == "cuda" else ""
-    return Place(machine().partition(",")[0], 1, today, device=device, versions=dict(versions()))
+    return Machine(machine().partition(",")[0], 1, today, device=device, versions=dict(versions()))
 
 
 def rows(stored: Panel, found: Panel) -> list[dict[str, Any]]:

@@ -15,7 +15,7 @@ from refsim.sph import liquid_of
 from refsim.sph.resting import column_of
 from refsim.study.observables import observable_of
 from refsim.study.panels import FOLDER, drops
-from refsim.study.panels.making import DENSITY, GRAVITY, MODULUS, REYNOLDS, frequency, radius
+from refsim.study.panels.scene_factories import DENSITY, GRAVITY, MODULUS, REYNOLDS, frequency, radius
 from refsim.study.panels.virial import inner_pressure
 from refsim.surface_tension.calibration import BASE, sigma_map
 

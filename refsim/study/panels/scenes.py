@@ -12,13 +12,13 @@ from fractions import Fraction
 import msgspec
 import numpy as np
 
-from refsim.scene.files import parse_scene, put, scene_from_dict, scene_to_dict, tables_of
+from refsim.scene.files import parse_scene, scene_from_dict, scene_to_dict, set_parameter, tables_of
 from refsim.scene.plan import make_plan
 from refsim.scene.refine import refined
 from refsim.scene.scene import Scene
 from refsim.scene.shapes import Cloud
 from refsim.study.panels import FOLDER, Panel, Point, panel
-from refsim.study.panels.making import MADE
+from refsim.study.panels.scene_factories import SCENE_FACTORIES
 
 PACKED = frozenset(file.name.removesuffix(".zip") for file in FOLDER.iterdir() if file.name.endswith(".zip"))
 
@@ -45,8 +45,8 @@ def scene_of(of: Panel, point: Point, reading: int | None = None) -> Scene:
     if of.name in PACKED:
         with zipfile.ZipFile(io.BytesIO((FOLDER / f"{of.name}.zip").read_bytes())) as scenes:
             return parse_scene(scenes.read(packed(point)).decode(), packed(point))
-    if of.name in MADE:
-        made = MADE[of.name]({**point.knobs, **point.setting}, reading or 0)
+    if of.name in SCENE_FACTORIES:
+        made = SCENE_FACTORIES[of.name]({**point.knobs, **point.setting}, reading or 0)
         return msgspec.structs.replace(made, name=of.name)
     tables = tables_of((FOLDER / f"{of.name}.toml").read_text(encoding="utf-8"), f"{of.name}.toml")
     scene = scene_from_dict({key: value for key, value in tables.items() if key != "panel"}, f"{of.name}.toml")
@@ -58,7 +58,7 @@ def scene_of(of: Panel, point: Point, reading: int | None = None) -> Scene:
     name = "step" if scene.step > 0 else "step_factor"
     scene = msgspec.structs.replace(scene, dtype=knobs["dtype"], **{name: step * getattr(scene, name)})
     scene = changed(scene, tuple(point.setting.items()))
-    return shaken(scene, reading) if of.about.shaken and reading is not None else scene
+    return jittered(scene, reading) if of.about.shaken and reading is not None else scene
 
 
 def packed(point: Point) -> str:
@@ -66,7 +66,7 @@ def packed(point: Point) -> str:
     return f"{point.key.removeprefix('cuda_')}.toml"
 
 
-def shaken(scene: Scene, seed: int, share: float = 0.01) -> Scene:
+def jittered(scene: Scene, seed: int, share: float = 0.01) -> Scene:
     """The scene with its liquid displaced at random along its axes, by `share` of the spacing (rms).
 
     From an exact lattice only rounding breaks the symmetry, later in float64 than in float32.
@@ -83,7 +83,7 @@ def changed(scene: Scene, values: Sequence[tuple[str, object]]) -> Scene:
         return scene
     tables = scene_to_dict(scene)
     for name, value in values:
-        put(tables, name, value, scene.name)
+        set_parameter(tables, name, value, scene.name)
         if name.endswith(".cells"):  # which give the edges, then
-            put(tables, name.replace(".cells", ".size"), None, scene.name)
+            set_parameter(tables, name.replace(".cells", ".size"), None, scene.name)
     return scene_from_dict(tables, scene.name)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from refsim.backends.arrays import Backend
-from refsim.engine.binding import bound
+from refsim.engine.binding import bind_pass
 from refsim.engine.simulation import Simulation
 from refsim.smoothing.reference import kernel_slope
 
@@ -64,7 +64,7 @@ def _accelerations(simulation: Simulation, i: NDArray, j: NDArray) -> NDArray:
         rows = NeighbourRows(first + k, has.astype(np.int32), j.astype(np.uint32))
         shared = {"liquid_near_walls": None, **plan.shared, "walls": None, "neighbours": rows}
         for effect, p in passes:
-            bound(p, cpu, (plan.parameters[effect.name], shared, fields))()
+            bind_pass(p, cpu, (plan.parameters[effect.name], shared, fields))()
         result[first[has] + k] = fields["acceleration"][has]
     return result
 

@@ -133,16 +133,16 @@ class SurfaceGraph:
         )
         device.fill(self.arrays["cell"], -1)  # of each particle, where it was last
         device.fill(self.arrays["coefficients"], 0)  # which is not fitted for all kinds of normals
-        self.found, self.ended = (device.Mirror(self.arrays["counts"]) for _ in range(2))
-        self.mark = device.Mark()
-        self.graphs: dict[Any, tuple[device.Recorded, ...]] = {}
-        self.pulling = device.Recorded(lambda: stages.pull(self.arrays, self.blocks, self.owner.term))
+        self.sent_counts, self.ended = (device.PinnedCopy(self.arrays["counts"]) for _ in range(2))
+        self.mark = device.Event()
+        self.graphs: dict[Any, tuple[device.CudaGraph, ...]] = {}
+        self.pulling = device.CudaGraph(lambda: stages.pull(self.arrays, self.blocks, self.owner.term))
         self.samples: Samples | None = None
         self._views: dict[str, Any] = {}
 
     def capacity(self) -> tuple[int, int]:
         """Vertices and facets for which another one should have capacity."""
-        found, a = self.found.values, self.arrays
+        found, a = self.sent_counts.values, self.arrays
         made = a["vertex_edge"].shape[0], a["facets"].shape[0]
         if found[MISSING]:  # what was found is incomplete; what fits was found once
             return made[0] * MARGIN // (MARGIN + 1), made[1] * MARGIN // (MARGIN + 1)
@@ -167,7 +167,7 @@ class SurfaceGraph:
         self.mark.set()
         fit()
         self.mark.wait()
-        a, view, counts = self.arrays, self._view, self.found.values
+        a, view, counts = self.arrays, self._view, self.sent_counts.values
         vertices, facets = int(counts[VERTICES]), int(counts[MADE])
         suffices = not counts[MISSING] and facets == counts[FACETS]
         if volume is not None and suffices:
@@ -208,9 +208,9 @@ class SurfaceGraph:
 
     # Inside
 
-    def _recorded(self, call: Callable[[], None]) -> device.Recorded:
+    def _recorded(self, call: Callable[[], None]) -> device.CudaGraph:
         """The call to be recorded, at once where its kernels are compiled."""
-        made = device.Recorded(call)
+        made = device.CudaGraph(call)
         made.called = self.compiled
         return made
 
@@ -227,7 +227,7 @@ class SurfaceGraph:
         stage("cells", stages.sort_particles, a, position, blocks, term, self.sure)
         stage("level set and facets", stages.mark_nodes, a, blocks, term)
         stage("level set and facets", stages.count_cuts, a, blocks, self.table)
-        self.found.send()
+        self.sent_counts.send()
 
     def _fit(self, position: Any, number: Any, whole: bool) -> None:
         """From vertices and facets to normals, fitted or those of facets or offsets; as a `whole` the samples, too."""

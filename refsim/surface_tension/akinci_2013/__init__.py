@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 
 from numpy.typing import NDArray
 
-from refsim.core.capabilities import BringsWalls, HasErrata, Margin, having
+from refsim.core.capabilities import BringsWalls, HasErrata, Margin, effects_with
 from refsim.core.checked import NotNegative, Printed
 from refsim.core.effect import Discretisation, Others, Pass
 from refsim.core.errors import InputError
@@ -75,7 +75,7 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
     name: ClassVar[str] = "akinci_2013"
     potential: ClassVar[bool] = False  # K_ij depends on the densities
     scales: ClassVar[tuple[str, ...]] = ("surface_tension", "gamma", "area_acceleration", "adhesion")
-    own: ClassVar[str] = "gamma"
+    coefficient_name: ClassVar[str] = "gamma"
     # drops of 10 d at S = 0.01 by jump and frequency: 1.94, 1.97 at 2.6 d, 2.63, 2.92 at 3 d (docs/models.md)
     measured: ClassVar[Mapping[int, tuple[tuple[float, float], ...]]] = {3: ((2.6, 1.955), (3.0, 2.775))}
     source: ClassVar[str] = "Akinci et al."
@@ -122,7 +122,7 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
         if self.coheres() or self._has_area():
             names = {"area_normal": "surface_normal" if self._has_area() else None}
             passes.append(Pass("akinci_2013.tension", updates=("acceleration",), names=names))
-        if self.adhesion > 0 and having(others, BringsWalls):
+        if self.adhesion > 0 and effects_with(others, BringsWalls):
             passes.append(Pass("akinci_2013.adhesion", updates=("acceleration",)))
         return tuple(passes)
 

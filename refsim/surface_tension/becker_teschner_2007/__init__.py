@@ -38,7 +38,7 @@ class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
 
     name: ClassVar[str] = "becker_teschner_2007"
     scales: ClassVar[tuple[str, ...]] = ("surface_tension", "kappa")
-    own: ClassVar[str] = "kappa"
+    coefficient_name: ClassVar[str] = "kappa"
 
     surface_tension: NotNegative | None = None
     kappa: NotNegative | None = None

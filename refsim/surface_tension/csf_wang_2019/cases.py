@@ -47,7 +47,7 @@ CONTINUUM = Continuum(0.5, 0.1, 2.0, 2.0, 0)
 @for_each_kernel("csf_wang_2019.normal")
 def two_normals(w):
     """n_1 = V_2 W'(r) e_12/(V_1 W(0) + V_2 W(r)) points towards particle 2."""
-    length = VOLUME[::-1] * w.slope / (w.own * (VOLUME + w.share * VOLUME[::-1]))
+    length = VOLUME[::-1] * w.slope / (w.at_zero * (VOLUME + w.share * VOLUME[::-1]))
     return Exact(PAIR, GIVEN, {"interface_normal": [[0.0, length[0], 0.0], [0.0, -length[1], 0.0]]})
 
 

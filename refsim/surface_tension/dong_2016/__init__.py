@@ -66,7 +66,7 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
 
     name: ClassVar[str] = "dong_2016"
     scales: ClassVar[tuple[str, ...]] = ("surface_tension", "stiffness", "correction")
-    own: ClassVar[str] = "stiffness"
+    coefficient_name: ClassVar[str] = "stiffness"
     source: ClassVar[str] = "Dong"
     errata: ClassVar[tuple[str, ...]] = ("E21",)
     improvements: ClassVar[tuple[str, ...]] = errata

@@ -73,7 +73,7 @@ def _corrected(w, symmetric, volume):
         molecular_force=FORCE._replace(stiffness=0.0), normal_correction=NormalCorrection(8.0, symmetric),
         surface_normal=[difference, np.zeros(3)],
     )  # fmt: skip
-    expected = 8.0 * w.share * w.own * np.array([-volume[0] * difference, volume[1] * difference])
+    expected = 8.0 * w.share * w.at_zero * np.array([-volume[0] * difference, volume[1] * difference])
     return Exact(pair_case("dong_pair"), given, {"acceleration": expected})
 
 
@@ -88,7 +88,7 @@ for_each_kernel(
 @for_each_kernel("dong_2016.density")
 def two_densities(w):
     """rho_i = m_i (W(0) + W(h/2))."""
-    number = (1 + w.share) * w.own
+    number = (1 + w.share) * w.at_zero
     expected = {"density": MASS * number, "number_density": np.full(2, number)}
     return Exact(pair_case("dong_pair"), {"mass": MASS}, expected)
 

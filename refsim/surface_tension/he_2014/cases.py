@@ -39,7 +39,7 @@ VOLUME = np.array([2 / 1000, 3 / 600])
 
 # c_1 = V_1 W(0) + V_2 W(h/2)
 for_each_kernel(
-    "he_2014.color", two_colors=lambda w: Exact(PAIR, GIVEN, {"color": w.own * (VOLUME + w.share * VOLUME[::-1])})
+    "he_2014.color", two_colors=lambda w: Exact(PAIR, GIVEN, {"color": w.at_zero * (VOLUME + w.share * VOLUME[::-1])})
 )
 
 

@@ -185,7 +185,7 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
 
     name: ClassVar[str] = "jiang_zhu_2023"
     scales: ClassVar[tuple[str, ...]] = ("surface_tension", "gamma")
-    own: ClassVar[str] = "gamma"
+    coefficient_name: ClassVar[str] = "gamma"
     source: ClassVar[str] = "Jiang & Zhu"
     errata: ClassVar[tuple[str, ...]] = ("E4", "E5", "E6", "E7", "E10", "E23")
     improvements: ClassVar[tuple[str, ...]] = ("E6", "E7", "E23")

@@ -37,7 +37,7 @@ class TartakovskyMeakin2005(PairCohesion, frozen=True, kw_only=True):
 
     name: ClassVar[str] = "tartakovsky_meakin_2005"
     scales: ClassVar[tuple[str, ...]] = ("surface_tension", "strength")
-    own: ClassVar[str] = "strength"
+    coefficient_name: ClassVar[str] = "strength"
 
     surface_tension: NotNegative | None = None
     strength: NotNegative | None = None

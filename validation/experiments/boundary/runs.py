@@ -24,7 +24,7 @@ from refsim.core.walls import WallParticles
 from refsim.scene.plan import make_plan
 from refsim.winding_number.reference import solid_angles
 from validation.checks import Checks, Quantities
-from validation.experiment import Experiment, Measure, Options, Results, Run, each, every
+from validation.experiment import Experiment, Measure, Options, Results, RunSpec, each, every
 from validation.experiments.boundary import scene as meshes
 from validation.experiments.boundary.scene import FLOW_SHAPES as SOLIDS
 from validation.experiments.boundary.scene import SHAPES, SPACING, SUPPORT
@@ -484,7 +484,7 @@ CALMED = 2.0  # [s], by when the tanks rest
 BLOCK = (20, 20, 16)  # particles of the tank that is timed
 
 
-def _rests(*couplings: str) -> Callable[[Options], list[Run]]:
+def _rests(*couplings: str) -> Callable[[Options], list[RunSpec]]:
     runs = {
         f"rival{tank}_{name}_{share:g}": {"coupling": name, "share": share, **({"cells": cells} if tank else {})}
         for tank, cells in TANKS.items() for name in couplings for share in SHARES
@@ -492,7 +492,7 @@ def _rests(*couplings: str) -> Callable[[Options], list[Run]]:
     return every(rest, runs, 10.0)
 
 
-def _calmed(*couplings: str) -> Callable[[Options], list[Run]]:
+def _calmed(*couplings: str) -> Callable[[Options], list[RunSpec]]:
     starts = itertools.product(couplings, STARTS)
     runs = {f"rival_noise_{name}_{share:g}": {"coupling": name, "share": share} for name, share in starts}
     return every(rest, runs, 15.0, seconds=CALMED)
@@ -509,7 +509,7 @@ def largest_share(results: Results, coupling: str, tank: str = "") -> float:
     return largest
 
 
-def _over(rival: str, runs: Callable[..., Callable[[Options], list[Run]]], of: Callable[[Results, str], list[float]]
+def _over(rival: str, runs: Callable[..., Callable[[Options], list[RunSpec]]], of: Callable[[Results, str], list[float]]
           ) -> Measure:  # fmt: skip
     """What `of` says of the coupling over what it says of a rival; infinite where that is 0."""
 
@@ -748,7 +748,7 @@ SMOOTH = ("sphere", "torus")
 MEASURED = (*SMOOTH, "cube", "organic")
 
 
-def sampling_planned(options: Options) -> list[Run]:
+def sampling_planned(options: Options) -> list[RunSpec]:
     """Sampling and signed distance."""
     backend, threads = {"backend": options.backend}, {"threads": options.threads}
     whole, small = {"level": 6, "count": 1_000_000, "scale": 1.28}, {"level": 5, "count": 20_000, "scale": 1.44}
@@ -756,14 +756,14 @@ def sampling_planned(options: Options) -> list[Run]:
     peers = {**size, "rounds": 3, "threads": options.threads or 2}
     iterations = 200 if options.quick else 400
     return [
-        *(Run(f"sampling_{shape}", scorecard, {"shape": shape, "count": 5000, **backend, **threads}, 6.0)
+        *(RunSpec(f"sampling_{shape}", scorecard, {"shape": shape, "count": 5000, **backend, **threads}, 6.0)
           for shape in SHAPES),
-        Run("sampling_printed", printed,
+        RunSpec("sampling_printed", printed,
             {"shape": "cube", "count": 2000, "iterations": iterations, **backend}, 5.0),
-        *(Run(f"distance_{shape}", distance_errors,
+        *(RunSpec(f"distance_{shape}", distance_errors,
               {"shape": shape, "spacings": SPACINGS, "level": 6 if shape in SMOOTH else 4, **backend}, 6.0)
           for shape in MEASURED),
-        Run("sampling_peers", against_peers, peers, 900.0,
+        RunSpec("sampling_peers", against_peers, peers, 900.0,
             "" if options.peers else "measured with --peers"),
     ]  # fmt: skip
 
@@ -812,16 +812,16 @@ JUDGED_SHARES = (0.5, 1.0, 1.55)  # of the runner's step, which 1 stands for; it
 QUICK_RAIN, QUICK_POUR = 640, 0.1  # particles; simulated seconds
 
 
-def _rains(options: Options) -> list[Run]:
+def _rains(options: Options) -> list[RunSpec]:
     """Rain at the runner's own step, tested at the end of a step, as the patent has it: the experiment's own runs."""
     given = {"correction": "point", "share": 1.0, "backend": options.backend}
-    return [Run(f"flow_rain_{shape}_point_1", rain, {"shape": shape, **given}, 5.0) for shape in RAINED]
+    return [RunSpec(f"flow_rain_{shape}_point_1", rain, {"shape": shape, **given}, 5.0) for shape in RAINED]
 
 
 COUPLING_KEEPS_OUT = Measure(_rains, each("ever_inside"), quick=False)
 
 
-def flow_planned(options: Options) -> list[Run]:
+def flow_planned(options: Options) -> list[RunSpec]:
     """Liquid at meshes; the quick ones are one rain and one pour."""
     reason = "takes minutes; run without --quick" if options.quick else ""
     backend = {"backend": options.backend}
@@ -834,12 +834,12 @@ def flow_planned(options: Options) -> list[Run]:
         for share in (JUDGED_SHARES if correction != "point" else JUDGED_SHARES[1:])
     ]
     return [
-        *(Run(f"flow_rain_{s}_{c}_{share:g}", rain,
+        *(RunSpec(f"flow_rain_{s}_{c}_{share:g}", rain,
               {"shape": s, "correction": c, "share": share, **backend, **fewer}, 5.0,
               "" if (s, c, share) == ("sphere", "swept", 1) else reason) for s, c, share in rains),
-        *(Run(f"flow_pour_{shape}_{arm}", pour, {"shape": shape, "arm": arm, **backend, **shorter}, 8.0,
+        *(RunSpec(f"flow_pour_{shape}_{arm}", pour, {"shape": shape, "arm": arm, **backend, **shorter}, 8.0,
               "" if (shape, arm) == ("sphere", "difference") else reason) for shape in POUR for arm in ARMS),
-        Run("flow_tank", resting_tank, {"steps": 10_000, **backend}, 100.0, reason),
+        RunSpec("flow_tank", resting_tank, {"steps": 10_000, **backend}, 100.0, reason),
     ]  # fmt: skip
 
 

@@ -16,7 +16,7 @@ from refsim import Box, BoxWalls, Cloud, Gravity, JiangZhu2023, Scene, Simulatio
 from refsim.backends.arrays import unavailable
 from refsim.scene.plan import make_plan
 from validation.checks import Checks
-from validation.experiment import Experiment, Measure, Options, Results, Run, each, every
+from validation.experiment import Experiment, Measure, Options, Results, RunSpec, each, every
 from validation.metrics import dam_break
 from validation.metrics.dam_break import neighbour_sums
 from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface, detection_score
@@ -301,7 +301,7 @@ SEEDS = (1, 2, 3, 4, 5)
 def sized(
     function: Callable[..., Result], runs: Mapping[str, Mapping[str, Any]], estimate: float, small: Mapping[str, Any],
     whole: Mapping[str, Any],
-) -> Callable[[Options], list[Run]]:  # fmt: skip
+) -> Callable[[Options], list[RunSpec]]:  # fmt: skip
     """`every` run, with parameters that are `small` with --quick."""
     return lambda options: every(function, runs, estimate, **(small if options.quick else whole))(options)
 
@@ -329,11 +329,11 @@ COSTLY = (32, 50, 80, 126, 200, 316)  # columns of figure 5: 2,048 to 199,712 pa
 COSTLY_QUICK = (20, 30, 50)  # at 5,000 particles two steps lead by more than the noise of a busy machine
 
 
-def costs_planned(options: Options) -> list[Run]:
+def costs_planned(options: Options) -> list[RunSpec]:
     """Figure 5, a run for each size; a GPU, where there is one, moves the column to the state that is timed."""
     moved = {"moved_on": "cuda"} if not options.quick and unavailable("cuda") is None else {}
     return [
-        Run(f"detection_cost_{k + 1}", detection_cost,
+        RunSpec(f"detection_cost_{k + 1}", detection_cost,
             {"columns": columns, "repeats": 60, "backend": options.backend, **moved}, 1 + 6e-5 * columns**3, timed=True)
         for k, columns in enumerate(COSTLY_QUICK if options.quick else COSTLY)
     ]  # fmt: skip
@@ -624,18 +624,18 @@ FIGURE_5 = tuple(f"detection_cost_{k + 1}" for k in range(len(COSTLY_QUICK)))  #
 MOMENTS = (0.3, 0.6, 1.0)  # s: at which the recall of two steps is held against that of the fan scan alone
 
 
-def planned(options: Options) -> list[Run]:
+def planned(options: Options) -> list[RunSpec]:
     """The runs under the options."""
     quick, backend = options.quick, {"backend": options.backend}
     columns, estimate = (28, 7.0) if quick else (40, 15.0)
     reason = "in 3D it takes minutes; run without --quick" if quick else ""
     whole = {"columns": 20, "depth": 20, "until": 1.2, "samples": 12, **backend}
     return [
-        Run("detection_2d", collapse, {"columns": columns, "until": 1.8, **backend}, estimate),
-        Run("front_2d", surge, {"columns": columns, **backend}, estimate),
+        RunSpec("detection_2d", collapse, {"columns": columns, "until": 1.8, **backend}, estimate),
+        RunSpec("front_2d", surge, {"columns": columns, **backend}, estimate),
         *costs_planned(options),
-        Run("front_3d", surge, {"columns": 20, "depth": 6, **backend}, 60.0, reason),
-        Run("detection_3d", collapse, whole, 160.0, reason),
+        RunSpec("front_3d", surge, {"columns": 20, "depth": 6, **backend}, 60.0, reason),
+        RunSpec("detection_3d", collapse, whole, 160.0, reason),
     ]
 
 

@@ -17,7 +17,7 @@ from refsim.core.effect import Extremes
 from refsim.core.errors import RunStopped
 from refsim.scene.plan import make_plan
 from validation.checks import Checks, Quantities
-from validation.experiment import Experiment, Measure, Options, Results, Run, each, every
+from validation.experiment import Experiment, Measure, Options, Results, RunSpec, each, every
 from validation.experiments.dong import scene as scenes
 from validation.experiments.droplet.runs import relaxed
 from validation.metrics import droplet
@@ -386,7 +386,7 @@ def speed_key(case: str, model: str, turn: int, threads: int | None) -> str:
     return f"claim_speed_{case}_{model}_{turn}_{threads or 'all'}"
 
 
-def speed(rival: str, case: str) -> Callable[[Options], list[Run]]:
+def speed(rival: str, case: str) -> Callable[[Options], list[RunSpec]]:
     """Runs of Dong's model and its rival, a round each in turn."""
     runs = {
         speed_key(case, model, k, threads): {"model": model, "turn": k, "threads": threads}
@@ -412,7 +412,7 @@ def more_so(rival: str) -> Measure:
     def values(found: Results) -> list[float]:
         return [a / b for a, b in zip(quotients(found, rival, "oil"), quotients(found, rival, "droplet"), strict=True)]
 
-    def planned(options: Options) -> list[Run]:
+    def planned(options: Options) -> list[RunSpec]:
         return [*speed(rival, "droplet")(options), *speed(rival, "oil")(options)]
 
     return Measure(planned, values, quick=False, timed=True)
@@ -599,25 +599,25 @@ JUDGED_ARMS = {"with": True, "without": False}
 LATE = tuple(sorted({*scenes.LATER, *scenes.MERGING, *range(100, scenes.REST + 1, 20)}))
 
 
-def planned(options: Options) -> list[Run]:
+def planned(options: Options) -> list[RunSpec]:
     """The runs under the options."""
     reason = "takes minutes; run without --quick" if options.quick else ""
     backend = {"backend": options.backend}
-    made = [Run("cube_4913", cube, {"shape": "cube", "count": 4913, **backend}, 40.0, reason)]
+    made = [RunSpec("cube_4913", cube, {"shape": "cube", "count": 4913, **backend}, 40.0, reason)]
     for name, (cohesion, correction) in TERMS.items():
         parameters = {"side": 17, "cohesion": cohesion, "correction": correction, "steps": 400, **backend}
-        made.append(Run(f"printed_{name}", printed, parameters, 8.0, reason))
-    made.append(Run("printed_limits", printed_limits, backend, 3.0, reason))
+        made.append(RunSpec(f"printed_{name}", printed, parameters, 8.0, reason))
+    made.append(RunSpec("printed_limits", printed_limits, backend, 3.0, reason))
     key, estimate = ("fall", 2.0) if options.quick else ("rest", 40.0)
     frames = sorted({*scenes.FRAMES, *(scenes.LATER if options.quick else LATE)})
     for arm, tension in JUDGED_ARMS.items():
         parameters = {"tension": tension, "frames": frames, **backend}
-        made.append(Run(f"{key}_{arm}", fall, parameters, estimate))
+        made.append(RunSpec(f"{key}_{arm}", fall, parameters, estimate))
     for seed in (1, 2, 3):
         ball = {"shape": "cut", "count": SMALL, "seed": seed, "viscosity": scenes.CALM, "until": 8.0, **backend}
         pile = {"tension": True, "frames": [0, 90, 160, scenes.REST], "seed": seed, "advanced": True, **backend}
-        made.append(Run(f"advanced_ball_{seed}", cube, {**ball, "changes": {"advanced": True}}, 20.0, reason))
-        made.append(Run(f"advanced_{seed}", fall, pile, 30.0, reason))
+        made.append(RunSpec(f"advanced_ball_{seed}", cube, {**ball, "changes": {"advanced": True}}, 20.0, reason))
+        made.append(RunSpec(f"advanced_{seed}", fall, pile, 30.0, reason))
     return made
 
 
@@ -691,11 +691,11 @@ def key_of(case: str, model: str, turn: int) -> str:
     return f"{case}_{model}_{turn}"
 
 
-def table_1_planned(options: Options) -> list[Run]:
+def table_1_planned(options: Options) -> list[RunSpec]:
     """Both scenes under the three models, in turn, so that a disturbance does not fall on one model alone."""
     reason = "a timing: wants a quiet machine; run without --quick" if options.quick else ""
     return [
-        Run(key_of(case, model, turn), seconds_per_frame,
+        RunSpec(key_of(case, model, turn), seconds_per_frame,
             {"model": model, "case": case, "backend": options.backend, "turn": turn}, 3.0, reason, timed=True)
         for turn in TURNS for case in CASES for model in scenes.MODELS
     ]  # fmt: skip

@@ -16,7 +16,7 @@ from refsim.core.errors import InputError, RunStopped
 from refsim.scene.plan import make_plan
 from refsim.surface_tension.jiang_zhu_2023 import kirkwood_buff_sigma, unit_moment
 from validation.checks import Checks, Quantities
-from validation.experiment import Experiment, Measure, Options, Results, Run, each, every
+from validation.experiment import Experiment, Measure, Options, Results, RunSpec, each, every
 from validation.experiments.droplet.scene import END_TIME, VARIANTS, droplet_scene, particles
 from validation.metrics import droplet
 from validation.metrics.droplet import lost
@@ -120,7 +120,7 @@ DEFAULTS = {seed: f"cut_{FULL}" if seed == 1 else f"seed_cut_{seed}" for seed in
 SUPPORT = 2.6  # of the default droplet, in spacings
 
 
-def drop(options: Options, seed: int, key: str, **changes: Any) -> Run:
+def drop(options: Options, seed: int, key: str, **changes: Any) -> RunSpec:
     """A cut cube to rest; `changes` are parameters of `runs.relax`."""
     count = SMALL if options.quick else FULL
     parameters = {"shape": "cut", "count": count, "backend": options.backend, "seed": seed, **changes}
@@ -129,7 +129,7 @@ def drop(options: Options, seed: int, key: str, **changes: Any) -> Run:
     name = f"claim_{key}_{parameters['count']}_{seed}"
     if key == "default" and not options.quick:
         name = DEFAULTS[seed]
-    return Run(name, relax, parameters, estimate=3.0 if parameters["count"] == SMALL else 40.0)
+    return RunSpec(name, relax, parameters, estimate=3.0 if parameters["count"] == SMALL else 40.0)
 
 
 def starts(options: Options) -> Sequence[int]:
@@ -151,7 +151,7 @@ def compared(over: str, part: str) -> Callable[[Results], list[float]]:
     return lambda results: [a / b for a, b in zip(end(results, over, part), end(results, "default", part), strict=True)]
 
 
-def both(key: str, **changes: Any) -> Callable[[Options], list[Run]]:
+def both(key: str, **changes: Any) -> Callable[[Options], list[RunSpec]]:
     """The default and a changed drop from every start."""
     return lambda options: [
         run for seed in starts(options)
@@ -203,7 +203,7 @@ AREA_CALMS = Measure(WITHOUT_AREA, compared("no_area", "kinetic_share"), quick=F
 STRENGTHS = (0.5, 1.0, 1.5)  # of the default coefficient of each area term
 
 
-def area_runs(options: Options) -> list[Run]:
+def area_runs(options: Options) -> list[RunSpec]:
     """Both area terms, each at three strengths, from every start."""
     spacing = (1.0 / (SMALL if options.quick else FULL)) ** (1.0 / 3.0)
     gamma = 1.0 / kirkwood_buff_sigma(1.0, 1.0, SUPPORT * spacing, 3)
@@ -275,12 +275,12 @@ def steady_ratio(variant: str) -> Measure:
     Infinite where the drop is never steady, zero where only that of all pairs is not.
     """
 
-    def planned(options: Options) -> list[Run]:
+    def planned(options: Options) -> list[RunSpec]:
         made = []
         for key, (shape, count, seed) in FROM.items():  # the runs of all pairs are the experiment's own, but for one
             given = {"shape": shape, "count": count, "backend": options.backend} | ({} if seed == 1 else {"seed": seed})
-            made.append(Run(key, relax, given, estimate=15.0))
-            made.append(Run(f"claim_steady_{variant}_{key}", relax, {**given, "variant": variant}, estimate=18.0))
+            made.append(RunSpec(key, relax, given, estimate=15.0))
+            made.append(RunSpec(f"claim_steady_{variant}_{key}", relax, {**given, "variant": variant}, estimate=18.0))
         return made
 
     def values(results: Results) -> list[float]:
@@ -671,12 +671,12 @@ SHAPES = {
 JUDGED_SEEDS = (2, 3, 4, 5)  # of other rotations, beside the seed 1 that is judged
 
 
-def planned(options: Options) -> list[Run]:
+def planned(options: Options) -> list[RunSpec]:
     """The runs under the options."""
     reason = "takes minutes with the others; run without --quick" if options.quick else ""
 
-    def run(key: str, shape: str, count: int, estimate: float, skip: str = reason, **more: Any) -> Run:
-        return Run(key, relax, {"shape": shape, "count": count, "backend": options.backend, **more}, estimate, skip)
+    def run(key: str, shape: str, count: int, estimate: float, skip: str = reason, **more: Any) -> RunSpec:
+        return RunSpec(key, relax, {"shape": shape, "count": count, "backend": options.backend, **more}, estimate, skip)
 
     return [
         *(run(key, shape, count, 12.0, reason if shape != "cube" else "") for key, (shape, count, _) in SHAPES.items()),

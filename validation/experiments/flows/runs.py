@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 import refsim
 from validation.checks import Checks
-from validation.experiment import Experiment, Options, Results, Run
+from validation.experiment import Experiment, Options, Results, RunSpec
 from validation.metrics.grid_flow import wall_pressure
 from validation.metrics.liquid import centre_lines
 from validation.metrics.solutions import DEPTH, LENGTH, PERIOD, PROBE, SWAY, swaying_linear, swaying_potential
@@ -179,19 +179,21 @@ def sway(context: Context, cells: int, support: float, amplitude: float, until: 
 CAVITIES, DAMS, SWAYS = (25, 50), (20, 40, 80), ((12, SWAY), (25, SWAY), (12, 0.008), (25, 0.008))
 
 
-def planned(options: Options) -> list[Run]:
+def planned(options: Options) -> list[RunSpec]:
     """Two spacings of each; with --quick the coarse cavity alone."""
     made = []
     for cells in CAVITIES:
         row: dict[str, Any] = {"cells": cells, "support": 3.2, "backend": "cpu"}
-        made.append(Run(f"cavity_{cells}", cavity, row, estimate=2e-3 * cells**3))
+        made.append(RunSpec(f"cavity_{cells}", cavity, row, estimate=2e-3 * cells**3))
     for cells in DAMS:
         row = {"cells": cells, "support": 3.0, "backend": "cpu"}
-        made.append(Run(f"dam_break_{cells}", dam_break, row, estimate=3e-4 * cells**3))
-    made += [Run(f"grid_{cells}", dam_break_on_grid, {"cells": cells}, estimate=5e-4 * cells**3) for cells in DAMS[:2]]
+        made.append(RunSpec(f"dam_break_{cells}", dam_break, row, estimate=3e-4 * cells**3))
+    made += [
+        RunSpec(f"grid_{cells}", dam_break_on_grid, {"cells": cells}, estimate=5e-4 * cells**3) for cells in DAMS[:2]
+    ]
     for cells, amplitude in SWAYS:
         row = {"cells": cells, "support": 3.2, "amplitude": amplitude, "until": 5.6, "backend": "cpu"}
-        made.append(Run(f"sway_{cells}_{1000 * amplitude:g}mm", sway, row, estimate=4e-3 * cells**3))
+        made.append(RunSpec(f"sway_{cells}_{1000 * amplitude:g}mm", sway, row, estimate=4e-3 * cells**3))
     return made[:1] if options.quick else made
 
 

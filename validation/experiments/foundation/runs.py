@@ -183,9 +183,9 @@ def _speed(simulation: Simulation) -> float:
 
 
 def _outside(simulation: Simulation) -> int:
-    from refsim.engine.stock import stock
+    from refsim.engine.conserved_totals import conserved_totals
 
-    return stock(simulation)["outside_walls"]
+    return conserved_totals(simulation)["outside_walls"]
 
 
 # The map

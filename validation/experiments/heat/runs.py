@@ -13,11 +13,11 @@ import numpy as np
 
 from refsim import Box, HeatConduction, Scene, Simulation
 from refsim.core.errors import InputError, RunStopped
-from refsim.engine.stock import stock
+from refsim.engine.conserved_totals import conserved_totals
 from refsim.heat import kernels, pair_exchange
 from refsim.scene.plan import Plan, make_plan
 from validation.checks import Checks, Quantities
-from validation.experiment import Experiment, Measure, Options, Results, Run, each
+from validation.experiment import Experiment, Measure, Options, Results, RunSpec, each
 from validation.experiments.melting.scene import SCALE
 from validation.experiments.melting.scene import STEP as PAPER_STEP
 from validation.metrics import heat as exact
@@ -273,7 +273,7 @@ def ledger(context: Context, scheme: str, dtype: str, steps: int = 1000) -> Resu
     simulation.evaluate()
 
     def now() -> float:
-        return stock(simulation)["effects"]["heat_conduction"]["heat"]
+        return conserved_totals(simulation)["effects"]["heat_conduction"]["heat"]
 
     fields = {name: simulation.field(name).astype(float) for name in ("mass", "heat_capacity", "temperature")}
     capacity = fields["mass"] * fields["heat_capacity"]
@@ -330,7 +330,7 @@ def swept(made: Conductor, order: Any, seconds: float, passes: int, reverse: boo
         for k in range(passes):
             kernels.sweep(exchanges, inverse, conduction, np.int32(reverse and k % 2), t.copy(), t)
         return
-    given = {**made.given, "timestep": np.array([0.0, seconds])}
+    given = {**made.arguments, "timestep": np.array([0.0, seconds])}
     inverse = 1.0 / (given["mass"] * given["heat_capacity"])
     members, first, colours = order
     cells, ends = pair_exchange.joined(colours)
@@ -349,7 +349,7 @@ def reversal(context: Context, scheme: str, number: float) -> Result:
     for words, reverse in (("forward", False), ("reversed", True)):
         for passes in PASSES:
             made, x = column(scheme)
-            order = pair_exchange.colours(np, made.given["position"], made.conduction, made.given["period"])
+            order = pair_exchange.colours(np, made.arguments["position"], made.conduction, made.arguments["period"])
             for _ in range(steps):
                 swept(made, order, UNTIL / steps, passes, reverse)
             error = made.temperature - exact.cosine(x, CELLS * CLAIM_SPACING, UNTIL)
@@ -400,9 +400,9 @@ def delivered(context: Context, scheme: str, seed: int | None = None) -> Result:
 
 
 def _runs(key: str, function: Callable[..., Result], parameters: list[dict[str, Any]], **shared: Any
-          ) -> Callable[[Options], list[Run]]:  # fmt: skip
+          ) -> Callable[[Options], list[RunSpec]]:  # fmt: skip
     return lambda options: [
-        Run(f"claim_{key}_{k}", function, {**own, **shared}, estimate=20.0) for k, own in enumerate(parameters)
+        RunSpec(f"claim_{key}_{k}", function, {**own, **shared}, estimate=20.0) for k, own in enumerate(parameters)
     ]
 
 
@@ -485,7 +485,7 @@ def halves(number: float, scheme: str, cells: tuple[int, int, int] = (8, 4, 4), 
 
 def heat(simulation: Simulation) -> float:
     """The ledger's heat [J]."""
-    return stock(simulation)["effects"]["heat_conduction"]["heat"]
+    return conserved_totals(simulation)["effects"]["heat_conduction"]["heat"]
 
 
 def watched(
@@ -681,29 +681,29 @@ BEST = "runge_kutta_legendre"
 DTYPES = ("float64", "float32")
 
 
-def planned(options: Options) -> list[Run]:
+def planned(options: Options) -> list[RunSpec]:
     """The runs under the options."""
     slow = "takes minutes with the others; run without --quick" if options.quick else ""
     fast = ("implicit", BEST)
     ball, ice = {"cells": 10, "numbers": [0.25, 2.0, 8.0]}, {"cells": 40, "numbers": [0.5, 2.0, 8.0]}
     return [
-        *(Run(f"slab_{name}", slab, {"scheme": name}, 40.0 if name == "pair_exchange" else 4.0,
+        *(RunSpec(f"slab_{name}", slab, {"scheme": name}, 40.0 if name == "pair_exchange" else 4.0,
               "" if name in fast else slow) for name in JUDGED_PLAIN),
-        *(Run(f"step_{name}", order_in_step, {"scheme": name}, 5.0, slow) for name in JUDGED_PLAIN),
-        Run("spacing", order_in_spacing, {}, 4.0),
-        *(Run(f"sphere_{name}", sphere, {"scheme": name, **ball}, 8.0, slow)
+        *(RunSpec(f"step_{name}", order_in_step, {"scheme": name}, 5.0, slow) for name in JUDGED_PLAIN),
+        RunSpec("spacing", order_in_spacing, {}, 4.0),
+        *(RunSpec(f"sphere_{name}", sphere, {"scheme": name, **ball}, 8.0, slow)
           for name in JUDGED_PLAIN if name != "one_sided"),
-        *(Run(f"spheres_{cells}", sphere, {"scheme": BEST, "cells": cells, "numbers": [0.5]}, 0.002 * cells**3,
+        *(RunSpec(f"spheres_{cells}", sphere, {"scheme": BEST, "cells": cells, "numbers": [0.5]}, 0.002 * cells**3,
               slow if cells > 14 else "") for cells in SPHERES),
-        *(Run(f"stefan_{name}", stefan, {"scheme": name, **ice}, 6.0, "" if name == BEST else slow)
+        *(RunSpec(f"stefan_{name}", stefan, {"scheme": name, **ice}, 6.0, "" if name == BEST else slow)
           for name in MELTING),
-        *(Run(f"columns_{cells}", stefan, {"scheme": BEST, "cells": cells, "numbers": [2.0]}, 4.0)
+        *(RunSpec(f"columns_{cells}", stefan, {"scheme": BEST, "cells": cells, "numbers": [2.0]}, 4.0)
           for cells in COLUMNS),
-        Run("oracle", oracle, {}, 8.0, slow),
-        *(Run(f"melting_{name}_{cells}", melting_sphere, {"scheme": name, "cells": cells, "number": number},
+        RunSpec("oracle", oracle, {}, 8.0, slow),
+        *(RunSpec(f"melting_{name}_{cells}", melting_sphere, {"scheme": name, "cells": cells, "number": number},
               0.005 * cells**3, slow if cells > 10 else "")
           for name, cells, number in ((BEST, 10, 2.0), (BEST, 20, 2.0), ("implicit", 20, 0.5))),
-        *(Run(f"ledger_{name}_{dtype}", ledger, {"scheme": name, "dtype": dtype}, 10.0, slow)
+        *(RunSpec(f"ledger_{name}_{dtype}", ledger, {"scheme": name, "dtype": dtype}, 10.0, slow)
           for name in (*KEEPING, "one_sided") for dtype in DTYPES),
     ]  # fmt: skip
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from refsim import calibrate, calibrate_contact_angle
 from validation.checks import Checks
-from validation.experiment import Experiment, Options, Results, Run
+from validation.experiment import Experiment, Options, Results, RunSpec
 from validation.measure.drops import MODELS, SEEDED, SWINGING, fit_laplace, liquid_key, summed
 from validation.measure.sigma_map import at_base, digest_of, drop_run, map_run, read_rows, words_of
 from validation.measure.wetting import ROWS, SIZE, Point, condensed, measure
@@ -22,7 +22,7 @@ LEADING = "akinci"  # the model that calibrate takes where none is named
 MEASURED = {2: (8.0, 11.0, 16.0, 24.0), 3: (8.5, 10.0, 12.0, 14.0)}  # radii in spacings, of R >= 3 h
 
 
-def planned(options: Options) -> list[Run]:
+def planned(options: Options) -> list[RunSpec]:
     """The published map, and drops of four radii (three with --quick, in 2D only) measured now, three seeds of one."""
     made = [map_run()]
     for dim, radii in MEASURED.items():
@@ -100,7 +100,7 @@ EXPERIMENT = Experiment(
 OTHERS = (4, 5, 6)  # seeds of drops that calibrate has not seen
 
 
-def oscillation_planned(options: Options) -> list[Run]:
+def oscillation_planned(options: Options) -> list[RunSpec]:
     """The published map, and drops that are kicked now: with --quick one in 2D; else three there and three in 3D.
 
     Those in 3D have seeds that the map does not hold, so that they test the tension predicted by `calibrate`.
@@ -184,15 +184,15 @@ def setting_name(entry: Mapping[str, Any]) -> str:
     return place + liquid_key(entry.get("liquid", "summation"))
 
 
-def wetting_planned(options: Options) -> list[Run]:
+def wetting_planned(options: Options) -> list[RunSpec]:
     """The published map, and drops measured now for requested angles: with --quick one in 2D."""
-    made = [Run("map", published, {"rows": digest_of(ROWS)}, estimate=1.0)]
+    made = [RunSpec("map", published, {"rows": digest_of(ROWS)}, estimate=1.0)]
     if options.quick:
-        return [*made, Run("asked_2d_90", asked, {"dim": 2, "radius": 10.0, "angle": 90.0}, estimate=6.0)]
+        return [*made, RunSpec("asked_2d_90", asked, {"dim": 2, "radius": 10.0, "angle": 90.0}, estimate=6.0)]
     for dim, angles in ASKED.items():
         for angle in angles:
             drop = {"dim": dim, "radius": SIZE[dim], "angle": angle}
-            made.append(Run(f"asked_{dim}d_{angle:g}", asked, drop, estimate=20.0))
+            made.append(RunSpec(f"asked_{dim}d_{angle:g}", asked, drop, estimate=20.0))
     return made
 
 

@@ -40,7 +40,7 @@ from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope
 from refsim.sph import CORRECTION
 from validation.checks import Checks
-from validation.experiment import Experiment, Options, Results, Run
+from validation.experiment import Experiment, Options, Results, RunSpec
 from validation.experiments.solutions.runs import _projected, order
 from validation.metrics import solutions as exact
 from validation.metrics.liquid import vortex, vortex_error
@@ -526,44 +526,44 @@ HELD = (
 )  # fmt: skip
 
 
-def planned(options: Options) -> list[Run]:
+def planned(options: Options) -> list[RunSpec]:
     """Tanks, vortices and waves of three sizes; with --quick one tank and the smallest vortices."""
     made = [_tank("rests", *row) for row in TANKS] + [_tank("papers", *row) for row in OF_PAPERS]
     made += [_tank(CORRECTED, *row) for row in OF_CORRECTED]
     for kind in (*LIQUIDS, CORRECTED):
         for cells in SIDES if kind in LIQUIDS else ():
             flow = {"kind": kind, "cells": cells, "support": VORTICES_SUPPORT, "backend": "cpu"}
-            made.append(Run(f"vortices_{kind}_{cells}", vortices, flow, estimate=2e-5 * cells**3))
+            made.append(RunSpec(f"vortices_{kind}_{cells}", vortices, flow, estimate=2e-5 * cells**3))
         for cells in DEPTHS:
             flow = {"kind": kind, "cells": cells, "support": WAVE_SUPPORT, "shifted": False, "backend": "cpu"}
-            made.append(Run(f"wave_{kind}_{cells}", wave, flow, estimate=4e-4 * cells**3))
+            made.append(RunSpec(f"wave_{kind}_{cells}", wave, flow, estimate=4e-4 * cells**3))
     for support in (2.6, 3.0, WAVE_SUPPORT, 4.0):
-        made.append(Run(f"lattice_{support:g}", shear_modulus, {"support": support, "backend": "cpu"}))
+        made.append(RunSpec(f"lattice_{support:g}", shear_modulus, {"support": support, "backend": "cpu"}))
     for wide, deep in COLUMNS:
         row = {"cells": (wide, deep), "support": 3.0, "backend": "cpu"}
-        made.append(Run(f"column_{wide}_{deep}", column, row, estimate=0.02 * wide * deep))
+        made.append(RunSpec(f"column_{wide}_{deep}", column, row, estimate=0.02 * wide * deep))
     for body, cells, shake in HELD:
         words = f"held_{body[0]}_{body[1]}" + ("_shaken" if shake else "")
         row = {"body": body, "cells": cells, "support": 3.0, "shake": shake, "backend": "cpu"}
-        made.append(Run(words, held, row, estimate=0.02 * cells[0] ** 3))
+        made.append(RunSpec(words, held, row, estimate=0.02 * cells[0] ** 3))
     for offset, slope, wide, deep in ON_MESH:
         words = f"mesh_{'slope' if slope else 'floor'}_{deep}" + ("_cut" if offset else "")
         row = {"offset": offset, "slope": slope, "wide": wide, "deep": deep, "backend": "cpu"}
-        made.append(Run(words, on_mesh, row, estimate=0.003 * deep**3))
+        made.append(RunSpec(words, on_mesh, row, estimate=0.003 * deep**3))
     for words, bottom, cells, falls, artificial in (
         ("rise_5", 5, (20, 15), 1.5, 0.005),
         ("float_5", 5, (20, 10), 20, 0.05),
     ):
         row = {"edge": 5, "bottom": bottom, "cells": cells, "falls": falls, "artificial": artificial, "backend": "cpu"}
-        made.append(Run(words, ice, row, estimate=5.0 * falls))
+        made.append(RunSpec(words, ice, row, estimate=5.0 * falls))
     quick = ("tank_rests_2d_16_3", f"vortices_rests_{SIDES[0]}", f"vortices_papers_{SIDES[0]}")
     return [run for run in made if run.key in quick] if options.quick else made
 
 
-def _tank(kind: str, dim: int, cells: tuple[int, int], support: float, shake: float, shifted: bool) -> Run:
+def _tank(kind: str, dim: int, cells: tuple[int, int], support: float, shake: float, shifted: bool) -> RunSpec:
     words = f"tank_{kind}_{dim}d_{cells[1]}_{support:g}{'_shaken' * (shake > 0)}{'_shifted' * shifted}"
     row = {"kind": kind, "dim": dim, "cells": cells, "support": support, "shake": shake, "shifted": shifted}
-    return Run(words, tank, row | {"backend": "cpu"}, estimate=0.03 * cells[0] ** (dim - 1) * cells[1])
+    return RunSpec(words, tank, row | {"backend": "cpu"}, estimate=0.03 * cells[0] ** (dim - 1) * cells[1])
 
 
 WORDS = {  # what a run is, by the first word of its key

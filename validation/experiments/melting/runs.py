@@ -18,7 +18,7 @@ from refsim.core.operation import REGISTRY
 from refsim.scene.solids import lattice_of
 from refsim.shape_matching.phases import EMPTY, FLUID, INTERIOR, SURFACE
 from validation.checks import Checks
-from validation.experiment import Experiment, Measure, Options, Results, Run, each, every
+from validation.experiment import Experiment, Measure, Options, Results, RunSpec, each, every
 from validation.experiments.melting import scene as tanks
 from validation.experiments.melting.scene import FIGURES, HALF_WIDTH, LIQUID, SOUND, SPACING, STEP, SUPPORT
 from validation.metrics.droplet import mesh_volume, surface_mesh
@@ -210,7 +210,7 @@ def step_cost(
     solid_share  where not negative, a tank of as many particles with this share of solid instead of the figure
     """
     setting = tanks.shared_tank(figure, size, solid_share) if solid_share >= 0 else FIGURES[figure](size)
-    scene = tanks.made(setting, figure, **options)
+    scene = tanks.make_scene(setting, figure, **options)
     simulation = context.simulation(scene, backend, threads)
     take_steps(simulation, max(warm, 2))
     whole = []
@@ -317,7 +317,7 @@ WARM, STEPS = 30, 200  # steps before the clock runs, and under it
 def scene_named(name: str, size: float) -> refsim.Scene:
     """A figure's scene, or "million": a tank of 999,702 particles at size 1, a third of them solid."""
     if name == "million":
-        return tanks.made(tanks.shared_tank("figure_6", 2.55 * size, 1 / 3), name)
+        return tanks.make_scene(tanks.shared_tank("figure_6", 2.55 * size, 1 / 3), name)
     return tanks.scene_of(name, size)
 
 
@@ -407,19 +407,19 @@ def melted(context: Context, radius: float, bookkeeping: str, backend: str, seco
     })  # fmt: skip
 
 
-def pools(bookkeeping: str) -> Callable[[Options], list[Run]]:
+def pools(bookkeeping: str) -> Callable[[Options], list[RunSpec]]:
     """Balls of five sizes."""
     balls = {f"claim_volume_{bookkeeping}_{radius:g}": {"radius": radius} for radius in RADII}
     return every(melted, balls, 10.0, bookkeeping=bookkeeping)
 
 
-def shares(options: Options) -> list[Run]:
+def shares(options: Options) -> list[RunSpec]:
     """Tanks of 60,840 particles (with --quick 3,900) of which more and more is solid."""
     size = SMALL if options.quick else 1.0
     shared = {"figure": "figure_6", "size": size, "backend": options.backend, "threads": options.threads}
     shared |= {"warm": 4, "rounds": 5, "steps": 3}
     return [
-        Run(f"share_{round(100 * share)}", step_cost, {**shared, "solid_share": share}, estimate=8.0)
+        RunSpec(f"share_{round(100 * share)}", step_cost, {**shared, "solid_share": share}, estimate=8.0)
         for share in SOLID_SHARES
     ]
 
@@ -430,10 +430,10 @@ def slower(results: Results) -> list[float]:
     return [seconds[f"share_{share}"] / seconds["share_0"] for share in (20, 40, 60)]
 
 
-def sums(options: Options) -> list[Run]:
+def sums(options: Options) -> list[RunSpec]:
     """A bent bar with every summation, at half-widths 1 to 4."""
     parameters = {"backend": options.backend, "steps": 30 if options.quick else 60}
-    return [Run(f"width_{w}", summations, {"half_width": w, **parameters}, 3.0) for w in WIDTHS]
+    return [RunSpec(f"width_{w}", summations, {"half_width": w, **parameters}, 3.0) for w in WIDTHS]
 
 
 def by_members(results: Results) -> list[float]:
@@ -442,16 +442,16 @@ def by_members(results: Results) -> list[float]:
     return [each["reduction"] / each["fast"] for each in seconds]
 
 
-def full(options: Options) -> list[Run]:
+def full(options: Options) -> list[RunSpec]:
     """The scenes of figures 4 to 6 on a GPU: the experiment's own runs."""
     missing = unavailable("cuda") or ""
-    return [Run(f"gpu_{f}", on_gpu, {"figure": f, "size": 1.0}, estimate=15.0, skip=missing) for f in CLAIM_FIGURES]
+    return [RunSpec(f"gpu_{f}", on_gpu, {"figure": f, "size": 1.0}, estimate=15.0, skip=missing) for f in CLAIM_FIGURES]
 
 
-def on_both(options: Options) -> list[Run]:
+def on_both(options: Options) -> list[RunSpec]:
     """The scene of figure 6 on a GPU and on four threads of its host."""
     parameters = {"figure": "figure_6", "size": 1.0, "threads": 4}
-    return [Run("both", beside_cpu, parameters, estimate=60.0, skip=unavailable("cuda") or "")]
+    return [RunSpec("both", beside_cpu, parameters, estimate=60.0, skip=unavailable("cuda") or "")]
 
 
 def faster(results: Results) -> list[float]:
@@ -473,10 +473,10 @@ MELTING_GPU_PER_STAGE = Measure(on_both, faster, quick=False, timed=True)
 MELTING_REAL_TIME = Measure(full, each("step", "seconds"), quick=False, timed=True)  # lists included
 
 
-def costs(options: Options) -> list[Run]:
+def costs(options: Options) -> list[RunSpec]:
     """The scenes of table 2 on the threads of a CPU: the experiment's own runs."""
     cost = {"size": 1.0, "backend": options.backend, "threads": options.threads, "warm": 40, "rounds": 5, "steps": 4}
-    return [Run(f"cost_{figure}", step_cost, {"figure": figure, **cost}, 12.0) for figure in PAPER]
+    return [RunSpec(f"cost_{figure}", step_cost, {"figure": figure, **cost}, 12.0) for figure in PAPER]
 
 
 def search(values: Mapping[str, Any]) -> float:
@@ -662,7 +662,7 @@ TITLES = {
 }
 
 
-def planned(options: Options) -> list[Run]:
+def planned(options: Options) -> list[RunSpec]:
     """The runs under the options."""
     quick, backend, threads = options.quick, {"backend": options.backend}, {"threads": options.threads}
     size = {"size": QUICK if quick else 1.0}
@@ -676,17 +676,17 @@ def planned(options: Options) -> list[Run]:
     printed = {**scenes["figure_4"], "size": QUICK, "shares": [0.5, 0.0], "scale": 1.0, "largest_number": 10.0}
     cost = {**size, **backend, **threads, "warm": 40, "rounds": 5, "steps": 4}
     return [
-        *(Run(figure, melt, scene, 8.0 if quick else 120.0) for figure, scene in scenes.items()),
-        Run("own_pressure", melt, own, 120.0, "takes as long as figure 5; run without --quick" if quick else ""),
-        Run("as_printed", melt, printed, 4.0),
-        Run("filling", filling, estimate=0.5),
-        Run("lattice", free_lattice, {"steps": 400 if quick else 10000, **backend}, 8.0),
-        *(Run(f"kept_{dtype}_{books}", conserved,
+        *(RunSpec(figure, melt, scene, 8.0 if quick else 120.0) for figure, scene in scenes.items()),
+        RunSpec("own_pressure", melt, own, 120.0, "takes as long as figure 5; run without --quick" if quick else ""),
+        RunSpec("as_printed", melt, printed, 4.0),
+        RunSpec("filling", filling, estimate=0.5),
+        RunSpec("lattice", free_lattice, {"steps": 400 if quick else 10000, **backend}, 8.0),
+        *(RunSpec(f"kept_{dtype}_{books}", conserved,
               {"dtype": dtype, "bookkeeping": books, "steps": 200 if quick else 1000, **backend}, 5.0)
           for dtype, books in KEPT),
-        *(Run(f"cost_{figure}", step_cost, {"figure": figure, **cost}, 1.0 if quick else 12.0) for figure in PAPER),
+        *(RunSpec(f"cost_{figure}", step_cost, {"figure": figure, **cost}, 1.0 if quick else 12.0) for figure in PAPER),
         *shares(options),
-        *(Run(f"gpu_{figure}", on_gpu, {"figure": figure, **size}, 10.0, unavailable("cuda") or "")
+        *(RunSpec(f"gpu_{figure}", on_gpu, {"figure": figure, **size}, 10.0, unavailable("cuda") or "")
           for figure in ON_GPU),
     ]  # fmt: skip
 

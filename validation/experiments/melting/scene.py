@@ -142,10 +142,10 @@ FIGURES = {"figure_4": figure_4, "figure_5": figure_5, "figure_6": figure_6}
 
 def scene_of(figure: str, size: float = 1.0, **options: Any) -> refsim.Scene:
     """A figure's scene; `options` as for `made`."""
-    return made(FIGURES[figure](size), figure, **options)
+    return make_scene(FIGURES[figure](size), figure, **options)
 
 
-def made(
+def make_scene(
     setting: Setting,
     name: str = "melting",
     scale: float = SCALE,

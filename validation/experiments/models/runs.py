@@ -19,7 +19,7 @@ from refsim.core.errors import InputError, RunStopped
 from refsim.scene.plan import make_plan
 from refsim.surface_tension.cohesion import COLLAPSE, PairCohesion, compression
 from validation.checks import Checks
-from validation.experiment import Experiment, Measure, Options, Results, Run, each, every
+from validation.experiment import Experiment, Measure, Options, Results, RunSpec, each, every
 from validation.experiments.droplet.runs import BOILS, CALM, pieces, relaxed
 from validation.experiments.droplet.scene import droplet_scene, particles
 from validation.experiments.models.scene import ADVANCED, CUTS, EQUAL, MODELS, PRINTED
@@ -63,13 +63,13 @@ SIDES = (9, 10, 11, 12, 13)  # of the cubes on which models are compared at equa
 SMALL = {f"cube_{side}": ("cube", side**3, 1) for side in SIDES}
 
 
-def drop(options: Options, model: str, start: str) -> Run:
+def drop(options: Options, model: str, start: str) -> RunSpec:
     """A run of the experiment, or the same from another rotation."""
     shape, count, seed = (STARTS | SMALL)[start]
     parameters = {"model": model, "shape": shape, "count": count, "backend": options.backend}
     if seed != 1:
         parameters["seed"] = seed
-    return Run(f"{start}_{model}", relax, parameters, estimate=40.0 if start in STARTS else 8.0)
+    return RunSpec(f"{start}_{model}", relax, parameters, estimate=40.0 if start in STARTS else 8.0)
 
 
 def measured(
@@ -80,7 +80,7 @@ def measured(
     Infinite where the first is (never at rest), whether or not the second is.
     """
 
-    def planned(options: Options) -> list[Run]:
+    def planned(options: Options) -> list[RunSpec]:
         return [drop(options, model, start) for start in starts for model in models]
 
     def values(results: Results) -> list[float]:
@@ -649,14 +649,14 @@ MAPS = {
 # The models of surface tension side by side (Jiang & Zhu, figures 3 and 6 and table 1; Dong, figure 1).
 
 
-def planned(options: Options) -> list[Run]:
+def planned(options: Options) -> list[RunSpec]:
     """Every model from the cube of 17^3, and, on both liquids, from cubes of 5,039 cut from turned lattices."""
     reason = "takes minutes; run without --quick" if options.quick else ""
     made = []
     for shape, count, models in (("cube", 4913, MODELS), ("cut", 5039, MODELS | ADVANCED)):
         for model in models:
             parameters = {"model": model, "shape": shape, "count": count, "backend": options.backend}
-            made.append(Run(f"{shape}_{model}", relax, parameters, 20.0, reason, timed=model in MODELS))
+            made.append(RunSpec(f"{shape}_{model}", relax, parameters, 20.0, reason, timed=model in MODELS))
     return made + [drop(options, m, s) for m, s in itertools.product(ADVANCED, CUTS[1:]) if not options.quick]
 
 

@@ -22,7 +22,7 @@ from refsim.render.surfaces import distances
 from refsim.study.panels.observables import damped_cosine, deformation
 from refsim.surface_energy import Tension
 from validation.checks import Checks, Quantities
-from validation.experiment import Experiment, Measure, Options, Results, Run, each, every
+from validation.experiment import Experiment, Measure, Options, Results, RunSpec, each, every
 from validation.experiments.mpm_droplet import scene as drops
 from validation.experiments.mpm_droplet.scene import CELLS, MODULUS, TENSION, box, pair
 from validation.metrics.bodies import (
@@ -152,7 +152,7 @@ def follow(
     return ledger, kept, stopped
 
 
-def told(
+def result_of(
     run: Simulation, followed: tuple[Ledger, dict[str, np.ndarray], str], shown: Sequence[float] = (), **more: Any
 ) -> Result:
     """What a run that was followed gave, and more values."""
@@ -180,7 +180,7 @@ def rounding(
     scene = drops.drop_scene(place, dim, tension=dict(tension or {}), liquid=dict(liquid or {}), cell=cell, per=per)
     run = context.simulation(scene, backend)
     followed = follow(context, run, until, rows, shown)
-    return told(run, followed, shown, last=late(followed[0].series))
+    return result_of(run, followed, shown, last=late(followed[0].series))
 
 
 def erratum(context: Context, backend: str, printed: str, dim: int, size: float, until: float) -> Result:
@@ -252,7 +252,7 @@ def at_rest(
         place, dim, tension=dict(tension or {}), liquid={"bulk_modulus": modulus}, balanced=True, dtype=dtype, step=step
     )
     run = context.simulation(scene, backend)
-    return told(run, follow(context, run, until, 60, shown), shown)
+    return result_of(run, follow(context, run, until, 60, shown), shown)
 
 
 def oscillation(
@@ -287,7 +287,7 @@ def oscillation(
     fit = damped_cosine(np.array(times), np.array(value), first)
     inertia = inertia_share(run) if embedding != "none" else float("nan")
     turn = 2 * math.pi / first
-    return told(
+    return result_of(
         run, (ledger, kept, stopped), instants, amplitude=amplitude, modulus=modulus,
         ratio=fit["frequency"] / first, ratio_error=fit["error"] / first, damping=fit["damping"],
         damping_of_period=fit["damping"] * turn, misfit=fit["misfit"], inertia=inertia,
@@ -313,7 +313,7 @@ def collision(
     # both drops turn about the common centre: L is not zero here, its drift is
     ledger, turning = followed[0], followed[0].series["angular"]
     scale = float(ledger.mass.sum()) * ledger.fastest * ledger.radius
-    return told(run, followed, shown, angular=max(abs(a - turning[0]) for a in turning) / scale)
+    return result_of(run, followed, shown, angular=max(abs(a - turning[0]) for a in turning) / scale)
 
 
 def on_floor(
@@ -339,7 +339,9 @@ def on_floor(
     late = fits[len(fits) // 2 :]
     made = {name: float(np.mean([f[name] for f in late])) for name in late[0]}
     spread = float(np.std([f["angle"] for f in late]))
-    return told(run, followed, shown, asked=angle, time=times, angles=[f["angle"] for f in fits], **made, spread=spread)
+    return result_of(
+        run, followed, shown, asked=angle, time=times, angles=[f["angle"] for f in fits], **made, spread=spread
+    )
 
 
 def sheet(context: Context, backend: str, length: float, thick: float, tension: float, until: float,
@@ -361,7 +363,7 @@ def sheet(context: Context, backend: str, length: float, thick: float, tension: 
     held = (w < 0.9 * length) & (w > 0.5 * length)
     speed = -0.5 * float(np.polyfit(t[held], w[held], 1)[0]) * CELLS[2] if held.sum() > 5 else float("nan")
     seen = {"time": times[::5], "value": width[::5]}
-    return told(run, followed, shown, speed=speed, culick=culick, width=seen)
+    return result_of(run, followed, shown, speed=speed, culick=culick, width=seen)
 
 
 # Drops in space at twice the resolution of `drops`, for pictures: the smooth surface around their particles.
@@ -467,8 +469,8 @@ def vortices(context: Context, cells: int, affine: bool, backend: str, until: fl
     slope[:, 0, 1] = -2 * math.pi * np.sin(x[:, 0]) * np.sin(x[:, 1])
     slope[:, 1, 0], slope[:, 1, 1] = -slope[:, 0, 1], -slope[:, 0, 0]
     order = run.host("identity")
-    run.put("velocity", velocity[order])
-    run.put("affine", slope.reshape(-1, 9)[order])
+    run.write_field("velocity", velocity[order])
+    run.write_field("affine", slope.reshape(-1, 9)[order])
     energy = [0.5 * float(mass @ (velocity**2).sum(1))]
     while run.time < until:
         if not affine:
@@ -522,14 +524,16 @@ def breathing(context: Context, cells: int, implicit: bool, periods: float = 2.0
     return Result({"lost": 1 - energy() / start, "steps": steps})
 
 
-def _steps(row: str) -> Callable[[Options], list[Run]]:
+def _steps(row: str) -> Callable[[Options], list[RunSpec]]:
     """Cells of the stability map, so that they are computed once: without embedding, and with it."""
 
-    def runs(options: Options) -> list[Run]:
+    def runs(options: Options) -> list[RunSpec]:
         cells = {(cell.row, cell.column): cell for cell in STEPS}
         chosen = [cells[name, column] for column in LIQUIDS_COMPARED for name in ("none, no inset", row)]
         given = {"backend": options.backend}
-        return [Run(f"stability_mpm_step.{c.key}", c.function, {**c.parameters, **given}, c.seconds) for c in chosen]
+        return [
+            RunSpec(f"stability_mpm_step.{c.key}", c.function, {**c.parameters, **given}, c.seconds) for c in chosen
+        ]
 
     return runs
 
@@ -919,16 +923,16 @@ HELD: dict[str, dict[str, Any]] = {  # how long scenes hold: parameters of `held
 }  # fmt: skip
 
 
-def bodies(options: Options) -> list[Run]:
+def bodies(options: Options) -> list[RunSpec]:
     """Drops under surface tension."""
     backend, quick = options.backend, options.quick
-    made: list[Run] = []
+    made: list[RunSpec] = []
 
     def add(key: str, function: Any, estimate: float, small: bool = False, **parameters: Any) -> None:
         if small == quick:
             slow = estimate > 500 and backend != "cuda"
             skip = "takes more than ten minutes on two threads; run with --backend cuda" if slow else ""
-            made.append(Run(key, function, {"backend": backend, **parameters}, estimate, skip))
+            made.append(RunSpec(key, function, {"backend": backend, **parameters}, estimate, skip))
 
     shown = [0.0, 0.02, 0.04, 0.08, 0.16, 0.5]
     settled = {"shape": "box", "until": 0.55, "tension": ENCLOSING}
@@ -961,7 +965,7 @@ def bodies(options: Options) -> list[Run]:
             tension=tension, embedding=embedding)  # fmt: skip
     for dim in (2, 3) if not quick else ():
         found = {"amplitudes": [0.01, 0.03, 0.05, 0.1, 0.15, 0.2], "dim": dim}
-        made.append(Run(f"potential_flow_{dim}d", potential_flow, found, 10.0))
+        made.append(RunSpec(f"potential_flow_{dim}d", potential_flow, found, 10.0))
     add("collision_2d", collision, 15.0, dim=2, radius=8.0, speed=1.0, until=0.3, shown=[0.0, 0.05, 0.15, 0.3])
     add("collision_3d", collision, 60.0, dim=3, radius=5.0, speed=1.0, until=0.2, step=2e-4,
         shown=[0.0, 0.02, 0.05, 0.1, 0.15, 0.2])  # fmt: skip
@@ -989,7 +993,7 @@ def bodies(options: Options) -> list[Run]:
     return made
 
 
-def planned(options: Options) -> list[Run]:
+def planned(options: Options) -> list[RunSpec]:
     """The runs under the options."""
     quick, backend = options.quick, {"backend": options.backend}
     reason = "takes minutes with the others; run without --quick" if quick else ""
@@ -997,17 +1001,17 @@ def planned(options: Options) -> list[Run]:
     until = 0.2 if quick else 0.6
     body = {"shape": "square", "size": 20.0, "until": until, "shown": [0.0, *FRAMES, until], **backend}
     peer = {"cells": 24 if quick else 40, "steps": 10, "rounds": 3 if quick else 5, "threads": options.threads or 2}
-    beside = [Run("peer_taichi", against_taichi, peer | backend, 60.0, asked)]
+    beside = [RunSpec("peer_taichi", against_taichi, peer | backend, 60.0, asked)]
     if options.backend == "cuda":
         beside = [
-            Run(f"peer_taichi_{cells}_{order}", against_taichi,
+            RunSpec(f"peer_taichi_{cells}_{order}", against_taichi,
                 peer | backend | {"cells": cells, "order": order, "rounds": rounds, "steps": 100},
                 0.1 * cells * rounds, asked)
             for cells, order, rounds in PEER_BLOCKS[: 1 if quick else None]
         ]  # fmt: skip
     return [
-        Run("transfers", transfers, {}, 5.0),
-        *(Run(f"square_{name}", rounding, {"tension": {"embedding": name}, **body}, 10.0 if quick else 40.0,
+        RunSpec("transfers", transfers, {}, 5.0),
+        *(RunSpec(f"square_{name}", rounding, {"tension": {"embedding": name}, **body}, 10.0 if quick else 40.0,
               reason if name != "cluster" else "") for name in READINGS),
         *bodies(options),
         *beside,

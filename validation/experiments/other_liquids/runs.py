@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from refsim import Box, BoxWalls, Gravity, ParticleShifting, Scene, Simulation, WeaklyCompressible
 from refsim.scene.plan import make_plan
 from validation.checks import Checks
-from validation.experiment import Experiment, Options, Results, Run
+from validation.experiment import Experiment, Options, Results, RunSpec
 from validation.experiments.liquid.runs import ICE, draught, submerged
 from validation.metrics.dam_break import dimensionless_time, fit_time_offset, front_position, load_front_data
 from validation.metrics.liquid import centre_lines, rest, vortex, vortex_error
@@ -173,7 +173,7 @@ def _result(program: str, flow: str, kind: str, cells: int, samples: list[Sample
     return Result(row | judged(flow, cells, samples) | {"seconds": seconds, "until": samples[-1][0]})
 
 
-def planned(options: Options) -> list[Run]:
+def planned(options: Options) -> list[RunSpec]:
     """Every flow by every scheme; with --quick vortices of 625 particles by refsim's liquid that rests."""
     if options.quick:
         return [_run(of_refsim, "refsim", "vortices", "rests", 25, options)]
@@ -187,7 +187,7 @@ def planned(options: Options) -> list[Run]:
     return made
 
 
-def _run(function: Any, program: str, flow: str, kind: str, cells: int, options: Options) -> Run:
+def _run(function: Any, program: str, flow: str, kind: str, cells: int, options: Options) -> RunSpec:
     row: dict[str, Any] = {"flow": flow, "kind": kind, "cells": cells, "threads": 1}
     skip = ""
     if function is of_refsim:
@@ -197,7 +197,7 @@ def _run(function: Any, program: str, flow: str, kind: str, cells: int, options:
     else:
         skip = missing("pysph_flows" if function is of_pysph else "splishsplash")
     estimate = 2e-6 * STEPS[flow] * cells**3
-    return Run(f"{flow}_{program}_{kind}_{cells}", function, row, estimate=estimate, skip=skip, rough=True)
+    return RunSpec(f"{flow}_{program}_{kind}_{cells}", function, row, estimate=estimate, skip=skip, rough=True)
 
 
 def checks(results: Results, check: Checks) -> None:

@@ -28,11 +28,11 @@ from refsim import (
 from refsim.core.effect import Discretisation
 from refsim.core.walls import WallParticles
 from refsim.sph import operations as sph
-from refsim.study.panels.making import compressed
+from refsim.study.panels.scene_factories import compressed
 from refsim.surface_tension.akinci_2013 import operations as akinci
 from refsim.surface_tension.contact_angle import ContactAngle
 from validation.checks import Checks
-from validation.experiment import Experiment, Options, Results, Run
+from validation.experiment import Experiment, Options, Results, RunSpec
 from validation.experiments.viscosity import runs as spinning
 from validation.metrics import solutions as scene
 from validation.metrics.solutions import standing_flow
@@ -582,19 +582,19 @@ PEER = {"side": 12, "seed": 1}  # of every comparison of terms
 SECONDS = 5e-6  # of a particle in a step, for the progress bar
 
 
-def planned(options: Options) -> list[Run]:
+def planned(options: Options) -> list[RunSpec]:
     """Every problem at three spacings, with both viscosities where they differ; with --quick a tank of 50 particles."""
     if options.quick:
         return [_run("tank", 10, "", options.backend)]
     without = "" if options.peers else "measured with --peers"
     return [
         *_solved(options.backend),
-        *(Run(f"terms_{program}", compare, PEER, skip=without or missing(PEERS[program]))
+        *(RunSpec(f"terms_{program}", compare, PEER, skip=without or missing(PEERS[program]))
           for program, compare in COMPARED.items()),
     ]  # fmt: skip
 
 
-def _solved(backend: str) -> list[Run]:
+def _solved(backend: str) -> list[RunSpec]:
     return [
         _run(problem, cells, form, backend)
         for problem, sizes in CELLS.items()
@@ -603,13 +603,13 @@ def _solved(backend: str) -> list[Run]:
     ]
 
 
-def _run(problem: str, cells: int, form: str, backend: str) -> Run:
+def _run(problem: str, cells: int, form: str, backend: str) -> RunSpec:
     parameters: dict[str, Any] = {"cells": cells, "backend": backend}
     if form:
         parameters |= {"angle": float(form)} if problem == "meniscus" else {"form": form}
     key = "_".join(filter(None, (problem, form, str(cells))))
     tense = problem in ("jurin", "capillary", "drop", "meniscus")
-    return Run(
+    return RunSpec(
         key, globals()[problem], parameters,
         estimate=5.0 * (cells / 12) ** 3 if tense else SECONDS * 200 * cells**3,
     )  # fmt: skip

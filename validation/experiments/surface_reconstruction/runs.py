@@ -18,13 +18,13 @@ from refsim.surface_energy import Tension
 from refsim.surface_energy.reconstruction import Reconstruction, Surface
 from refsim.surface_energy.run_surface import reconstruction_on
 from validation.checks import Checks
-from validation.experiment import Experiment, Measure, Options, Results, Run, each, every
+from validation.experiment import Experiment, Measure, Options, Results, RunSpec, each, every
 from validation.experiments.surface_reconstruction import scene
 from validation.experiments.surface_reconstruction.scene import RADII
 from validation.metrics.meshes import edge_counts, eigenvalues, neighbouring_facets, smallest_angles
 from validation.peers import in_turns, pysplashsurf
 from validation.results import Result, real
-from validation.running import Context, beside, medians, middle, on_threads
+from validation.running import Context, beside, median_and_mad, medians, on_threads
 
 CELL = 1 / 32  # m
 RADIUS = 9.0  # of the sphere, in cells
@@ -212,7 +212,7 @@ def normals_cost(
             )
             calls = normal_calls(made, surface, sample, away)
             for kind, spent in beside(calls, there, repeats).items():
-                seconds, spread = middle(spent)
+                seconds, spread = median_and_mad(spent)
                 rows.append({
                     "dtype": dtype, "kind": kind, "normals": int(sample.shape[0]),
                     "nanoseconds": 1e9 * seconds / sample.shape[0], "spread": 1e9 * spread / sample.shape[0],
@@ -287,7 +287,7 @@ def solvers(context: Context, threads: int | None, repeats: int = 9, radius: flo
             coefficients = np.zeros(nodes(surface.blocks))
             coefficients[active] = solution
             normal = made._smooth_normals(surface.blocks, coefficients, surface.sample_place, surface.offset_direction)
-            seconds, spread = middle(spent[name])
+            seconds, spread = median_and_mad(spent[name])
             rows.append({
                 "name": name, "words": words, "seconds": seconds, "spread": spread, "turns": spent[name],
                 "residual": float(np.sqrt(((goal - matrix @ solution) ** 2).mean()) / goal.max()),
@@ -312,7 +312,7 @@ def fit_scaling(
     rows = []
     for used in threads or [0]:
         with on_threads(backend, used or None):
-            seconds, spread = middle([made.surface(position).seconds["fit"] for _ in range(repeats)])
+            seconds, spread = median_and_mad([made.surface(position).seconds["fit"] for _ in range(repeats)])
         rows.append({"threads": used, "seconds": seconds, "spread": spread})
         context.progress(len(rows) / len(threads or [0]))
     return Result({
@@ -374,25 +374,25 @@ def reconstruction(context: Context, seed: int, backend: str) -> Result:
 CLOUDS = every(reconstruction, {f"claim_surface_{seed}": {"seed": seed} for seed in SEEDS}, 6.0)
 
 
-def _solvers(options: Options) -> list[Run]:
-    return [Run("solvers", solvers, {"threads": options.threads}, estimate=30.0)]
+def _solvers(options: Options) -> list[RunSpec]:
+    return [RunSpec("solvers", solvers, {"threads": options.threads}, estimate=30.0)]
 
 
-def _normals(options: Options) -> list[Run]:
+def _normals(options: Options) -> list[RunSpec]:
     parameters = {"backend": options.backend, "threads": options.threads}
-    return [Run("normals_cost", normals_cost, parameters, estimate=3.0)]
+    return [RunSpec("normals_cost", normals_cost, parameters, estimate=3.0)]
 
 
-def _normals_on_gpu(options: Options) -> list[Run]:
+def _normals_on_gpu(options: Options) -> list[RunSpec]:
     parameters = {"backend": "cuda", "threads": None, "count": 1_000_000, "copies": 128}
-    return [Run("normals_on_gpu", normals_cost, parameters, estimate=60.0, skip=unavailable("cuda") or "")]
+    return [RunSpec("normals_on_gpu", normals_cost, parameters, estimate=60.0, skip=unavailable("cuda") or "")]
 
 
-def _fits(options: Options) -> list[Run]:
+def _fits(options: Options) -> list[RunSpec]:
     """The fit to large surfaces on four threads of a host and on its GPU."""
     missing = unavailable("cuda") or ""
     return [
-        Run(f"fit_on_{backend}_{count}", fit_scaling, {"backend": backend, "threads": threads, "count": count},
+        RunSpec(f"fit_on_{backend}_{count}", fit_scaling, {"backend": backend, "threads": threads, "count": count},
             estimate=15.0, skip=missing)
         for count in COUNTS for backend, threads in (("cpu", [4]), ("cuda", []))
     ]  # fmt: skip
@@ -451,9 +451,9 @@ SURFACE_FIT_SCALES = Measure(_fits, _gain, quick=False, timed=True)
 SURFACE_MLS_IS_CHEAPER_ON_GPU = Measure(_normals_on_gpu, _costs, quick=False, timed=True)
 
 
-def _stages(options: Options) -> list[Run]:
+def _stages(options: Options) -> list[RunSpec]:
     parameters = {"backend": options.backend, "counts": [20_000, 40_000, 60_000, 80_000, 100_000], "threads": 1}
-    return [Run("claim_stages", stages, parameters, estimate=20.0)]
+    return [RunSpec("claim_stages", stages, parameters, estimate=20.0)]
 
 
 def _over_facets(results: Results) -> list[float]:
@@ -516,7 +516,7 @@ NORMALS = {  # check: setting and part of its errors
 }  # fmt: skip
 
 
-def planned(options: Options) -> list[Run]:
+def planned(options: Options) -> list[RunSpec]:
     """The runs under the options."""
     quick, backend, threads = options.quick, {"backend": options.backend}, {"threads": options.threads}
     slow = "takes a minute with the others; run without --quick" if quick else ""
@@ -524,13 +524,13 @@ def planned(options: Options) -> list[Run]:
     counts = [8_000, 64_000] if quick else [8_000, 64_000, 1_000_000]
     peer = {"count": 64_000 if quick else 524_288, "rounds": 3, "threads": options.threads or 2}
     return [
-        *(Run(f"normals_{shape}", normal_errors, {"shape": shape, **backend}, 8.0) for shape in RADII),
-        Run("meshes", meshes, backend, 2.0),
-        Run("stages", stages, {"counts": counts, **backend, **threads}, 4.0 if quick else 30.0),
-        Run("beside_transfers", beside_transfers, {"cells": 50, "rounds": 3, **backend}, 30.0, on_gpu),
-        Run("normals_cost", normals_cost, {**backend, **threads}, 3.0),
-        Run("solvers", solvers, threads, 30.0, slow),
-        Run("peer_pysplashsurf", against_pysplashsurf, peer, 40.0,
+        *(RunSpec(f"normals_{shape}", normal_errors, {"shape": shape, **backend}, 8.0) for shape in RADII),
+        RunSpec("meshes", meshes, backend, 2.0),
+        RunSpec("stages", stages, {"counts": counts, **backend, **threads}, 4.0 if quick else 30.0),
+        RunSpec("beside_transfers", beside_transfers, {"cells": 50, "rounds": 3, **backend}, 30.0, on_gpu),
+        RunSpec("normals_cost", normals_cost, {**backend, **threads}, 3.0),
+        RunSpec("solvers", solvers, threads, 30.0, slow),
+        RunSpec("peer_pysplashsurf", against_pysplashsurf, peer, 40.0,
             "" if options.peers else "measured with --peers"),
     ]  # fmt: skip
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from refsim import Akinci2013, Cloud, Scene, WeaklyCompressible
 from validation.checks import Checks
-from validation.experiment import Experiment, Options, Results, Run
+from validation.experiment import Experiment, Options, Results, RunSpec
 from validation.peers import in_turns, splishsplash
 from validation.results import Result
 from validation.running import Context, take_steps
@@ -58,13 +58,13 @@ PEERS = {
 }
 
 
-def planned(options: Options) -> list[Run]:
+def planned(options: Options) -> list[RunSpec]:
     """The runs under the options."""
     reason = "" if options.peers else "measured with --peers"
     peer = {"side": 47, "steps": 30, "rounds": 3 if options.quick else 5, "threads": options.threads or 2}
     return [
-        Run("peer_splishsplash", against_splishsplash, peer, 60.0, reason),
-        Run("peer_splishsplash_akinci", against_splishsplash, {**peer, "tension": PEER_TENSION}, 90.0, reason),
+        RunSpec("peer_splishsplash", against_splishsplash, peer, 60.0, reason),
+        RunSpec("peer_splishsplash_akinci", against_splishsplash, {**peer, "tension": PEER_TENSION}, 90.0, reason),
     ]
 
 

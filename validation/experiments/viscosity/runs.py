@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from refsim import Akinci2013, Cloud, Scene, Simulation, WeaklyCompressible
 from refsim.study.panels.drops import radius_of
 from validation.checks import Checks
-from validation.experiment import Experiment, Options, Results, Run
+from validation.experiment import Experiment, Options, Results, RunSpec
 from validation.measure.stirring import FLOW, LAMB, kicks, shifted_ball
 from validation.results import Result
 from validation.running import Context, run_to
@@ -113,16 +113,16 @@ RADII = {2: (8.0, 16.0, 32.0), 3: (5.0, 7.0, 10.0)}  # in spacings
 SEED = 2
 
 
-def planned(options: Options) -> list[Run]:
+def planned(options: Options) -> list[RunSpec]:
     """Three sizes in 2D and in 3D; with --quick the smallest in 2D."""
     if options.quick:
         return [_spin(2, RADII[2][0])]
     return [_spin(dim, radius) for dim, radii in RADII.items() for radius in radii]
 
 
-def _spin(dim: int, radius: float) -> Run:
+def _spin(dim: int, radius: float) -> RunSpec:
     drop = {"dim": dim, "radius": radius, "seed": SEED}
-    return Run(f"spin_{dim}d_{radius:g}", spin, drop, estimate=0.02 * radius**dim)
+    return RunSpec(f"spin_{dim}d_{radius:g}", spin, drop, estimate=0.02 * radius**dim)
 
 
 def checks(results: Results, check: Checks) -> None:

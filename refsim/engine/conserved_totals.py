@@ -12,7 +12,7 @@ from refsim.scene.plan import Plan
 from refsim.sph import acceleration_of, gravity_of
 
 
-def stock(simulation: Simulation | Plan) -> dict[str, Any]:
+def conserved_totals(simulation: Simulation | Plan) -> dict[str, Any]:
     """The particles' number, mass [kg], momenta and energies, now (a simulation) or at the start (a plan).
 
     Sums in float64, in 2D per metre of depth. `outside_walls` counts those behind a wall; `effects` is what the effects

@@ -214,7 +214,7 @@ def radius(scene: Scene) -> float:
     return scene.spacing * math.sqrt(len(cloud.position) / math.pi)
 
 
-MADE: Mapping[str, Callable[..., Scene]] = {
+SCENE_FACTORIES: Mapping[str, Callable[..., Scene]] = {
     "implicit_pressure": implicit_pressure, "tank_pressure": tank_pressure, "vortex_decay": vortex_decay,
     "heat": heat, "melting": melting, "mpm_pressure": mpm_pressure, "mpm_frequency": mpm_frequency,
     **{state: partial(detection, state) for state in CLOUDS},

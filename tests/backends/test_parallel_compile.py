@@ -76,7 +76,7 @@ def test_one_core_compiles_as_the_run_comes_to_each_kernel(run, tmp_path):
     ((refsim.HeatConduction(scheme="conjugate_gradient"),), {"weigh", "flow", "turn_chunk", "step_chunk", "add"}),
 ])  # fmt: skip
 def test_kernels_inside_host_functions_are_among_those_compiled_ahead(monkeypatch, effects, kernels):
-    from refsim.backends import ahead
+    from refsim.backends import parallel_compile
 
     class Seen(Exception):
         pass
@@ -84,7 +84,7 @@ def test_kernels_inside_host_functions_are_among_those_compiled_ahead(monkeypatc
     def seen(calls, begun):
         raise Seen({kernel.__name__ for kernel, _ in calls})
 
-    monkeypatch.setattr(ahead, "compile_ahead", seen)
+    monkeypatch.setattr(parallel_compile, "compile_ahead", seen)
     scene = refsim.Scene(
         spacing=0.1, support_radius=0.2, dim=3, fluid=(refsim.Box(cells=(4, 4, 4)),),
         effects=(refsim.WeaklyCompressible(sound_speed=20.0, density="summation"), *effects),
