@@ -258,6 +258,28 @@ def test_list_is_kept_until_half_the_skin_is_used_up():
     assert (simulation.search.log.audited_rows, simulation.search.log.missed_neighbours) == (2 * AUDITED_ROWS, 0)
 
 
+def test_two_that_turn_and_meet_are_listed_in_time():
+    """The margin shrinks by the way of both: moving together leaves all of it, then each goes 0.045 h a step."""
+    h, step = 0.1, 1e-3
+    speed = 0.045 * h / step
+    scene = Scene(
+        dim=2, spacing=0.05, support_radius=h, step=step, skin=0.2,
+        fluid=(Cloud(position=[[0.0, 0.0, 0.0], [1.21 * h, 0.0, 0.0]]),),
+        effects=(WeaklyCompressible(sound_speed=10.0, density="summation"),),
+    )  # fmt: skip
+    simulation, looks = Simulation(scene, "cpu"), []
+    simulation.write_field("velocity", np.array([[speed, 0.0, 0.0]] * 2))
+    for number in range(12):
+        if number == 3:  # they have been compared once: each has moved by 0.135 h, both alike
+            simulation.write_field("velocity", np.array([[speed, 0.0, 0.0], [-speed, 0.0, 0.0]]))
+        simulation.step()
+        update(simulation)
+        apart = np.ptp(simulation.fields["position"][:, 0])
+        looks.append((apart < h, simulation.shared["neighbours"].count.max() > 0))
+    assert [near for near, _ in looks].count(True) > 1
+    assert all(listed for near, listed in looks if near)
+
+
 def test_audit_looks_where_the_list_was_last_used():
     """After a step that halves all distances the list would look short; the audit steps back first."""
     case = cases.CASES["cloud_3d"]()
