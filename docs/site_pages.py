@@ -45,9 +45,9 @@ def as_on_the_site(app: Any, page: str, source: list[str]) -> None:
         text = text.replace("<!-- films -->", "\n".join(films()))
         text = text.replace("<!-- gallery -->", "\n".join(gallery()))
     if page == "checks":
-        from validation.page import table
+        from validation.page import ROWS, table
 
-        text = text.replace("<!-- checks -->", "\n".join(table()))
+        text = text.partition(ROWS)[0] + "\n".join(table())
     if page == "equations":
         from refsim.commands import discover, equations
 

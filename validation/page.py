@@ -1,11 +1,12 @@
 """What is published of checks: the numbers on file and on the pages, and the rows of docs/checks.md.
 
-The site makes the rows while it is built (`docs/site_pages.py`), from the entries on file and what was stored beside
-figures; numbers on other pages are renewed by `python -m validation claims --write`.
+`python -m validation claims --write` renews the numbers on pages and the plain rows. The site puts rows that open in
+their place (`docs/site_pages.py`), from the entries on file and what was stored beside figures.
 """
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import re
@@ -86,6 +87,7 @@ def write_pages() -> None:
         if (new := renewed(text)) != text:
             write_file(page, new)
     write_file(CLAIMS, claims_page())
+    write_file(CHECKS, checks_page())
 
 
 def renewed(text: str) -> str:
@@ -93,7 +95,7 @@ def renewed(text: str) -> str:
     return filled_page(text, records(checks.read_all(CLAIM)))
 
 
-CLAIMS = ROOT / "docs" / "claims.md"
+CHECKS, CLAIMS = ROOT / "docs" / "checks.md", ROOT / "docs" / "claims.md"
 METHODS = {
     "Jiang and Zhu 2023": "[detection](surface_detection.md), [tension](jiang_zhu_2023.md), [rivals](models.md)",
     "Dong, Zhang and Chen 2016": "[cohesion](dong_2016.md)",
@@ -173,6 +175,35 @@ def keep(performed: Sequence[Performed], folder: Path) -> None:
 # The rows of docs/checks.md
 
 
+ROWS = "<!-- checks -->"  # what stands below it is written by a program
+
+
+def checks_page() -> str:
+    """docs/checks.md: its words, and a row for every check but the claims, which have a page of their own."""
+    head = CHECKS.read_text(encoding="utf-8").partition(ROWS)[0]
+    lines = [head + ROWS]
+    entries = sorted((e for e in with_reasons(checks.read_all()) if e.kind != CLAIM), key=lambda e: e.experiment)
+    for experiment, group in itertools.groupby(entries, key=lambda e: e.experiment):
+        lines += [f"\n## {experiment.replace('_', ' ').capitalize()}\n", "| check | verdict | measured | bar |"]
+        lines.append("| --- | --- | --- | --- |")
+        for entry in group:
+            cells = f"`{entry.name}` {entry.title or entry.what}", verdict_of(entry), measured(entry), _bar(entry)
+            lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def measured(entry: Entry) -> str:
+    """How a check went, its value, and of how many starts."""
+    how = entry.verdict.partition(": ")[2]
+    if entry.starts:
+        return f"{how}: {checks.in_range(entry)}, {entry.starts} {entry.over}".removeprefix(": ")
+    return checks.in_range(entry) if entry.kind == VALUE else how
+
+
+def _bar(entry: Entry) -> str:
+    return entry.bar() or entry.paper
+
+
 def table() -> Iterator[str]:
     """Every check as a row of one HTML table, with what opens below it; docs/_static/checks.js filters the rows."""
     entries, known, kept = with_reasons(checks.read_all()), discover(), stored()
@@ -213,13 +244,9 @@ def _choice(name: str, values: Sequence[str]) -> str:
 def _row(entry: Entry, experiment: Experiment, kept: Mapping[str, Any], system: str) -> str:
     """A row, and a second one with sources, readings, pictures and the command."""
     verdict, backend = verdict_of(entry), "cuda" if "gpu" in (kept.get("machine") or {}) else "cpu"
-    how = entry.verdict.partition(": ")[2]
-    measured = checks.in_range(entry) if entry.starts or entry.kind == VALUE else how
-    if entry.starts:
-        measured = f"{how}: {measured}, {entry.starts} {entry.over}".removeprefix(": ")
     data = f'data-system="{escape(system)}" data-kind="{entry.kind}" data-verdict="{verdict}" data-backend="{backend}"'
     cells = [escape(entry.title or entry.what), f'<b class="{verdict.replace(" ", "-")}">{verdict}</b>',
-             escape(measured), escape(entry.bar() or entry.paper)]  # fmt: skip
+             escape(measured(entry)), escape(_bar(entry))]  # fmt: skip
     name = f"<br><code>{escape(entry.name)}</code>"
     opened = "".join(f"<dt>{head}</dt><dd>{words}</dd>" for head, words in _details(entry, experiment, kept) if words)
     return (
@@ -249,7 +276,7 @@ def _details(entry: Entry, experiment: Experiment, kept: Mapping[str, Any]) -> I
     yield "pictures", ", ".join(links)
     name = entry.name if entry.kind in (CLAIM, HARD_CASE, VALUE) else entry.experiment
     yield "command", f"<code>python -m validation {COMMANDS[entry.kind]} {escape(name)}</code>"
-    measured = kept or (read_origin(ROOT / "figures", pictures[0].name) if pictures and not runs else {})
-    if measured.get("commit"):
-        place = (measured.get("machine") or {}).get("processor", "")
-        yield "measured", escape(f"{measured['date']}, commit {measured['commit'][:8]}, {place}")
+    origins = kept or (read_origin(ROOT / "figures", pictures[0].name) if pictures and not runs else {})
+    if origins.get("commit"):
+        place = (origins.get("machine") or {}).get("processor", "")
+        yield "measured", escape(f"{origins['date']}, commit {origins['commit'][:8]}, {place}")

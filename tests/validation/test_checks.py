@@ -108,6 +108,13 @@ def test_the_page_of_checks_counts_the_verdicts():
     assert f"Of the {count.total()} claims {found}, {own}" in words
 
 
+def test_the_page_of_checks_has_every_other_check():
+    text = page.CHECKS.read_text(encoding="utf-8")
+    assert text == page.checks_page(), "python -m validation claims --write"
+    named = re.findall(r"^\| `([\w.]+)` ", text, re.MULTILINE)
+    assert sorted([*named, *CLAIMS]) == sorted(entry.name for entry in checks.read_all())
+
+
 def test_the_page_of_claims_has_every_claim_beside_its_sentence():
     """Once, so that what is confirmed of a sentence is said beside what is refuted."""
     text = page.CLAIMS.read_text(encoding="utf-8")
