@@ -14,7 +14,7 @@ def sum_chunk(chunk: int, values: Any, totals: Any) -> None:
     total = 0
     begin, end = limits(chunk, values.shape[0])
     for i in range(begin, end):
-        total += values[i]
+        total += int(values[i])
     totals[chunk] = total
 
 
@@ -24,7 +24,7 @@ def write_chunk(chunk: int, values: Any, before: Any, sums: Any) -> None:
     total = before[chunk]
     begin, end = limits(chunk, values.shape[0])
     for i in range(begin, end):
-        total += values[i]
+        total += int(values[i])
         sums[i + 1] = total
 
 

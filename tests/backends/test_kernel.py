@@ -1,6 +1,9 @@
 """A body is written once: the loops around it, their files in the cache folder, and the line that an error names."""
 
+import os
 import pathlib
+import subprocess
+import sys
 import textwrap
 
 import numba
@@ -92,3 +95,13 @@ def test_running_sums_of_all_threads_are_numpys(count):
     own, other = (Backend(name).running_sum(values) for name in ("cpu", "numpy"))
     assert own.dtype == other.dtype
     assert own.tolist() == other.tolist()
+
+
+def test_running_sums_of_bytes_pass_256_where_kernels_are_python():
+    """A sum of NumPy's bytes stays a byte, which Numba's does not."""
+    script = (
+        "import numpy as np; from refsim.backends.sums import running_sum as s; print(s(np.full(200, 200, 'u1'))[-1])"
+    )
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONWARNINGS": "error"}
+    run = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True)
+    assert run.stdout.strip() == "40000", run.stderr
