@@ -7,10 +7,9 @@ import pytest
 import trimesh
 
 import refsim
-from refsim import Box, Gravity, InputError, MeshBoundary, Scene, Simulation, WeaklyCompressible, make_plan
+from refsim import Box, InputError, MeshBoundary, Scene, Simulation, WeaklyCompressible, make_plan
 from refsim.engine.checkpoints import load_checkpoint
 from refsim.scene.files import load_scene, scene_to_toml
-from tests.running import advanced
 
 SPACING, SUPPORT = 0.01, 0.027
 LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=0.5, density="summation")
@@ -53,20 +52,6 @@ def test_layers_below_the_surface_are_a_spacing_apart(plate):
     assert all(layer.sum() > 50 for layer in upper)
     assert not (middle & (z > 0.001) & ~upper[0] & ~upper[1]).any()
     assert abs(volume[upper[0]].mean() / volume[upper[1]].mean() - 1) < 0.05
-
-
-def test_a_run_resumes_bit_for_bit_from_its_checkpoint(plate, tmp_path):
-    weak = MeshBoundary(file=plate, volume_factor=0.01)
-    whole = Simulation(scene(LIQUID, Gravity(), weak, gap=0.3, dtype="float32"))  # as other tests compile it
-    advanced(whole, 100)
-    assert whole.field("corrections").sum() > 0
-    whole.checkpoint(tmp_path / "checkpoint.h5")
-    resumed = Simulation.resume(tmp_path / "checkpoint.h5")
-    for _ in range(10):
-        whole.step()
-        resumed.step()
-    for name in ("position", "velocity", "corrections"):
-        assert whole.field(name).tobytes() == resumed.field(name).tobytes()
 
 
 def test_a_mesh_is_looked_for_beside_the_scene_file(plate, tmp_path):

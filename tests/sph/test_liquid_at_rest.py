@@ -187,21 +187,6 @@ def test_tensile_control_pushes_apart_what_a_negative_pressure_pulls_together(pu
     assert pushes["everywhere"] == pytest.approx(pushes["none"] * (1 if pull > 0 else 7 / 3), rel=1e-12)
 
 
-@pytest.mark.parametrize("excess", [-30.0, 50.0])
-def test_a_density_that_is_told_wrong_returns_to_the_counted_one(excess):
-    """A lattice at rest in a periodic box: d rho/dt = r c/h (rho0 - rho), so that the excess falls as exp(-r c t/h)."""
-    scene = rs.Scene(
-        dim=2, dtype="float64", spacing=0.1, support_radius=0.26, period=(0.8, 0.8, 0.0), step=1e-3,
-        fluid=(rs.Box(cells=(8, 8, 1)),),
-        effects=(rs.WeaklyCompressible(sound_speed=20.0, density="continuity", restoring=0.01),),
-    )  # fmt: skip
-    simulation = rs.Simulation(scene, "numpy")
-    simulation.set_field("advanced_excess", np.full(64, excess))
-    advanced(simulation, 50)
-    left = math.exp(-0.01 * 20.0 / 0.26 * (simulation.time - 1e-3))  # the last step's density is the next one's
-    assert simulation.field("advanced_excess") == pytest.approx(np.full(64, excess * left), rel=1e-4)
-
-
 def test_shifting_beside_a_surface_brings_the_slow_return():
     """Not where the density takes the shifts, nor where it is summed, nor where a rate is given."""
     shifting, tension = rs.ParticleShifting(), rs.Akinci2013(surface_tension=0.07)

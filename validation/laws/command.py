@@ -9,18 +9,20 @@ import time
 import traceback
 import warnings
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import hypothesis
+import numba
 
 from refsim.core.effect import EFFECTS
 from refsim.core.errors import InputError, RunStopped
 from refsim.scene.files import scene_to_toml
 from refsim.scene.plan import make_plan
 from refsim.scene.scene import Scene
-from validation.laws.laws import LAWS, Found
-from validation.laws.scenes import Drawn, drawn
+from validation.laws import counted, exact  # noqa: F401  (their laws are then known)
+from validation.laws.laws import LAWS, OWN, Found
+from validation.laws.scenes import FEW, MANY, Drawn, drawn
 
 OUTCOMES = ("held", "noted", "broken", "refused", "stopped")
 TURN = 10  # scenes of a turn
@@ -36,25 +38,33 @@ class Enough(BaseException):
 
 
 class Tally(NamedTuple):
-    """Outcomes by (law, effect), reasons of refusals, and the smallest scene of each break."""
+    """Outcomes by (law, effect) and by law, reasons of refusals and stops, and the smallest scene of each break."""
 
     table: dict[tuple[str, str], Counter[str]]
+    laws: dict[str, Counter[str]]
     refusals: Counter[str]
     breaks: dict[str, str]
 
 
-def campaign(laws: list[str], effects: list[str | None], seconds: float, seed: int, backend: str) -> Tally:
-    """Turns over all laws and effects until the processor time is over."""
-    tally = Tally(defaultdict(Counter), Counter(), {})
-    asked: Iterator[tuple[str, Callable[..., Any], str | None]]
+def campaign(
+    laws: list[str], effects: list[str | None], seconds: float, seed: int, backend: str, until_first: bool = False
+) -> Tally:
+    """Turns over all laws and effects until the processor time is over; with `until_first` until a law breaks.
+
+    A law with a scene of its own has one turn for all effects.
+    """
+    tally = Tally(defaultdict(Counter), defaultdict(Counter), Counter(), {})
     until, turn = time.process_time() + seconds, 0
+    asked = [
+        (name, each, effect)
+        for k, effect in enumerate(effects) for name in laws for each in LAWS[name] if k == 0 or each not in OWN
+    ]  # fmt: skip
     while turn == 0 or time.process_time() < until:
-        asked = ((name, each, effect) for effect in effects for name in laws for each in LAWS[name])
         for name, each, effect in asked:
-            if turn and time.process_time() > until:
-                break
-            if f"{name}/{each.__name__}" not in tally.breaks:
-                _turn(name, each, effect, seed + turn, backend, tally)
+            if (turn and time.process_time() > until) or (until_first and tally.breaks):
+                return tally
+            if not any(where.startswith(f"{name}/{each.__name__}") for where in tally.breaks):
+                _turn(name, each, None if each in OWN else effect, seed + turn, backend, tally)
         turn += 1
     return tally
 
@@ -70,19 +80,21 @@ def _turn(name: str, law: Callable[..., Any], effect: str | None, seed: int, bac
         suppress_health_check=list(hypothesis.HealthCheck), report_multiple_bugs=False,
     )  # fmt: skip
     @hypothesis.seed(seed)
-    @hypothesis.given(drawn(effect))
+    @hypothesis.given(drawn(effect, FEW if backend == "numpy" or numba.config.DISABLE_JIT else MANY))
     def trials(scene: Drawn) -> None:
         nonlocal after
         after += bool(broken)
         if after > SMALLER:
             raise Enough
         outcome, found = judged(law, scene, backend, tally.refusals)
-        if not broken:
-            for acting in scene.scene.effects:
+        if not broken and outcome != "not applied":
+            tally.laws[name][outcome] += 1
+            acted = found.scene or (None if law in OWN else scene.scene)
+            for acting in acted.effects if acted else ():
                 tally.table[name, acting.name][outcome] += 1
         if outcome == "broken":
             words = f"{found.how}: found {found.value:.3g}, bound {found.bound:.3g}"
-            size = len(scene.scene.fluid[0].position) + 100 * len(scene.scene.effects)
+            size = sum(len(part.position) for part in scene.scene.fluid) + 100 * len(scene.scene.effects)
             broken.append((size, f"{words}\n{_written(scene, found.scene)}"))
             raise Broken
 
@@ -95,13 +107,9 @@ def _turn(name: str, law: Callable[..., Any], effect: str | None, seed: int, bac
 def _written(scene: Drawn, other: Scene | None) -> str:
     """The scene as TOML without what is usual, its particles as the cells and the seed that they were drawn from."""
     usual = set(scene_to_toml(Scene(spacing=1.0, support_radius=2.0, fluid=())).splitlines())
-    text = scene_to_toml(other or scene.scene)
-    lines = [
-        line
-        for line in text.splitlines()
-        if not line.startswith(("position =", "velocity = [[")) and (line not in usual or not line)
-    ]
-    return "\n".join([f"# cells {scene.cells}, seed {scene.seed}", *lines])
+    lines = [line for line in scene_to_toml(other or scene.scene).splitlines() if line not in usual or not line]
+    drawn_anew = ("position =", "velocity = [[")
+    return "\n".join([f"# cells {scene.cells}, seed {scene.seed}", *(a for a in lines if not a.startswith(drawn_anew))])
 
 
 def judged(law: Callable[..., Any], scene: Drawn, backend: str, refusals: Counter[str]) -> tuple[str, Found]:
@@ -113,27 +121,30 @@ def judged(law: Callable[..., Any], scene: Drawn, backend: str, refusals: Counte
             found = law(scene, backend)
             if found is None:
                 return "not applied", nothing
-            if found.held:
+            if found.value <= found.bound:
                 return "held", found
             return ("noted" if make_plan(found.scene or scene.scene).notes else "broken"), found
         except InputError as error:
             refusals[str(error).split(";")[0][:120]] += 1
             return "refused", nothing
         except RunStopped as error:
+            refusals[f"stopped: {error.reason}"] += 1
             return "stopped", nothing._replace(how=str(error))
         except Exception:  # any other error is a finding
             return "broken", Found(math.nan, 0.0, traceback.format_exc(limit=-3))
 
 
 def table(tally: Tally) -> str:
-    """Outcomes, a line a law."""
+    """Outcomes, a line a law; then scenes that held, a line an effect, with ! and the number of those that did not."""
+    laws = sorted(tally.laws)
     lines = [f"{'law':22}" + "".join(f"{word:>9}" for word in OUTCOMES)]
-    laws = sorted({law for law, _ in tally.table})
     for law in laws:
-        counts: Counter[str] = Counter()
-        for (other, _), found in tally.table.items():
-            counts += found if other == law else Counter()
-        lines.append(f"{law:22}" + "".join(f"{counts[word]:9}" for word in OUTCOMES))
+        lines.append(f"{law:22}" + "".join(f"{tally.laws[law][word]:9}" for word in OUTCOMES))
+    lines += ["", f"{'effect':24}" + "".join(f"{law.split()[0][:9]:>11}" for law in laws)]
+    for effect in sorted({effect for _, effect in tally.table}):
+        cells = [tally.table[law, effect] for law in laws]
+        words = [f"{c['held']}" + (f"!{c['broken']}" if c["broken"] else "") if c else "" for c in cells]
+        lines.append(f"{effect:24}" + "".join(f"{word:>11}" for word in words))
     return "\n".join(lines)
 
 
@@ -144,6 +155,7 @@ def add_options(made: argparse.ArgumentParser) -> None:
     made.add_argument("--law", nargs="+", choices=sorted(LAWS), default=sorted(LAWS), help="all by default")
     made.add_argument("--effect", nargs="+", choices=sorted(EFFECTS), help="scenes with these effects alone")
     made.add_argument("--backend", default="numpy", help="numpy, cpu or cuda (numpy)")
+    made.add_argument("--first", action="store_true", help="stop at the first break")
     made.set_defaults(perform=perform)
 
 
@@ -151,10 +163,10 @@ def perform(given: argparse.Namespace) -> int:
     """The campaign; 4 if a law broke without a note. Raises InputError for bad input."""
     if not 0 < given.minutes < math.inf:
         raise InputError(f"--minutes = {given.minutes} is not possible; give a positive number.")
-    tally = campaign(given.law, given.effect or [None], 60 * given.minutes, given.seed, given.backend)
+    tally = campaign(given.law, given.effect or [None], 60 * given.minutes, given.seed, given.backend, given.first)
     print(table(tally))
-    for reason, count in tally.refusals.most_common(12):
-        print(f"refused {count}: {reason}")
+    for reason, count in tally.refusals.most_common(30):
+        print(f"{count} refused: {reason}")
     for where, scene in tally.breaks.items():
         print(f"\n== {where}\n{scene}")
     return 4 if tally.breaks else 0

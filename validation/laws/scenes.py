@@ -1,4 +1,4 @@
-"""Scenes of 20 to 300 particles, drawn by Hypothesis: every effect by its own schema, every length, time and mass."""
+"""Scenes of 50 to 3,000 particles, drawn by Hypothesis: every effect by its own schema, every length, time and mass."""
 
 from __future__ import annotations
 
@@ -15,38 +15,65 @@ import refsim  # noqa: F401  (all effects are then known)
 from refsim.core.capabilities import PullsParticles
 from refsim.core.checked import Printed, Share
 from refsim.core.effect import EFFECTS, Effect
+from refsim.motion import Motion
 from refsim.scene.scene import Scene
 from refsim.scene.shapes import Cloud
+from refsim.scene.solids import SolidBall, SolidBox
 from refsim.sph import DIFFUSION
+from validation.laws.places import hexahedron
 from validation.laws.units import Unit, unit, units_of
 
 Draw = Callable[[st.SearchStrategy[Any]], Any]
-LIQUIDS = ("weakly_compressible", "weakly_compressible", "weakly_compressible", "mpm_liquid")
+LIQUID = "weakly_compressible"
+LIQUIDS = (LIQUID, LIQUID, LIQUID, LIQUID, "mpm_liquid")
 # What a scene is built around is chosen with its shape; the other effects are drawn.
-BUILT = {"weakly_compressible", "mpm_liquid", "gravity", "box_walls", "mpm_walls", "mesh_boundary", "shape_matching",
+BUILT = {LIQUID, "mpm_liquid", "gravity", "box_walls", "mpm_walls", "mesh_boundary", "shape_matching",
          "two_way_coupling", "melting"}  # fmt: skip
+OF_MPM = {"mpm_liquid", "mpm_walls", "surface_energy"}
+OF_BODIES = {"shape_matching", "two_way_coupling", "melting"}
+SURROUNDINGS = ("free", "free", "box", "box", "box", "mesh", "both", "period")
+BODY = ("", "", "", "", "one", "two")
+SHAPES = ("block", "block", "block", "ball", "notched", "parted")
 # Parameters that say which of the others count, or name files and parts
 UNDRAWN = ("literal", "held", "file", "latent_heat", "surface")
+COSTLY = ("quadrature", "contact_angle")  # in space the NumPy backend takes seconds a step
 SUPPORTS = (2.13, 2.62, 3.21)  # spacings; no pair of a lattice is as far apart
-LARGEST_SHIFT = 0.1  # spacings by which a particle stands off its lattice
+LARGEST_SHIFT, FEW, MANY = 0.1, 300, 3000  # spacings off the lattice; particles for the NumPy backend, for the others
 
 
 class Drawn(NamedTuple):
     """A scene with what a law needs to vary it.
 
     seed    of everything that a law draws by itself
-    cells   particles along each axis of the block of liquid; () where there is no block
-    filled  whether the block fills the bottom of a box of walls
+    cells   particles along each axis of the block that the liquid is cut out of
+    filled  whether that block fills the bottom of a box
+    steps   of a run whose answer does not depend on rounding
     """
 
     scene: Scene
     seed: int
     cells: tuple[int, ...]
     filled: bool
+    steps: int = 8
 
     def random(self) -> np.random.Generator:
         """A generator for what the law draws."""
         return np.random.default_rng(self.seed)
+
+
+class Frame(NamedTuple):
+    """What the effects of a scene are drawn for; lengths in spacings, `scale` is what the units become."""
+
+    dim: int
+    cells: tuple[int, ...]
+    around: str
+    scale: Unit
+    deep: int  # cells that a mesh takes below the liquid
+
+    def corners(self, lower: Any, upper: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Two corners [m], z = 0 in the plane."""
+        ends = (np.pad(np.asarray(end, float), (0, 3 - self.dim)) for end in (lower, upper))
+        return tuple(tuple((self.scale.length * end).tolist()) for end in ends)  # type: ignore[return-value]
 
 
 def powers(low: float, high: float) -> st.SearchStrategy[float]:
@@ -55,98 +82,198 @@ def powers(low: float, high: float) -> st.SearchStrategy[float]:
 
 
 @st.composite
-def drawn(draw: Draw, effect: str | None = None) -> Drawn:
-    """A scene; with `effect` that effect is in it."""
-    dim = draw(st.sampled_from((2, 3)))
+def drawn(draw: Draw, effect: str | None = None, most: int = FEW) -> Drawn:
+    """A scene; with `effect` that effect is in it. Runs of more particles take longer: `most` bounds their number."""
     spacing, speed, density = draw(powers(-4, 1)), draw(powers(-1, 2)), draw(powers(0, 4))
-    cells = tuple(draw(st.integers(3, 9 if dim == 2 else 5)) for _ in range(dim))
-    walls = draw(st.booleans()) or effect in ("box_walls", "mpm_walls")
-    pulled = draw(st.booleans()) or effect == "gravity"
-    liquid = draw(st.sampled_from(LIQUIDS))
-    if effect in ("mpm_liquid", "mpm_walls", "surface_energy"):
-        liquid = "mpm_liquid"
     scale = Unit(spacing, spacing / speed, density * spacing**3, 1.0)
-    top = np.array([n * spacing for n in cells] + [0.0] * (3 - dim))
-    top[dim - 1] *= 2
-    effects: dict[str, Effect] = {liquid: _liquid(draw, liquid, scale, dim)}
-    if pulled:
+    kind: Any = EFFECTS.get(effect or "", Effect)
+    wet = LIQUID in kind.needed or effect in BUILT
+    liquid = "mpm_liquid" if effect in OF_MPM else LIQUID if wet else draw(st.sampled_from(LIQUIDS))
+    around = draw(st.sampled_from(SURROUNDINGS))
+    if liquid == "mpm_liquid":
+        around = "box" if around != "free" or effect == "mpm_walls" else "free"
+    elif effect in ("box_walls", "mesh_boundary") and around != "both":
+        around = effect.split("_")[0]
+    elif around not in ("free", "box") and effect in OF_BODIES:
+        around = "box"
+    elif around == "period" and effect and not kind.periodic:
+        around = "free"
+    bodies = "one" if effect in OF_BODIES else draw(st.sampled_from(BODY))
+    if liquid != LIQUID or around in ("period", "mesh", "both") or issubclass(kind, PullsParticles):
+        bodies = ""
+    dim = 3 if bodies or around in ("mesh", "both") else draw(st.sampled_from((2, 3)))
+    large = most > FEW and draw(st.integers(0, 4)) == 4
+    widest = (12, 5) if not large else (int(most ** (1 / 2)), int(most ** (1 / 3)))
+    cells = tuple(draw(st.integers(7 if dim == 2 else 4, widest[dim - 2])) for _ in range(dim))
+    if around == "period":
+        cells = tuple(max(n, 8) if axis == 0 or dim == 2 else n for axis, n in enumerate(cells))
+    frame = Frame(dim, cells, around, scale, 2 if around in ("mesh", "both") else 0)
+    effects: dict[str, Effect] = {liquid: _liquid(draw, liquid, frame, bool(bodies))}
+    if draw(st.booleans()) or effect == "gravity":
         pull = [0.0, 0.0, 0.0]
         pull[dim - 1] = -(speed**2) / (400 * cells[dim - 1] * spacing)  # c = 10 sqrt(2 g H), H = the box's height
         effects["gravity"] = EFFECTS["gravity"](acceleration=tuple(pull))
-    if walls:
-        name = "box_walls" if liquid == "weakly_compressible" else "mpm_walls"
-        low = np.zeros(3) if name == "box_walls" else np.where(np.arange(3) < dim, -4 * spacing, 0.0)
-        effects[name] = EFFECTS[name](lower=tuple(low), upper=tuple(top - low))
-    pool = [name for name in sorted(set(EFFECTS) - BUILT) if _fits(name, effects)]
+    motion = _walls(draw, effects, frame, liquid)
+    solid, taken = _bodies(draw, effects, frame, bodies, effect)
+    pool = [name for name in sorted(set(EFFECTS) - BUILT) if _fits(name, effects, around)]
     chosen = draw(st.lists(st.sampled_from(pool), max_size=2, unique=True))
     if effect in pool:
         chosen = [effect, *chosen[:1]]
     for name in chosen:
-        _add(draw, effects, name, scale, dim)
-    grid = np.stack(np.meshgrid(*(np.arange(n) + 0.5 for n in cells), indexing="ij"), -1).reshape(-1, dim)
-    seed = draw(st.integers(0, 2**16))
-    random = np.random.default_rng(seed)
-    x, v = np.zeros((2, len(grid), 3))
-    x[:, :dim] = spacing * (grid + LARGEST_SHIFT * random.uniform(-1, 1, grid.shape))
-    v[:, :dim] = 0.02 * speed * random.uniform(-1, 1, grid.shape)
+        _add(draw, effects, name, frame)
+    seed, shape = draw(st.integers(0, 2**16)), draw(st.sampled_from(SHAPES if around != "period" else SHAPES[:1]))
     scene = Scene(
         dim=dim, dtype="float64", spacing=spacing, support_radius=spacing * draw(st.sampled_from(SUPPORTS)),
-        fluid=(Cloud(position=x, velocity=v),), effects=tuple(effects.values()),
+        fluid=_clouds(seed, frame, shape, taken), solid=solid, effects=tuple(effects.values()), motion=motion,
+        period=(spacing * cells[0], spacing * cells[1] * (3 - dim), 0.0) if around == "period" else (0.0, 0.0, 0.0),
     )  # fmt: skip
-    return Drawn(scene, seed, cells, walls and liquid == "weakly_compressible")
+    filled = around == "box" and liquid == LIQUID and not bodies
+    return Drawn(scene, seed, cells, filled, draw(st.sampled_from((8, 8, 20) if most <= FEW else (20, 100, 400))))
 
 
-def _fits(name: str, effects: Mapping[str, Effect]) -> bool:
+def _clouds(seed: int, frame: Frame, shape: str, taken: np.ndarray) -> tuple[Cloud, ...]:
+    """The liquid: particles near a lattice, in a shape, without the cells that bodies take."""
+    random, dim, d = np.random.default_rng(seed), frame.dim, frame.scale.length
+    grid = np.stack(np.meshgrid(*map(np.arange, frame.cells), indexing="ij"), -1).reshape(-1, dim)
+    x, v = np.zeros((2, len(grid), 3))
+    x[:, :dim] = d * (grid + 0.5 + LARGEST_SHIFT * random.uniform(-1, 1, grid.shape))
+    v[:, :dim] = 0.02 * d / frame.scale.time * random.uniform(-1, 1, grid.shape)
+    middle = (np.array(frame.cells) - 1) / 2
+    kept = np.ones(len(grid), bool)
+    if shape == "ball":
+        kept = ((grid - middle) ** 2).sum(1) <= (middle.max() + 0.3) ** 2
+    elif shape == "notched":
+        kept = ~(grid > middle).all(1)
+    kept &= ~(grid[:, None] == taken[None]).all(-1).any(1) if len(taken) else True
+    parts = [kept]
+    if shape == "parted":
+        parts = [kept & (grid[:, 0] < middle[0]), kept & (grid[:, 0] > middle[0] + 1)]
+    return tuple(Cloud(position=x[part], velocity=v[part]) for part in parts if part.any())
+
+
+def _walls(draw: Draw, effects: dict[str, Effect], frame: Frame, liquid: str) -> tuple[Motion, ...]:
+    """Walls of a box twice as high as the liquid, a flat or sloped mesh below it, and what moves."""
+    dim, cells, d = frame.dim, np.array(frame.cells), frame.scale.length
+    top = cells * np.where(np.arange(dim) == dim - 1, 2, 1)
+    below = np.where(np.arange(dim) == dim - 1, -frame.deep, 0)
+    moving: dict[str, Any] = {}
+    if frame.around in ("box", "both") and liquid == "mpm_liquid":
+        low, high = frame.corners(np.full(dim, -4), top + 4)
+        effects["mpm_walls"] = make_effect(draw, EFFECTS["mpm_walls"], frame, lower=low, upper=high)
+    elif frame.around in ("box", "both"):
+        low, high = frame.corners(below, top)
+        if draw(st.integers(0, 3)) == 3:
+            moving = {"moving_faces": ("+x",), "velocity": (0.0, 0.05 * d / frame.scale.time, 0.0)}
+        if frame.around == "both":  # the friction of a box would act at the mesh, too
+            moving = {"viscosity": 0.0, "no_slip": False, "model": None}
+        opened = draw(st.sampled_from(((), (), (("+y", "+z")[dim - 2],))))
+        effects["box_walls"] = make_effect(
+            draw, EFFECTS["box_walls"], frame, lower=low, upper=high, open_faces=opened, **moving
+        )
+    if frame.around in ("mesh", "both"):
+        file = hexahedron(*cells[:2], frame.deep, slope=draw(st.sampled_from((0.0, 0.5))))
+        middle = tuple(d * np.array([cells[0] / 2, cells[1] / 2, -frame.deep / 2]))
+        effects["mesh_boundary"] = make_effect(
+            draw, EFFECTS["mesh_boundary"], frame, file=file, center=middle, size=d * float(cells[:2].max()),
+            radius=0.0, field_spacing=0.0, **({"model": None} if frame.around == "both" else {}),
+        )  # fmt: skip
+    if liquid == "mpm_liquid" or draw(st.integers(0, 4)) < 4:
+        return ()
+    sway = {"kind": "sway", "direction": (0.0, 1.0, 0.0), "period": 40 * frame.scale.time}
+    if "moving_faces" in moving:
+        return (Motion(of="moving_faces", amplitude=0.1 * d, **sway),)
+    if "gravity" in effects and draw(st.booleans()):
+        return (Motion(of="turn", pivot=(d, d, 0.0), amplitude=0.01, **sway | {"direction": (0.0, 0.0, 1.0)}),)
+    return (Motion(of="gravity", amplitude=0.1 * d, **sway),) if "gravity" in effects else ()
+
+
+def _bodies(
+    draw: Draw, effects: dict[str, Effect], frame: Frame, number: str, effect: str | None
+) -> tuple[tuple[Any, ...], np.ndarray]:
+    """Solid bodies anywhere in or near the liquid, and the cells that they take (k, 3)."""
+    solid, taken = [], np.zeros((0, frame.dim), int)
+    reach = (0, 0, 0) if frame.around == "box" else (5, 5, 5)
+    for _ in range(("", "one", "two").index(number)):
+        size, d, speed = draw(st.integers(2, 3)), frame.scale.length, frame.scale.length / frame.scale.time
+        most = [n * (2 if axis == 2 else 1) - size + far for axis, (n, far) in enumerate(zip(frame.cells, reach))]
+        at = np.array([draw(st.integers(-far, most[axis])) for axis, far in enumerate(reach)])
+        own = np.stack(np.meshgrid(*[np.arange(size)] * 3, indexing="ij"), -1).reshape(-1, 3) + at
+        if (own[:, None] == taken[None]).all(-1).any():
+            continue
+        taken = np.concatenate([taken, own])
+        given: dict[str, Any] = {"density": unit("kg/m^3").of(frame.scale) * draw(powers(-0.5, 0.5))}
+        if draw(st.booleans()):
+            given |= {"spin": (0.0, 0.0, 0.01 / frame.scale.time), "velocity": (0.02 * speed, 0.0, 0.01 * speed)}
+        if draw(st.booleans()):
+            solid.append(SolidBox(lower=tuple(d * at), upper=tuple(d * (at + size)), **given))
+        else:
+            solid.append(SolidBall(center=tuple(d * (at + size / 2)), radius=0.51 * size * d, **given))
+    if solid:
+        effects["shape_matching"] = make_effect(draw, EFFECTS["shape_matching"], frame)
+        effects["two_way_coupling"] = make_effect(draw, EFFECTS["two_way_coupling"], frame)
+        if effect == "melting" or draw(st.integers(0, 3)) == 3:
+            point = draw(st.sampled_from((0.5, -0.5)))  # of what begins at 0: all stays or all melts
+            effects["heat_conduction"] = make_effect(draw, EFFECTS["heat_conduction"], frame, melting_point=point)
+            effects["melting"] = make_effect(draw, EFFECTS["melting"], frame)
+    return tuple(solid), taken
+
+
+def _fits(name: str, effects: Mapping[str, Effect], around: str) -> bool:
     """Whether the scene has, or can be given, what the effect needs whatever its parameters are."""
     kind = EFFECTS[name]
     needed = kind.needed or (() if any(f.required for f in msgspec.structs.fields(kind)) else kind().needs())
-    return all(other in effects or other not in BUILT for other in needed)
+    pulls = issubclass(kind, PullsParticles) and "two_way_coupling" in effects
+    return not pulls and all(n in effects or n not in BUILT for n in needed) and (around != "period" or kind.periodic)
 
 
-def _add(draw: Draw, effects: dict[str, Effect], name: str, scale: Unit, dim: int) -> None:
+def _add(draw: Draw, effects: dict[str, Effect], name: str, frame: Frame) -> None:
     """The effect and what it needs; one tension at most."""
     kind = EFFECTS[name]
     if name in effects or (
         issubclass(kind, PullsParticles) and any(isinstance(e, PullsParticles) for e in effects.values())
     ):
         return
-    effects[name] = make_effect(draw, kind, scale, dim)
+    effects[name] = make_effect(draw, kind, frame)
     for other in effects[name].needs():
         if other not in BUILT:
-            _add(draw, effects, other, scale, dim)
+            _add(draw, effects, other, frame)
 
 
-def _liquid(draw: Draw, name: str, scale: Unit, dim: int) -> Effect:
+def _liquid(draw: Draw, name: str, frame: Frame, bodies: bool) -> Effect:
     """The liquid, with a viscosity at which it is known to behave."""
-    density = unit("kg/m^3").of(scale)
-    speed = unit("m/s").of(scale)
+    density, speed = unit("kg/m^3").of(frame.scale), unit("m/s").of(frame.scale)
     if name == "mpm_liquid":
-        return make_effect(draw, EFFECTS[name], scale, dim, rest_density=density, bulk_modulus=density * speed**2)
+        return make_effect(draw, EFFECTS[name], frame, rest_density=density, bulk_modulus=density * speed**2)
     given = {"rest_density": density, "sound_speed": speed, "tensile_control": "none", "gradient": "plain"}
-    given["dynamic_viscosity"] = density * speed * 3.0 * unit("m").of(scale) / 60
+    given["dynamic_viscosity"] = density * speed * 3.0 * unit("m").of(frame.scale) / 60
     kind = draw(st.sampled_from((None, None, "summation", "continuity")))
     given["density"] = kind
+    if bodies:
+        given |= {"viscosity": None, "clamp_pressure": None}
     if kind != "continuity":  # what belongs to an advanced density
         given |= {"diffusion": DIFFUSION, "restoring": None}
-    return make_effect(draw, EFFECTS[name], scale, dim, **given)
+    return make_effect(draw, EFFECTS[name], frame, **given)
 
 
-def make_effect(draw: Draw, kind: type[Effect], scale: Unit, dim: int, **given: Any) -> Effect:
+def make_effect(draw: Draw, kind: type[Effect], frame: Frame, **given: Any) -> Effect:
     """An effect: what it must have, and a third of what it may have, by its schema."""
+    if "no_slip" in kind.__struct_fields__ and "viscosity" not in given:
+        held = draw(st.integers(0, 2)) == 2 or bool(given.get("moving_faces"))
+        given |= {"no_slip": held} | ({"viscosity": 0.0} if held else {})
     for field in msgspec.structs.fields(kind):
         needed = field.required or kind.scales[:1] == (field.name,)
-        if field.name not in given and (needed or draw(st.integers(0, 2)) == 0):
-            value = _value(draw, kind, field, scale, dim)
+        if field.name not in given and (needed or draw(st.integers(0, 2)) == 2):
+            value = _value(draw, kind, field, frame)
             if value is not None:
                 given[field.name] = value
     return kind(**given)
 
 
-def _value(draw: Draw, kind: type[Effect], field: Any, scale: Unit, dim: int) -> Any:
+def _value(draw: Draw, kind: type[Effect], field: Any, frame: Frame) -> Any:
     """A value of a parameter; None leaves it out."""
     inside = [k for k in _parts(field.type) if k is not types.NoneType]
-    own = units_of(kind, dim).get(field.name)
-    if field.type is Printed or field.name in UNDRAWN:
+    own = units_of(kind, frame.dim).get(field.name)
+    if field.type is Printed or field.name in UNDRAWN or (frame.dim == 3 and field.name in COSTLY):
         return None
     if choices := [c for k in inside if typing.get_origin(k) is typing.Literal for c in typing.get_args(k)]:
         return draw(st.sampled_from(choices)) if not isinstance(choices[0], tuple) else None
@@ -161,9 +288,9 @@ def _value(draw: Draw, kind: type[Effect], field: Any, scale: Unit, dim: int) ->
     if own is None:  # without a unit: near the default
         usual = field.default
         return usual * draw(powers(0, 0.2)) if isinstance(usual, float) and usual else None
-    if dim == 2 and own.mass not in (0, 1):
+    if frame.dim == 2 and own.mass not in (0, 1):
         return None  # masses of the plane are those of a metre of depth
-    return own.of(scale) * draw(powers(-3, -1))
+    return own.of(frame.scale) * draw(powers(-3, -1))
 
 
 def _parts(kind: Any) -> tuple[Any, ...]:

@@ -54,25 +54,24 @@ def unit(words: str, dim: int = 3) -> Unit:
     return Unit(*map(float, total))
 
 
-def scaled(scene: Scene, factors: Unit) -> Scene:
-    """The same scene in other units: lengths, times, masses and temperatures are `factors` times as large."""
-    return _scaled(scene, factors, scene.dim)
-
-
 def units_of(kind: type, dim: int) -> dict[str, Unit]:
     """Units of a struct's fields, by its docstring."""
     found = {name: unit_of(text) for name, text in describe(kind).items() if name != "literal"}
     return {name: unit(words, dim) for name, words in found.items() if words}
 
 
-def _scaled(part: Any, factors: Unit, dim: int) -> Any:
+def scaled(part: Any, factors: Unit, dim: int = 0) -> Any:
+    """The same scene, or a part, in other units: lengths, times, masses, temperatures `factors` times as large."""
+    dim = dim or part.dim
     units, changes = units_of(type(part), dim), {}
     for field in msgspec.structs.fields(type(part)):
         value = getattr(part, field.name)
         if isinstance(value, tuple) and any(isinstance(v, msgspec.Struct) for v in value):
-            changes[field.name] = tuple(_scaled(v, factors, dim) for v in value)
+            changes[field.name] = tuple(scaled(v, factors, dim) for v in value)
         elif field.name in units and value is not None and not isinstance(value, str):
             f = units[field.name].of(factors)
+            if f == 1 or (field.name == "amplitude" and part.of == "turn"):  # whose unit is then the radian
+                continue
             kept = isinstance(value, np.ndarray)
             changes[field.name] = value * f if kept or np.isscalar(value) else tuple(f * v for v in value)
     return msgspec.structs.replace(part, **changes)
