@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim import (
+    Akinci2013,
     Ball,
     Box,
     BoxWalls,
@@ -28,18 +29,19 @@ from refsim import (
 from refsim.core.effect import Discretisation
 from refsim.core.walls import WallParticles
 from refsim.sph import operations as sph
+from refsim.study.panels.drops import radius_of
 from refsim.study.panels.scene_factories import compressed
 from refsim.surface_tension.akinci_2013 import operations as akinci
 from refsim.surface_tension.contact_angle import ContactAngle
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, RunSpec
-from validation.experiments.viscosity import runs as spinning
+from validation.measure.stirring import CALM, kicks, shifted_ball
 from validation.metrics import solutions as scene
 from validation.metrics.solutions import standing_flow
 from validation.peers import missing
 from validation.peers.terms import COMPARED, DOUBLE, EQUAL, PEERS, TERMS
 from validation.results import Result
-from validation.running import Context, advance
+from validation.running import Context, advance, run_to
 
 DENSITY, SUPPORT = 1000.0, 2.6  # kg/m^2; h/d
 RESTS, CORRECTED, WIDER = "rests", "corrected", "wider"
@@ -372,6 +374,7 @@ JITTER, STIRS, STIR = 0.1, 20, 0.7  # of the lattice; random kicks, ever weaker,
 STIRRED, RESTED = 2.0, 6.0  # stages of the flat surface, in 1/omega_0
 TENSION_CREST, FRICTION, TENSION_PERIODS = 0.06, 0.1, 2.0  # a'(0)/omega_0 in half waves; nu k^2/omega_0; followed
 OHNESORGE = 0.3  # mu/sqrt(rho sigma l) of the meniscus, l = sqrt(sigma/(rho g))
+DROP_SPIN, TURNED = 0.1, 1.5  # angular velocity in sqrt(sigma/(rho R^3)); length in R^2/(4 nu)
 WIDE, DEEP, CLIMBED, TENSION_MEANS = 10.0, 2.0, 30.0, 40  # tank in l; sqrt(l/g) until the mean, samples in it
 
 
@@ -461,22 +464,52 @@ def capillary(context: Context, cells: int, backend: str, seed: int = 1) -> Resu
     return Result(values, {"time": time * omega / (2 * math.pi), "part": part, "theory": theory})
 
 
+def _drop_scene(form: Any, position: NDArray, velocity: NDArray, viscosity: float) -> Scene:
+    """A free drop as it stands; its tension acts along the pair: Akinci's without the area term."""
+    liquid = WeaklyCompressible(
+        rest_density=1.0, sound_speed=10.0, dynamic_viscosity=viscosity, viscosity=form, kernels="mueller",
+        density="summation",
+    )  # fmt: skip
+    return Scene(
+        name=f"{form} 2d", spacing=1.0, support_radius=TENSION_SUPPORT, dim=2, dtype="float64",
+        fluid=(Cloud(position=position, velocity=velocity),),
+        effects=(liquid, Akinci2013(surface_tension=1.0, area_acceleration=0.0)),
+    )  # fmt: skip
+
+
+def _relaxed_drop(context: Context, cells: int, seed: int) -> tuple[NDArray, float]:
+    """(positions about the centre, radius of the drop's volume) of a drop that was stirred and rests."""
+    random, unit = np.random.default_rng(seed), cells**1.5
+    position = shifted_ball(2, float(cells), random, TENSION_SUPPORT)
+    made = _drop_scene("central", position, np.zeros_like(position), CALM * math.sqrt(cells))
+    simulation = context.simulation(made, "cpu")
+    for k in range(STIRS):
+        kick = kicks(random, len(position), 2)
+        simulation.set_field("velocity", simulation.field("velocity") + STIR * (1 - k / STIRS) * (kick - kick.mean(0)))
+        run_to(simulation, STIRRED * unit * (k + 1) / STIRS)
+    run_to(simulation, 2 * STIRRED * unit)
+    simulation.evaluate()
+    x = simulation.field("position") - simulation.field("position").mean(0)
+    density = simulation.field("density")[np.linalg.norm(x, axis=1) < 0.6 * cells].mean()
+    return x, radius_of(simulation.field("mass").sum() / density, 2)
+
+
 def drop(context: Context, cells: int, form: str, backend: str, seed: int = 1) -> Result:
     """A free drop of radius `cells` that its tension holds together, turning slowly as a rigid body.
 
     error  root mean square of L/L(0) - exact; rate  of log L at the end over the exact (not with the central form)
     """
-    position, radius, _ = spinning.relaxed(context, 2, float(cells), seed)
-    viscosity = spinning.CALM * math.sqrt(cells)
-    velocity = np.cross([0.0, 0.0, spinning.SPIN / cells**1.5], position)
-    simulation = context.simulation(spinning.scene(form, 2, position, velocity, viscosity), backend)
+    position, radius = _relaxed_drop(context, cells, seed)
+    viscosity = CALM * math.sqrt(cells)
+    velocity = np.cross([0.0, 0.0, DROP_SPIN / cells**1.5], position)
+    simulation = context.simulation(_drop_scene(form, position, velocity, viscosity), backend)
     seen: list[tuple[float, float]] = []
 
     def sample(simulation: Simulation, wall: float) -> None:
         x, v = simulation.field("position"), simulation.field("velocity")
         seen.append((simulation.time, float(np.cross(x, v)[:, 2].sum())))
 
-    until = spinning.TURNED * radius**2 / (4 * viscosity)
+    until = TURNED * radius**2 / (4 * viscosity)
     advance(simulation, np.linspace(0.0, until, 61).tolist(), sample, context)
     time, momentum = np.array(seen).T
     return _spun_down(cells, 1.0 / cells, len(position), form, (time, momentum), radius, viscosity)
