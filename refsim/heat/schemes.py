@@ -190,7 +190,7 @@ def conjugate_gradient(body: Body, melting: Melting, neighbours, step: Step, scr
 
 
 def solve(exchanges, inverse, conduction, scratch, temperature):
-    """Conjugate gradients, scaled by C, for the change of the temperatures; returns the passes taken.
+    """Conjugate gradients, scaled by C, for the change of the temperatures.
 
     Every direction is a polynomial in A/C of the old temperatures, so that sum C T is kept without a correction.
     """
@@ -217,7 +217,6 @@ def solve(exchanges, inverse, conduction, scratch, temperature):
             if not now > enough or passes > MOST_CONJUGATE_PASSES:
                 break
     add(solution, temperature)
-    return passes
 
 
 def runge_kutta_legendre(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):

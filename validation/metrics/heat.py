@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.special import erf, erfc, erfcx
+from scipy.special import erf, erfcx
 
 from refsim.backends.arrays import choose
 from refsim.backends.scratch import Scratch
@@ -21,8 +21,6 @@ from refsim.core.operation import REGISTRY
 from refsim.core.period import period_group
 from refsim.heat import HeatConduction, enthalpy_of
 from refsim.heat.operations import Body, Step
-from refsim.heat.shapes import lattice_sum
-from refsim.heat.stages import chebyshev_passes, first_legendre_stages, legendre_stages
 from refsim.neighbours.rows import NeighbourColumns, NeighbourRows
 
 
@@ -54,15 +52,6 @@ def stefan_root(wall: float, start: float, latent: float) -> float:
         return ste * math.exp(-(root**2)) / erf(root) - cold / erfcx(root) - math.sqrt(math.pi) * root
 
     return float(brentq(miss, 1e-9, 10.0, xtol=1e-15))
-
-
-def stefan_profile(x: np.ndarray, until: float, wall: float, start: float, root: float) -> np.ndarray:
-    """Neumann's temperatures [deg C] at depth x [m], u = x/(2 sqrt t), l = `root`.
-
-    wall (1 - erf(u)/erf(l)) above the front, start (1 - erfc(u)/erfc(l)) below it.
-    """
-    u = np.asarray(x, dtype=float) / (2 * math.sqrt(until))
-    return np.where(u < root, wall * (1 - erf(u) / erf(root)), start * (1 - erfc(u) / erfc(root)))
 
 
 class Melting(NamedTuple):
@@ -240,20 +229,6 @@ class Conductor:
         latent = float(self.there.host(self.arguments["latent_heat"])[0])
         return np.clip(self.enthalpy.astype(float) / latent, 0.0, 1.0)
 
-    def passes(self, seconds: float) -> int:
-        """Passes over the neighbours that a step of so many seconds takes from here, by a conductor on the CPU."""
-        largest = seconds / self.spacing**2 * lattice_sum(self.conduction, self.grid)
-        melts = self.enthalpy is not None
-        fixed = {"explicit": 1, "one_sided": 2, "pair_exchange": 2}
-        if self.scheme in fixed:
-            return fixed[self.scheme]
-        if self.scheme == "runge_kutta_legendre":
-            return len(list((first_legendre_stages if melts else legendre_stages)(largest)))
-        planned = chebyshev_passes(largest, float(self.conduction.tolerance))
-        if self.scheme == "implicit" and planned <= self.conduction.most_passes:
-            return planned
-        return self._solved(seconds)
-
     def weighed(self, seconds: float) -> tuple[Any, ...]:
         """Exchanges, 1/C_i and the largest s_i of a step, as schemes have them."""
         from refsim.heat import schemes
@@ -261,13 +236,6 @@ class Conductor:
         given = {**self.arguments, "timestep": np.array([0.0, seconds])}
         body, step = (kind(*(given[name] for name in kind._fields)) for kind in (Body, Step))
         return schemes.weighed(body, given["neighbours"], step, given["scratch"])
-
-    def _solved(self, seconds: float) -> int:
-        """Passes that conjugate gradients take."""
-        from refsim.heat import schemes
-
-        exchanges, inverse, _ = self.weighed(seconds)
-        return schemes.solve(exchanges, inverse, self.conduction, self.arguments["scratch"], self.temperature.copy())
 
 
 def cosine_slab(

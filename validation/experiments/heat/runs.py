@@ -52,19 +52,18 @@ def rms(values: np.ndarray) -> float:
 
 
 def slab(context: Context, scheme: str) -> Result:
-    """Errors, drifts, passes for each unit of k dt/(rho c d^2) and seconds of stepping, for each of NUMBERS."""
-    rows, profiles = [], {}
+    """Errors, drifts and seconds of stepping, for each of NUMBERS."""
+    rows = []
     for share, number in enumerate(NUMBERS):
         slab, x = slab_of(scheme)
         steps = round(END / (number * SPACING**2))
-        start, work = slab.heat(), slab.passes(END / steps) / number
+        start = slab.heat()
         slab.run(END, steps)
         drift = slab.heat() / start - 1 if np.isfinite(slab.temperature).all() else math.inf
         error = rms(slab.temperature - exact.cosine(x, LENGTH * SPACING, END))
-        rows.append({"number": number, "error": error, "drift": drift, "work": work, "seconds": slab.seconds})
-        profiles[f"profile_{number:g}"] = slab.temperature.reshape(LENGTH, -1).mean(1)
+        rows.append({"number": number, "error": error, "drift": drift, "seconds": slab.seconds})
         context.progress((share + 1) / len(NUMBERS))
-    return Result({"scheme": scheme, "rows": rows}, profiles)
+    return Result({"scheme": scheme, "rows": rows})
 
 
 # Orders of convergence
@@ -134,7 +133,7 @@ def sphere(context: Context, scheme: str, cells: int, numbers: tuple[float, ...]
     truth = {
         name: exact.cooled_sphere(r, 1.0 + shift * spacing, until) for name, shift in (("raw", 0), ("shifted", 0.5))
     }
-    rows, arrays = [], {"r": r.astype(np.float32)}
+    rows = []
     for share, number in enumerate(numbers):
         made = Conductor(scheme, position * spacing, spacing, np.where(held, 0.0, 1.0), held=held)
         steps = max(1, round(until / (number * spacing**2)))
@@ -144,9 +143,8 @@ def sphere(context: Context, scheme: str, cells: int, numbers: tuple[float, ...]
             "number": until / steps / spacing**2, "particles": int((~held).sum()), "size": spacing,
             "seconds": made.seconds, **{name: 100 * rms(inner - values) for name, values in truth.items()},
         })  # fmt: skip
-        arrays[f"temperature_{number:g}"] = inner.astype(np.float32)
         context.progress((share + 1) / len(numbers))
-    return Result({"scheme": scheme, "cells": cells, "rows": rows}, arrays)
+    return Result({"scheme": scheme, "cells": cells, "rows": rows})
 
 
 # Stefan's problem with two phases
@@ -164,7 +162,7 @@ def stefan(context: Context, scheme: str, cells: int, numbers: tuple[float, ...]
     period = (0.0, wide * spacing, wide * spacing)
     root = exact.stefan_root(WALL, START, LATENT)
     start = np.where(held, WALL, START)
-    rows, arrays = [], {"x": position[:: wide * wide, 0]}
+    rows, arrays = [], {}
     for share, number in enumerate(numbers):
         made = Conductor(scheme, position, spacing, start, period=period, held=held, ice=(0.0, LATENT), backend=backend)
         steps = max(4, round(until / (number * spacing**2)))
@@ -180,7 +178,6 @@ def stefan(context: Context, scheme: str, cells: int, numbers: tuple[float, ...]
             "highest": float(made.temperature.max()), "lowest": float(made.temperature.min()),
         })  # fmt: skip
         arrays[f"time_{number:g}"], arrays[f"depth_{number:g}"] = times, depth
-        arrays[f"temperature_{number:g}"] = made.temperature.reshape(cells + layers, -1).mean(1)
         context.progress((share + 1) / len(numbers))
     return Result({"scheme": scheme, "cells": cells, "root": root, "until": until, "rows": rows}, arrays)
 
