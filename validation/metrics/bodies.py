@@ -187,19 +187,6 @@ def turning(mass: Array, state: tuple[Array, ...], spread: Array, centre: Array)
     return (mass[:, None] * (np.cross(position - centre, velocity) + own)).sum(0)
 
 
-def inertia_share(run: Simulation) -> float:
-    """What the grid sees of the inertia of a linear field, over the particles': 1 + sum m tr D/sum m |x|^2.
-
-    A particle brings its spread D to the grid (h^2/4 along each axis, more in a cluster) beside its place.
-    """
-    dim = run.plan.grid.dim
-    spread = np.trace(spreads(run)[:, :dim, :dim], axis1=1, axis2=2)
-    offset = run.field("position").astype(float)
-    offset = (offset - offset.mean(0))[:, :dim]
-    mass = run.field("mass").astype(float)
-    return float(1 + (mass * spread).sum() / (mass * (offset**2).sum(1)).sum())
-
-
 def contact(position: Array, floor: float, h: float, dim: int) -> dict[str, float]:
     """Ball (circle) through the free surface of a drop on a floor, and its angle with the floor [degrees].
 

@@ -9,8 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from refsim.study.panels.observables import damped_cosine
-
 # work of the viscous forces in a flow without curl, over mu |grad v|^2
 FRICTION = {"laplacian": 1.0, "central": 2.0}
 
@@ -212,84 +210,9 @@ def standing_flow(k: float, top: float) -> Callable[[NDArray], NDArray]:
     return flow
 
 
-def swing_of_ideal_drop(amplitude: float, modes: int = 12, dim: int = 2) -> float:
-    """Frequency of mode 2 of a drop of ideal liquid at finite amplitude, over Rayleigh's.
-
-    The ellipses (spheroids) of MPM, by another method: r(angle) and the potential on the surface as series of cosines
-    (Legendre polynomials), the potential inside as sum c_n r^n Y_n by least squares, Bernoulli's equation and the
-    curvature, DOP853 of SciPy.
-    """
-    from scipy.integrate import solve_ivp
-
-    count = 4 * modes
-    angle = (np.arange(count) + 0.5) * math.pi / (2 * count)
-    n = np.arange(0, 2 * modes + 1, 2)
-    shape, first_slope, second_slope = surface_series(angle, n, dim)
-    to_series = np.linalg.pinv(shape)
-    kept = np.where(n > 1.4 * modes, 0, 1)  # products fold back onto the highest modes
-    measure = np.ones(count) if dim == 2 else np.sin(angle)
-    share = np.cos(angle) ** 2 - np.sin(angle) ** 2 / (dim - 1), np.cos(angle) ** 2 + np.sin(angle) ** 2 / (dim - 1)
-    long, short = 1 + amplitude, (1 + amplitude) ** (-1 / (dim - 1))
-    start = long * short / np.hypot(short * np.cos(angle), long * np.sin(angle))
-
-    def slope(_: float, state: np.ndarray) -> np.ndarray:
-        radius, potential = shape @ state[: len(n)], shape @ state[len(n) :]
-        turn, bend = first_slope @ state[: len(n)], second_slope @ state[: len(n)]
-        power = radius[:, None] ** n
-        inside = np.linalg.lstsq(power * shape, potential, rcond=None)[0]
-        outward, around = (n * power / radius[:, None] * shape) @ inside, (power * first_slope) @ inside / radius
-        rising = outward - turn / radius * around
-        curvature = (radius**2 + 2 * turn**2 - radius * bend) / (radius**2 + turn**2) ** 1.5
-        if dim == 3:  # about the axis
-            curvature = curvature + (1 - turn / radius / np.tan(angle)) / np.hypot(radius, turn)
-        pushed = -0.5 * (outward**2 + around**2) - curvature + (dim - 1) + outward * rising
-        return np.concatenate([kept * (to_series @ rising), kept * (to_series @ pushed)])
-
-    first = rayleigh(1.0, dim)
-    instants = np.linspace(0, 3 * math.pi / first, 600)
-    begin = np.concatenate([to_series @ start, np.zeros(len(n))])
-    found = solve_ivp(slope, (0, instants[-1]), begin, t_eval=instants, rtol=1e-8, atol=1e-10, method="DOP853")
-    weight = measure[:, None] * (shape @ found.y[: len(n)]) ** (dim + 2)
-    swing = (weight * share[0][:, None]).sum(0) / (weight * share[1][:, None]).sum(0)
-    return damped_cosine(instants, swing, first)["frequency"] / first
-
-
 def rayleigh(radius: float, dim: int, tension: float = 1.0, density: float = 1.0) -> float:
     """Frequency of mode 2 [rad/s]: sqrt(6 k/(rho R^3)) in the plane, sqrt(8 k/(rho R^3)) in space (Rayleigh 1879)."""
     return math.sqrt((6 if dim == 2 else 8) * tension / (density * radius**3))
-
-
-def compressible(radius: float, dim: int, modulus: float, tension: float = 1.0, density: float = 1.0) -> float:
-    """Frequency of mode 2 of a liquid with sound speed sqrt(lambda/rho), over Rayleigh's.
-
-    Inside, the pressure is a Bessel function of q r, q = w/c; with the outer condition of Rayleigh's drop the frequency
-    obeys w^2 = w_R^2 q R f'(q R)/(2 f(q R)), f = J_2 in the plane, j_2 in space.
-    """
-    from scipy.special import jv, jvp, spherical_jn
-
-    first = rayleigh(radius, dim, tension, density)
-    frequency, sound = first, math.sqrt(modulus / density)
-    for _ in range(50):
-        z = frequency * radius / sound
-        if dim == 2:
-            share = z * jvp(2, z) / (2 * jv(2, z))
-        else:
-            share = z * spherical_jn(2, z, derivative=True) / (2 * spherical_jn(2, z))
-        frequency = first * math.sqrt(share)
-    return frequency / first
-
-
-def surface_series(angle: np.ndarray, n: np.ndarray, dim: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """cos(n angle), or in space P_n(cos angle), and its first two slopes over the angle: each (angles, n)."""
-    if dim == 2:
-        cosine = np.cos(np.outer(angle, n))
-        return cosine, -n * np.sin(np.outer(angle, n)), -(cosine * n**2)
-    from numpy.polynomial import Legendre
-
-    x, y = np.cos(angle), np.sin(angle)
-    found = [Legendre.basis(int(k)) for k in n]
-    value, rise, bend = (np.stack([p.deriv(m)(x) for p in found], axis=1) for m in range(3))
-    return value, -y[:, None] * rise, (y**2)[:, None] * bend - x[:, None] * rise
 
 
 def swaying_linear(time: NDArray, amplitude: float, viscosity: float, modes: int = 20) -> NDArray:

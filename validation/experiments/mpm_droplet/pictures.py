@@ -2,26 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.collections import LineCollection
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from validation import drawing
 from validation.drawing import BLUE, GREEN, GREY, ORANGE, VERMILION, WATER, packed, unpacked
 from validation.experiment import Picture, Results
-from validation.experiments.mpm_droplet import runs as fine_runs
-from validation.experiments.mpm_droplet.runs import orders, pressures
-from validation.metrics.droplet import contour
-from validation.results import floats, real
-
-COLOURS = {"none": GREY, "cluster": BLUE, "thesis": VERMILION, "gradient_corrected": ORANGE}
-FLOOR = 1e-17  # where an error that is exactly zero is drawn
+from validation.results import floats
 
 
 def square_data(results: Results) -> dict[str, Any]:
@@ -90,13 +81,9 @@ def upright(vertices: Any) -> np.ndarray:
 
 def shaded(axes: Any, frame: Mapping[str, Any], extent: float, turn: bool = False, middle: Any = None) -> None:
     """A lit surface, its middle (or the given one) in the middle of the panel."""
-    lit(axes, upright(vertices_of(frame)) if turn else vertices_of(frame), facets_of(frame), extent, middle)
-
-
-def lit(axes: Any, vertices: np.ndarray, facets: np.ndarray, extent: float, middle: Any = None) -> None:
-    """A lit surface, its middle (or the given one) in the middle of the panel."""
-    v = vertices - (vertices.mean(0) if middle is None else middle)
-    drawing.show_image(axes, drawing.surface_picture(v, facets, WATER, VIEW, extent, 420), extent)
+    v = upright(vertices_of(frame)) if turn else vertices_of(frame)
+    v = v - (v.mean(0) if middle is None else middle)
+    drawing.show_image(axes, drawing.surface_picture(v, facets_of(frame), WATER, VIEW, extent, 420), extent)
 
 
 def ledger_lines(axes: Any, series: Mapping[str, Any], names: Any = LEDGER) -> None:
@@ -229,171 +216,8 @@ def box_picture(data: Mapping[str, Any]) -> Any:
     return figure
 
 
-DROPS = tuple(f"fine_{key}" for key in fine_runs.RUNS)  # runs at twice the resolution
-LEVEL = 0.02  # cells: rounding of the distances
-BAND = 0.76  # cells, beyond which they are cut off: more than between two nodes
-BODIES = {"collision": "collision", "merging": "merging", "floor": "on a floor, {angle} degrees"}
-
-
-def drops_data(results: Results) -> dict[str, Any]:
-    """Distances from the smooth surfaces of drops in space."""
-    rows = []
-    for key in DROPS:
-        result, asked = results[key], fine_runs.RUNS[key.removeprefix("fine_")]
-        frames = []
-        for k in range(len(asked["shown"])):
-            distance = np.clip(fine_runs.UNIT * result.arrays[f"distance_{k}"].astype(float), -BAND, BAND) / LEVEL
-            packed_distance = packed(distance.round().astype(np.int8).reshape(-1))
-            first = result.arrays[f"first_{k}"].tolist()
-            frames.append({"first": first, "shape": list(distance.shape), "distance": packed_distance})
-        words = BODIES[asked["body"]].format(**asked)
-        rows.append({"words": words, "floor": asked["body"] == "floor", "times": asked["shown"], "frames": frames,
-                     "particles": result.values["particles"]})  # fmt: skip
-    return {"title": "Drops that meet, merge and stand on floors", "rows": rows}
-
-
-def smooth_surface(frame: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-    """(vertices [cells], triangles) of the surface of a frame."""
-    values = LEVEL * unpacked(frame["distance"], "int8").astype(float).reshape(frame["shape"])
-    vertices, facets = contour(values)
-    return fine_runs.NODE * (vertices + np.array(frame["first"])), facets
-
-
-def largest_part(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
-    """The facets of the part of a surface that has the most of them."""
-    edges = np.concatenate([facets[:, :2], facets[:, 1:]])
-    joined = coo_matrix((np.ones(len(edges)), edges.T), shape=(len(vertices), len(vertices)))
-    part = connected_components(joined, directed=False)[1][facets[:, 0]]
-    return facets[part == np.bincount(part).argmax()]
-
-
-def drops_picture(data: Mapping[str, Any]) -> Any:
-    """A row for each body, time from left to right; on floors without the single particles beside the drop."""
-    count = max(len(row["frames"]) for row in data["rows"])
-    figure = plt.figure(figsize=(7.2, 1.5 * len(data["rows"])))
-    for part, row in zip(np.ravel(figure.subfigures(len(data["rows"]), 1)), data["rows"]):
-        drawing.headline(part, row["words"], 9.5)
-        line = part.subplots(1, count)
-        bodies = [smooth_surface(frame) for frame in row["frames"]]
-        if row["floor"]:
-            bodies = [(vertices, largest_part(vertices, facets)) for vertices, facets in bodies]
-        seen = [vertices[np.unique(facets)] for vertices, facets in bodies]
-        extent = 1.02 * max(np.abs(vertices - middle_of(vertices)).max() for vertices in seen)
-        for axes in line:
-            axes.set_axis_off()
-        for axes, at, (vertices, facets), own in zip(line, row["times"], bodies, seen):
-            middle = middle_of(own)
-            if row["floor"]:  # the floor stands still
-                middle[1] = 0.4 * extent
-            lit(axes, upright(vertices), facets, extent, upright(middle[None])[0])
-            drawing.plain_title(axes, f"{at:g} s", fontsize=9)
-    return figure
-
-
-def pressure_data(results: Results) -> dict[str, Any]:
-    """Pressures at rest against resolution."""
-
-    found = pressures(results)
-    return {
-        "title": "Pressure of drops at rest over Laplace's",
-        "curves": {f"{dim}d_{name}": {"rows": rows, "orders": orders(rows)} for (dim, name), rows in found.items()},
-    }
-
-
-def pressure_picture(data: Mapping[str, Any]) -> Any:
-    """The plane on the left, space on the right."""
-    figure, panels = plt.subplots(1, 2, figsize=(9.0, 3.3), sharey=True)
-    for axes, dim, bar, place in ((panels[0], 2, 0.03, 11.0), (panels[1], 3, 0.05, 6.0)):
-        axes.axhline(1.0, color=GREY, linewidth=0.8)
-        axes.plot([place, place], [1 - bar, 1 + bar], color=GREY, linewidth=5, alpha=0.35, solid_capstyle="butt")
-        for name, words, colour in (("default", "inset h/4", ORANGE), ("enclosing", "inset by volume", BLUE)):
-            curve = data["curves"].get(f"{dim}d_{name}")
-            if curve is None:
-                continue
-            x, y = ([row[key] for row in curve["rows"]] for key in ("cells", "pressure"))
-            half = [0.5 * row["spread"] for row in curve["rows"]]
-            gains = ", ".join(f"{gain:.2f} ({small:g} to {2 * small:g})" for small, gain in curve["orders"])
-            label = f"{words}; order {gains}" if gains else words
-            axes.errorbar(x, y, half, color=colour, marker="o", markersize=4, capsize=3, label=label)
-        axes.set_xscale("log", base=2)
-        axes.set_xlabel("R/h")
-        axes.set_xticks([row["cells"] for row in curve["rows"]], [f"{row['cells']:.3g}" for row in curve["rows"]])
-        axes.minorticks_off()
-        axes.set_title("in the plane" if dim == 2 else "in space")
-        axes.grid(axis="y")
-        axes.legend(loc="lower right" if dim == 3 else "upper right", fontsize=7.5)
-    panels[0].set(ylim=(0.932, 1.058), ylabel="pressure over k (d - 1)/R")
-    return figure
-
-
-def frequency_data(results: Results) -> dict[str, Any]:
-    """Frequencies against resolution and amplitude, and what shifts them."""
-    names = ("dim", "radius_in_cells", "amplitude", "ratio", "ratio_error", "inertia", "compressible",
-             "damping_of_period")  # fmt: skip
-    swings = {key: result.values for key, result in results.items() if key.startswith("swing_")}
-    rows = {key.removeprefix("swing_"): {name: values[name] for name in names} for key, values in swings.items()}
-    flows = {dim: results[f"potential_flow_{dim}"].values for dim in ("2d", "3d")}
-    ideal = {dim: {name: flow[name] for name in ("amplitudes", "ratios")} for dim, flow in flows.items()}
-    one = {name: swings["swing_2d_16"][own] for name, own in (("swing", "swing"), ("radius", "radius_in_cells"))}
-    return {"title": "Mode 2 against Rayleigh's frequency", "rows": rows, "ideal": ideal, **one}
-
-
-def frequency_picture(data: Mapping[str, Any]) -> Any:
-    """The swing itself, then the frequency over amplitude and over resolution, with all that is known to shift it."""
-    figure, (swing, amplitude, resolution) = plt.subplots(1, 3, figsize=(11.4, 3.9), width_ratios=(1, 1.15, 1.25))
-    swing.plot(data["swing"]["time"], data["swing"]["value"], color=BLUE)
-    swing.set(xlabel="time [s]", ylabel=r"$\langle x^2-y^2\rangle/\langle x^2+y^2\rangle$")
-    swing.set(title="Mode 2, in the plane, R = 16 h, 10 %")
-    kinds = (("2d", "in the plane", BLUE, "2d_16"), ("3d", "in space", ORANGE, "3d_9"))
-    for dim, words, colour, series in kinds:
-        rows = {key: r for key, r in data["rows"].items() if key.startswith(dim)}
-        share, ratio = (floats(data["ideal"][dim][name]) for name in ("amplitudes", "ratios"))
-        found = sorted((r for k, r in rows.items() if k.startswith(series)), key=lambda r: r["amplitude"])
-        amplitude.plot(100 * share, ratio, color=colour, linewidth=0.9, alpha=0.7)
-        amplitude.plot(100 * share, known(found[0]) * ratio, "--", color=colour, linewidth=0.9)
-        marked(amplitude, [100 * r["amplitude"] for r in found], found, colour, f"{words}, R = {series[3:]} h")
-        found = sorted((r for k, r in rows.items() if k.removeprefix(f"{dim}_").replace(".", "").isdigit()),
-                       key=lambda r: r["radius_in_cells"])  # fmt: skip
-        exact = dict(zip(share, ratio))[0.1]
-        x = [r["radius_in_cells"] for r in found]
-        resolution.axhline(exact, color=colour, linewidth=0.9, alpha=0.7)
-        resolution.plot(x, [exact * known(r) for r in found], "--", color=colour, linewidth=0.9)
-        marked(resolution, x, found, colour, words)
-    amplitude.set_xlim(left=0)
-    amplitude.set(xlabel="amplitude [%]", ylabel=r"$\omega/\omega_R$", title="Amplitude")
-    resolution.set_xscale("log", base=2)
-    ticks = (4, 6, 8, 11, 16, 22)
-    resolution.set_xticks(ticks, [f"{v:d}" for v in ticks])
-    resolution.minorticks_off()
-    resolution.set(xlabel="R/h", title="Resolution, amplitude 10 %")
-    for axes in (amplitude, resolution):
-        axes.plot([], [], color=GREY, linewidth=0.9, label="ideal liquid")
-        axes.plot([], [], "--", color=GREY, linewidth=0.9, label="... compressible, with the grid's inertia")
-        axes.axhspan(0.97, 1.03, color=GREY, alpha=0.12, linewidth=0)
-        axes.set_ylim(0.935, 1.035)
-        axes.legend(fontsize=7.5, loc="upper right")
-    for axes in (swing, amplitude, resolution):
-        axes.grid(axis="y")
-    return figure
-
-
-def known(row: Mapping[str, Any]) -> float:
-    """What compressibility and the grid's inertia do to the frequency of ideal liquid."""
-    return float(row["compressible"] / math.sqrt(real(row["inertia"])))
-
-
-def marked(axes: Any, x: Any, rows: Any, colour: str, words: str) -> None:
-    """Measured frequencies with the fit's standard error."""
-    axes.errorbar(x, [r["ratio"] for r in rows], [r["ratio_error"] for r in rows], color=colour, marker="o",
-                  markersize=4, capsize=2, label=words)  # fmt: skip
-
-
 PICTURES = (
     Picture("mpm_square", square_data, square_picture, ("square_cluster",)),
     Picture("mpm_surfaces", surfaces_data, surfaces_picture, tuple(SURFACES), shaded=True),
     Picture("mpm_box", box_data, box_picture, ("box", "box_default")),
-    Picture("mpm_drops", drops_data, drops_picture, DROPS, shaded=True),
-    Picture("mpm_pressure", pressure_data, pressure_picture, ("rest_2d_22_enclosing_0",)),
-    Picture("mpm_frequency", frequency_data, frequency_picture,
-            ("swing_2d_22", "swing_3d_9", "potential_flow_2d", "potential_flow_3d")),
-)  # fmt: skip
+)

@@ -18,7 +18,6 @@ from refsim import Box, Cloud, Gravity, MpmLiquid, MpmWalls, Scene, Simulation, 
 from refsim.core.errors import InputError, RunStopped
 from refsim.mpm import READINGS
 from refsim.mpm.limits import FARTHEST
-from refsim.render.surfaces import distances
 from refsim.study.panels.observables import damped_cosine, deformation
 from refsim.surface_energy import Tension
 from validation.checks import Checks, Quantities
@@ -32,13 +31,12 @@ from validation.metrics.bodies import (
     angle_of_mass,
     contact,
     evenness,
-    inertia_share,
     late,
     surface_of,
 )
 from validation.metrics.mpm import CELL, DENSITY, Transfers, backward_euler, round_trip, splines
 from validation.metrics.mpm import MODULUS as BULK_MODULUS
-from validation.metrics.solutions import compressible, rayleigh, swing_of_ideal_drop
+from validation.metrics.solutions import rayleigh
 from validation.peers import in_turns, taichi_mpm
 from validation.results import Result, real
 from validation.running import Context
@@ -260,7 +258,7 @@ def oscillation(
     modulus: float = MODULUS, tension: Mapping[str, Any] | None = None, normalised: bool = True,
     embedding: str = "cluster", shown: Sequence[float] = (),
 ) -> Result:  # fmt: skip
-    """An ellipse or a spheroid, longer by `amplitude`, swings; frequency against Rayleigh's, and what shifts it.
+    """An ellipse or a spheroid, longer by `amplitude`, swings; frequency against Rayleigh's.
 
     shown       periods after which the surface is kept
     normalised  lambda in proportion to 1/R, so that the liquid's compression by its surface is the same for all radii
@@ -272,8 +270,7 @@ def oscillation(
     surface = {"embedding": embedding, **(tension or {})}
     scene = drops.drop_scene(place, dim, tension=surface, liquid={"bulk_modulus": modulus}, balanced=True)
     run = context.simulation(scene, backend)
-    metres = radius * CELLS[dim]
-    first = rayleigh(metres, dim)
+    first = rayleigh(radius * CELLS[dim], dim)
     until = periods * 2 * math.pi / first
     times, value = [], []
 
@@ -285,19 +282,10 @@ def oscillation(
     instants = [share * 2 * math.pi / first for share in shown]
     ledger, kept, stopped = follow(context, run, until, 60, instants, look)
     fit = damped_cosine(np.array(times), np.array(value), first)
-    inertia = inertia_share(run) if embedding != "none" else float("nan")
-    turn = 2 * math.pi / first
     return result_of(
         run, (ledger, kept, stopped), instants, amplitude=amplitude, modulus=modulus,
-        ratio=fit["frequency"] / first, ratio_error=fit["error"] / first, damping=fit["damping"],
-        damping_of_period=fit["damping"] * turn, misfit=fit["misfit"], inertia=inertia,
-        compressible=compressible(metres, dim, modulus), swing={"time": times[::4], "value": value[::4]},
+        ratio=fit["frequency"] / first, ratio_error=fit["error"] / first, damping=fit["damping"], misfit=fit["misfit"],
     )  # fmt: skip
-
-
-def potential_flow(context: Context, amplitudes: Sequence[float], dim: int) -> Result:
-    """Mode 2 of a drop of ideal liquid at finite amplitudes: frequency over Rayleigh's."""
-    return Result({"amplitudes": list(amplitudes), "ratios": [swing_of_ideal_drop(a, dim=dim) for a in amplitudes]})
 
 
 def collision(
@@ -364,71 +352,6 @@ def sheet(context: Context, backend: str, length: float, thick: float, tension: 
     speed = -0.5 * float(np.polyfit(t[held], w[held], 1)[0]) * CELLS[2] if held.sum() > 5 else float("nan")
     seen = {"time": times[::5], "value": width[::5]}
     return result_of(run, followed, shown, speed=speed, culick=culick, width=seen)
-
-
-# Drops in space at twice the resolution of `drops`, for pictures: the smooth surface around their particles.
-
-
-FINE_CELL = 1 / 64  # h [m], half of that of `drops` in space
-NODE = 0.75  # cells between the nodes at which the distance is kept
-UNIT = 0.01  # cells, of the distances that are kept
-RUNS: dict[str, dict[str, Any]] = {
-    # at the default lambda and step the neck that closes is compressed too far
-    "collision": {
-        "body": "collision", "radius": 10.0, "shown": [0.0, 0.02, 0.05, 0.1, 0.15, 0.2], "modulus": 2000.0,
-        "step": 5e-5,
-    },
-    "merging": {"body": "merging", "radius": 10.0, "shown": [0.0, 0.01, 0.03, 0.06, 0.1, 0.3], "viscosity": 0.05},
-    **{
-        f"floor_{angle}": {
-            "body": "floor", "radius": 12.0, "shown": [0.0, 0.05, 0.1, 0.15, 0.2, 0.5], "viscosity": 0.05,
-            "angle": angle,
-        }
-        for angle in (60, 90, 120)
-    },
-}  # fmt: skip
-
-
-def kept_distance(position: NDArray) -> tuple[NDArray[np.int16], NDArray[np.int8]]:
-    """The grid's first node (3,) and the distance at its nodes in UNIT cells, cut off at 127, of particles [cells]."""
-    first, phi, _ = distances(position, 0.5, NODE)
-    return first.astype(np.int16), np.clip(np.round(phi / UNIT), -127, 127).astype(np.int8)
-
-
-def smooth(
-    context: Context, backend: str, body: str, radius: float, shown: Sequence[float], viscosity: float = 0.0,
-    angle: float | None = None, modulus: float = MODULUS, step: float = 0.0,
-) -> Result:  # fmt: skip
-    """Surfaces of a body at the times `shown` [s], and why the run stopped or "".
-
-    body    "collision": balls of `radius` [cells] that meet off their axis, each at 1 m/s; "merging": two that touch,
-            at rest; "floor": half a ball on a slipping floor whose contact angle is `angle` [degrees]
-    """
-    more: dict[str, Any]
-    if body == "floor":
-        place, walls = drops.half_on_floor(radius, 3)
-        more = {"tension": {"contact_angle": angle}, "walls": walls}
-    else:
-        place, velocity = pair(radius, 3) if body == "collision" else pair(radius, 3, 0.0, (radius, 0.0, 0.0))
-        more = {"velocity": velocity}
-    liquid = {"dynamic_viscosity": viscosity, "bulk_modulus": modulus}
-    scene = drops.drop_scene(place, 3, cell=FINE_CELL, step=step, liquid=liquid, **more)
-    run = context.simulation(scene, backend)
-    kept, stopped, waiting = {}, "", sorted(shown)
-    try:
-        while waiting:
-            if run.time >= waiting[0] - 1e-9:
-                k = len(shown) - len(waiting)
-                kept[f"first_{k}"], kept[f"distance_{k}"] = kept_distance(
-                    run.field("position").astype(float) / FINE_CELL
-                )
-                waiting.pop(0)
-                continue
-            run.step()
-            context.progress(run.time / max(shown))
-    except RunStopped as stop:
-        stopped = f"{stop.reason} in step {run.steps}"
-    return Result({"shown": list(shown), "stopped": stopped, "steps": run.steps, "particles": run.count}, kept)
 
 
 # What the thesis claims of its transfers and its embedding (chapter 4).
@@ -963,9 +886,6 @@ def bodies(options: Options) -> list[RunSpec]:
     ):  # fmt: skip
         add(f"swing_2d_11_{key}", oscillation, 20.0, dim=2, radius=11.0, amplitude=0.1, periods=2.0,
             tension=tension, embedding=embedding)  # fmt: skip
-    for dim in (2, 3) if not quick else ():
-        found = {"amplitudes": [0.01, 0.03, 0.05, 0.1, 0.15, 0.2], "dim": dim}
-        made.append(RunSpec(f"potential_flow_{dim}d", potential_flow, found, 10.0))
     add("collision_2d", collision, 15.0, dim=2, radius=8.0, speed=1.0, until=0.3, shown=[0.0, 0.05, 0.15, 0.3])
     add("collision_3d", collision, 60.0, dim=3, radius=5.0, speed=1.0, until=0.2, step=2e-4,
         shown=[0.0, 0.02, 0.05, 0.1, 0.15, 0.2])  # fmt: skip
@@ -975,8 +895,6 @@ def bodies(options: Options) -> list[RunSpec]:
         add(f"floor_3d_{angle}", on_floor, 60.0, dim=3, radius=6.0, angle=angle, until=0.5,
             shown=[0.0, 0.1, 0.2, 0.5],
             liquid=DAMPED)  # fmt: skip
-    for key, parameters in RUNS.items():
-        add(f"fine_{key}", smooth, 200.0, **parameters)
     add("sheet", sheet, 10.0, length=40.0, thick=1.0, tension=0.1, until=0.07, shown=[0.0, 0.02, 0.04, 0.06])
     for printed in ERRATA:
         for dim, size, until in ((2, 12.0, 0.15), (3, 6.0, 0.06)):
