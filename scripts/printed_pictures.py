@@ -284,12 +284,9 @@ def ice_picture(name: str, asked: Drawing) -> Any:
     return figure
 
 
-# Dong, Zhang & Chen 2016, figures 3, 4 and 6, at twice the linear resolution of validation/experiments/dong
+# Dong, Zhang & Chen 2016, figure 3, at twice the linear resolution of validation/experiments/dong
 
 FINER = 2
-ROOM_EVERY = 0.05  # s between stored frames
-ROOM_FRAMES = (70, 80, 90, 120)  # of figure 4
-MERGING_FRAMES = (120, 160, 240, 320)  # of figure 6
 
 
 def dong_cube(name: str, asked: Drawing) -> Any:
@@ -313,47 +310,11 @@ def dong_cube(name: str, asked: Drawing) -> Any:
     return figure
 
 
-def dong_block(tension: bool, until: float, size: float) -> Scene:
-    """The block that falls into the room, on a finer lattice; liquid and tension as in `dong.block_scene`."""
-    cells = tuple(max(2, round(FINER * size * n)) for n in dong.CELLS)
-    spacing = dong.BLOCK / cells[0]
-    axes = [(np.arange(n) + 0.5) * spacing - 0.5 * n * spacing * (k < 2) for k, n in enumerate(cells)]
-    x = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3) + (0.0, 0.0, dong.HEIGHT)
-    x += np.random.default_rng(1).uniform(-0.01, 0.01, x.shape) * spacing
-    finer = {"spacing": spacing, "support_radius": 2.7 * spacing, "fluid": (Cloud(position=x),), "end_time": until}
-    return msgspec.structs.replace(dong.block_scene(1, tension), name="dong_block_fine", **finer)
-
-
-def dong_room(panels: NDArray, run: SavedRun, frames: Sequence[int], words: str) -> None:
-    """The box seen from above at frames of 5 ms, a panel each."""
-    half = 0.5 * dong.ROOM
-    for axes, number in zip(panels, frames):
-        frame = frame_at(run, number * dong.FRAME)
-        several, lone = pieces(run, frame)
-        look = Look("water", camera="-90,89.9", size=SQUARE)
-        show(axes, run, frame, look, ((-half, -half, 0), (half, half, 0.05)), f"{words}{several} parts, {lone} lone")
-
-
-def dong_floor(name: str, asked: Drawing) -> Any:
-    """The block after its impact, from above: figure 4 with and without tension, and 6, where the first goes on."""
-    import matplotlib.pyplot as plt
-
-    arms, frames = {"4": (["with", "without"], ROOM_FRAMES), "6": (["with"], MERGING_FRAMES)}[name.split("_")[2]]
-    figure, panels = plt.subplots(len(arms), len(frames), figsize=(11.2, 0.3 + 3.0 * len(arms)), squeeze=False)
-    until = frames[-1] * dong.FRAME
-    for row, arm in zip(panels, arms):
-        scene = dong_block(arm == "with", until, asked.size)
-        run = asked.run(f"dong_figure_4_fine_{arm}", scene, round(until / ROOM_EVERY))
-        dong_room(row, run, frames, f"{arm}, " if len(arms) > 1 else "")
-    words = "with and without tension, from above" if len(arms) > 1 else "the liquid merges"
-    headline(figure, f"Dong, figure {name.split('_')[2]}: {words}, {sum(run.plan.state.sizes):,} particles")
-    return figure
-
-
 PICTURES: dict[str, Callable[[str, Drawing], Any]] = {
-    **dict.fromkeys(POURS, pour_picture), "ice_floats": ice_picture, "dong_figure_3_fine": dong_cube,
-    "dong_figure_4_fine": dong_floor, "dong_figure_6_fine": dong_floor,
-}  # fmt: skip
+    **dict.fromkeys(POURS, pour_picture),
+    "ice_floats": ice_picture,
+    "dong_figure_3_fine": dong_cube,
+}
 
 
 @any_letter()

@@ -36,7 +36,6 @@ TURNS = 3  # of refsim and Warp
 WARP_STEPS = {39: 300, 100: 120, 200: 40}  # of refsim and of Warp in a turn by the cube's edge, after WARM others
 BUSY = 0.3  # [s] that the device works before a reading
 WARM = 60
-LARGEST_DIFFERENCE = 1e-5  # of the largest: about 30 terms of either sign, float32, in two orders
 STEP_KERNELS = ("density", "state", "forces", "extremes", "motion")  # of every step; the list is built now and then
 
 
