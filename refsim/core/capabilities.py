@@ -207,7 +207,7 @@ class CorrectsPositions:
     """Moves particles by other displacements than dt v."""
 
     def corrects_positions(self) -> bool:
-        """Whether it does so with these parameters; the neighbour list is then not audited."""
+        """Whether it does so with these parameters; unless by the field `shift`, the neighbour list is not audited."""
         raise NotImplementedError  # an effect with this capability defines it
 
     def parts_from_density(self) -> bool:

@@ -16,6 +16,7 @@ from refsim.core.walls import WallParticles
 from refsim.engine.limits import StepOutcome
 from refsim.neighbours import NeighbourSearch, Particles
 from refsim.scene.plan import Plan
+from refsim.sph import SHIFT
 
 WORTH_KEEPING = 0.2  # of the allowed displacement; with less left, rebuilding costs less than checks
 
@@ -28,7 +29,7 @@ class Lists:
     latest          the lists that passes take: of particles, of walls near each, of particles near each wall particle
     static, walls   wall particles in cell order: their set; their positions and volumes on the backend. Or None
     around_walls    whether there is a list of the particles near each wall particle, too
-    auditable       whether a step moves every particle by dt v, so that the audit can compute its previous position
+    auditable       whether a step moves every particle by dt v and a shift, from which its previous position follows
     velocities_set  whether velocities are others than those that led to the positions, which excludes an audit
     squared_displacement  largest since the list was built [m^2]; infinite where it is not known
     margin          relative displacement [m] left to two particles at the latest check; 0 before the first
@@ -48,7 +49,10 @@ class Lists:
         self.static: Any = None
         self.walls: tuple[Any, Any] | None = None
         self.around_walls = any(effect.extrapolates() for effect in effects_with(effects, BringsWalls))
-        self.auditable = not any(effect.corrects_positions() for effect in effects_with(effects, CorrectsPositions))
+        self.auditable = not any(
+            effect.corrects_positions() and SHIFT.name not in (f.name for f in effect.fields(effects))  # type: ignore[attr-defined]
+            for effect in effects_with(effects, CorrectsPositions)
+        )
         self.velocities_set = False
         self.by_forces = not any(
             effect is not None and {"velocity", "position"} & {*p.updates, *p.writes} for effect, p in plan.motion

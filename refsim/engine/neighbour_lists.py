@@ -12,6 +12,7 @@ from refsim.core.errors import RunStopped
 from refsim.core.walls import liquid_with_list, with_list
 from refsim.engine.state import State
 from refsim.neighbours import NeighbourSearch, Particles
+from refsim.sph import SHIFT
 
 SORT_EVERY = 50  # steps between two sortings of particles that no neighbour list sorts
 
@@ -43,11 +44,12 @@ def _look(state: State) -> None:
     assert search is not None
     if lists.built and lists.keeps(_particles(state)):
         return
-    # The audit steps positions back by the velocities, which must be those that led to them.
+    # The audit steps positions back by velocities and shifts, which must be those that led to them.
     if lists.built and lists.auditable and not lists.velocities_set:
         position, velocity = state.fields["position"], state.fields["velocity"]
         neighbours, bounds = state.shared["neighbours"], state.shared.get("bounds")
-        search.audit(position, velocity, state.timestep, neighbours, bounds, before_sort=True)
+        shift = state.fields.get(SHIFT.name)
+        search.audit(position, velocity, state.timestep, neighbours, bounds, shift, before_sort=True)
     sort(state, search, before_build=True)
     rebuild(state)
     missed = search.log.missed_neighbours
@@ -96,7 +98,8 @@ def empty(state: State) -> Iterator[list[tuple[Any, tuple[Any, ...]]]]:
 
         none = NeighbourRows(np.empty(0, np.int64), np.empty(0, np.int32), np.empty(0, np.uint32))
         _share(state, none, none, none)
-        launched = search.programs.calls(state.build_position, state.fields.values(), state.shared.get("bounds"))
+        given = state.build_position, state.fields.values(), state.shared.get("bounds"), state.fields.get(SHIFT.name)
+        launched = search.programs.calls(*given)
     yield launched
     state.shared.clear()
     state.shared.update(before)

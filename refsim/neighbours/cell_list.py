@@ -154,34 +154,34 @@ def reorder_vectors(i, values, order, moved):
 
 
 @formula
-def near_before(i, j, position, velocity, drift, bounds, period, limit):
+def near_before(i, j, position, velocity, shift, drift, bounds, period, limit):
     """Whether j lay within the root of `limit` [m^2] of i before the latest step, if that is known of both."""
-    near = (formulas.squared_distance_before(i, j, position, velocity, drift, period) < limit) & (i != j)
+    near = (formulas.squared_distance_before(i, j, position, velocity, shift, drift, period) < limit) & (i != j)
     if near:
         near = formulas.known_before(i, j, position, bounds)
     return near
 
 
 @formula
-def audited_row(i, start, count, index, position, velocity, drift, bounds, period, limit):
-    """Neighbours of i within the root of `limit` [m^2] that its row lacks."""
-    missed = 0
+def audited_row(i, listed, position, velocity, shift, drift, bounds, period):
+    """Neighbours of i within the radius that its row of the list lacks."""
+    start, count, index, radius = listed
+    limit, missed = radius * radius, 0
     for j in range(position.shape[0]):
-        missed += near_before(i, j, position, velocity, drift, bounds, period, limit)
-    for k in range(start, start + count):
-        missed -= near_before(i, index[k], position, velocity, drift, bounds, period, limit)
+        missed += near_before(i, j, position, velocity, shift, drift, bounds, period, limit)
+    for k in range(start[i], start[i] + count[i]):
+        missed -= near_before(i, index[k], position, velocity, shift, drift, bounds, period, limit)
     return missed
 
 
 @kernel(rows_of="rows")
-def count_missed(k, position, velocity, drift, bounds, period, listed, rows, radius, missed):
-    """Neighbours nearer than `radius` [m] that the list lacks, for a sampled row: all pairs against the list.
+def count_missed(k, position, velocity, shift, drift, bounds, period, listed, rows, missed):
+    """Neighbours nearer than the radius [m] of `listed` that this list lacks, for a sampled row, by all pairs.
 
-    The list was last used at position - drift * velocity, before the latest step; where that is not known, because a
-    plane of `bounds` stopped the particle, its pairs are left out.
+    The list was last used at position - drift * velocity - shift, before the latest step; where that is not known,
+    because a plane of `bounds` stopped the particle, its pairs are left out.
     """
-    i, (start, count, index) = rows[k], listed
-    missed[k] = audited_row(i, start[i], count[i], index, position, velocity, drift, bounds, period, radius * radius)
+    missed[k] = audited_row(rows[k], listed, position, velocity, shift, drift, bounds, period)
 
 
 @kernel
@@ -264,17 +264,21 @@ class CellSearch:
         self.cells = self.blocks = None
         self.missed = 0  # neighbours that audits have found missing
 
-    def calls(self, position, arrays, bounds):
+    def calls(self, position, arrays, bounds, shift):
         """(kernel, arguments of the types in a run) of what builds and audits of a list launch."""
         real, keys, scalars = position.dtype.type, np.empty(0, np.int64), np.empty(0, position.dtype)
         index, count = np.empty(0, np.uint32), np.empty(0, np.int32)
-        rows, box = (index, keys, count, keys), (self.period, self.periodic)
+        rows, box, before = (
+            (index, keys, count, keys),
+            (self.period, self.periodic),
+            (position, position, shift, real(0)),
+        )
         moves = {(a.ndim, a.dtype): (reorder_scalars if a.ndim == 1 else reorder_vectors, (a, keys, a)) for a in arrays}
         return [
             (cell_keys, (position, 1.0, self.periodic, keys)),
             (build_list, (position, keys, position, keys, keys, real(0), self.dim, True, *box, *rows)),
             *moves.values(),
-            (count_missed, (position, position, real(0), bounds, self.period, keys, count, index, keys, real(0), keys)),
+            (count_missed, (*before, bounds, self.period, keys, count, index, real(0), keys, keys)),
             (block_keys, (keys, keys)),
             (block_boxes, (position, position, keys, keys, keys, position, position)),
             (block_displacements, (keys, position, position, 3, scalars)),
@@ -336,12 +340,13 @@ class CellSearch:
         self.log.list_bytes = sum(a.nbytes for a in self.storage.values()) + 12 * n
         return NeighbourRows(start, count, index), int(count.max(initial=0))
 
-    def audit(self, position, velocity, timestep, neighbours, audited, radius, bounds=None):
+    def audit(self, position, velocity, timestep, neighbours, audited, radius, bounds=None, shift=None):
         rows = self.log.rebuilds * 7919 % audited.share + audited.share * np.arange(audited.number)
         missed = np.zeros(len(rows), np.int64)
         real = position.dtype.type
         drift = real(timestep[1])
-        count_missed(position, velocity, drift, bounds, self.period, tuple(neighbours), rows, real(radius), missed)
+        given = position, velocity, shift, drift, bounds, self.period
+        count_missed(*given, (*neighbours, real(radius)), rows, missed)
         self.missed += int(missed.sum())
 
     def reorder(self, array, order):

@@ -17,17 +17,16 @@ ROWS_TOGETHER = 1 if simulated() else 2  # threads that audit a particle
 
 
 @cuda_kernel(rows_of="position", lanes=ROWS_TOGETHER)
-def count_missed(position, velocity, timestep, bounds, period, neighbours, share, number, radius, report):
+def count_missed(position, velocity, shift, timestep, bounds, period, neighbours, audited, radius, report):
     """Add to report[2] the neighbours nearer than `radius` [m] that sampled rows of the list lack.
 
-    The rows are `number`, one out of each `share`, taken by the lanes by turns; which one follows from the number of
-    lists built, report[3]. The
-    list was last used at position - timestep[1] * velocity, before the latest step; where that is not known, because
-    a plane of `bounds` stopped the particle, its pairs are left out.
+    `audited` rows are one out of each share, taken by the lanes by turns; which one follows from the number of lists
+    built, report[3]. The list was last used at position - timestep[1] * velocity - shift, before the latest step;
+    where that is not known, because a plane of `bounds` stopped the particle, its pairs are left out.
     """
     j, lane = cuda.grid(1) // ROWS_TOGETHER, cuda.grid(1) % ROWS_TOGETHER
     if j < position.shape[0]:
-        limit = radius * radius
+        limit, (share, number) = radius * radius, audited
         first_row = report[3] * 7919 % share
         drift = timestep[1]
         for k in range(lane, number, ROWS_TOGETHER):
@@ -35,11 +34,11 @@ def count_missed(position, velocity, timestep, bounds, period, neighbours, share
             if j < neighbours.count[i]:  # thread j also looks at the row's j-th entry
                 other = neighbours.entries[j * position.shape[0] + i]
                 if known_before(i, other, position, bounds):  # noqa: SIM102
-                    if squared_distance_before(i, other, position, velocity, drift, period) < limit:
+                    if squared_distance_before(i, other, position, velocity, shift, drift, period) < limit:
                         cuda.atomic.add(report, 2, -1)
             if i == j or not known_before(i, j, position, bounds):
                 continue
-            if squared_distance_before(i, j, position, velocity, drift, period) < limit:
+            if squared_distance_before(i, j, position, velocity, shift, drift, period) < limit:
                 cuda.atomic.add(report, 2, 1)
 
 
@@ -144,10 +143,11 @@ class CellSearch:
         self.audit_before_sort(*given)
         self._taken_audit()()
 
-    def audit_before_sort(self, position, velocity, timestep, neighbours, audited, radius, bounds=None):
+    def audit_before_sort(self, position, velocity, timestep, neighbours, audited, radius, bounds=None, shift=None):
         """As `audit`, launched beside the first part of the sorting that follows."""
-        given = (position, velocity, timestep, bounds, self.period, neighbours, *audited, position.dtype.type(radius))
-        if self.auditor is None or any(a is not b for a, b in zip(self.auditor[0][:6], given)):
+        places = position, velocity, shift, timestep, bounds, self.period, neighbours
+        given = *places, tuple(audited), position.dtype.type(radius)
+        if self.auditor is None or any(a is not b for a, b in zip(self.auditor[0], places)):
             self.auditor = given, partial(count_missed, *given, self.lists["own"].queries.report)
         self.wanted = True
 

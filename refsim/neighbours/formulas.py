@@ -179,13 +179,22 @@ def known_before(i, j, position, bounds):
 
 
 @formula
-def squared_distance_before(i, j, position, velocity, drift, period):
-    """r^2 = |x_i - x_j|^2 [m^2] a time `drift` [s] ago."""
-    dx = (position[i, 0] - drift * velocity[i, 0]) - (position[j, 0] - drift * velocity[j, 0])
-    dy = (position[i, 1] - drift * velocity[i, 1]) - (position[j, 1] - drift * velocity[j, 1])
-    dz = (position[i, 2] - drift * velocity[i, 2]) - (position[j, 2] - drift * velocity[j, 2])
+def squared_distance_before(i, j, position, velocity, shift, drift, period):
+    """r^2 = |x_i - x_j|^2 [m^2] before a step of `drift` [s] and, unless it is None, by a `shift` [m]."""
+    dx = before(0, i, position, velocity, shift, drift) - before(0, j, position, velocity, shift, drift)
+    dy = before(1, i, position, velocity, shift, drift) - before(1, j, position, velocity, shift, drift)
+    dz = before(2, i, position, velocity, shift, drift) - before(2, j, position, velocity, shift, drift)
     dx, dy, dz = to_nearest_image(dx, dy, dz, period)
     return dx * dx + dy * dy + dz * dz
+
+
+@formula
+def before(c, i, position, velocity, shift, drift):
+    """x(t - dt) = x - dt v - shift [m] along axis c."""
+    x = position[i, c] - drift * velocity[i, c]
+    if shift is not None:
+        x -= shift[i, c]
+    return x
 
 
 @formula

@@ -190,7 +190,7 @@ def support_launches(dtype):
     keys, ranges, one = np.zeros(n, np.int64), np.zeros((n, 9), np.int32), real(1)
     listed, shared = (NeighbourColumns(integers, integers, (np.int32(0),) * lanes) for lanes in (1, 4))
     blocks = Blocks(keys, np.zeros((n, 27), np.int32))
-    period = period_group((1.0, 0.0, 2.0), dtype)
+    period, planes = period_group((1.0, 0.0, 2.0), dtype), Bounds(scalars, scalars)
     cells = periodic_cells(period, 0.2)
     return [
         (cell_table.cell_keys, (vectors, 1.0, None, keys, None)),
@@ -221,9 +221,9 @@ def support_launches(dtype):
         (cell_boxes.join_boxes, (None, vectors, vectors, vectors, vectors)),
         (cell_boxes.compare_all, (vectors, vectors, scalars)),
         (cell_boxes.compare_boxes, (vectors, vectors, keys, integers, one, scalars, integers)),
-        (search.count_missed, (vectors, vectors, scalars, None, None, listed, 1, 8, one, integers)),
-        (search.count_missed, (vectors, vectors, scalars, None, period, listed, 1, 8, one, integers)),
-        (search.count_missed, (vectors, vectors, scalars, Bounds(scalars, scalars), None, listed, 1, 8, one, integers)),
+        (search.count_missed, (vectors, vectors, None, scalars, None, None, listed, (1, 8), one, integers)),
+        (search.count_missed, (vectors, vectors, vectors, scalars, None, period, listed, (1, 8), one, integers)),
+        (search.count_missed, (vectors, vectors, None, scalars, planes, None, listed, (1, 8), one, integers)),
         (sparse.block_keys, (vectors, 1.0, 3, keys)), (sparse.point_nodes, (vectors, 1.0, 0.5, blocks, integers)),
         (sparse.count_points, 3 * (integers,)),
         (table.clear_table, (integers, keys)), (table.enter_keys, (keys, keys, integers, keys)),

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from refsim import Box, Cloud, Gravity, InputError, RunStopped, Scene, Simulation, WeaklyCompressible
+from refsim import Box, BoxWalls, Cloud, Gravity, InputError, RunStopped, Scene, Simulation, WeaklyCompressible
 from refsim.backends.arrays import choose, on_threads
 from refsim.core import cases
 from refsim.core.period import period_group
@@ -281,16 +281,33 @@ def test_two_that_turn_and_meet_are_listed_in_time():
 
 
 def test_audit_looks_where_the_list_was_last_used():
-    """After a step that halves all distances the list would look short; the audit steps back first."""
+    """After a step that halves all distances the list would look short; the audit steps back first, by shifts too."""
     case = cases.CASES["cloud_3d"]()
     search, position, listed = ordered(case, "float64")
     velocity = -0.5 * position
     search.audit(position + velocity, velocity, np.array([0.0, 1.0]), listed)
     assert search.programs.missed == 0
+    search.audit(position + 2 * velocity, velocity, np.array([0.0, 1.0]), listed, shift=velocity)
+    assert search.programs.missed == 0
     search.audit(position + velocity, velocity, np.zeros(2), listed)
     assert search.programs.missed > 20
     search.build(position)
     assert search.log.missed_neighbours == search.programs.missed
+
+
+def test_lists_of_the_default_liquid_are_audited(monkeypatch):
+    """Its positions follow from velocities and shifts. A list that is kept too long lacks pairs."""
+    scene = Scene(
+        dim=2, spacing=0.05, support_radius=0.1, skin=0.05, fluid=(Box(cells=(12, 12, 1)),),
+        effects=(WeaklyCompressible(sound_speed=8.0), Gravity(), BoxWalls(lower=(0, 0, 0), upper=(1.5, 1.0, 0.0))),
+    )  # fmt: skip
+    simulation = Simulation(scene, "cpu")
+    advanced(simulation, 60)
+    assert simulation.search.log.audited_rows > 0
+    assert simulation.search.log.missed_neighbours == 0
+    monkeypatch.setattr(simulation.search, "allowed_displacement", 20 * simulation.search.allowed_displacement)
+    with pytest.raises(RunStopped, match="lacked"):
+        advanced(simulation, 200)
 
 
 def test_audit_leaves_out_particles_that_a_plane_stopped():
