@@ -1,10 +1,9 @@
-"""Runs of heat conduction: slab, orders, sphere, Stefan's problem, a melting sphere, ledgers and ranges.
+"""Runs of heat conduction: slab, orders, sphere, Stefan's problem, a melting sphere and ranges.
 
 Everywhere k = rho = c = 1 (SI units), h = 2.5 d; `number` is k dt/(rho c d^2)."""
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -240,61 +239,6 @@ def melting_sphere(
             "melted": float(melted), "melted_exactly": float(truth.time[-1]), "seconds": made.seconds,
         },
         {"time": at, "radius": radius, "raw": raw, "shifted": shifted},
-    )  # fmt: skip
-
-
-# What is kept, and what is never left
-
-
-def melting_scene(scheme: str, dtype: str, **options: Any) -> Scene:
-    """A block of ice on warm water, insulated, in steps of k dt/(rho c d^2) = 2: 1,000 particles."""
-    spacing = 0.01
-    water, ice = Box(cells=(10, 10, 5)), Box(cells=(10, 10, 5), lower=(0.0, 0.0, 5 * spacing))
-    latent = {} if scheme in ("pair_exchange", "one_sided") else {"melting_point": 0.0, "latent_heat": 3.34e5}
-    effect = HeatConduction(
-        temperature=(60.0, -10.0), conductivity=(0.6, 2.2), heat_capacity=(4186.0, 2100.0), scheme=scheme,
-        largest_number=100.0, largest_drift=0.0, **latent, **options,
-    )  # fmt: skip
-    step = 2.0 * spacing**2 * 1000.0 * 2100.0 / 2.2
-    return Scene(
-        spacing=spacing, support_radius=SUPPORT * spacing, fluid=(water, ice), effects=(effect,), step=step, dtype=dtype
-    )
-
-
-def ledger(context: Context, scheme: str, dtype: str, steps: int = 1000) -> Result:
-    """Heat of the melting scene after so many steps, less that of the start, over the heat that could be moved.
-
-    That is sum m c |T - T_mean| of the start, with latent heat sum m L more.
-    """
-    simulation = context.simulation(melting_scene(scheme, dtype), "cpu")
-    simulation.evaluate()
-
-    def now() -> float:
-        return conserved_totals(simulation)["effects"]["heat_conduction"]["heat"]
-
-    fields = {name: simulation.field(name).astype(float) for name in ("mass", "heat_capacity", "temperature")}
-    capacity = fields["mass"] * fields["heat_capacity"]
-    mean = np.average(fields["temperature"], weights=capacity)
-    scale = float((capacity * abs(fields["temperature"] - mean)).sum())
-    start, spread = now(), float(np.ptp(fields["temperature"]))
-    melts = simulation.plan.effects["heat_conduction"].melts
-    if melts:
-        scale = max(scale, float((fields["mass"] * abs(simulation.field("enthalpy"))).sum()))
-        molten = lambda: float((simulation.field("enthalpy") >= simulation.field("latent_heat")).mean())  # noqa: E731
-        first = molten()
-    drift = []
-    for k in range(steps):
-        simulation.step()
-        if (k + 1) % (steps // 20) == 0:
-            drift.append((now() - start) / scale)
-            context.progress((k + 1) / steps)
-    return Result(
-        {
-            "scheme": scheme, "dtype": dtype, "drift": drift[-1], "largest": float(np.abs(drift).max()),
-            "spread": float(np.ptp(simulation.field("temperature"))) / spread,
-            "melted": molten() - first if melts else 0.0,
-        },
-        {"drift": np.array(drift)},
     )  # fmt: skip
 
 
@@ -669,13 +613,12 @@ MAPS = {
 }
 
 
-# Heat conduction: slab, sphere, Stefan's problem and a melting sphere by every scheme, orders, ledgers and ranges.
+# Heat conduction: slab, sphere, Stefan's problem and a melting sphere by every scheme, orders and ranges.
 
 
 JUDGED_PLAIN = tuple(SCHEMES)
 SPHERES, COLUMNS = (7, 10, 14, 20), (20, 40, 80)
 BEST = "runge_kutta_legendre"
-DTYPES = ("float64", "float32")
 
 
 def planned(options: Options) -> list[RunSpec]:
@@ -700,8 +643,6 @@ def planned(options: Options) -> list[RunSpec]:
         *(RunSpec(f"melting_{name}_{cells}", melting_sphere, {"scheme": name, "cells": cells, "number": number},
               0.005 * cells**3, slow if cells > 10 else "")
           for name, cells, number in ((BEST, 10, 2.0), (BEST, 20, 2.0), ("implicit", 20, 0.5))),
-        *(RunSpec(f"ledger_{name}_{dtype}", ledger, {"scheme": name, "dtype": dtype}, 10.0, slow)
-          for name in (*KEEPING, "one_sided") for dtype in DTYPES),
     ]  # fmt: skip
 
 
@@ -765,16 +706,10 @@ def checks(results: Results, check: Checks) -> None:
         check.run(results, f"melting_{key}", {bar: "shifted"}, f"{key}_shifted", f"{words}, from the first held layer")
         late: Quantities = {"melting_time": lambda v: 100 * (v["melted"] / v["melted_exactly"] - 1)}
         check.run(results, f"melting_{key}", late, key, words)
-    for name, dtype in itertools.product((*KEEPING, "one_sided"), DTYPES):
-        key, keeps = f"ledger_{name}_{dtype}", name in KEEPING
-        bar, run = (f"ledger_{dtype}", name) if keeps else ("ledger_one_sided", dtype)
-        check.run(results, key, {bar: "largest"}, run, f"{SCHEMES[name]}, {dtype}")
-        if key in results and results[key].values["melted"]:
-            check("ledger_melted", results[key].values["melted"], f"{name}_{dtype}", f"{name}, {dtype}")
 
 
 EXPERIMENT = Experiment(
     name="heat",
-    title="conduction of heat: slab, sphere, Stefan's problem and a melting sphere by every scheme, and who keeps heat",
+    title="conduction of heat: slab, sphere, Stefan's problem and a melting sphere by every scheme",
     runs=planned, checks=checks,
 )  # fmt: skip
