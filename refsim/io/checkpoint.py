@@ -76,19 +76,21 @@ def write_checkpoint(
 
 def checkpoint_bytes(
     path: Path, arrays: Mapping[str, np.ndarray], attributes: Mapping[str, Attribute], what: str, before: int = -1
-) -> memoryview:
+) -> bytes:
     """What `write_checkpoint` writes; later than `before` by the clock, even when that was set back [ns].
 
     Raises RunStopped("non_finite"), whose sentence names the path.
     """
     finite = {name: _finite(path, name, array) for name, array in arrays.items()}
-    content = _in_hdf5(finite, json.dumps(dict(attributes)))
-    now = max(time.time_ns(), before + 1)
-    lines = f"refsim {what}\nversion {VERSION}\nwritten_ns {now}\nbytes {len(content)}\n".encode()
-    digest = hashlib.sha256(lines)
-    digest.update(content[BLOCK:])
-    content[:BLOCK] = (lines + f"sha256 {digest.hexdigest()}\n".encode()).ljust(BLOCK, b"\0")
-    return content
+    file = _in_hdf5(finite, json.dumps(dict(attributes)))
+    # From 3.12 on Python must not collect a BytesIO that still has a view.
+    with file.getbuffer() as content, content[BLOCK:] as body:
+        now = max(time.time_ns(), before + 1)
+        lines = f"refsim {what}\nversion {VERSION}\nwritten_ns {now}\nbytes {len(content)}\n".encode()
+        digest = hashlib.sha256(lines)
+        digest.update(body)
+        content[:BLOCK] = (lines + f"sha256 {digest.hexdigest()}\n".encode()).ljust(BLOCK, b"\0")
+    return file.getvalue()
 
 
 def whole_checkpoint(path: str | os.PathLike[str]) -> tuple[Path, Checkpoint, tuple[str, ...]]:
@@ -150,7 +152,7 @@ def _finite(path: Path, name: str, array: np.ndarray) -> np.ndarray:
     return array
 
 
-def _in_hdf5(arrays: Mapping[str, np.ndarray], text: str) -> memoryview:
+def _in_hdf5(arrays: Mapping[str, np.ndarray], text: str) -> io.BytesIO:
     """An HDF5 file behind an empty block that HDF5 passes over; in memory."""
     import h5py
 
@@ -161,7 +163,7 @@ def _in_hdf5(arrays: Mapping[str, np.ndarray], text: str) -> memoryview:
         for name, array in arrays.items():
             group.create_dataset(name, data=array)
         file.create_dataset("attributes", data=text, dtype=h5py.string_dtype("utf-8", len(text)))
-    return content.getbuffer()
+    return content
 
 
 HEAD = re.compile(
