@@ -23,6 +23,7 @@ NIGHT = {  # minutes, and the command
     "slow": (240, (*PYTEST, "-m", "slow", "--ignore", SLIPS)),
     "slips": (240, (*PYTEST, "-m", "slow", "-n", CORES, SLIPS)),
     "host_slips": (240, (*PYTHON, "tests/host_slips.py", "--count", "300", "--seed", SEED, "--jobs", CORES)),
+    "writes": (60, (*PYTHON, "tests/commands/refused_writes.py", "--count", "2000", "--seed", SEED)),
     "laws": (130, (*VALIDATION, "laws", "--minutes", "110", "--seed", SEED)),
     "attack": (75, (*VALIDATION, "attack", "--minutes", "60", "--seed", SEED)),
     "peers": (180, (*VALIDATION, "run", "boundary", "mpm_droplet", "surface_reconstruction", "timing", "--peers")),
