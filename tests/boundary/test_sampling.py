@@ -10,7 +10,8 @@ import trimesh
 from refsim.__main__ import main
 from refsim.backends.arrays import on_threads
 from refsim.boundary.mesh import surface_mesh
-from refsim.boundary.sampling import HEXAGONAL, facet_counts, sample
+from refsim.boundary.sampling import HEXAGONAL, facet_counts, isosurface, sample
+from refsim.boundary.signed_distance import signed_distance
 from refsim.commands.sample import nearest_distances
 from refsim.core.errors import InputError
 
@@ -33,6 +34,14 @@ def test_particles_are_even_and_on_the_mesh(on_ball):
     assert trimesh.proximity.closest_point(made, on_ball.position)[1].max() < 1e-5 * on_ball.radius / 0.08
     outward = (on_ball.normal * on_ball.position).sum(1) / np.linalg.norm(on_ball.position, axis=1)
     assert outward.min() > 0.98
+
+
+@pytest.mark.parametrize("level", [0.0, -0.2])
+def test_the_surface_of_a_level_encloses_what_is_below_it(level):
+    """The volume of its facets, which is negative where they turn inwards, is that of the smaller ball."""
+    corner, facets = isosurface(signed_distance(BALL, 0.05, 0.3), level)
+    found = trimesh.Trimesh(corner, facets, process=False).volume
+    assert found == pytest.approx(BALL.volume * (1 + level) ** 3, rel=0.02)
 
 
 def test_a_box_keeps_its_edges():

@@ -292,13 +292,17 @@ def test_a_cloud_of_no_numbers_is_told(scene, capsys, content, words):
     assert words in one_sentence(capsys.readouterr().err)
 
 
-@pytest.mark.parametrize("total, words", [
-    (5000, "fluid box: cells = [6, 10, 1] makes 60 cells of the lattice, whose 1.56e-05 GiB this machine"),
-    (18000, "a run of it makes 60 particles, whose"),
+@pytest.mark.parametrize("cells, total, words", [
+    ("1, 1, 1", 800, "box_walls: its box at a spacing of 0.01 m makes 900 cells of the lattice, whose 8.38e-07 GiB"),
+    ("6, 10, 1", 5000, "fluid box: cells = [6, 10, 1] makes 60 cells of the lattice, whose 1.56e-05 GiB this machine"),
+    ("6, 10, 1", 18000, "a run of it makes 60 particles, whose"),
 ])  # fmt: skip
 @pytest.mark.parametrize("command", ["plan", "run"])
-def test_more_than_memory_is_refused_with_the_spacing_that_fits(scene, capsys, monkeypatch, total, words, command):
-    """Before particles are laid out, and where a run of them takes more than they do."""
+def test_more_than_memory_is_refused_with_the_spacing_that_fits(
+    scene, capsys, monkeypatch, cells, total, words, command
+):
+    """Before particles are laid out, in the liquid and in walls, and where a run of them takes more than they do."""
+    scene.write_text(SCENE.replace("6, 10, 1", cells))
     monkeypatch.setattr(solids, "host_memory", lambda: {"total": total, "free": total})
     assert main([command, str(scene)]) == 2
     sentence = one_sentence(capsys.readouterr().err)

@@ -183,7 +183,7 @@ def momentum_with(fault):
         p = Pairs(fault, smoothing, position, position, period)
         m, rho, pr, v = (np.asarray(a, float) for a in (mass, density, pressure, velocity))
         volume = m / (rho[:, None] if fault == "rho_i for rho_j" else rho[None])
-        volume = volume * {"m for V": rho[None], "V squared": m / rho}.get(fault, 1)
+        volume = volume * {"m for V": rho[None], "V by rho_j": 1 / rho[None]}.get(fault, 1)
         both = {"p_i for p_j": 2 * pr[:, None], "p_i - p_j": pr[:, None] - pr[None]}.get(fault, pr[:, None] + pr[None])
         share = float(fluid.gradient_share) * {"opposite": -1, "half": 0.5}.get(fault, 1)
         slope = p.slope_over_r(fault != "0 by 0")
@@ -244,8 +244,9 @@ CAUSES = {  # {fault: words of the right first cause}
     "same amount": "the same amount", "r = 0 left out": "one neighbour is missing", "raises": "it raised IndexError",
     "changes an input": "it changed its input mass", "writes behind": "it wrote behind the end of density",
     "m for V": "m_j in place of m_j/rho_j", "p_i for p_j": "pressure_i in place of pressure_j",
-    "rho_i for rho_j": "density_i in place of density_j", "p_i - p_j": "-pressure_j in place of pressure_j",
-    "opposite": "with the opposite sign", "half": "0.5 times as large", "no viscosity": "that without viscosity",
+    "V by rho_j": "m_j/rho_j in place of m_j", "rho_i for rho_j": "density_i in place of density_j",
+    "p_i - p_j": "-pressure_j in place of pressure_j", "opposite": "with the opposite sign",
+    "half": "0.5 times as large", "no viscosity": "that without viscosity",
     "twice mu": "the part of viscosity is 2 times", "minus mu": "the part of viscosity is -1 times",
     "Laplacian of the plane": "wrong only with viscosity", "Laplacian off": "the part of viscosity is 1.001 times",
     "v_j alone": "wrong only with viscosity", "z missing": "wrong in z alone",

@@ -11,8 +11,8 @@ from tests.contract import drawn_faults, faulty, right
 QUICK = (
     "m_i", "constant off", "stale list", "one image", "last block", "self twice", "constant of the plane", "half h",
     "other kernel", "last twice", "no cut", "half walls", "no z", "adds", "not written", "prefix sums", "float32 sum",
-    "stale by number", "last row", "reversed", "same amount", "m for V", "rho_i for rho_j", "p_i - p_j", "minus mu",
-    "z missing", "overwrites", "0 by 0",
+    "stale by number", "last row", "reversed", "same amount", "m for V", "V by rho_j", "rho_i for rho_j", "p_i - p_j",
+    "minus mu", "z missing", "overwrites", "0 by 0",
 )  # fmt: skip
 KNOWN = 0.9  # share of the faults whose first cause is right
 

@@ -7,11 +7,24 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from refsim import Box, BoxWalls, Cloud, Gravity, InputError, RunStopped, Scene, Simulation, WeaklyCompressible
+from refsim import (
+    Box,
+    BoxWalls,
+    Cloud,
+    Gravity,
+    InputError,
+    RunStopped,
+    Scene,
+    Simulation,
+    WeaklyCompressible,
+    make_plan,
+)  # fmt: skip
 from refsim.backends.arrays import choose, on_threads
 from refsim.core import cases
 from refsim.core.period import period_group
 from refsim.core.walls import Bounds
+from refsim.engine.limits import StepOutcome
+from refsim.engine.lists import Lists
 from refsim.engine.neighbour_lists import update
 from refsim.neighbours import AUDITED_ROWS, MOST_NEIGHBOURS, AuditedRows, NeighbourSearch, Particles, coincident_pairs
 from refsim.neighbours.reference import neighbour_list, pair_blocks
@@ -278,6 +291,27 @@ def test_two_that_turn_and_meet_are_listed_in_time():
         looks.append((apart < h, simulation.shared["neighbours"].count.max() > 0))
     assert [near for near, _ in looks].count(True) > 1
     assert all(listed for near, listed in looks if near)
+
+
+def test_the_margin_of_a_kept_list_shrinks_by_bounds_of_the_steps():
+    """By the way of both where no rate is known; else at the rate less the velocities gained so far, until then."""
+    cloud = Cloud(position=[[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]])
+    effects = (WeaklyCompressible(sound_speed=10.0, density="summation"),)
+    scene = Scene(dim=2, spacing=0.05, support_radius=0.1, skin=0.2, fluid=(cloud,), effects=effects)
+
+    def margins(rate, *lengths, stopped=0):
+        """After steps of these lengths, of 0.07 m in each of which velocities change by 0.1 m/s."""
+        lists = Lists(make_plan(scene), choose("cpu"), {})
+        lists.margin, lists.rate, lists.ahead = 1.0, rate, 1.0
+        for length in lengths:
+            lists.after_step(StepOutcome(length, "", {}, 0.07, 0.1, 0.0, stopped, 0))
+            yield lists.margin
+
+    assert [*margins(None, 0.2, 0.2)] == pytest.approx([0.86, 0.72])
+    assert [*margins(-0.5, 0.2, 0.2, 0.2)] == pytest.approx([0.86, 0.68, 0.46])
+    assert [*margins(0.5, 0.4, 0.7)] == [pytest.approx(1.12), 0.0], "beyond the time ahead nothing is known"
+    assert [*margins(-9.0, 0.2)] == [0.0]
+    assert [*margins(0.5, 0.2, stopped=1)] == [0.0], "what a plane stops has another velocity"
 
 
 def test_audit_looks_where_the_list_was_last_used():

@@ -6,6 +6,7 @@ import shutil
 import sys
 import threading
 import time
+import types
 
 import msgspec
 import numpy as np
@@ -217,6 +218,22 @@ def test_a_study_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
     other = block(end_time=0.0005)
     studied("front", folder=tmp_path, scene=other, knobs=())
     assert len(done) == 4
+
+
+def test_what_is_left_is_told_by_the_work_and_the_seconds_of_finished_runs(monkeypatch):
+    """Runs of 1, 2 and 5 parts of work, of which the first take 3 and 9 s: 7 parts, then 5 at 4 s each."""
+    study = sys.modules["refsim.study"]
+    walls = iter((3.0, 9.0, 1.0))
+    monkeypatch.setattr(study, "key_of", lambda *given: "")
+    monkeypatch.setattr(study, "weighed", lambda setting: (setting.work,))
+    monkeypatch.setattr(study, "kept_or_made", lambda *given: types.SimpleNamespace(wall=next(walls)))
+    settings, said = [types.SimpleNamespace(work=work, label=f"run of {work}") for work in (5.0, 1.0, 2.0)], []
+    study._measured(settings, None, None, 1, None, said.append, None, [])
+    assert [line for line in said if " of 3: " in line] == [
+        "1 of 3: run of 1.0",
+        "2 of 3: run of 2.0; about 21 s of steps left",
+        "3 of 3: run of 5.0; about 20 s of steps left",
+    ]
 
 
 def test_a_file_of_the_scene_that_changes_during_a_run_leaves_no_result(tmp_path):
