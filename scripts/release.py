@@ -1,7 +1,9 @@
 """What a release publishes, written into build/release: wheel, source archive, site, data, conda recipe, notes.
 
-    python scripts/release.py            # of a clean checkout whose versions agree; a person publishes the folder
-    python scripts/release.py --dry      # also of a checkout with changes
+    python scripts/release.py --address https://...   # of a clean checkout; a person publishes the folder
+    python scripts/release.py --dry                   # also without an address or with changes, which it leaves out
+
+The address is the repository's; packages, CITATION.cff and codemeta.json of the source archive have it and its issues.
 
 The version is a file's, setup.cfg, and not a tag's: an archive without a repository builds the same package. A wheel
 made here bears the commit. `nox -s release` runs the checks before.
@@ -17,6 +19,7 @@ import shutil
 import subprocess
 import sys
 import tarfile
+import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -93,7 +96,23 @@ def _anonymous(member: tarfile.TarInfo) -> tarfile.TarInfo:
     return member
 
 
-def release(dry: bool) -> int:
+ADDRESSED = {  # file: (line that the addresses follow, lines with them)
+    "setup.cfg": ("project_urls =\n", "    Source = {0}\n    Issues = {0}/issues\n"),
+    "CITATION.cff": ("type: software\n", "repository-code: {0}\n"),
+    "codemeta.json": ('"name": "refsim",\n', '  "codeRepository": "{0}",\n  "issueTracker": "{0}/issues",\n'),
+}
+
+
+def fill_in(folder: Path, address: str) -> None:
+    """Write the repository's address into a checkout."""
+    for name, (line, lines) in ADDRESSED.items():
+        before, found, after = (folder / name).read_text("utf-8").partition(line)
+        if not found:
+            raise ValueError(f"{name} lacks the line {line.strip()!r}")
+        write_file(folder / name, before + line + lines.format(address.rstrip("/")) + after)
+
+
+def release(dry: bool, address: str) -> int:
     settings = configparser.ConfigParser(interpolation=None)
     settings.read(ROOT / "setup.cfg", encoding="utf-8")
     version, commit = settings["metadata"]["version"], run("git", "rev-parse", "HEAD")
@@ -101,14 +120,17 @@ def release(dry: bool) -> int:
         print(f"The checkout has changes; commit or remove them:\n{changed}")
         if not dry:
             return 2
+    if not (dry or address):
+        print("A release needs the repository's address: --address https://...")
+        return 2
     shutil.rmtree(FOLDER, ignore_errors=True)
     FOLDER.mkdir(parents=True)
-    written = ROOT / "refsim" / "commit.txt"
-    write_file(written, f"{commit}\n")
-    try:
-        run(sys.executable, "-m", "build", "-o", str(FOLDER), ".")
-    finally:
-        written.unlink()
+    with tempfile.TemporaryDirectory() as copy:
+        run("git", "clone", "-q", str(ROOT), copy)
+        write_file(Path(copy, "refsim", "commit.txt"), f"{commit}\n")
+        if address:
+            fill_in(Path(copy), address)
+        run(sys.executable, "-m", "build", "-o", str(FOLDER), copy)
     run(sys.executable, "-m", "sphinx", "-W", "-q", "-b", "html", "docs", str(FOLDER / "site"))
     source = FOLDER / f"refsim-{version}.tar.gz"
     packages = "\n".join(f"    - {name}" for name in settings["options"]["install_requires"].split())
@@ -132,8 +154,12 @@ def release(dry: bool) -> int:
 def main() -> int:
     """Run the command; returns its exit code."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--dry", action="store_true", help="also with changes that are not committed")
-    return release(parser.parse_args().dry)
+    parser.add_argument(
+        "--dry", action="store_true", help="also without an address or with changes, which are left out"
+    )
+    parser.add_argument("--address", default="", help="of the repository, https://...")
+    options = parser.parse_args()
+    return release(options.dry, options.address)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,11 @@
 """The wheel: which names it installs, and that its data is in it; test_journeys.py works with it alone."""
 
+import configparser
 import importlib.metadata
+import json
 import os
 import pathlib
+import runpy
 import shutil
 import subprocess
 import sys
@@ -52,7 +55,15 @@ def test_the_sdist_holds_what_its_tests_need(from_sdist):
             name = path.relative_to(ROOT).as_posix()
             if path.is_file() and "__pycache__" not in name and not name.startswith("figures/quick/"):
                 assert name in there, name
-    assert {"README.md", "CONTRIBUTING.md", "CHANGELOG.md", "CITATION.cff", "LICENSE", ".gitignore"} <= there
+    assert {
+        "README.md",
+        "CONTRIBUTING.md",
+        "CHANGELOG.md",
+        "CITATION.cff",
+        "codemeta.json",
+        "LICENSE",
+        ".gitignore",
+    } <= there
 
 
 def test_the_wheel_installs_no_other_name(unpacked):
@@ -84,3 +95,16 @@ def test_validation_outside_of_the_clone_says_what_to_do(tmp_path):
     command = [sys.executable, str(ROOT / "validation")]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (2, "Run this from the folder of the clone, as `python -m validation`.\n")
+
+
+def test_a_release_fills_in_the_address_of_the_repository(tmp_path):
+    release = runpy.run_path(str(ROOT / "scripts" / "release.py"))
+    for name in release["ADDRESSED"]:
+        shutil.copy(ROOT / name, tmp_path)
+    release["fill_in"](tmp_path, "https://example.org/refsim/")
+    settings = configparser.ConfigParser(interpolation=None)
+    settings.read(tmp_path / "setup.cfg")
+    assert "\nIssues = https://example.org/refsim/issues\n" in settings["metadata"]["project_urls"]
+    described = json.loads((tmp_path / "codemeta.json").read_text())
+    assert described["codeRepository"] == "https://example.org/refsim"
+    assert "\nrepository-code: https://example.org/refsim\n" in (tmp_path / "CITATION.cff").read_text()
