@@ -105,6 +105,8 @@ def _defaults(plan: Plan) -> Iterator[str]:
     for name, effect in plan.effects.items():
         if isinstance(effect, capabilities.Joins) and name not in {e.name for e in plan.scene.effects}:
             yield f"{name} joins the liquid, which names no density; the papers have none"
+        if isinstance(effect, capabilities.FollowsStart):
+            yield from effect.settled(plan.scene.effects)
     for effect in plan.scene.effects:
         for name, printed in effect.in_papers.items() if isinstance(effect, capabilities.FollowsScene) else ():
             value = getattr(plan.effects.get(effect.name), name, printed)  # a box with all faces open is left out

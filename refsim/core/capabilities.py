@@ -71,6 +71,18 @@ class FollowsScene:
         raise NotImplementedError  # an effect with this capability defines it
 
 
+class FollowsStart:
+    """Has parameters that follow the particles of the start where they are None."""
+
+    def with_start(self, grid: Discretisation, others: Mapping[str, Effect]) -> Effect:
+        """This effect with those of its parameters that are None as the particles of `grid` have them."""
+        raise NotImplementedError  # an effect with this capability defines it
+
+    def settled(self, given: Iterable[Effect]) -> Iterator[str]:
+        """What followed so beside the effects that the scene names, in words."""
+        raise NotImplementedError  # an effect with this capability defines it
+
+
 class Joins:
     """May act in a scene that does not name it."""
 

@@ -5,14 +5,16 @@ a free surface only their tangential part acts; what is near it, and its normal,
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
+import msgspec
 import numpy as np
 
 from refsim.core.capabilities import (
     BringsWalls,
     CorrectsPositions,
+    FollowsStart,
     HasPlanes,
     Joins,
     PullsParticles,
@@ -51,13 +53,23 @@ class Shifting(NamedTuple):
     whole: float = 1.0  # factor of the filling: 1, or 1/delta0 of the number density [m^dim]
 
 
-class ParticleShifting(Effect, CorrectsPositions, Joins, frozen=True, kw_only=True):
+def _within_meshes(others: Others) -> bool:
+    """Whether walls without planes take a part of the box."""
+    return any(not isinstance(effect, HasPlanes) for effect in effects_with(others, BringsWalls))
+
+
+def _filled(grid: Discretisation, others: Others) -> float:
+    """Share of its closed box that the particles fill; 0 in an open one."""
+    return grid.count * grid.spacing**grid.dim / float(np.prod(closed_box(grid, others)))
+
+
+class ParticleShifting(Effect, CorrectsPositions, Joins, FollowsStart, frozen=True, kw_only=True):
     """Displacements down the gradient of the particles' concentration.
 
     strength  A, 0 for none; Sun et al. 2017 have 1, with which vortices at Re 50 to 200 decay too fast
     surface   "detected": near a free surface, where less than 0.97 of the space is filled, only the tangential part
-              acts; "none": the liquid has no surface, as in a full periodic box or a full one between walls on all
-              sides, and its continuity equation takes the shifts (Sun et al. 2019)
+              acts; "none": the liquid has no surface, and its continuity equation takes the shifts (Sun et al. 2019);
+              by default none where the liquid fills a box that periods or planes close, without solids and meshes
     """
 
     name: ClassVar[str] = "particle_shifting"
@@ -66,7 +78,7 @@ class ParticleShifting(Effect, CorrectsPositions, Joins, frozen=True, kw_only=Tr
     needed: ClassVar[tuple[str, ...]] = (LIQUID,)
 
     strength: NotNegative = 2.2
-    surface: Literal["detected", "none"] = "detected"
+    surface: Literal["detected", "none"] | None = None
 
     @classmethod
     def joins(cls, others: Others) -> bool:
@@ -84,16 +96,24 @@ class ParticleShifting(Effect, CorrectsPositions, Joins, frozen=True, kw_only=Tr
                     f"{self.name}: surface = 'none', but the scene is open along {axis}; set surface = 'detected'."
                 )
 
+    def with_start(self, grid: Discretisation, others: Others) -> Effect:
+        closed = self.surface is None and grid.solids is None and not _within_meshes(others)
+        full = closed and _filled(grid, others) >= LEAST_FULL
+        return msgspec.structs.replace(self, surface="none") if full else self
+
+    def settled(self, given: Iterable[Effect]) -> Iterator[str]:
+        named = next((effect for effect in given if isinstance(effect, ParticleShifting)), None)
+        if self.surface == "none" and (named is None or named.surface is None):
+            yield f"surface of {self.name} is 'none', since the liquid fills its closed box"
+
     def initial(self, grid: Discretisation, state: "InitialState", others: Others) -> Mapping[str, np.ndarray]:
         """Nothing. Raises InputError for a box that is not full where the liquid is said to have no surface."""
-        walled = any(not isinstance(effect, HasPlanes) for effect in effects_with(others, BringsWalls))
-        if self.strength > 0 and self.surface == "none" and not walled:
-            filled = grid.count * grid.spacing**grid.dim / float(np.prod(closed_box(grid, others)))
-            if filled < LEAST_FULL:
-                raise InputError(
-                    f"{self.name}: surface = 'none', but the liquid fills {filled:.2g} of its box and has a free"
-                    " surface, which would compress it; set surface = 'detected'."
-                )
+        filled = 1.0 if _within_meshes(others) else _filled(grid, others)
+        if self.strength > 0 and self.surface == "none" and filled < LEAST_FULL:
+            raise InputError(
+                f"{self.name}: surface = 'none', but the liquid fills {filled:.2g} of its box and has a free"
+                " surface, which would compress it; set surface = 'detected'."
+            )
         return {}
 
     def corrects_positions(self) -> bool:
@@ -103,7 +123,7 @@ class ParticleShifting(Effect, CorrectsPositions, Joins, frozen=True, kw_only=Tr
         return self._at_surface()  # elsewhere the density takes the shifts
 
     def _at_surface(self) -> bool:
-        return self.surface == "detected" and self.strength > 0
+        return self.surface != "none" and self.strength > 0
 
     def fields(self, others: Others) -> tuple[Field, ...]:
         if self.strength == 0:

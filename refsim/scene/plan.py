@@ -9,9 +9,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import msgspec
 import numpy as np
 
-from refsim.core.capabilities import BringsWalls, JudgesStart, effects_with
+from refsim.core.capabilities import BringsWalls, FollowsStart, JudgesStart, effects_with
 from refsim.core.checked import plainly
 from refsim.core.effect import Discretisation, Effect, InitialState, Pass
 from refsim.core.errors import InputError
@@ -97,6 +98,10 @@ def make_plan(scene: Scene) -> Plan:
         with np.errstate(over="raise", divide="raise", invalid="raise"):
             empty, effects = checks.checked(scene)
             grid, state = placed(scene, empty, effects)
+            found = [effect.with_start(grid, effects) for effect in effects_with(effects, FollowsStart)]
+            if any(effect is not effects[effect.name] for effect in found):
+                named = {effect.name: effect for effect in (*scene.effects, *found)}
+                effects = checks.checked(msgspec.structs.replace(scene, effects=tuple(named.values())))[1]
             return _planned(scene, grid, effects, state)
     except (ArithmeticError, OverflowError) as error:
         raise InputError(
