@@ -133,41 +133,6 @@ class Ledger:
         }  # fmt: skip
 
 
-def evenness(run: Simulation, depth: float = 2.0) -> dict[str, float]:
-    """How evenly particles fill a round body, and whether J knows: rho J/rho0 of those `depth` cells and more below its
-    surface.
-
-    rho is the grid's: masses through the spline to the nodes, over the cell's volume, and back. mean and deviation over
-    the particles; range: of the means over the octants (quadrants)
-    """
-    dim, liquid = run.plan.grid.dim, run.plan.effects["mpm_liquid"]
-    h = liquid.cell(run.plan.grid)
-    x, mass, ratio = (run.field(name).astype(float) for name in ("position", "mass", "volume_ratio"))
-    place = x[:, :dim] / h
-    base = np.floor(place - 0.5).astype(int)
-    f = place - base
-    weight = np.stack([0.5 * (1.5 - f) ** 2, 0.75 - (f - 1) ** 2, 0.5 * (f - 0.5) ** 2])
-    base -= base.min(0)
-    nodes = np.zeros(base.max(0) + 3)
-    density = np.zeros(len(x))
-    stencil = [np.array(offset) for offset in np.ndindex(*[3] * dim)]
-    shares = [np.prod([weight[offset[c], :, c] for c in range(dim)], axis=0) for offset in stencil]
-    for offset, share in zip(stencil, shares):
-        np.add.at(nodes, tuple((base + offset).T), mass * share)
-    for offset, share in zip(stencil, shares):
-        density += share * nodes[tuple((base + offset).T)] / h**dim
-    away = (x - x.mean(0))[:, :dim]
-    volume = float((mass * ratio).sum()) / liquid.rest_density
-    radius = math.sqrt(volume / math.pi) if dim == 2 else (3 * volume / (4 * math.pi)) ** (1 / 3)
-    deep = np.linalg.norm(away, axis=1) < radius - depth * h
-    if not deep.any():
-        return dict.fromkeys(("mean", "deviation", "range"), float("nan"))
-    share = (density * ratio)[deep] / liquid.rest_density
-    side = (away[deep] > 0) @ (1 << np.arange(dim))
-    means = [share[side == k].mean() for k in range(2**dim) if (side == k).any()]
-    return {"mean": float(share.mean()), "deviation": float(share.std()), "range": float(np.ptp(means))}
-
-
 def spreads(run: Simulation) -> Array:
     """D of each particle's cluster (n, 3, 3) [m^2], h^2/4 along an axis without embedded points."""
     even = run.plan.effects["mpm_liquid"].cell(run.plan.grid) ** 2 / 4

@@ -30,7 +30,6 @@ from validation.metrics.bodies import (
     Turning,
     angle_of_mass,
     contact,
-    evenness,
     late,
     surface_of,
 )
@@ -193,50 +192,6 @@ def erratum(context: Context, backend: str, printed: str, dim: int, size: float,
     except RunStopped as stop:
         return Result({**nothing, "stopped": f"{stop.reason} in step {run.steps}", "steps": run.steps})
     return Result({**nothing, **ledger.summary(), "stopped": stopped, "steps": run.steps})
-
-
-def held(
-    context: Context, backend: str, body: str, until: float, dim: int = 2, tension: Mapping[str, Any] | None = None,
-    liquid: Mapping[str, Any] | None = None, step: float | None = None,
-) -> Result:  # fmt: skip
-    """How long a scene holds: when the runner's note comes, and when and why it stops.
-
-    body  "square" of 20 cells, "box" of R = 6.3 cells as in `rounding`; "rest", "turn" (20 rad/s, from J = 1) and
-          "swing" (10 %) of a disc of 11 cells or a ball of 6; "meet" as in `collision`, "sheet" as in `sheet`
-    """
-    balanced, velocity = body in ("rest", "swing"), None
-    if body in ("square", "box"):
-        scale = 10.0 / math.prod(SIDES) ** (1 / 3)
-        place = box([20.0] * 2) if body == "square" else box([round(2 * scale * s) / 2 for s in SIDES], seed=3)
-    elif body == "sheet":
-        place, tension, step = box([40.0, 1.0]), {"surface_tension": 0.1, **(tension or {})}, 0.0
-    else:
-        place = drops.ellipsoid(11.0 if dim == 2 else 6.0, dim, 0.1 if body == "swing" else 0.0)
-        if body == "meet":
-            place, velocity = pair(8.0, dim)
-        if body == "turn":
-            velocity = DROP_SPIN * CELLS[dim] * np.stack([-place[:, 1], place[:, 0], 0 * place[:, 0]], axis=1)
-    moving = {} if velocity is None else {"velocity": velocity}
-    scene = drops.drop_scene(
-        place, dim, tension=dict(tension or {}), liquid=dict(liquid or {}), balanced=balanced, step=step, **moving
-    )
-    run = context.simulation(scene, backend)
-    noted: list[float] = []
-    greatest = 0.0
-
-    def look(run: Simulation) -> None:
-        nonlocal greatest
-        greatest = max(greatest, float(run.field("greatest_crowding")[0]))
-        if run.remarks and not noted:
-            noted.append(run.time)
-
-    ledger, _, stopped = follow(context, run, until, 60, each=look)
-    turning = ledger.series["angular"]
-    return Result(
-        {"noted": noted[0] if noted else None, "stopped": stopped.split(" in ")[0], "time": run.time, "until": until,
-         "crowding": greatest, "inside": evenness(run)["mean"], "dim": dim,
-         "angular": turning[-1] / turning[0] - 1 if body == "turn" else None, "steps": run.steps}
-    )  # fmt: skip
 
 
 def at_rest(
@@ -833,18 +788,6 @@ PEER_BLOCKS = ((64, "lattice", 3), (64, "cells", 3), (64, "random", 3), (128, "l
 # Errata whose printed reading a run can take; docs/errata.md says what each does
 ERRATA = ("", "M1", "M3", "M4", "M5", "M6", "M7", THESIS, "M13", "M14", "M27", "M31", "M32")
 
-RECOUNT = {"recount_time": 2e-3}  # ten steps
-HELD: dict[str, dict[str, Any]] = {  # how long scenes hold: parameters of `held`
-    "square": {"body": "square"}, "square_none": {"body": "square", "tension": {"embedding": "none"}},
-    "square_half": {"body": "square", "step": 1e-4}, "square_viscous": {"body": "square", "liquid": DAMPED},
-    "square_recount": {"body": "square", "tension": RECOUNT}, "rest": {"body": "rest"},
-    "rest_viscous": {"body": "rest", "liquid": DAMPED}, "rest_recount": {"body": "rest", "tension": RECOUNT},
-    "turn": {"body": "turn"}, "turn_gradient": {"body": "turn", "liquid": {"volume": "gradient"}},
-    "turn_recount": {"body": "turn", "liquid": {"volume": "gradient"}, "tension": RECOUNT},
-    "swing": {"body": "swing"}, "meet": {"body": "meet"}, "sheet": {"body": "sheet"},
-    "ball": {"body": "rest", "dim": 3, "until": 1.0}, "box": {"body": "box", "dim": 3, "until": 0.5},
-}  # fmt: skip
-
 
 def bodies(options: Options) -> list[RunSpec]:
     """Drops under surface tension."""
@@ -900,10 +843,6 @@ def bodies(options: Options) -> list[RunSpec]:
         for dim, size, until in ((2, 12.0, 0.15), (3, 6.0, 0.06)):
             key = f"erratum_{dim}d_{printed.replace(', ', '_') or 'none'}"
             add(key, erratum, 6.0, printed=printed, dim=dim, size=size, until=until)
-    for key, scene in HELD.items():
-        seconds = 150.0 if scene.get("dim") == 3 else 30.0
-        add(f"held_{key}", held, seconds, **{"until": 2.0, **scene})
-    add("small_held", held, 1.0, True, body="meet", until=0.02)
     add("small_box", rounding, 4.0, True, shape="box", size=5.0, until=0.02, tension=ENCLOSING, liquid=RESTFUL)
     add("small_rest", at_rest, 1.0, True, dim=2, radius=5.5, until=0.05)
     add("small_floor", on_floor, 2.0, True, dim=2, radius=5.5, angle=60, until=0.05, liquid=DAMPED)
