@@ -55,13 +55,13 @@ def ellipsoid(radius: float, dim: int, stretch: float = 0.0, seed: int | None = 
     return place[((place / semi) ** 2).sum(1) < 1]
 
 
-def pair(radius: float, dim: int, speed: float = 1.0, apart: Sequence[float] = ()) -> tuple[Array, Array]:
+def pair(radius: float, dim: int, speed: float = 1.0) -> tuple[Array, Array]:
     """Places [cells] and velocities [m/s] of two discs or balls that meet along x, each at `speed`.
 
-    apart  of each from the middle between them [cells]; two cells from touching and off their axis if left out
+    They begin four cells from touching, off their axis.
     """
     single = ellipsoid(radius, dim)
-    shift = np.array(apart or (radius + 2.0, 0.25 * radius, 0.0))[:dim]
+    shift = np.array((radius + 2.0, 0.25 * radius, 0.0))[:dim]
     velocity = np.zeros((2 * len(single), 3))
     velocity[: len(single), 0], velocity[len(single) :, 0] = speed, -speed
     return np.vstack([single - shift, single + shift]), velocity
@@ -89,7 +89,7 @@ def radius_of(count: int, dim: int, per: int = 2) -> float:
 
 
 def drop_scene(
-    place: Array, dim: int, *, velocity: Any = (0.0, 0.0, 0.0), dtype: str = "float64", step: float | None = None,
+    place: Array, dim: int, *, velocity: Any = (0.0, 0.0, 0.0), step: float | None = None,
     liquid: dict[str, Any] | None = None, tension: dict[str, Any] | None = None, balanced: bool = False,
     walls: dict[str, Any] | None = None, cell: float | None = None, per: int = 2,
 ) -> Scene:  # fmt: skip
@@ -118,6 +118,6 @@ def drop_scene(
         if matter.get("dynamic_viscosity"):  # the runner's viscous limit
             step = min(step, DENSITY * h**2 / (16 * matter["dynamic_viscosity"]))
     return Scene(
-        spacing=h / per, support_radius=3 * h / per, dim=dim, dtype=dtype, step=step, effects=tuple(effects),
+        spacing=h / per, support_radius=3 * h / per, dim=dim, dtype="float64", step=step, effects=tuple(effects),
         fluid=(Cloud(position=position, velocity=velocity),),
     )  # fmt: skip
