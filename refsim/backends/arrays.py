@@ -126,6 +126,7 @@ class CudaBackend(Backend):
 
 
 CUDA_PACKAGES = {"numba_cuda": "numba-cuda[cu13]>=0.30", "cupy": "cupy-cuda13x>=14"}  # module: what pip installs
+NUMPY_BELOW = "2.5"  # for numba-cuda, as the extra "cuda" requires
 
 
 @functools.cache
@@ -143,6 +144,9 @@ def unavailable(name: str) -> str | None:
             return "no driver of an NVIDIA GPU was found"
         needed = " ".join(f'"{package}"' for package in missing)
         return f"the packages of the CUDA backend are not all installed; run pip install {needed}"
+    found, bound = ([int(part) for part in text.split(".")[:2]] for text in (np.__version__, NUMPY_BELOW))
+    if found >= bound:
+        return f'numba-cuda does not run with NumPy {np.__version__}; run pip install "numpy<{NUMPY_BELOW}"'
     try:
         from refsim.backends.compile import cuda
 

@@ -3,6 +3,7 @@
 No GPU is needed: the dispatcher, the driver's stream and `cuda.core` are replaced by objects that record the calls.
 """
 
+import pathlib
 import sys
 import types
 import warnings
@@ -10,8 +11,8 @@ import warnings
 import numpy as np
 import pytest
 
+from refsim.backends import arrays, launching
 from refsim.backends import compile as compiler
-from refsim.backends import launching
 from refsim.backends.fast import private
 from refsim.backends.runtime import simulated
 from refsim.commands import doctor
@@ -131,3 +132,12 @@ def test_doctor_says_why_launches_are_slower(monkeypatch):
 
 def test_the_simulator_launches_publicly():
     assert (compiler.cuda_kernel(scale).launches is None) == simulated()
+
+
+def test_a_numpy_that_numba_cuda_lacks_is_named(monkeypatch):
+    monkeypatch.setattr(arrays, "simulated", lambda: False)
+    monkeypatch.setattr(arrays.importlib.util, "find_spec", lambda name: name)
+    monkeypatch.setattr(arrays.np, "__version__", "2.5.1")
+    said = arrays.unavailable.__wrapped__("cuda")
+    assert said == 'numba-cuda does not run with NumPy 2.5.1; run pip install "numpy<2.5"'
+    assert f"    numpy<{arrays.NUMPY_BELOW}\n" in (pathlib.Path(__file__).parents[2] / "setup.cfg").read_text()
