@@ -90,10 +90,10 @@ def _hand_over(returned: Any, operation: Operation, given: Mapping[str, Any], ar
     """Write what a program returned into the outputs; ProgramFailed if it does not fit."""
     wanted = {name: given[name] for name in operation.outputs if given[name] is not None}
     if not isinstance(returned, Mapping):
-        if len(operation.outputs) > 1:
+        if len(wanted) != 1:
             kind = type(returned).__name__
             raise ProgramFailed(f"it returned {kind}; wanted is {{name: array}} for {', '.join(wanted)}")
-        returned = {operation.outputs[0]: returned}
+        returned = dict.fromkeys(wanted, returned)
     for name in returned:
         if name not in operation.outputs:
             known = ", ".join(operation.outputs)
@@ -149,4 +149,5 @@ def converted(given: Mapping[str, Any], names: Collection[str], convert: Callabl
 def _converted(value: Any, convert: Callable[[Any], Any]) -> Any:
     if isinstance(value, tuple) and hasattr(value, "_fields"):
         return type(value)(*(_converted(part, convert) for part in value))
-    return convert(value) if np.ndim(value) or hasattr(value, "copy_to_host") else value
+    of_numpy = isinstance(value, np.ndarray) and value.ndim > 0
+    return convert(value) if of_numpy or hasattr(value, "copy_to_host") else value

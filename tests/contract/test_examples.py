@@ -14,6 +14,7 @@ import pytest
 
 from refsim import contract
 from refsim.__main__ import main
+from refsim.backends.arrays import unavailable
 from refsim.contract.export import VectorCase, Vectors, flat
 from refsim.contract.inputs import Inputs, arguments_of_others
 from refsim.core import cases
@@ -78,6 +79,18 @@ def test_warp_holds(folder, capsys):
     if importlib.util.find_spec("warp") is None:
         pytest.skip("warp is not installed")
     holds("warp_backend", *judged(capsys, "warp_backend.py"))
+
+
+def test_cuda_c_on_arrays_of_cupy_holds(folder, capsys):
+    if importlib.util.find_spec("cupy") is None or unavailable("cuda") is not None:
+        pytest.skip("CuPy is not installed, or there is no GPU here")
+    code, operations = judged(capsys, "cupy_backend.py")
+    failed = [o for operation in operations.values() for o in operation["outcomes"] if not o["passed"]]
+    assert {o["not_judged"] for o in failed} == {f"with {n}" for n in LEFT_OUT}, failed
+    assert code == 0
+    for name, steps in (("sph.density", STEPS - {"T4"}), ("sph.gravity", STEPS - {"T4", "T9", "T10"})):
+        tried = {(o["step"], o["dtype"]) for o in operations[name]["outcomes"] if o["passed"]}
+        assert tried == {(step, dtype) for step in steps for dtype in ("float32", "float64")}
 
 
 @pytest.mark.slow
@@ -147,6 +160,19 @@ def test_arrays_in_groups_are_converted():
     outcomes = list(contract.trials(programs, "sph.density", variants=(1,), steps=("T1",)))
     assert kinds == {OfDlpack}
     assert all(o.words == "your program does not write number_density, asymmetry" for o in outcomes)
+
+
+def test_the_only_wanted_output_is_returned_as_an_array_also_beside_optional_ones():
+    def density(position, mass, smoothing):
+        given = {}
+        exec(FILES["mine.py"], given)
+        answer = np.zeros_like(mass)
+        given["density"](position, mass, smoothing, answer)
+        return answer
+
+    programs = contract.Programs({"sph.density": density}, dtypes=("float64",), kernels=("wendland_c2",))
+    first, *_ = contract.trials(programs, "sph.density", variants=(0,), steps=("T1",))
+    assert first.passed, str(first)
 
 
 # Test vectors
