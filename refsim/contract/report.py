@@ -63,7 +63,7 @@ def _judged(every: Sequence[Outcome], lacking: list[str], allowed: bool) -> dict
 
 def _plain(outcome: Outcome) -> dict[str, Any]:
     told = dataclasses.asdict(outcome)
-    return {k: v for k, v in told.items() if k not in ("operation", "backend", "telling", "signs", "traits")} | {
+    return {k: v for k, v in told.items() if k not in ("operation", "backend", "telling", "sign", "traits")} | {
         "replay": outcome.replay
     }
 

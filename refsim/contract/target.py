@@ -68,7 +68,7 @@ class Outcome:
     kernel      smoothing kernel of the inputs, "" for that of the case; `dim` their dimension
     telling     whether the right answer differs from zero, so that the trial could fail
     values      of a wrong answer: output, row, got, expected, error, bound and neighbours
-    signs       of a wrong answer, from which a cause is voted; `traits` of the inputs, see `refsim.contract.causes`
+    sign        of a wrong answer, "" without one, and `traits` of the inputs: see `refsim.contract.causes`
     seconds     of wall time that the trial took
     """
 
@@ -86,7 +86,7 @@ class Outcome:
     dim: int = 0
     telling: bool = False
     values: Mapping[str, Any] = field(default_factory=dict)
-    signs: tuple[str, ...] = ()
+    sign: str = ""
     traits: Mapping[str, Any] = field(default_factory=dict)
     seconds: float = 0.0
 
