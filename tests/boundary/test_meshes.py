@@ -20,6 +20,7 @@ from refsim.core.errors import InputError
 from refsim.scene import overlaps
 from refsim.scene.meshes import mesh_files, read_mesh
 from refsim.scene.overlaps import winding
+from refsim.scene.solids import SolidMesh
 from refsim.winding_number.reference import solid_angles
 from tests.boundary import damaged_meshes
 
@@ -285,6 +286,28 @@ def test_a_segment_is_compared_with_all_pieces_of_a_triangle_at_once():
     assert len(pieces) > 1000
     assert overlaps.areas(np.concatenate(fans)).sum() == pytest.approx(1.0, rel=1e-12)
     assert time.process_time() - began < 5.0
+
+
+def test_points_on_rays_along_edges_are_inside_where_the_body_is(tmp_path):
+    """Of an octahedron, whose edges and corners columns of points touch: such a ray may count one crossing."""
+    corners = np.concatenate([np.eye(3), -np.eye(3)])
+    trimesh.convex.convex_hull(corners).export(tmp_path / "octahedron.obj")
+    points = np.stack(np.meshgrid(*[np.arange(-5, 6) / 4] * 3), axis=-1).reshape(-1, 3) + [0.0, 0.0, 0.1]
+    found = SolidMesh(file=str(tmp_path / "octahedron.obj"), center=(0.0, 0.0, 0.0)).inside(points)
+    assert found.tolist() == (np.abs(points).sum(1) < 1).tolist()
+
+
+@pytest.mark.parametrize(("begin", "end", "within"), [
+    ((-1.0, 1.0), (4.0, 1.0), 2.0), ((0.6, 0.25), (0.6, 0.75), 0.5), ((1.0, -13.0), (1.0, -9.3), 0.7),
+    ((-0.5, -9.5), (0.5, -10.5), 0.0), ((1.5, 0.5), (3.0, 2.0), 0.5**0.5),
+])  # fmt: skip
+def test_a_segment_runs_in_a_polygon_for_a_length(begin, end, within):
+    """In a rectangle of 2 by 20: across it, inside, into it, by a corner, and out of it aslant."""
+    rectangle = np.array([[0.0, -10.0], [2.0, -10.0], [2.0, 10.0], [0.0, 10.0]])
+    for ends in ((begin, end), (end, begin)):
+        given = [np.array(each) for each in ends]
+        assert overlaps._runs_through(rectangle, *given, within - 0.01) or not within
+        assert not overlaps._runs_through(rectangle, *given, within + 0.01)
 
 
 def test_clusters_are_the_winding_number():

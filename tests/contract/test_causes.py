@@ -4,6 +4,7 @@ import dataclasses
 import json
 import pathlib
 import sys
+import types
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
@@ -11,9 +12,12 @@ import pytest
 
 from refsim import contract
 from refsim.__main__ import main
+from refsim.backends.arrays import choose
 from refsim.contract import Target
+from refsim.contract import drawn as drawn_inputs
 from refsim.contract.drawn import _judged as judged_on
 from refsim.contract.drawn import draw, with_room
+from refsim.contract.guards import Guards
 from refsim.core.operation import REGISTRY
 from refsim.neighbours.rows import NeighbourRows
 from tests.contract import faulty
@@ -170,6 +174,34 @@ def test_the_smallest_failing_input_is_kept_and_run_again(library, capsys):
     assert main(["contract", "own.py", "--replay", "failing_sph.density.json"]) == 0
     (library / "failing_sph.density.json").write_text("{}")
     assert main(["contract", "own.py", "--replay", "failing_sph.density.json"]) == 2
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.float64])
+def test_the_first_row_that_a_program_changed_is_named(kind):
+    """Of rows of one byte, of vectors, of a value alone."""
+    for values, place, words in (
+        (np.zeros(9, kind), 5, "row 5 first"), (np.zeros((9, 3), kind), (4, 2), "row 4 first"),
+        (np.zeros((), kind), (), "row 0 first"),
+    ):  # fmt: skip
+        guards = Guards(choose("cpu"))
+        guards.hold("mass", values)[place] = 1
+        assert guards.faults() == [f"it changed its input mass ({words})"]
+
+
+@pytest.mark.parametrize("number", [0, 1, 4])
+def test_particles_are_left_out_until_each_is_needed(number, monkeypatch):
+    """Of 15, 67 and 8 those three stay without which a program does not fail."""
+    target = Target(REGISTRY["sph.density"], "numpy", "float64", seed=7, dims=(2, 3))
+    name = f"drawn 7.{number}"
+    needed = draw(target, name).case.position[[0, 3, -1]]
+
+    def judge(_, drawn):
+        there = (needed[:, None] == drawn.case.position).all(2).any(1)
+        return types.SimpleNamespace(passed=not there.all(), not_judged=False)
+
+    monkeypatch.setattr(drawn_inputs, "_judged", judge)
+    assert not drawn_inputs._smallest(target, name).passed
+    assert (target.sought.smallest[1].case.position == needed).all()
 
 
 # of each: state, clamp, dim, particles, spacing, support radius, skin, masses, places by cosines, walls and the sum

@@ -3,15 +3,17 @@
 import gzip
 import importlib.util
 import json
+import math
 import pathlib
 import struct
 
 import numpy as np
 import pytest
 
+from refsim import Box, BoxWalls, Gravity, Scene, WeaklyCompressible
 from refsim.__main__ import main
 from refsim.contract.trajectories import trajectory
-from refsim.contract.whole_runs import off_by_little
+from refsim.contract.whole_runs import Comparison, off_by_little, untouched
 from refsim.core.errors import InputError
 from refsim.engine.simulation import Simulation
 from refsim.io.vtp import write_vtp
@@ -90,6 +92,25 @@ def test_a_run_of_the_same_equations_holds(other, tmp_path, capsys):
     assert centre["chaos"] >= 3 * (max(centre["refsim"]) - min(centre["refsim"])) > 0
     assert centre["allowed"] == max(centre["chaos"], centre["resolution"])
     assert {m["verdict"] for m in measures.values()} == {"holds"}
+
+
+def test_what_a_run_does_not_touch_is_named():
+    """A box whose floor is reached, whose left wall just is, whose upper face is open; an effect beside another."""
+    scene = Scene(
+        dim=2, spacing=0.02, support_radius=0.05, fluid=(Box(cells=(6, 8, 1)),),
+        effects=(
+            WeaklyCompressible(sound_speed=15.0), Gravity(),
+            BoxWalls(lower=(-0.05, 0.0, 0.0), upper=(1.0, 1.0, 0.0), open_faces=("+y",)),
+        ),
+    )  # fmt: skip
+    curves = {"smallest x": [0.3, 0.0], "largest x": [0.5, 0.9], "smallest y": [0.5, 0.2], "largest y": [0.6, 0.5]}
+    compared = Comparison(0.1, [], "", [0.0, 0.1], curves, {}, (0.1, ""), ["middle"])
+    found = {"gravity.acceleration": 1e-3, "weakly_compressible.sound_speed": math.inf}
+    told = untouched(scene, compared, found)
+    assert told == ["effect weakly_compressible", "box_walls +x", "box_walls -y", "gauge middle"]
+    known = found | {"weakly_compressible.viscosity": 0.1}
+    near = compared._replace(curves={"largest x": [0.97], "smallest y": [0.01]}, still=[])
+    assert untouched(scene, near, known) == []
 
 
 def test_a_slip_is_found(other, tmp_path, capsys):
