@@ -64,7 +64,7 @@ class HasErrata:
 class FollowsScene:
     """Has parameters that follow the scene where they are None."""
 
-    in_papers: ClassVar[Mapping[str, str]] = {}  # what the papers have for them
+    in_papers: ClassVar[Mapping[str, Any]] = {}  # what the papers have for them
 
     def with_scene_defaults(self, others: Mapping[str, Effect]) -> Effect:
         """This effect with those of its parameters that are None as the scene has them."""

@@ -299,6 +299,11 @@ def shifted(others: Others) -> bool:
     return any(effect.parts_from_density() for effect in effects_with(others, CorrectsPositions))
 
 
+def surface_kept(others: Others) -> bool:
+    """Whether the density is advanced and shifted: at a surface it is not too small, as a summed one is."""
+    return shifted(others) and liquid_of(others).with_scene_defaults(others).advances()
+
+
 def stiffness_margin(sigma: float, largest: float, fate: str, grid: Discretisation, others: Others) -> Iterator[Margin]:
     """S = sigma/(rho0 c^2 d) beside the `largest`, up to which `fate`; nothing where no sound speed acts."""
     fluid = liquid_of(others)

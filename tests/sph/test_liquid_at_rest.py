@@ -201,11 +201,14 @@ def test_shifting_beside_a_surface_brings_the_slow_return():
         assert with_scene_defaults((liquid, *effects))["weakly_compressible"].restoring == rate, (given, effects)
 
 
-@pytest.mark.parametrize("tension", [rs.Akinci2013(surface_tension=0.072), rs.JiangZhu2023(surface_tension=0.072)])
-def test_a_tank_with_a_tension_that_cannot_matter_is_the_tank_without(tension):
-    """Bond number 1e5: level, pressure and weight, to 1 %, and no particle in the planes."""
+@pytest.mark.parametrize("kind", [rs.Akinci2013, rs.CsfWang2019, rs.Dong2016, rs.JiangZhu2023])
+def test_a_tank_with_a_tension_that_cannot_matter_is_the_tank_without(kind):
+    """Bond number 1e5: level, pressure and weight, and no particle in the planes.
+
+    A density that is corrected near the surface moves pressure or weight by 0.004.
+    """
     found = []
-    for effects in ((), (tension,)):
+    for effects in ((), (kind(surface_tension=0.072),)):
         made = tank(8, 2.6, 2, density=None, viscosity=None)
         walls = msgspec.structs.replace(made.effects[2], model=None)
         simulation = rs.Simulation(msgspec.structs.replace(made, effects=(*made.effects[:2], walls, *effects)), "numpy")
@@ -215,7 +218,7 @@ def test_a_tank_with_a_tension_that_cannot_matter_is_the_tank_without(tension):
         slope = np.polyfit(y[8:48, 1], pressure[8:48], 1)[0] / (DENSITY * G)
         found.append((y[:, 1].mean(), slope, (simulation.field("mass") * (pull[:, 1] + G)).sum()))
         assert simulation.stopped_at_walls == 0
-    assert found[1] == pytest.approx(found[0], rel=0.01)
+    assert found[1] == pytest.approx(found[0], rel=5e-4)
 
 
 def test_solids_and_particles_beside_a_mesh_are_shifted_as_they_should():

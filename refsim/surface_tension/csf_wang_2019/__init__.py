@@ -6,12 +6,13 @@ These forces are not pairwise opposite and equal, so that momentum is not conser
 
 import functools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, NamedTuple
 
+import msgspec
 import numpy as np
 
-from refsim.core.capabilities import HasErrata, KnowsLimits, Margin, PullsParticles
+from refsim.core.capabilities import FollowsScene, HasErrata, KnowsLimits, Margin, PullsParticles
 from refsim.core.checked import NotNegative, Positive, Printed
 from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.fields import Field
@@ -20,7 +21,7 @@ from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value
 from refsim.sph import LIQUID, NUMBER_DENSITY, SETS, liquid_of
 from refsim.surface_detection import NEAR_SURFACE, detection_in, near_surface_pass
-from refsim.surface_tension.cohesion import BECAME_DROPS, capillary_limit, stiffness_margin
+from refsim.surface_tension.cohesion import BECAME_DROPS, capillary_limit, stiffness_margin, surface_kept
 from refsim.surface_tension.csf_wang_2019 import operations as operations
 from refsim.surface_tension.jiang_zhu_2023 import CORRECTED_DENSITY, corrected_density_passes
 
@@ -71,7 +72,7 @@ LARGEST_STIFFNESS = 0.015
 LEAST_VISCOSITY = 0.45
 
 
-class CsfWang2019(Effect, KnowsLimits, HasErrata, PullsParticles, frozen=True, kw_only=True):
+class CsfWang2019(Effect, KnowsLimits, HasErrata, FollowsScene, PullsParticles, frozen=True, kw_only=True):
     """Surface tension of a free liquid surface as a force along its normal, by its curvature.
 
     surface_tension      sigma [N/m]
@@ -80,7 +81,8 @@ class CsfWang2019(Effect, KnowsLimits, HasErrata, PullsParticles, frozen=True, k
                          half the support radius)
     normalise            compensate for the half of |n| outside the liquid, where there are no particles; without it the
                          force is about half to two thirds of that of sigma
-    density_correction   correct the density near the surface as in Jiang & Zhu, J(14) and J(15)
+    density_correction   correct the density near the surface as in Jiang & Zhu, J(14) and J(15); left out, it is on but
+                         for the default liquid, whose density a surface leaves whole
     literal              plain readings to use: "shell" (the curvature's factor dim with the whole distance in the
                          denominator, up to 1.5 times too large on a thin surface layer); or "all". The paper is not at
                          hand, so that "paper" changes nothing
@@ -92,13 +94,18 @@ class CsfWang2019(Effect, KnowsLimits, HasErrata, PullsParticles, frozen=True, k
     errata: ClassVar[tuple[str, ...]] = ("shell",)
     virial: ClassVar[str] = "the force acts on the surface alone, and the capillary limit holds"
     needed: ClassVar[tuple[str, ...]] = (LIQUID,)
+    in_papers: ClassVar[Mapping[str, Any]] = {"density_correction": True}
 
     surface_tension: NotNegative
     tension_gradient: tuple[float, float, float] = (0.0, 0.0, 0.0)
     threshold: Positive = 0.5
     normalise: bool = True
-    density_correction: bool = True
+    density_correction: bool | None = None
     literal: Printed = ()
+
+    def with_scene_defaults(self, others: Others) -> "CsfWang2019":
+        corrects = not surface_kept(others) if self.density_correction is None else self.density_correction
+        return msgspec.structs.replace(self, density_correction=corrects)
 
     def check(self, grid: Discretisation, others: Others) -> None:
         self.printed()
@@ -131,13 +138,13 @@ class CsfWang2019(Effect, KnowsLimits, HasErrata, PullsParticles, frozen=True, k
     def fields(self, others: Others) -> tuple[Field, ...]:
         if not self._acts():
             return ()
-        corrected = (NUMBER_DENSITY, NEAR_SURFACE, CORRECTED_DENSITY) if self.density_correction else ()
+        corrected = (NUMBER_DENSITY, NEAR_SURFACE, CORRECTED_DENSITY) if self.density_correction is not False else ()
         return (*corrected, INTERFACE_NORMAL, CURVATURE)
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         if not self._acts():
             return ()
-        corrected = (near_surface_pass(), *corrected_density_passes()) if self.density_correction else ()
+        corrected = (near_surface_pass(), *corrected_density_passes()) if self.density_correction is not False else ()
         return (
             *corrected,
             Pass("csf_wang_2019.normal", writes=("interface_normal",)),

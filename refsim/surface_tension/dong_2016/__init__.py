@@ -8,10 +8,11 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Literal, NamedTuple
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim.core.capabilities import HasErrata, Margin
+from refsim.core.capabilities import FollowsScene, HasErrata, Margin
 from refsim.core.checked import NotNegative, Positive, Printed
 from refsim.core.effect import Discretisation, Others, Pass
 from refsim.core.energy import EnergyAccount
@@ -20,7 +21,7 @@ from refsim.core.fields import Field
 from refsim.core.scalars import int32
 from refsim.sph import liquid_of
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
-from refsim.surface_tension.cohesion import PairCohesion, angular_momentum_note
+from refsim.surface_tension.cohesion import PairCohesion, angular_momentum_note, surface_kept
 from refsim.surface_tension.dong_2016 import operations as operations
 from refsim.surface_tension.dong_2016.reference import force_function
 from refsim.surface_tension.jiang_zhu_2023 import CORRECTED_DENSITY
@@ -46,14 +47,15 @@ class NormalCorrection(NamedTuple):
     symmetric: int  # 0: V_j = m_j/rho_j (Dong E21)
 
 
-class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
+class Dong2016(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=True):
     """Surface tension of a free liquid surface by a Lennard-Jones-like pair force.
 
     surface_tension   sigma [N/m]; nominal: turned into k by a sum over the neighbours on the lattice
     stiffness         k of D(7) [N/kg^2], instead of sigma
     rest_distance     d0 of D(7) [m]; left out, the spacing
     correction        lambda of D(9) [m^2/s^2]; left out, 3 sigma/(rho0 d)
-    filter_density    one Shepard filter of all densities in every step, as in the paper; not without tension
+    filter_density    one Shepard filter of all densities in every step, as in the paper; not without tension. Left out,
+                      it is on but for the default liquid, whose density a surface leaves whole
     solver            "shared" (density, pressure and viscosity of weakly_compressible, so that the models differ by
                       their tension alone) or "hu_adams" (D(3) to D(5))
     balance_pressure  the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2 (not in the paper);
@@ -71,6 +73,7 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
     errata: ClassVar[tuple[str, ...]] = ("E21",)
     improvements: ClassVar[tuple[str, ...]] = errata
     paper: ClassVar[Mapping[str, Any]] = {"solver": "hu_adams", "balance_pressure": False}
+    in_papers: ClassVar[Mapping[str, Any]] = {"filter_density": True}
     lattice: ClassVar[bool] = True
     with_spacing: ClassVar[tuple[str, ...]] = ("rest_distance",)
 
@@ -78,9 +81,13 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
     stiffness: NotNegative | None = None
     rest_distance: Positive | None = None
     correction: NotNegative | None = None
-    filter_density: bool = True
+    filter_density: bool | None = None
     solver: Literal["shared", "hu_adams"] = "shared"
     literal: Printed = ()
+
+    def with_scene_defaults(self, others: Others) -> "Dong2016":
+        filters = not surface_kept(others) if self.filter_density is None else self.filter_density
+        return msgspec.structs.replace(self, filter_density=filters)
 
     def check(self, grid: Discretisation, others: Others) -> None:
         self.check_coefficients()
@@ -198,4 +205,4 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
 
     def _filters(self) -> bool:
         """Whether densities are filtered: not where nothing else of the model acts."""
-        return self.filter_density and (self.coheres() or self._corrects() or self.solver == "hu_adams")
+        return self.filter_density is not False and (self.coheres() or self._corrects() or self.solver == "hu_adams")

@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim.core.capabilities import HasErrata, Margin
+from refsim.core.capabilities import FollowsScene, HasErrata, Margin
 from refsim.core.checked import NotNegative, Positive, Printed
 from refsim.core.effect import Discretisation, Others, Pass
 from refsim.core.energy import EnergyAccount
@@ -41,6 +41,7 @@ from refsim.surface_tension.cohesion import (
     angular_momentum_note,
     given_one,
     pressure_of_moment,
+    surface_kept,
     tension_of_moment,
 )
 from refsim.surface_tension.jiang_zhu_2023 import operations as operations
@@ -148,7 +149,7 @@ def kirkwood_buff_pressure(
     return pressure_of_moment(rest_density, dim, gamma, support_radius, moment)
 
 
-class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
+class JiangZhu2023(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=True):
     """Surface tension of a free liquid surface by a pair force that changes sign and by area minimisation.
 
     surface_tension     sigma [N/m]; nominal: turned into gamma by the Kirkwood-Buff integral (kirkwood_buff_sigma).
@@ -167,7 +168,8 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
                         without it cohesion compresses the liquid, and J(12) finds no particle near the surface
     density_correction  correct the density near the surface, J(14) and J(15), before the equation of state and the
                         normals. Without it J(21), which divides by both densities, can accelerate a particle that has
-                        left the surface outwards. Left out, it is on if there is tension
+                        left the surface outwards. Left out, it is on if there is tension and the density is not that of
+                        the default liquid, which a surface leaves whole
     threshold           lambda of J(12), the near-surface set N of the density correction (and, by "E23", of S); left
                         out, that of the scene's surface detection, else the paper's 0.98
     soft_lower          |h grad c| up to which the soft surface weight is 0
@@ -190,6 +192,7 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
     errata: ClassVar[tuple[str, ...]] = ("E4", "E5", "E6", "E7", "E10", "E23")
     improvements: ClassVar[tuple[str, ...]] = ("E6", "E7", "E23")
     paper: ClassVar[Mapping[str, Any]] = {"pair_mode": "either", "balance_pressure": False}  # Jiang & Zhu E9
+    in_papers: ClassVar[Mapping[str, Any]] = {"density_correction": True}
 
     surface_tension: NotNegative | None = None
     gamma: NotNegative | None = None
@@ -203,6 +206,11 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
     soft_lower: NotNegative = 0.3
     soft_upper: Positive = 1.0
     literal: Printed = ()
+
+    def with_scene_defaults(self, others: Others) -> JiangZhu2023:
+        if self.density_correction is not None:
+            return self
+        return msgspec.structs.replace(self, density_correction=self.coheres() and not surface_kept(others))
 
     def check(self, grid: Discretisation, others: Others) -> None:
         self.check_coefficients()
