@@ -38,6 +38,10 @@ STRAINED = 0.045  # Pi at which the bulk is compressed by 5 %, from which on a n
 DENSITY_KEPT = "small drops keep their density to 10 %"
 BECAME_DROPS = "cubes became drops (beyond it they fly apart, and a shorter step does not help)"
 TENSION_POWER, PRESSURE_POWER = {2: 3, 3: 4}, {2: 2, 3: 3}  # of r in the moments of C
+# Measured over nominal tension of drops of the default liquid, by dimension: at each h/d, pairs (S, share) with the
+# measured S = sigma/(rho0 c^2 d). The return of the density is in c/h: the smaller S, the nearer to a summed
+# one.
+Measured = Mapping[int, tuple[tuple[float, tuple[tuple[float, float], ...]], ...]]
 PairForce = Callable[[NDArray], NDArray]  # C(r) [N/kg^2] of distances r [m]
 
 _NODE, _WEIGHT = np.polynomial.legendre.leggauss(16)
@@ -132,8 +136,7 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
 
     lattice: ClassVar[bool] = False  # sums over lattice neighbours, for a force of short range
     potential: ClassVar[bool] = True  # the force of a pair depends on its distance and masses alone
-    # measured over nominal tension of drops of the default liquid, at h/d, by dimension; elsewhere sigma is nominal
-    measured: ClassVar[Mapping[int, tuple[tuple[float, float], ...]]] = {}
+    measured: ClassVar[Measured] = {}  # where it has nothing, sigma is nominal
     needed: ClassVar[tuple[str, ...]] = (LIQUID,)
 
     balance_pressure: bool = True
@@ -168,11 +171,20 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
         return sigma / self.unit_tension(grid, others) / self.share_of_nominal(grid, others) if sigma else 0.0
 
     def share_of_nominal(self, grid: Discretisation, others: Others) -> float:
-        """Measured over nominal tension in the default liquid, whose particles are shifted; else 1."""
-        if not (liquid_of(others).advances() and shifted(others)) or grid.dim not in self.measured:
+        """Measured over nominal tension in the default liquid, whose particles are shifted; else 1.
+
+        Linear in h/d and log S between what was measured, and at the nearest beyond.
+        """
+        liquid, sigma = liquid_of(others), getattr(self, "surface_tension")  # noqa: B009
+        if not (sigma and liquid.advances() and shifted(others)) or grid.dim not in self.measured:
             return 1.0
-        support, share = zip(*self.measured[grid.dim])
-        return float(np.interp(grid.support_radius / grid.spacing, support, share))
+        stiffness = sigma / (liquid.rest_density * liquid.sound_speed**2 * grid.spacing)
+        support, found = [], []
+        for at, shares in self.measured[grid.dim]:
+            known, share = np.array(shares).T
+            support.append(at)
+            found.append(np.interp(math.log(stiffness), np.log(known), share))
+        return float(np.interp(grid.support_radius / grid.spacing, support, found))
 
     def unit_tension(self, grid: Discretisation, others: Others) -> float:
         """sigma [N/m] of a coefficient of one."""

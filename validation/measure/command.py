@@ -39,6 +39,11 @@ def add_commands(made: argparse.ArgumentParser) -> None:
     for name, words, file in (
         ("drops", "measures the free drops of the sigma map", "drops.json"),
         ("sessile", "measures the drops of the wetting map, which sit on a plane", "wetting.json"),
+        (
+            "tension",
+            "measures the tension that acts in the default liquid over the asked one",
+            "tension.json",
+        ),
     ):
         part = add(name, words)
         part.set_defaults(perform=measure_drops)
@@ -130,7 +135,7 @@ def measure_drops(given: argparse.Namespace) -> int:
     """Measure what is missing, on many workers the longest first; prints one line for each row."""
     sessile = given.what == "sessile"
     os.environ["NUMBA_NUM_THREADS"] = "1"
-    kind = importlib.import_module(f"validation.measure.{'wetting' if sessile else 'drops'}")
+    kind = importlib.import_module(f"validation.measure.{'wetting' if sessile else given.what}")
     rows = json.loads(given.output.read_text(encoding="utf-8")) if given.output.exists() else {}
     wanted = list(kind.points(tuple(given.models or kind.MODELS), given.dims))
     wanted = [p for p in wanted if p.liquid == "continuity"] if given.advanced else wanted

@@ -91,6 +91,10 @@ class Point:
         size = f"h{self.support:g}.R{self.radius:g}.S{self.stiffness:g}"
         return f"{self.model}.{self.dim}d.{self.kernels}.{size}.{self.seed}{liquid_key(self.liquid)}"
 
+    def tension(self) -> tuple[Any, ...]:
+        """The effect of its nominal tension, and those that it needs beside it."""
+        return SETTINGS[self.model][1](1.0), *BESIDE.get(self.model, ())
+
     def cost(self) -> float:
         """About the seconds that it takes on one core."""
         particles = self.radius**self.dim * (4.2 if self.dim == 3 else math.pi)

@@ -21,7 +21,6 @@ from refsim.scene.shapes import Ball, Cloud
 from refsim.sph import Gravity, WeaklyCompressible
 from refsim.study.panels.drops import cap_volume, second_moment
 from refsim.surface_tension.akinci_2013 import Akinci2013
-from refsim.surface_tension.calibration import BESIDE, SETTINGS
 from validation.running import run_to
 
 JITTER = 0.1  # of the starting lattice, in spacings: each seed another drop
@@ -103,7 +102,7 @@ def free_drop(point: Any, position: NDArray, velocity: NDArray | None, ohnesorge
     return Scene(
         name=point.key, spacing=1.0, support_radius=point.support, dim=point.dim, dtype=point.dtype,
         fluid=(Cloud(position=position, velocity=(0.0, 0.0, 0.0) if velocity is None else velocity),),
-        effects=(_liquid(point, ohnesorge), SETTINGS[point.model][1](1.0), *BESIDE.get(point.model, ())),
+        effects=(_liquid(point, ohnesorge), *point.tension()),
     )  # fmt: skip
 
 
