@@ -7,7 +7,7 @@ import struct
 import xml.etree.ElementTree
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +21,16 @@ from refsim.io.results import PARTICLES
 
 @dataclass(frozen=True)
 class Snapshot:
-    """Particles at one time [s]: position (n, 3) [m]; velocity (n, 3) [m/s] and mass (n,) [kg] unless None."""
+    """Particles at one time [s]: position (n, 3) [m]; velocity (n, 3) [m/s] and mass (n,) [kg] unless None.
+
+    behind  whether the velocity is that of half a step before, as refsim writes it
+    """
 
     time: float
     position: np.ndarray
     velocity: np.ndarray | None = None
     mass: np.ndarray | None = None
+    behind: bool = False
 
 
 def trajectory(folder: Path) -> list[Snapshot]:
@@ -45,7 +49,7 @@ def trajectory(folder: Path) -> list[Snapshot]:
         for frame in read_particles(folder / PARTICLES):
             given = {"position": frame.position}
             given |= {name: frame.fields[name] for name in ("velocity", "mass") if name in frame.fields}
-            found.append(_checked(folder / PARTICLES, frame.time, given))
+            found.append(replace(_checked(folder / PARTICLES, frame.time, given), behind=True))
         return found
     times = _pvd(folder) | _listed(folder)
     for path in sorted(folder.iterdir()):
@@ -200,4 +204,5 @@ def _checked(path: Path, time: float, given: Mapping[str, np.ndarray]) -> Snapsh
             raise InputError(f"{path}: {name} has values that are not finite.")
     if not count or not math.isfinite(time):
         raise InputError(f"{path}: {count} particles at {time:g} s; a frame needs particles and a time.")
-    return Snapshot(time, **{name: np.asarray(values, dtype=float) for name, values in given.items()})
+    arrays: dict[str, Any] = {name: np.asarray(values, dtype=float) for name, values in given.items()}
+    return Snapshot(time, **arrays)

@@ -85,6 +85,7 @@ class Comparison(NamedTuple):
     bands    largest difference that is allowed, by measure
     decides  time [s] from which on the runs' width is more than a twentieth of some measure's range, and that measure
     still    gauges whose values stood still
+    behind   whether velocities are those of half a step before
     """
 
     time: float
@@ -95,6 +96,7 @@ class Comparison(NamedTuple):
     bands: dict[str, float]
     decides: tuple[float, str]
     still: list[str]
+    behind: bool = False
 
 
 # Measures
@@ -133,8 +135,8 @@ def compare(
     chaos_only  without the coarser run: for a code with the same equations, spacing and steps
 
     The number of particles and, up to single precision, the mass are those of the scene. The frames' velocities belong
-    to the frames' time; refsim's, which are half a step behind, are interpolated. Where the frames have no masses, all
-    particles have the same share of the scene's.
+    to the frames' time; refsim's, which are half a step behind, are interpolated, unless the frames are refsim's. Where
+    the frames have no masses, all particles have the same share of the scene's.
     Raises InputError for bad input and RunStopped where refsim's run stops.
     """
     frames = trajectory(folder)
@@ -157,8 +159,9 @@ def compare(
     given = {"particles": 0.0, "mass": MASS_ROUNDING * total} | given
     times = [frame.time for frame in frames]
     still: list[str] = []
-    runs = [run_of(scene, seed, times, backend, still=still) for seed in (None, *SEEDS)]
-    other, coarser = (None, "") if chaos_only else _coarser(scene, times, backend, total)
+    behind = frames[-1].behind
+    runs = [run_of(scene, seed, times, backend, behind, still=still) for seed in (None, *SEEDS)]
+    other, coarser = (None, "") if chaos_only else _coarser(scene, times, backend, behind, total)
     found, middles, bands, decides = [], {}, {}, (math.inf, "")
     for name in names:
         curves = [tuple(run[k][name] for run in runs) for k in range(len(frames))]
@@ -176,20 +179,20 @@ def compare(
         middles[name], bands[name] = [midrange(ours) for ours in curves], found[-1].allowed
         known = (max(middles[name]) - min(middles[name])) * DECIDES
         spread = [at for at, ours in zip(times, curves) if within * (max(ours) - min(ours)) > known]
-        if times[0] not in spread:  # else it says nothing, as what is zero by symmetry
+        if next(at for at in times if at > 0) not in spread:  # else it says nothing, as what is zero by symmetry
             decides = min(decides, (min(spread, default=math.inf), name))
-    return Comparison(time, found, coarser, times, middles, bands, decides, still)
+    return Comparison(time, found, coarser, times, middles, bands, decides, still, behind)
 
 
 def _coarser(
-    scene: Scene, times: Sequence[float], backend: str, total: float
+    scene: Scene, times: Sequence[float], backend: str, behind: bool, total: float
 ) -> tuple[list[dict[str, float]] | None, float | str]:
     """(measures at times [s] of a run with a coarser spacing and the same mass, the spacing), or (None, why not)."""
     why = ""
     for ratio in RATIOS:
         try:
             other = refined(scene, spaced(scene, 2, 0, ratio)[0])
-            return run_of(other, None, times, backend, total), other.spacing
+            return run_of(other, None, times, backend, behind, total), other.spacing
         except (InputError, RunStopped) as error:
             why = why or str(error)
     return None, why
@@ -208,12 +211,13 @@ def _gravity(simulation: Simulation) -> np.ndarray | None:
 
 
 def run_of(
-    scene: Scene, seed: int | None, times: Sequence[float], backend: str, total: float = 0.0,
+    scene: Scene, seed: int | None, times: Sequence[float], backend: str, behind: bool = False, total: float = 0.0,
     still: list[str] | None = None,
 ) -> list[dict[str, float]]:  # fmt: skip
     """Measures at times [s] of a run from the scene's start, or from a shaken one; with a total mass [kg] if given.
 
-    still  is given the names of gauges whose values stood still
+    behind  whether velocities are those of half a step before the times
+    still   is given the names of gauges whose values stood still
     """
     simulation = Simulation(scene, backend)
     share = total / float(np.asarray(simulation.field("mass"), dtype=float).sum()) if total else 1.0
@@ -232,7 +236,8 @@ def run_of(
             simulation.step()
             before, after = after, _state(simulation)
         position = _between(before.time, before.position, after.time, after.position, until)
-        velocity = _between(before.velocity_time, before.velocity, after.velocity_time, after.velocity, until)
+        began, ended = (s.time if behind else s.velocity_time for s in (before, after))
+        velocity = _between(began, before.velocity, ended, after.velocity, until)
         told = measures(Snapshot(until, position, velocity, share * after.mass), scene.dim, _gravity(simulation))
         found.append({name: value for name, (value, _) in told.items()})
     for gauge in scene.gauge if still is not None and seed is None else ():
@@ -292,7 +297,7 @@ def sensitivities(scene: Scene, compared: Comparison, backend: str) -> Iterator[
     """
     for name, altered in off_by_little(scene):
         try:
-            run = run_of(altered, None, compared.times, backend)
+            run = run_of(altered, None, compared.times, backend, compared.behind)
         except RunStopped:
             yield Sensitivity(name, LITTLE, "the run, which stops")
             continue

@@ -10,7 +10,7 @@ import struct
 import numpy as np
 import pytest
 
-from refsim import Box, BoxWalls, Gravity, Scene, WeaklyCompressible
+from refsim import Box, BoxWalls, Gravity, Scene, WeaklyCompressible, simulate
 from refsim.__main__ import main
 from refsim.contract.trajectories import trajectory
 from refsim.contract.whole_runs import Comparison, off_by_little, untouched
@@ -111,6 +111,26 @@ def test_what_a_run_does_not_touch_is_named():
     known = found | {"weakly_compressible.viscosity": 0.1}
     near = compared._replace(curves={"largest x": [0.97], "smallest y": [0.01]}, still=[])
     assert untouched(scene, near, known) == []
+
+
+def test_a_run_of_refsim_holds_from_its_first_steps(other, tmp_path, capsys):
+    """Its frames have velocities of half a step before, an error of the first order at the start."""
+    scene, frames = other
+    length = frames[0]["time"]
+    simulate(load_scene(scene), 8 * length, backend="numpy", output=tmp_path / "own", every=2 * length, progress=False)
+    code, _, measures = judged(capsys, scene, str(tmp_path / "own"), "--chaos-only")
+    assert code == 0, [m for m in measures.values() if not m["holds"]]
+    assert "kinetic energy" in measures
+
+
+def test_what_is_zero_by_symmetry_does_not_end_what_chaos_decides(tmp_path, capsys):
+    """The momentum of a free block is rounding from the first step on."""
+    (tmp_path / "scene.toml").write_text(SCENE.partition("[effects.gravity]")[0])
+    scene = load_scene(tmp_path / "scene.toml")
+    simulate(scene, 0.005, backend="numpy", output=tmp_path / "own", every=0.001, progress=False)
+    _, found, measures = judged(capsys, tmp_path / "scene.toml", str(tmp_path / "own"), "--chaos-only")
+    assert abs(measures["momentum x"]["theirs"]) < 1e-9
+    assert found["decides_until"] == found["time"]
 
 
 def test_a_slip_is_found(other, tmp_path, capsys):
