@@ -17,8 +17,10 @@ IN_THE_BROWSER = "_in_the_browser"  # a lesson that computes itself, by a script
 UNIT = re.compile(r"(?<=\d) (?=(?:[munk]?s|[KMG]iB|degrees|d|h|m|mm)\b|%)")
 CODE = re.compile(r"^(```.*?^```[^\n]*$)", re.MULTILINE | re.DOTALL)
 NAVIGATION = {
-    "Begin": ("first_scene", "sph_by_hand", "mpm_by_hand", "scene_files", "results", "study", "sweep", "gallery"),
-    "Lessons": ("lessons",),
+    "Begin": (
+        "first_scene", "lessons", "cookbook", "which_method", "sph_by_hand", "mpm_by_hand", "scene_files", "results",
+        "study", "sweep", "gallery",
+    ),
     "Liquids and walls": ("sph", "liquid", "iisph", "walls", "motions", "meshes", "gauges"),
     "Surface tension": ("surface_detection", "jiang_zhu_2023", "dong_2016", "models"),
     "Solids, heat, melting": ("shape_matching", "heat", "melting"),
@@ -40,7 +42,14 @@ def as_on_the_site(app: Any, page: str, source: list[str]) -> None:
         text = (ROOT / f"{page.upper()}.md").read_text(encoding="utf-8")
         text = LINK.sub(lambda link: f"[{link[1]}]({_from_docs(link[2])})", text)
         text = text.replace("](figures/", "](../figures/")
+    if page == "cookbook":
+        from scripts.cookbook import page as recipes
+
+        text = text.replace("<!-- cookbook -->", "\n".join(recipes()))
     if page == "gallery":
+        from scripts.cookbook import cards
+
+        text = text.replace("<!-- scenes -->", "\n".join(cards()))
         text = text.replace("<!-- films -->", "\n".join(films()))
         text = text.replace("<!-- gallery -->", "\n".join(gallery()))
     if page == "checks":
