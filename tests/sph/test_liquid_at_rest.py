@@ -188,6 +188,18 @@ def test_tensile_control_pushes_apart_what_a_negative_pressure_pulls_together(pu
     assert pushes["everywhere"] == pytest.approx(pushes["none"] * (1 if pull > 0 else 7 / 3), rel=1e-12)
 
 
+@pytest.mark.parametrize(
+    "rate, effects, told", [(0.01, (rs.Gravity(),), False), (0.03, (rs.Gravity(),), True), (0.03, (), False)]
+)
+def test_a_fast_return_is_told_where_liquid_should_rest(rate, effects, told):
+    walls = rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.6, 0.8, 0.0))
+    liquid = rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=50.0, density="continuity", restoring=rate)
+    scene = rs.Scene(
+        dim=2, spacing=0.1, support_radius=0.26, fluid=(rs.Box(cells=(6, 4, 1)),), effects=(liquid, walls, *effects)
+    )
+    assert any("does not stay at rest" in note for note in rs.make_plan(scene).notes) == told
+
+
 def test_shifting_beside_a_surface_brings_the_slow_return():
     """Not where the density takes the shifts, nor where it is summed, nor where a rate is given."""
     shifting, tension = rs.ParticleShifting(), rs.Akinci2013(surface_tension=0.07)
