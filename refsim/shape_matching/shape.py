@@ -22,9 +22,11 @@ def widest_stretch(solids: Nodes, half_width: int) -> float:
     """
     stretch = 0.0
     for begin, end in itertools.pairwise(solids.lattice.first):
-        place = solids.spacing * solids.lattice.cell[begin:end].astype(float)
-        place -= place.mean(0)
-        _, axes = np.linalg.eigh(place.T @ place)
+        place = solids.lattice.cell[begin:end] - solids.lattice.cell[begin]
+        place = solids.spacing * (place - place.mean(0))
+        moment = place.T @ place
+        # what is as wide along all axes has those of the lattice, which rounding does not turn
+        _, axes = np.linalg.eigh(np.where(np.abs(moment) > 1e-9 * np.trace(moment), moment, 0.0))
         squared = (place**2).sum(1)
         arms = [math.sqrt((squared - (place @ axis) ** 2).max()) for axis in axes.T]
         arms = [arm for arm in arms if arm > 0.25 * solids.spacing]

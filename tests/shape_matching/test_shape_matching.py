@@ -350,3 +350,15 @@ def test_bad_solids_are_refused_in_one_sentence(words):
             scene if isinstance(scene := BAD[words], rs.Scene) else solids(BALL, effects=(rs.ShapeMatching(**scene),))
         )
     assert "\n" not in str(caught.value)
+
+
+def test_the_step_of_a_ball_is_the_same_elsewhere():
+    """A ball is as wide along all axes: rounding of its place would turn those that its step is taken from."""
+    d, steps = 0.1, []
+    for cells in (0, 7, 38, 1024):
+        ball = rs.SolidBall(center=((cells + 1.5) * d,) * 3, radius=1.53 * d, velocity=(1.0, 0.0, 0.0))
+        scene = rs.Scene(
+            dtype="float64", spacing=d, support_radius=2.6 * d, solid=(ball,), fluid=(), effects=(rs.ShapeMatching(),)
+        )
+        steps.append(make_plan(scene).effects["shape_matching"].step_limits(make_plan(scene).grid, {})["solids"].length)
+    assert steps == pytest.approx([steps[0]] * 4, rel=1e-12)

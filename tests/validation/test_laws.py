@@ -70,7 +70,7 @@ def test_scenes_of_every_kind_are_drawn():
     seen = set()
 
     def drawn_with(name):
-        @settings(max_examples=8, database=None, deadline=None, suppress_health_check=list(HealthCheck), phases=PHASES)
+        @settings(max_examples=16, database=None, deadline=None, suppress_health_check=list(HealthCheck), phases=PHASES)
         @seed(2)
         @given(drawn(name))
         def look(case):

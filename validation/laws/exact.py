@@ -274,10 +274,8 @@ def sound(drawn: Drawn, backend: str) -> Found:
 @law("exact", own=True)
 def returned(drawn: Drawn, backend: str) -> Found:
     """A told density that the particles do not have returns to the counted one, by r c dt / h of it in a step."""
-    random, rate, given = drawn.random(), 0.003, {}  # those of a liquid that names nothing
-    if random.random() < 0.7:
-        rate = 10.0 ** random.uniform(-2.5, -0.5)
-        given = {"density": "continuity", "restoring": rate}
+    rate = 10.0 ** drawn.random().uniform(-3, -0.5)
+    given = {"density": "continuity", "restoring": rate}
     scene = periodic(drawn, 10, lambda s: (0 * s, 0 * s), damping=0.05, **given)
     simulation, liquid = made(scene, backend), scene.effects[0]
     begin = 0.01 * liquid.rest_density
@@ -286,7 +284,7 @@ def returned(drawn: Drawn, backend: str) -> Found:
     for _ in range(10):
         left *= 1 - rate * liquid.sound_speed / scene.support_radius * simulation.step().length
     found = simulation.field("density").astype(float) - liquid.rest_density
-    return Found(apart(found / left, 1.0), 1e-9, f"restoring = {given.get('restoring')}", scene)
+    return Found(apart(found / left, 1.0), 1e-9, f"restoring = {rate:.3g}", scene)
 
 
 @law("exact", own=True)

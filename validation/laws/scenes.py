@@ -244,7 +244,7 @@ def _liquid(draw: Draw, name: str, frame: Frame, bodies: bool) -> Effect:
     density, speed = unit("kg/m^3").of(frame.scale), unit("m/s").of(frame.scale)
     if name == "mpm_liquid":
         return make_effect(draw, EFFECTS[name], frame, rest_density=density, bulk_modulus=density * speed**2)
-    given = {"rest_density": density, "sound_speed": speed, "tensile_control": "none", "gradient": "plain"}
+    given = {"rest_density": density, "sound_speed": speed, "tensile_control": "none"}
     given["dynamic_viscosity"] = density * speed * 3.0 * unit("m").of(frame.scale) / 60
     kind = draw(st.sampled_from((None, None, "summation", "continuity")))
     given["density"] = kind
