@@ -26,12 +26,14 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 
 
 PROGRAMS = {  # by module: the program in words, what it is imported as, and its distribution
-    "pysph_flows": ("PySPH", "pysph", "pysph"), "pysph_terms": ("PySPH", "pysph", "pysph"),
-    "splishsplash": ("SPlisHSPlasH", "pysplishsplash", "pySPlisHSPlasH"),
-    "splishsplash_terms": ("SPlisHSPlasH", "pysplishsplash", "pySPlisHSPlasH"),
-    "taichi_mpm": ("Taichi", "taichi", "taichi"),
+    "libigl": ("libigl", "igl", "libigl"), "pysph_terms": ("PySPH", "pysph", "pysph"),
+    "pysplashsurf": ("pysplashsurf", "pysplashsurf", "pysplashsurf"), "taichi_mpm": ("Taichi", "taichi", "taichi"),
     "warp_sph": ("Warp", "warp", "warp-lang"), "warp_terms": ("Warp", "warp", "warp-lang"),
-}  # fmt: skip
+    "pysph_flows": ("PySPH", "pysph", "pysph"),
+} | dict.fromkeys(
+    ("splishsplash", "splishsplash_sampling", "splishsplash_terms"),
+    ("SPlisHSPlasH", "pysplishsplash", "pySPlisHSPlasH"),
+)  # fmt: skip
 
 
 def stopwatch() -> float:
