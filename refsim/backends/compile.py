@@ -49,13 +49,16 @@ def marks(made: Callable) -> Callable[..., Any]:
 def formula(function: Callable, *, inlined: bool = False, ordered: bool = False) -> Any:
     """Mark a scalar formula: plain Python when called from Python, compiled where a kernel calls it.
 
-    `inlined` puts its code into every caller, however long it is. A call passes each array as seven words and each
-    group as all of its members, which costs more than a look-up in a table. `ordered` keeps its operations as written
-    in every kernel: for what algebra would cancel.
+    On a CPU its code stands in every caller: a process that compiles would call the formula's own machine code, one
+    that loads the caller's copy, which may round otherwise. `inlined` does so on a GPU, too, however long the formula
+    is: a call passes each array as seven words and each group as all of its members. `ordered` keeps its operations
+    as written in every kernel: for what algebra would cancel.
     """
     exactly: dict[str, Any] = {"fastmath": False} if ordered else {}
     function.ordered = ordered  # type: ignore[attr-defined]
-    return overloaded(function, lambda *types: function, forceinline=inlined, **exactly)
+    for target, forced in (("cpu", True), ("cuda", inlined)):
+        overloaded(function, lambda *types: function, (target,), forceinline=forced, **exactly)
+    return function
 
 
 def overloaded(
