@@ -13,7 +13,7 @@ class StepOutcome:
     """What a step did: its length [s], the limit that set it, and how far particles have moved.
 
     limits                all largest stable steps [s]
-    step_displacement     [m] that no particle exceeds in this step
+    step_displacement     [m] that no particle exceeds in this step; `shifted` [m] of it beside dt v
     velocity_change       [m/s] by accelerations, which no particle exceeds in this step
     squared_displacement  largest since the neighbour list was built [m^2]
     stopped               number of particles that a wall's plane stopped
@@ -24,6 +24,7 @@ class StepOutcome:
     limiter: str
     limits: dict[str, float]
     step_displacement: float
+    shifted: float
     velocity_change: float
     squared_displacement: float
     stopped: int

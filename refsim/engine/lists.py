@@ -33,7 +33,7 @@ class Lists:
     velocities_set  whether velocities are others than those that led to the positions, which excludes an audit
     squared_displacement  largest since the list was built [m^2]; infinite where it is not known
     margin          relative displacement [m] left to two particles at the latest check; 0 before the first
-    step_displacement  bound on that of the latest step [m], of length `length` [s]
+    step_displacement  bound on that of the latest step [m], of length `length` [s]; `shifted` its part beside dt v
     rate            change of the margin [m/s] if velocities stay, for `ahead` [s]; None where it is not known
     gained          bound on the change of the velocities [m/s] since the latest check
     by_forces       whether velocities change by accelerations alone, so that these bound a step's displacement
@@ -58,7 +58,7 @@ class Lists:
             effect is not None and {"velocity", "position"} & {*p.updates, *p.writes} for effect, p in plan.motion
         )
         self.squared_displacement = math.inf
-        self.margin = self.step_displacement = self.length = self.ahead = self.gained = 0.0
+        self.margin = self.step_displacement = self.shifted = self.length = self.ahead = self.gained = 0.0
         self.rate: float | None = None
         shared |= {"neighbours": None, "liquid_near_walls": None}
         if plan.walls is not None:
@@ -116,7 +116,7 @@ class Lists:
     def after_step(self, done: StepOutcome) -> None:
         """Note a step."""
         self.squared_displacement, self.step_displacement = done.squared_displacement, done.step_displacement
-        self.length = done.length
+        self.length, self.shifted = done.length, done.shifted
         self.gained += done.velocity_change
         self.margin = max(self._left(done.length, self.gained), 0.0)
         self.ahead -= done.length
@@ -124,10 +124,13 @@ class Lists:
             self._forget()
 
     def _left(self, length: float, gained: float) -> float:
-        """Margin [m] after a step of this length [s], before which velocities had changed by up to `gained` [m/s]."""
+        """Margin [m] after a step of this length [s], before which velocities had changed by up to `gained` [m/s].
+
+        What was compared ahead has no shifts.
+        """
         if self.rate is None:
             return self.margin - 2 * self.step_displacement
-        return self.margin + length * (self.rate - 2 * gained) if length <= self.ahead else 0.0
+        return self.margin + length * (self.rate - 2 * gained) - 2 * self.shifted if length <= self.ahead else 0.0
 
     def after_build(self) -> None:
         """Note that the list was built where the particles are."""

@@ -16,7 +16,7 @@ from refsim.engine.branches import Accesses, accesses, needed_before
 from refsim.engine.limits import StepOutcome, stable_steps
 from refsim.engine.neighbour_lists import look_ahead
 from refsim.engine.state import Calls, State
-from refsim.sph import CROWD, LARGEST_SHIFT
+from refsim.sph import CROWD, LARGEST_SHIFT, SHIFT
 
 SMALLEST_STEP = 1e-6  # share of the first step below which the run is taken to have diverged
 
@@ -107,10 +107,9 @@ def _advanced(
 ) -> StepOutcome:  # fmt: skip
     """What a step of this length did; `squared` and `stopped` as operation sph.kick_drift gives them."""
     gained = 0.5 * (state.previous_length + length) * extremes.acceleration
-    moved = (extremes.speed + gained) * length
-    if "shift" in state.fields:  # beside dt v
-        moved += LARGEST_SHIFT * (extremes.speed * length)
-    return StepOutcome(length, limiter, limits, moved, gained, squared, int(stopped), int(extremes.dense))
+    shifted = LARGEST_SHIFT * extremes.speed * length if SHIFT.name in state.fields else 0.0
+    moved = (extremes.speed + gained) * length + shifted
+    return StepOutcome(length, limiter, limits, moved, shifted, gained, squared, int(stopped), int(extremes.dense))
 
 
 class DeviceStepper:

@@ -299,16 +299,17 @@ def test_the_margin_of_a_kept_list_shrinks_by_bounds_of_the_steps():
     effects = (WeaklyCompressible(sound_speed=10.0, density="summation"),)
     scene = Scene(dim=2, spacing=0.05, support_radius=0.1, skin=0.2, fluid=(cloud,), effects=effects)
 
-    def margins(rate, *lengths, stopped=0):
+    def margins(rate, *lengths, stopped=0, shifted=0.0):
         """After steps of these lengths, of 0.07 m in each of which velocities change by 0.1 m/s."""
         lists = Lists(make_plan(scene), choose("cpu"), {})
         lists.margin, lists.rate, lists.ahead = 1.0, rate, 1.0
         for length in lengths:
-            lists.after_step(StepOutcome(length, "", {}, 0.07, 0.1, 0.0, stopped, 0))
+            lists.after_step(StepOutcome(length, "", {}, 0.07, shifted, 0.1, 0.0, stopped, 0))
             yield lists.margin
 
     assert [*margins(None, 0.2, 0.2)] == pytest.approx([0.86, 0.72])
     assert [*margins(-0.5, 0.2, 0.2, 0.2)] == pytest.approx([0.86, 0.68, 0.46])
+    assert [*margins(-0.5, 0.2, shifted=0.03)] == pytest.approx([0.80]), "no shift was compared ahead"
     assert [*margins(0.5, 0.4, 0.7)] == [pytest.approx(1.12), 0.0], "beyond the time ahead nothing is known"
     assert [*margins(-9.0, 0.2)] == [0.0]
     assert [*margins(0.5, 0.2, stopped=1)] == [0.0], "what a plane stops has another velocity"
