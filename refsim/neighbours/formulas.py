@@ -33,7 +33,7 @@ def cell_key(cx, cy, cz):
     return (cz << (2 * BITS)) | (cy << BITS) | cx
 
 
-@formula
+@formula(ordered=True)
 def nearest_image(separation, length, inverse):
     """d = x - L floor(x/L + 1/2) [m], a component of a separation to the nearest image in a period L; both 0: none."""
     real = type(separation)
@@ -178,9 +178,12 @@ def known_before(i, j, position, bounds):
     return True
 
 
-@formula
+@formula(ordered=True)
 def squared_distance_before(i, j, position, velocity, shift, drift, period):
-    """r^2 = |x_i - x_j|^2 [m^2] before a step of `drift` [s] and, unless it is None, by a `shift` [m]."""
+    """r^2 = |x_i - x_j|^2 [m^2] before a step of `drift` [s] and, unless it is None, by a `shift` [m].
+
+    The same to the bit wherever it is called: a pair at the limit counts among all and in the list, or in neither.
+    """
     dx = before(0, i, position, velocity, shift, drift) - before(0, j, position, velocity, shift, drift)
     dy = before(1, i, position, velocity, shift, drift) - before(1, j, position, velocity, shift, drift)
     dz = before(2, i, position, velocity, shift, drift) - before(2, j, position, velocity, shift, drift)
@@ -188,7 +191,7 @@ def squared_distance_before(i, j, position, velocity, shift, drift, period):
     return dx * dx + dy * dy + dz * dz
 
 
-@formula
+@formula(ordered=True)
 def before(c, i, position, velocity, shift, drift):
     """x(t - dt) = x - dt v - shift [m] along axis c."""
     x = position[i, c] - drift * velocity[i, c]

@@ -26,7 +26,15 @@ from refsim.core.walls import Bounds
 from refsim.engine.limits import StepOutcome
 from refsim.engine.lists import Lists
 from refsim.engine.neighbour_lists import update
-from refsim.neighbours import AUDITED_ROWS, MOST_NEIGHBOURS, AuditedRows, NeighbourSearch, Particles, coincident_pairs
+from refsim.neighbours import (
+    AUDIT_MARGIN,
+    AUDITED_ROWS,
+    MOST_NEIGHBOURS,
+    AuditedRows,
+    NeighbourSearch,
+    Particles,
+    coincident_pairs,
+)
 from refsim.neighbours.reference import neighbour_list, pair_blocks
 from refsim.neighbours.rows import NeighbourRows
 from tests.running import advanced
@@ -328,6 +336,22 @@ def test_audit_looks_where_the_list_was_last_used():
     assert search.programs.missed > 20
     search.build(position)
     assert search.log.missed_neighbours == search.programs.missed
+
+
+def test_an_audit_takes_pairs_at_the_limit_alike_among_all_and_in_the_list():
+    """Of 40 particles around each of 40 others, at the audit's limit, none is missing, however they are rounded."""
+    random, limit = np.random.default_rng(5), 1 - AUDIT_MARGIN
+    search = NeighbourSearch(choose("cpu"), 3, "float32", 1.0, skin=0.1)
+    way = random.normal(size=(40, 41, 3))
+    way *= limit / np.linalg.norm(way, axis=2, keepdims=True)
+    way[:, 0] = 0.0
+    before = (way + 4.0 * np.argwhere(np.ones((4, 5, 2)))[:, None]).reshape(-1, 3).astype("float32")
+    before = before[search.order(before)]
+    velocity, shift = random.normal(size=(2, *before.shape)).astype("float32") * np.float32(0.1)
+    step = np.array([0.0, 0.05], dtype="float32")
+    listed, rows = search.build(before), AuditedRows(1, len(before))
+    search.programs.audit(before + step[1] * velocity + shift, velocity, step, listed, rows, limit, None, shift)
+    assert search.programs.missed == 0
 
 
 def test_lists_of_the_default_liquid_are_audited(monkeypatch):
