@@ -8,6 +8,7 @@ import argparse
 import dataclasses
 import json
 import os
+import re
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
@@ -26,7 +27,11 @@ from refsim.core.versions import version
 
 
 class _Parser(argparse.ArgumentParser):
-    """Errors in one sentence, as for all other bad input."""
+    """Errors in one sentence, as for all other bad input; "-90,8" is a value, not an option."""
+
+    def __init__(self, **given: Any) -> None:
+        super().__init__(**given)
+        self._negative_number_matcher = re.compile(r"-[\d.][\d.,e+-]*$")
 
     def error(self, message: str) -> NoReturn:
         raise InputError(f"{message}; see {self.prog} --help.")

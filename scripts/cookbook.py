@@ -59,14 +59,14 @@ class Recipe(NamedTuple):
 
 
 MADE = (
-    Recipe("u_tube", "U-tube", "--cut y=0.04 --color pressure --camera=-90,8",
+    Recipe("u_tube", "U-tube", "--cut y=0.04 --color pressure --camera -90,8",
            0.7, "After half a period the right arm is high."),
     Recipe("sloshing", "Sloshing", "--color velocity", 2.6, "The wave at the left wall grows with every period."),
     Recipe("wave_maker", "Wave maker", "--color velocity", 2.4, "Crests leave both ends; the middle is still at rest."),
     Recipe("dam_obstacle", "Dam break on an obstacle", "--style water", 0.24, "The front goes around the block."),
     Recipe("floating_body", "Floating body", "--style water", 2.0, "Half of the box is under water."),
-    Recipe("drop_on_plate", "Drop on a plate", "--camera=-60,4", 0.8, "The edge stands at the contact angle."),
-    Recipe("drops_colliding", "Drops that collide", "--camera=-90,10", 0.075, "A disc swings into one drop."),
+    Recipe("drop_on_plate", "Drop on a plate", "--camera -60,4", 0.8, "The edge stands at the contact angle."),
+    Recipe("drops_colliding", "Drops that collide", "--camera -90,10", 0.075, "A disc swings into one drop."),
     Recipe("melting", "Ice that melts in water", "--style water", 0.3, "The ice falls in; it has melted after 0.8 s."),
     Recipe("hot_plate", "Hot plate", "--color temperature", 200.0, "Heat has come 1 cm high."),
     Recipe("funnel", "Pouring from a mesh", "--cut y=0", 0.3, "The liquid leaves the funnel through its hole."),

@@ -188,6 +188,11 @@ def check_motions(motions: Sequence[Motion], end: float, grid: Discretisation, e
                 raise InputError(f"{owner}: a 2D tank turns about z; set direction = [0.0, 0.0, 1.0].")
             if sum(other.of == "turn" for other in motions) > 1:
                 raise InputError(f"{owner}: the scene has two turns, which do not add up; keep one.")
+            for axis, length, part in zip("xyz", grid.period or (), motion.unit()):
+                if length and abs(part) < 1 - 1e-9:
+                    raise InputError(
+                        f"{owner}: its forces differ at the two ends of the period along {axis}; leave one of them out."
+                    )
         elif grid.dim == 2 and motion.direction[2] != 0:
             raise InputError(f"{owner}: direction has a z part in a 2D scene; set it to 0.")
         _check_target(motion, owner, effects)

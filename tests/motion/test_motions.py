@@ -202,5 +202,7 @@ def test_bad_turns_are_refused(changes, words):
     turn = Motion(of="turn", kind="sway", direction=(0.0, 0.0, 1.0), amplitude=0.1, period=1.0)
     with pytest.raises(InputError, match=words):
         planned(tank(motion=(msgspec.structs.replace(turn, **changes),)))
+    with pytest.raises(InputError, match="ends of the period along x"):
+        planned(tank(motion=(turn,), walls={"open_faces": ("-x", "+x")}).with_(period=(1.0, 0.0, 0.0)))
     with pytest.raises(InputError, match="two turns"):
         planned(tank(motion=(turn, turn)))

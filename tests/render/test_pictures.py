@@ -421,7 +421,7 @@ def test_a_signal_waits_until_vtk_is_imported(monkeypatch):
     (["--limits", "1"], "--limits '1' is not possible; give two numbers with ',' between."),
     (["--color", "mass", "--limits", "2,1"], "--limits 2.0,1.0 is no range"),
     (["--camera", "left"], "--camera 'left' is no camera"),
-    (["--camera", "0,100"], "give an elevation from -90 to 90 degrees"),
+    (["--camera", "-90,100"], "give an elevation from -90 to 90 degrees"),
     (["--cut", "z=0"], "--cut 'z=0' is no plane; give for example x=0, in metres."),
     (["--size", "10x10"], "--size 10x10 is not possible"), (["--frames", "77"], "the run has 4 frames"),
     (["-o", "picture.tiff"], "is no picture; give a name that ends in .png, .webp or .jpg."),

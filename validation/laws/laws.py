@@ -205,7 +205,7 @@ def far_away(drawn: Drawn, backend: str) -> Found:
 def around_a_period(drawn: Drawn, backend: str) -> Found | None:
     """In a periodic box no place is special: all liquid moved along the period by any amount."""
     scene = drawn.scene
-    if not any(scene.period) or by_chance(scene) or any(motion.of == "turn" for motion in scene.motion):
+    if not any(scene.period) or by_chance(scene):
         return None
     length = np.array(scene.period)
     way = np.where(length > 0, drawn.random().uniform(0.1, 0.9) * length, 0.0)
