@@ -176,7 +176,7 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
         Linear in h/d and log S between what was measured, and at the nearest beyond.
         """
         liquid, sigma = liquid_of(others), getattr(self, "surface_tension")  # noqa: B009
-        if not (sigma and liquid.advances() and shifted(others)) or grid.dim not in self.measured:
+        if not self._is_measured(grid, others):
             return 1.0
         stiffness = sigma / (liquid.rest_density * liquid.sound_speed**2 * grid.spacing)
         support, found = [], []
@@ -185,6 +185,11 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
             support.append(at)
             found.append(np.interp(math.log(stiffness), np.log(known), share))
         return float(np.interp(grid.support_radius / grid.spacing, support, found))
+
+    def _is_measured(self, grid: Discretisation, others: Others) -> bool:
+        """Whether its coefficient follows from measured drops."""
+        asked = bool(getattr(self, "surface_tension")) and liquid_of(others).advances()  # noqa: B009
+        return asked and shifted(others) and grid.dim in self.measured
 
     def unit_tension(self, grid: Discretisation, others: Others) -> float:
         """sigma [N/m] of a coefficient of one."""
@@ -253,7 +258,14 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
         return max(0.0, self.internal_pressure(grid, others)) / (fluid.rest_density * fluid.sound_speed**2)
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
-        notes = self.exceeded(grid, others)
+        notes, support = self.exceeded(grid, others), grid.support_radius / grid.spacing
+        if self._is_measured(grid, others):
+            least, *_, most = (at for at, _ in self.measured[grid.dim])
+            if not least - 0.01 <= support <= most + 0.01:
+                notes.append(
+                    f"{self.name}: surface_tension is that of drops measured with a support_radius of {least:g} to"
+                    f" {most:g} spacings; with {support:.3g} another tension acts, by a fifth at 3.2"
+                )
         if liquid_of(others).advances() and not shifted(others) and self.balanced_pressure(grid, others) > 0:
             share = self.tension_with_balance(grid, others) / self._tension_of(self._force(grid, others), grid, others)
             notes.append(

@@ -95,6 +95,14 @@ def test_a_tension_is_turned_into_a_coefficient_by_measured_drops():
     assert unshifted.share_of_nominal(grid, {"weakly_compressible": liquid}) == 1.0
 
 
+@pytest.mark.parametrize(("support", "noted"), [(2.2, True), (2.3, False), (3.0, False), (3.2, True)])
+def test_a_support_beyond_the_measured_ones_is_noted(support, noted):
+    liquid = WeaklyCompressible(sound_speed=10.0, density="continuity")
+    others = {"weakly_compressible": liquid, "particle_shifting": ParticleShifting()}
+    notes = Akinci2013(surface_tension=0.1).notes(Discretisation(3, "float64", 0.01, 0.01 * support, 0), others)
+    assert any("support_radius of 2.3 to 3 spacings" in note for note in notes) == noted
+
+
 def test_akinci_s_drops_in_the_default_liquid_have_the_tension_asked_for():
     """Rows of `python -m validation measure tension`, by jump and by frequency: 5 % (at h = 2.3 d 10 %)."""
     rows = json.loads((DATA / "tension.json").read_text()).values()
