@@ -15,7 +15,6 @@ from refsim.smoothing import smoothing
 from refsim.sph import Fluid
 from tests.running import advanced
 from validation.experiments.liquid import runs
-from validation.running import Context
 
 SMALL = ((3, 3), 2, (8, 7), 2.6, runs.ARTIFICIAL)  # body, cells below it, tank, h/d, alpha
 
@@ -23,17 +22,6 @@ SMALL = ((3, 3), 2, (8, 7), 2.6, runs.ARTIFICIAL)  # body, cells below it, tank,
 def submerged(*given, dtype="float32"):
     """The experiment's scene; in single precision, whose kernels other tests need, too."""
     return msgspec.structs.replace(runs.submerged(*given), dtype=dtype)
-
-
-def test_liquid_solid_and_walls_balance_their_momentum():
-    """The sum of all forces is the weight and the walls' push, to rounding."""
-    simulation = rs.Simulation(submerged(*SMALL, dtype="float64"), "numpy")
-    advanced(simulation, 3)
-    simulation.evaluate()
-    mass, force = simulation.field("mass"), simulation.field("mass") @ simulation.field("acceleration")
-    weight = np.array([0.0, 0.0, -runs.GRAVITY]) * mass.sum()
-    size = (mass[:, None] * np.abs(simulation.field("acceleration"))).sum()
-    assert np.abs(force - weight - runs.pushed(simulation)).max() <= 1e-13 * size
 
 
 def at_rest(bodies, cells, *more, floor=0, **changes):
@@ -179,40 +167,12 @@ def basin(folder, offset, cells=(8, 8, 6), **changes):
     )  # fmt: skip
 
 
-def test_a_mesh_carries_the_liquid_on_it(tmp_path):
-    """Between planes of the lattice: the first layer stays half a spacing above it, and it bears rho g depth."""
-    offset = 0.3
-    simulation = rs.Simulation(basin(tmp_path, offset), "cpu", threads=2)
-    spacing, weights, pressures = simulation.plan.grid.spacing, [], []
-    below = (np.array([3.0, 3.0, offset]) * spacing - simulation.plan.walls.position) / spacing
-    first = (np.abs(below) < [2, 2, 0.6]).all(1)
-    assert below[first, 2] == pytest.approx(0.5)
-    head = runs.DENSITY * runs.GRAVITY * (runs.DEPTH + 0.5 * spacing)
-    while simulation.time < 1.2:
-        simulation.step()
-        if simulation.time > 0.8 and simulation.steps % 5 == 0:
-            simulation.evaluate()
-            weights.append(runs.pushed(simulation)[2])
-            pressures.append(simulation.field("wall_pressure")[first].mean())
-    assert np.mean(pressures) == pytest.approx(head, rel=0.01)
-    assert np.mean(weights) == pytest.approx(simulation.field("mass").sum() * runs.GRAVITY, rel=0.01)
-    assert simulation.field("position")[:, 2].min() > (offset + 0.35) * spacing
-    assert np.sqrt((simulation.field("velocity") ** 2).sum(1).mean()) <= 1e-3 * runs.SOUND
-    assert not simulation.field("corrections").any()
-
-
-def test_a_slope_bears_rho_g_depth():
-    """One of 45 degrees, whose surface cuts the cells of the lattice; the liquid on it rests."""
-    found = runs.on_mesh(Context(), 0.0, True, 6, 16, "cpu").values
-    assert found["mesh_pressure_off"] <= 0.01
-    assert found["mesh_weight_off"] <= 0.005
-    assert found["moving"] <= 1e-3
-
-
 def test_cells_of_a_mesh_and_of_the_box_fill_space_once(tmp_path):
-    """Volumes of both in a column beside the liquid: as many as the column has cells."""
+    """The mesh's first layer is half a spacing below it; volumes beside the liquid are those of a column's cells."""
     plan = make_plan(basin(tmp_path, 0.3))
     spacing, place = plan.grid.spacing, plan.walls.position
+    below = np.array([3.0, 3.0, 0.3]) - place / spacing
+    assert below[(np.abs(below) < [2, 2, 0.6]).all(1), 2] == pytest.approx(0.5)
     column = np.abs(place[:, :2] - [-0.5 * spacing, 2.5 * spacing]).max(1) < 0.1 * spacing
     low = column & (np.abs(place[:, 2] + 0.5 * spacing) < 3.5 * spacing)
     assert plan.walls.volume[low].sum() == pytest.approx(7 * spacing**3, rel=1e-2)

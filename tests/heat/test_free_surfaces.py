@@ -133,20 +133,6 @@ def test_hard_places_keep_heat_and_range(kind):
     assert (after != np.array(t)).any() == (kind != "alone")
 
 
-def test_ice_that_melts_to_its_last_particle_keeps_the_range():
-    """Corners exchange more than a lattice does: s = 12.4 by five stages of RKL1 overshot by 0.7 % of the range."""
-    from validation.experiments.heat import runs
-
-    options = {"cells": (4, 4, 4), "held": (0,), **runs.ICE}
-    run = Simulation(runs.halves(3.0, "runge_kutta_legendre", **options), "numpy")
-    highest = 0.0
-    for _ in range(120):
-        run.step()
-        highest = max(highest, float(run.field("temperature").max()))
-    assert run.field("enthalpy").min() > runs.HARD_LATENT
-    assert highest <= runs.WARM * (1 + 1e-12)
-
-
 def test_moving_particles_are_compensated_anew_and_resting_ones_are_not():
     """The sums over neighbours are taken at the start, where positions are set, and in steps in which one moves."""
     run = bar(lattice(2), 2, 2.5, {"scheme": "explicit"})

@@ -12,7 +12,7 @@ import numba
 import numpy as np
 import pytest
 
-from refsim import Ball, BoxWalls, Gravity, JiangZhu2023, Scene, SurfaceDetection, WeaklyCompressible, contract
+from refsim import contract
 from refsim.backends.arrays import choose, unavailable
 from refsim.contract import parameters
 from refsim.contract.answers import typed
@@ -89,21 +89,7 @@ for operation in REGISTRY.values():
     assert all(line.startswith("True") and "1, 2, 8" in line for line in lines), done.stdout
 
 
-# T8: float32, whose kernels are there already; the fields of every effect are in play
-def flying_drop(**options):
-    """A moving drop over a floor with everything switched on; a thin skin, so that lists are rebuilt during the run."""
-    return Scene(
-        spacing=0.1, support_radius=0.21, skin=0.02, dim=2, name="drop",
-        fluid=(Ball(center=(0.5, 0.5, 0.0), radius=0.35, velocity=(3.0, -1.0, 0.0)),),
-        effects=(
-            WeaklyCompressible(sound_speed=12.0, dynamic_viscosity=0.3, density="summation"),
-            Gravity(acceleration=(0.0, -9.81, 0.0)), BoxWalls(lower=(0, 0, 0), upper=(1, 1, 1)),
-            SurfaceDetection(each_step=True), JiangZhu2023(surface_tension=2.0),
-        ),
-        **options,
-    )  # fmt: skip
-
-
+# T8
 @pytest.mark.parametrize(
     "name", [name for name in pairs.EFFECTS if name != "mesh_boundary"]
 )  # test_one_way_coupling.py
@@ -117,7 +103,7 @@ def test_a_resumed_run_is_the_same_run(backend):
     reason = unavailable(backend)
     if reason is not None:
         pytest.skip(reason)
-    outcomes = list(contract.resumes(flying_drop(), backend))
+    outcomes = list(contract.resumes(pairs.scene("surface_detection", "gravity", "float32"), backend))
     assert len(outcomes) == 4
     assert all(outcome.passed for outcome in outcomes), "\n".join(map(str, outcomes))
 

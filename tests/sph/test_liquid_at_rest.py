@@ -12,9 +12,6 @@ from refsim.commands.plan import describe_plan
 from refsim.core.capabilities import with_scene_defaults
 from tests.running import advanced, run_to
 from validation import pairs
-from validation.experiments.flows import runs as flows
-from validation.experiments.liquid.runs import pushed
-from validation.running import Context
 
 G, DENSITY, DEPTH = 9.81, 1000.0, 1.0
 SOUND = 10 * math.sqrt(G * DEPTH)
@@ -46,80 +43,6 @@ def jittered(simulation, size, seed=3):
     moves[:, grid.dim :] = 0
     simulation.set_field("position", position + moves)
     return simulation
-
-
-@pytest.mark.parametrize(("cells", "ratio", "dim", "shake", "gradient"), [
-    (16, 3.2, 2, 0.1, "plain"), (16, 2.6, 2, 0.0, "plain"), (8, 3.0, 3, 0.0, "plain"),
-    pytest.param(16, 3.0, 2, 0.0, "plain", marks=pytest.mark.slow),
-    pytest.param(32, 3.0, 2, 0.0, "corrected", marks=pytest.mark.slow),
-])  # fmt: skip
-def test_a_tank_rests_and_weighs_what_it_holds(cells, ratio, dim, shake, gradient):
-    """From the lattice, and shaken with particle shifting; mean values of the last half second."""
-    shifting = (rs.ParticleShifting(),) if shake else ()
-    simulation = jittered(
-        rs.Simulation(tank(cells, ratio, dim, effects=shifting, gradient=gradient), "cpu", threads=2), shake
-    )
-    slopes, weights, total = [], [], simulation.field("mass").sum() * G
-    until = 2.0 if gradient == "corrected" else 4.0
-    while simulation.time < until:
-        simulation.step()
-        if simulation.time > until - 0.5 and simulation.steps % 5 == 0:
-            height, pressure = simulation.field("position")[:, dim - 1], simulation.field("pressure")
-            inner = (height > 3 * DEPTH / cells) & (height < DEPTH - 3 * DEPTH / cells)
-            slopes.append(-np.polyfit(height[inner], pressure[inner], 1)[0] / (DENSITY * G))
-            weights.append(pushed(simulation)[dim - 1] / total)
-    assert np.sqrt((simulation.field("velocity") ** 2).sum(1).mean()) <= 1e-3 * SOUND
-    assert abs(np.mean(slopes) - 1) <= (0.01 if gradient == "corrected" else 0.04 if ratio < 3 else 0.025)
-    assert abs(np.mean(weights) - 1) <= 0.005
-    assert abs(2 * simulation.field("position")[:, dim - 1].mean() / DEPTH - 1) <= 0.005
-    assert simulation.stopped_at_walls == 0
-
-
-def vortices(cells, dtype="float64"):
-    """Periodic Taylor-Green vortices at Re 100, velocities of one metre a second at the start, on the lattice."""
-    spacing = 1.0 / cells
-    scene = rs.Scene(
-        dim=2, dtype=dtype, spacing=spacing, support_radius=3.2 * spacing, period=(1.0, 1.0, 0.0),
-        fluid=(rs.Box(cells=(cells, cells, 1)),),
-        effects=(
-            rs.WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=10.0, viscosity="central", density="continuity"),
-            rs.ParticleShifting(surface="none"),
-        ),
-    )  # fmt: skip
-    simulation = rs.Simulation(scene, "cpu", threads=2)
-    x = simulation.field("position")
-    simulation.set_field("velocity", flow(x, 0.0))
-    pressure = -0.25 * DENSITY * np.cos(4 * np.pi * x[:, :2]).sum(1)
-    simulation.set_field("advanced_excess", pressure / 100.0)
-    return simulation
-
-
-def flow(x, time):
-    """Velocities (n, 3) [m/s] of the exact solution."""
-    k = 2 * np.pi
-    u = np.stack([-np.cos(k * x[:, 0]) * np.sin(k * x[:, 1]), np.sin(k * x[:, 0]) * np.cos(k * x[:, 1])], axis=1)
-    return np.pad(u * math.exp(-2 * k**2 / 100 * time), ((0, 0), (0, 1)))
-
-
-@pytest.mark.parametrize(("cells", "error"), [(25, 0.04), pytest.param(50, 0.022, marks=pytest.mark.slow)])
-def test_vortices_decay_as_they_should(cells, error):
-    simulation = vortices(cells)
-    run_to(simulation, 1.0)
-    half = 0.5 * simulation.previous_length
-    velocity = simulation.field("velocity") + half * simulation.field("acceleration")
-    exact = flow(simulation.field("position"), simulation.time)
-    assert np.linalg.norm(velocity - exact) <= error * np.linalg.norm(exact)
-    start = np.linalg.norm(flow(simulation.field("position"), 0.0))
-    rate = math.log(start / np.linalg.norm(velocity)) / simulation.time
-    assert abs(rate / (8 * np.pi**2 / 100) - 1) <= 0.015
-
-
-def test_a_lid_drives_its_cavity(monkeypatch):
-    """0.24 and 0.16 off Ghia's; 0.65 and 0.23 where walls strain the liquid by v_fluid - v_wall."""
-    monkeypatch.setattr(flows, "SETTLED", 8.0)
-    found = flows.cavity(Context(), 12, 3.2, "cpu").values
-    assert found["u_off"] < 0.3
-    assert found["v_off"] < 0.19
 
 
 def test_a_step_alone_advances_the_density(tmp_path):

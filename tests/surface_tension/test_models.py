@@ -9,13 +9,8 @@ import pytest
 import refsim as rs
 from refsim import make_plan
 from refsim.core.effect import Discretisation
-from refsim.smoothing.reference import kernel_value
-from refsim.study.panels.drops import BALLS
-from refsim.study.panels.virial import inner_pressure
-from refsim.surface_tension.calibration import BESIDE, SETTINGS
 from refsim.surface_tension.cohesion import compression
-from tests.running import advanced, run_to
-from validation.measure.stirring import CALM, shifted_ball
+from tests.running import run_to
 
 COHESIVE = (rs.JiangZhu2023, rs.Akinci2013, rs.Dong2016, rs.BeckerTeschner2007, rs.TartakovskyMeakin2005)
 cohesive = pytest.mark.parametrize("model", COHESIVE, ids=lambda model: model.name)
@@ -112,9 +107,6 @@ def test_collapse_is_refused_and_strain_is_noted(model):
     assert balanced.shared["fluid"].internal_pressure == pytest.approx(1e5 * pressure, rel=1e-5)
 
 
-# In scenes
-
-
 def test_one_coefficient_for_both_terms_flies_apart():
     """Akinci's one gamma in SI units at rho0 = 1 kg/m^3: the area term is a thousand times that for water."""
     assert np.abs(drop(rs.Akinci2013(surface_tension=1.0)).field("position")).max() < 0.7
@@ -141,66 +133,6 @@ def test_bad_parameters_get_one_sentence(model, parameters, words):
         make_plan(rs.Scene(spacing=1.0, support_radius=2.7, fluid=(box,), effects=(fluid, model(**parameters))))
     assert words in str(error.value)
     assert str(error.value).startswith(f"{model.name}: ")
-
-
-# The liquid whose density is advanced
-def disc(model, radius, backend="cpu", kernels="wendland", **liquid):
-    """A disc of the nominal sigma = 1, rho0 = 1, d = 1 m, as the sigma map's drops relax."""
-    random = np.random.default_rng(7)
-    fluid = rs.WeaklyCompressible(
-        rest_density=1.0, sound_speed=10.0, dynamic_viscosity=CALM * math.sqrt(radius), kernels=kernels,
-        density="continuity", **liquid,
-    )  # fmt: skip
-    cloud = rs.Cloud(position=shifted_ball(2, radius, random))
-    effects = (fluid, SETTINGS[model][1](1.0))
-    scene = rs.Scene(dim=2, spacing=1.0, support_radius=2.6, dtype="float64", fluid=(cloud,), effects=effects)
-    return rs.Simulation(scene, backend)
-
-
-@pytest.mark.parametrize(
-    "model",
-    [
-        pytest.param(m, marks=[pytest.mark.slow] * (m not in ("akinci", "csf")))
-        for m in sorted(set(SETTINGS) - set(BESIDE))
-    ],
-)
-def test_every_model_runs_on_an_advanced_density_and_as_its_reference(model):
-    ran, reference = (advanced(disc(model, 3.5, backend), 4) for backend in ("cpu", "numpy"))
-    assert "sph.continuity" in ran.plan.launches()
-    for field in ("position", "velocity", "density"):
-        np.testing.assert_allclose(ran.field(field), reference.field(field), rtol=1e-11, atol=1e-12)
-
-
-def test_a_drop_on_an_advanced_density_rests_with_the_jump_of_its_cohesion():
-    """Restoring keeps the particles from crowding, and the tension is that of the pair force beside its balance.
-
-    That is 0.32 of the nominal tension; the mean over the drop's last swing, whose pairs are not at random, 0.42.
-    """
-    crowded, drop = (disc("tartakovsky_meakin", 8.0, restoring=rate) for rate in (0.0, None))
-    jumps = []
-    for simulation in (crowded, drop):
-        run_to(simulation, 3 * math.sqrt(8.0**3))
-    for k in range(12):
-        run_to(drop, (3 + k / 12) * math.sqrt(8.0**3))
-        drop.evaluate()
-        jumps.append(inner_pressure(drop, BALLS * 8.0) * 8.0)
-    assert crowding(crowded) > 1.02
-    assert crowding(drop) == pytest.approx(1.0, abs=0.005)
-    speed = np.linalg.norm(drop.field("velocity"), axis=1)
-    assert np.sqrt((speed**2).mean()) < 0.05 / math.sqrt(8.0)
-    model = drop.plan.effects["tartakovsky_meakin_2005"]
-    foreseen = model.tension_with_balance(drop.plan.grid, drop.plan.effects)
-    assert np.mean(jumps) == pytest.approx(foreseen, abs=0.12)
-
-
-def crowding(simulation):
-    """Number density in the middle of a drop over that of the lattice."""
-    simulation.evaluate()
-    x, liquid = simulation.field("position"), simulation.plan.effects["weakly_compressible"]
-    apart = np.linalg.norm(x[:, None] - x, axis=2)
-    number = kernel_value(apart, simulation.plan.shared["smoothing"]).sum(1)
-    middle = np.linalg.norm(x - x.mean(0), axis=1) < 0.6 * 8.0
-    return number[middle].mean() / liquid.rest_number_density(simulation.plan.grid)
 
 
 def beside_akinci(fluid):
