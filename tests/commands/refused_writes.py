@@ -22,7 +22,7 @@ import tomllib
 import traceback
 import types
 import xml.etree.ElementTree
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 import h5py
 import numpy as np
@@ -205,14 +205,26 @@ def contents(folder: str = "out") -> dict[str, bytes]:
     return {str(path): path.read_bytes() for path in sorted(pathlib.Path(folder).rglob("*")) if path.is_file()}
 
 
-def prepare() -> None:
-    """A run, and what commands take."""
+def prepare(names: Iterable[str], disk: Disk) -> dict[str, int]:
+    """A run, what commands take, and what they leave without a fault; the number of their calls."""
     pathlib.Path("tank.toml").write_text(tank(0.002) + GAUGE)
     pathlib.Path("one.toml").write_text(SWEEP)
     pathlib.Path("wrong.py").write_text(WRONG)
     pathlib.Path("box.obj").write_text(BOX)
-    with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
+    calls = {}
+    with contextlib.redirect_stderr(said := io.StringIO()), contextlib.redirect_stdout(said):
         assert words("run tank.toml --backend numpy --quiet --output run --every 1e-3")() == 0
+        for name in names:
+            shutil.rmtree("out", ignore_errors=True)
+            shutil.copytree("old_run", "out") if name == "resume" else os.mkdir("out")
+            disk.begin(10**9, "", False)
+            assert COMMANDS[name]() in (0, 4), said.getvalue()
+            calls[name] = disk.calls
+            shutil.copytree("out", f"old_{name}")
+    if "resume" in names:
+        shutil.rmtree("old_resume")
+        shutil.copytree("old_run", "old_resume")
+    return calls
 
 
 def trial(name: str, disk: Disk, fault_at: int, fault: str, lasting: bool, old: bool) -> str:
@@ -253,21 +265,10 @@ def trial(name: str, disk: Disk, fault_at: int, fault: str, lasting: bool, old: 
 def campaign(count: int, seed: int, only: int | None = None, names: tuple[str, ...] = tuple(COMMANDS)) -> int:
     """Trials, what they came to, and how many went wrong."""
     outcomes: collections.Counter[str] = collections.Counter()
-    disk, wrong, calls = Disk(), 0, {}
+    disk, wrong = Disk(), 0
     chances = [1 if name in SLOW else 2 for name in names]
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder), disk.watching():
-        prepare()
-        for name in names:  # without a fault: how many calls there are, and what a later one finds
-            shutil.rmtree("out", ignore_errors=True)
-            shutil.copytree("old_run", "out") if name == "resume" else os.mkdir("out")
-            disk.begin(10**9, "", False)
-            with contextlib.redirect_stderr(said := io.StringIO()), contextlib.redirect_stdout(said):
-                assert COMMANDS[name]() in (0, 4), said.getvalue()
-            calls[name] = disk.calls
-            shutil.copytree("out", f"old_{name}")
-        if "resume" in names:
-            shutil.rmtree("old_resume")
-            shutil.copytree("old_run", "old_resume")
+        calls = prepare(names, disk)
         for number in range(count) if only is None else [only]:
             draw = random.Random(f"{seed} {number}")
             (name,) = draw.choices(names, chances)

@@ -1,33 +1,20 @@
 """Commands on full disks and through links: one sentence, and nothing half-written."""
 
-import errno
-import io
 import json
 import os
 import pathlib
-import re
-import shutil
 import subprocess
 import sys
 
 import pytest
 
-import refsim
 from refsim.__main__ import main
-from refsim.core import writing
+from tests.commands import refused_writes
 from tests.commands.test_cli import one_sentence
 from tests.tank_file import tank
 
 ROOT = pathlib.Path(__file__).parents[2]
-GAUGE = """
-[[gauge]]
-name = "middle"
-kind = "level"
-lower = [0.02, -0.1, 0.0]
-upper = [0.02, 0.3, 0.0]
-every = 0.0005
-"""
-SCENE = tank(0.002) + GAUGE
+SCENE = tank(0.002) + refused_writes.GAUGE
 SWEEP = 'scene = "tank.toml"\nobservable = "{}"\nbackend = "numpy"\n'
 STUDY = ["study", "tank.toml", "--backend", "numpy", "--levels", "1", "--knobs", "spacing", "--quiet", "--observable"]
 posix = pytest.mark.skipif(os.name != "posix", reason="links and limits of POSIX")
@@ -50,17 +37,6 @@ def ran(folder, capsys):
     return folder
 
 
-@pytest.fixture
-def full(monkeypatch):
-    """A disk that takes 1000 bytes of a file and no more."""
-
-    def write_some(file, content):
-        file.write(content[:1000])
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(writing, "write_all", write_some)
-
-
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
 @pytest.mark.parametrize("words", [["list", "--json"], ["run", "tank.toml", "--backend", "numpy", "--quiet"]])
 def test_standard_output_on_a_full_disk(folder, words):
@@ -79,102 +55,37 @@ def test_standard_output_on_a_full_disk(folder, words):
         assert json.loads((folder / "tank_run" / "report.json").read_text())["reason"] is None
 
 
-@pytest.mark.parametrize(
-    "words", [["view", "run", "--html", "new/page.html"], ["render", "run", "-o", "new/p.png", "--size", "320x240"]],
-    ids=["view", "render"],
-)  # fmt: skip
-def test_nothing_half_written_is_left_on_a_full_disk(ran, full, capsys, words):
-    (ran / "new").mkdir()
-    assert main(words) == 3
-    err = capsys.readouterr().err
-    assert "[disk_full]" in err
-    one_sentence(err.replace(" [disk_full]", ""))
-    assert not list((ran / "new").iterdir())
+def every_call(name, faults, stride=1):
+    """What a command comes to whose 1st, 2nd, ... open, write, rename or fsync meets a fault, among files of before."""
+    disk = refused_writes.Disk()
+    with disk.watching():
+        for at in range(0, refused_writes.prepare((name,), disk)[name], stride):
+            for fault in faults:
+                yield refused_writes.trial(name, disk, at, fault, lasting=at % 2 == 0, old=True)
 
 
-def table():
-    refsim.open_run("run").gauge("middle").to_csv("table.csv")
-    return 0
+@pytest.mark.parametrize("name", ["view", "picture", "gauges", "table", "example"])
+def test_files_are_the_old_or_the_new_ones_whatever_is_refused(folder, name):
+    outcomes = list(every_call(name, refused_writes.FAULTS))
+    assert len(outcomes) >= 5 * len(refused_writes.FAULTS)
+    assert set(outcomes) == {f"{name}: {code}" for code in (0, 2, 3)}
 
 
-WRITERS = {  # what writes the file of that name
-    "page.html": lambda: main(["view", "run", "--html", "page.html"]),
-    "plots.png": lambda: main(["render", "run", "--gauges", "-o", "plots.png"]),
-    "droplet.toml": lambda: main(["example", "droplet", "--output", ".", "--overwrite"]),
-    "table.csv": table,
-}
+def test_a_folder_that_vanishes_beneath_a_run_is_told(folder):
+    outcomes = list(every_call("run", ("vanished",), stride=4))
+    assert outcomes.count("run: 2") > 20
+    assert set(outcomes) <= {"run: 0", "run: 2"}
 
 
-@pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "full"), OSError(errno.EIO, "broken"), KeyboardInterrupt()])
-@pytest.mark.parametrize("name", WRITERS)
-def test_an_older_file_stays_whole_whatever_is_refused(ran, capsys, disk, name, error):
-    """The first, second, ... write, rename or fsync fails: one sentence, and the old file or the new one."""
-    target, perform, old, disk.error = ran / name, WRITERS[name], b"an older file", error
-    assert perform() == 0
-    whole = len(target.read_bytes())
-    target.unlink()
-    (ran / "precious").write_bytes(old)
-    allowed, outcome = -1, 3
-    while outcome == 3:
-        allowed += 1
-        target.unlink(missing_ok=True)
-        target.symlink_to(ran / "precious")
-        before = set(ran.iterdir())
-        capsys.readouterr()
-        disk.space = allowed
-        try:
-            outcome = perform()
-        except (KeyboardInterrupt, refsim.RunStopped):
-            outcome = 3
-        else:
-            if outcome:
-                one_sentence(capsys.readouterr().err.partition(" [")[0] + "\n")
-        disk.space = 10**9
-        assert target.read_bytes() == old or len(target.read_bytes()) == whole
-        assert set(ran.iterdir()) == before
-        assert (ran / "precious").read_bytes() == old  # the link was not followed
-    assert outcome == 0
-    assert allowed > 2
+def test_a_campaign_finds_what_writes_by_halves(monkeypatch, capsys):
+    def torn():
+        with refused_writes.writing.open("out/table.csv", "wb", 0) as file:
+            refused_writes.writing.write_all(file, b"a,b\n1,2\n")
+        return 0
 
-
-INTO = {  # words of commands that write into the folder "out", which is there
-    "view": ["view", "run", "--html", "out/page.html"],
-    "render": ["render", "run", "--gauges", "-o", "out/plots.png"],
-    "example": ["example", "droplet", "--output", "out", "--overwrite"],
-    "run": ["run", "tank.toml", "--backend", "numpy", "--quiet", "--until", "5e-4", "--output", "out"],
-}
-
-
-@pytest.mark.parametrize("name", INTO)
-def test_a_folder_that_vanishes_is_told(ran, capsys, disk, name):
-    """Before the first, second, ... open, write, rename or fsync it is removed: one sentence that says so, or all
-    is written already."""
-    allowed, unharmed, outcomes = 0, False, set()
-    while not unharmed:
-        shutil.rmtree("out", ignore_errors=True)
-        os.mkdir("out")
-        disk.space, disk.error = allowed, lambda: shutil.rmtree("out", ignore_errors=True)
-        outcomes.add(outcome := main(INTO[name]))
-        unharmed, disk.space = disk.space >= 0, 10**9
-        err = re.sub("^note: .*\n", "", capsys.readouterr().err, flags=re.MULTILINE)
-        assert not list(ran.rglob("*.tmp"))
-        assert outcome == 2 or (outcome, "Traceback" in err) == (0, False)
-        if outcome:
-            assert "(No such file or directory); give a" in one_sentence(err)
-        allowed += 1
-    assert (outcome, outcomes, allowed > 5) == (0, {0, 2}, True)
-
-
-def test_a_disk_that_takes_a_little_at_a_time_gets_all(ran, monkeypatch):
-    class Slow(io.FileIO):
-        def write(self, data):
-            return super().write(data[:4097])
-
-    assert main(INTO["view"][:-1] + ["page.html"]) == 0
-    monkeypatch.setattr(writing, "open", lambda path, mode, buffering: Slow(path, mode.replace("b", "")), raising=False)
-    assert main(INTO["view"][:-1] + ["slow.html"]) == 0
-    assert (ran / "slow.html").read_bytes() == (ran / "page.html").read_bytes()
-    assert (ran / "page.html").stat().st_size > 2 * 4097
+    monkeypatch.setitem(refused_writes.COMMANDS, "torn", torn)
+    assert refused_writes.campaign(20, 1, names=("torn",)) > 0
+    assert "20 trials, seed 1" in capsys.readouterr().out
 
 
 @posix
