@@ -38,6 +38,8 @@ class Clock(msgspec.Struct, frozen=True, kw_only=True):
     velocities_set: bool
     density_taken: bool  # whether an advanced density has taken the latest step, see `set_field`
     list_built: bool
+    list_built_at: int = 0  # number of steps before
+    skin: float | None = None  # of the list; None in files of earlier versions
     stopped_at_walls: int
     limiters: dict[str, int]  # how many steps each limit has set
     versions: dict[str, str]  # of the programs that wrote it
@@ -124,6 +126,8 @@ def snapshot(
         velocities_set=lists.velocities_set,
         density_taken=bool(run.previous_length > 0 and run.backend.host(run.timestep)[1] == 0),
         list_built=lists.built,
+        list_built_at=lists.built_at,
+        skin=None if lists.search is None else lists.search.skin,
         versions=versions(),
         search_log={} if lists.search is None else dataclasses.asdict(lists.search.log),
         energy_audit=audit,
@@ -159,10 +163,14 @@ def restore(run: State, saved: SavedRun) -> None:
     for effect, note in clock.remarks.items():
         run.add_note(effect, note)
     if lists.search is not None and clock.list_built:
+        skin = lists.skins[0] if clock.skin is None else clock.skin
+        if skin in lists.skins:
+            lists.search.reach_further(skin)
         rebuild(run)
         bind(run)
+        lists.built_at = clock.list_built_at
         displacement = clock.squared_displacement
-        lists.squared_displacement = math.inf if displacement is None else displacement
+        lists.squared_displacement = math.inf if displacement is None or skin not in lists.skins else displacement
         lists.margin = clock.margin
         log = lists.search.log
         for name in clock.search_log.keys() - {"list_bytes"}:  # the size that the list has grown to changes no result

@@ -15,6 +15,7 @@ from refsim.core.capabilities import BringsWalls, CorrectsPositions, NeedsCellOr
 from refsim.core.walls import WallParticles
 from refsim.engine.limits import StepOutcome
 from refsim.neighbours import NeighbourSearch, Particles
+from refsim.neighbours.limits import FEW_STEPS, MANY_STEPS
 from refsim.scene.plan import Plan
 from refsim.sph import SHIFT
 
@@ -36,6 +37,7 @@ class Lists:
     step_displacement  bound on that of the latest step [m], of length `length` [s]; `shifted` its part beside dt v
     rate            change of the margin [m/s] if velocities stay, for `ahead` [s]; None where it is not known
     gained          bound on the change of the velocities [m/s] since the latest check
+    skins           that lists may take; `built_at` is the step before which the latest was built
     by_forces       whether velocities change by accelerations alone, so that these bound a step's displacement
     """
 
@@ -44,7 +46,9 @@ class Lists:
         self.search: NeighbourSearch | None = None
         if plan.list_radius > 0 and backend.name != "numpy":
             period = plan.shared["period"]
-            self.search = NeighbourSearch(backend, grid.dim, grid.dtype, plan.list_radius, plan.scene.skin, period)
+            self.skins = plan.scene.skins[: 1 if backend.name == "cuda" else None]
+            own = plan.list_radius, self.skins[0], period, self.skins[-1]
+            self.search = NeighbourSearch(backend, grid.dim, grid.dtype, *own)
         self.latest: tuple[Any, Any, Any] | None = None
         self.static: Any = None
         self.walls: tuple[Any, Any] | None = None
@@ -58,6 +62,7 @@ class Lists:
             effect is not None and {"velocity", "position"} & {*p.updates, *p.writes} for effect, p in plan.motion
         )
         self.squared_displacement = math.inf
+        self.built_at = 0
         self.margin = self.step_displacement = self.shifted = self.length = self.ahead = self.gained = 0.0
         self.rate: float | None = None
         shared |= {"neighbours": None, "liquid_near_walls": None}
@@ -132,8 +137,20 @@ class Lists:
             return self.margin - 2 * self.step_displacement
         return self.margin + length * (self.rate - 2 * gained) - 2 * self.shifted if length <= self.ahead else 0.0
 
-    def after_build(self) -> None:
-        """Note that the list was built where the particles are."""
+    def choose_skin(self, steps: int) -> None:
+        """The skin of the next list, by the number of steps that the latest one served until step number `steps`.
+
+        A wider list takes longer to build and to sum over, and is built more rarely.
+        """
+        assert self.search is not None
+        if (served := steps - self.built_at) < FEW_STEPS:
+            self.search.reach_further(self.skins[-1])
+        elif served > MANY_STEPS:
+            self.search.reach_further(self.skins[0])
+
+    def after_build(self, steps: int) -> None:
+        """Note that the list was built where the particles are, after this number of steps."""
+        self.built_at = steps
         self.squared_displacement = 0.0
         self._forget()
 

@@ -50,6 +50,8 @@ def _look(state: State) -> None:
         neighbours, bounds = state.shared["neighbours"], state.shared.get("bounds")
         shift = state.fields.get(SHIFT.name)
         search.audit(position, velocity, state.timestep, neighbours, bounds, shift, before_sort=True)
+    if lists.built:
+        lists.choose_skin(state.steps)
     sort(state, search, before_build=True)
     rebuild(state)
     missed = search.log.missed_neighbours
@@ -57,7 +59,7 @@ def _look(state: State) -> None:
         raise RunStopped(
             "missed_neighbours",
             f"The neighbour list lacked {missed} neighbours of the audited particles up to step {state.steps} at"
-            f" {state.time:.6g} s; give the scene a larger skin than {state.plan.scene.skin}.",
+            f" {state.time:.6g} s; give the scene a larger skin than {search.skin}.",
         )
 
 
@@ -68,7 +70,7 @@ def rebuild(state: State) -> None:
     near = lists.search.build(position)
     at_walls = None if lists.walls is None else lists.search.build_against(position, lists.static)
     around = lists.search.build_around(position, lists.static) if lists.around_walls else None
-    lists.after_build()
+    lists.after_build(state.steps)
     state.outdate()
     new = (near, at_walls, around)
     if lists.latest is None or any(list_ is not old for list_, old in zip(new, lists.latest)):

@@ -58,6 +58,7 @@ class NeighbourSearch:
     radius  distance [m] up to which neighbours are wanted
     skin    share of the radius by which the list reaches further
     period  lengths of a periodic box, longer than twice what the list reaches; None for none
+    widest  the largest that the skin may become (`reach_further`), for which cells are made; 0 where it stays
     """
 
     backend: Backend
@@ -66,18 +67,24 @@ class NeighbourSearch:
     radius: float
     skin: float = 0.1
     period: Period | None = None
+    widest: float = 0.0
     log: SearchLog = field(default_factory=SearchLog)
 
     def __post_init__(self) -> None:
         if not self.skin >= 0.0:
             raise InputError(f"skin = {self.skin} is not possible; give zero or a positive share of the radius.")
-        self.reach = self.radius * (1 + self.skin)
-        self.allowed_displacement = 0.5 * self.skin * self.radius
+        self.reach = self.radius * (1 + max(self.skin, self.widest))
         if self.backend.name == "cuda":
             from refsim.neighbours import cell_list_cuda as programs
         else:
             from refsim.neighbours import cell_list as programs  # type: ignore[no-redef]
         self.programs: Any = programs.CellSearch(self.backend, self.dim, self.reach, self.log, self.period)
+        self.reach_further(self.skin)
+
+    def reach_further(self, skin: float) -> None:
+        """Have the next lists reach further than the radius by this share of it."""
+        self.skin, self.allowed_displacement = skin, 0.5 * skin * self.radius
+        self.programs.listed = self.radius * (1 + skin)
 
     def order(self, position: Any) -> Any:
         """Permutation that puts the particles into cell order (stable)."""

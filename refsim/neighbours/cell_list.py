@@ -258,7 +258,7 @@ class CellSearch:
     looks_ahead, steps_ahead = False, 0
 
     def __init__(self, backend, dim, reach, log, period=None):
-        self.backend, self.dim, self.reach, self.log = backend, dim, reach, log
+        self.backend, self.dim, self.reach, self.listed, self.log = backend, dim, reach, reach, log
         self.period, self.periodic = period, formulas.periodic_cells(period, reach)
         self.storage = {}
         self.cells = self.blocks = None
@@ -329,7 +329,7 @@ class CellSearch:
         if index is None or len(index) < CHUNKS:
             capacity = WALL_CAPACITY if name == "static" else NEIGHBOUR_CAPACITY
             index = np.empty(max(CHUNKS, capacity * n), np.uint32)
-        radius = position.dtype.type(self.reach)
+        radius = position.dtype.type(self.listed)
         while True:
             queries, sources, listed = (position, keys), (source, cells, first), (start, count, index)
             build_list(queries, sources, radius, self.dim, exclude_self, self.period, self.periodic, listed, needed)

@@ -177,7 +177,7 @@ def check_list(scene: Scene, radius: float) -> None:
     """Raise InputError where a neighbour list of this radius [m] is too long, or wider than half of a period."""
     if radius > scene.support_radius:
         _check_neighbours(scene, "the radius of the neighbour list", radius)
-    reach = radius * (1 + scene.skin)
+    reach = radius * (1 + scene.skins[0])
     for axis, length in zip("xyz", scene.period):
         if 0 < length <= 2 * reach:
             raise InputError(
@@ -188,11 +188,11 @@ def check_list(scene: Scene, radius: float) -> None:
 
 def _check_neighbours(scene: Scene, what: str, radius: float) -> None:
     """Raise InputError where a particle of the lattice has more neighbours within `radius` [m] than one may have."""
-    reach = radius / scene.spacing * (1 + scene.skin)
+    reach = radius / scene.spacing * (1 + scene.skins[0])
     number = (math.pi if scene.dim == 2 else 4 / 3 * math.pi) * reach**scene.dim
     if number > MOST_NEIGHBOURS:
         raise InputError(
-            f"scene: {what} = {radius:g} m with a skin of {scene.skin:g} reaches over {reach:.3g} spacings"
+            f"scene: {what} = {radius:g} m with a skin of {scene.skins[0]:g} reaches over {reach:.3g} spacings"
             f" ({scene.spacing:g} m) and so over {number:.3g} neighbours, more than the {MOST_NEIGHBOURS:,} that a"
             " particle may have; check the units, 2 to 3 spacings are common."
         )

@@ -11,6 +11,7 @@ from refsim.core.energy import EnergyAudit
 from refsim.core.errors import InputError
 from refsim.gauges import Gauge
 from refsim.motion import Motion
+from refsim.neighbours.limits import SKINS
 from refsim.scene.shapes import Ball, Box, Cloud, Vector
 from refsim.scene.solids import SolidBall, SolidBox, SolidCells, SolidMesh, SolidTorus
 
@@ -29,7 +30,8 @@ class Scene(Checked, frozen=True, kw_only=True):
     end_time        where `refsim run` stops [s]
     step            fixed step [s]; 0 lets the stable step decide
     step_factor     share of the stable step that is taken
-    skin            share of the support radius by which the neighbour list reaches further
+    skin            share of the support radius by which the neighbour list reaches further; by default 0.1, and on a
+                    CPU 0.2 while lists serve few steps
     period          lengths of a periodic box along x, y and z [m]; 0 along axes without a period
     period_lower    lower corner of that box [m]
     motion          how gravity or faces of walls move in time
@@ -48,13 +50,18 @@ class Scene(Checked, frozen=True, kw_only=True):
     end_time: NotNegative = 1.0
     step: NotNegative = 0.0
     step_factor: Annotated[float, msgspec.Meta(gt=0, le=1)] = 1.0
-    skin: NotNegative = 0.1
+    skin: NotNegative | None = None
     period: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
     period_lower: Vector = (0.0, 0.0, 0.0)
     motion: tuple[Motion, ...] = ()
     gauge: tuple[Gauge, ...] = ()
     energy_audit: EnergyAudit | None = None
     name: str = "scene"
+
+    @property
+    def skins(self) -> tuple[float, ...]:
+        """Skins that lists of a run take, the first one at first; in a periodic box, whose lists are short, one."""
+        return SKINS[: 1 if any(self.period) else None] if self.skin is None else (self.skin,)
 
     @plainly
     def with_(self, **changes: Any) -> "Scene":

@@ -49,7 +49,8 @@ def neighbour_list(plan: Plan, backend: str) -> dict[str, Any] | None:
     if not plan.list_radius or backend == "numpy":
         return None
     grid = plan.grid
-    reach = plan.list_radius * (1 + plan.scene.skin)
+    skin = plan.scene.skins[0]
+    reach = plan.list_radius * (1 + skin)
     k = math.ceil(reach / grid.spacing)
     axis = np.arange(-k, k + 1) ** 2
     squares = axis[:, None] + axis[None, :]
@@ -61,7 +62,7 @@ def neighbour_list(plan: Plan, backend: str) -> dict[str, Any] | None:
         "reach": reach,
         "neighbours_on_a_lattice": each,
         "bytes": _list_bytes(plan, backend, each),
-        "built_anew_after": 0.5 * plan.scene.skin * plan.list_radius,
+        "built_anew_after": 0.5 * skin * plan.list_radius,
     }
 
 

@@ -323,6 +323,51 @@ def test_the_margin_of_a_kept_list_shrinks_by_bounds_of_the_steps():
     assert [*margins(0.5, 0.2, stopped=1)] == [0.0], "what a plane stops has another velocity"
 
 
+def test_lists_reach_further_while_they_serve_few_steps(tmp_path, monkeypatch):
+    """Layers that slide past each other: all rows hold their pairs, and a run that goes on has the same bits."""
+    monkeypatch.setattr("refsim.neighbours.AUDITED_ROWS", 1000)
+    scene = Scene(
+        dim=2, spacing=0.05, support_radius=0.13, step=1e-3, fluid=(Box(cells=(20, 6, 1)),), dtype="float64",
+        effects=(WeaklyCompressible(sound_speed=10.0, density="summation"),),
+    )  # fmt: skip
+    simulation = Simulation(scene, "cpu")
+    velocity = simulation.field("velocity")
+    velocity[:, 0] = 3.0 * np.sign(simulation.field("position")[:, 1] - 0.15)
+    simulation.set_field("velocity", velocity)
+    advanced(simulation, 6)
+    assert simulation.search.skin == simulation.lists.skins[1] > simulation.lists.skins[0]
+    simulation.checkpoint(tmp_path / "run.h5")
+    resumed = Simulation.resume(tmp_path / "run.h5")
+    assert resumed.search.skin == simulation.search.skin
+    for run in (simulation, resumed):
+        advanced(run, 20)
+    assert (resumed.field("position") == simulation.field("position")).all()
+    log = simulation.search.log
+    assert resumed.search.log.rebuilds == log.rebuilds > 4
+    assert (log.missed_neighbours, log.audited_rows) == (0, 120 * (log.rebuilds - 1))
+
+
+def test_the_next_list_reaches_as_far_as_the_steps_that_one_serves_say():
+    """A wider one below 8 steps, the narrower one again beyond 20; never where the scene says how far."""
+    scene = Scene(
+        dim=2, spacing=0.05, support_radius=0.1, fluid=(Cloud(position=[[0.0, 0.0, 0.0]]),),
+        effects=(WeaklyCompressible(sound_speed=10.0, density="summation"),),
+    )  # fmt: skip
+
+    def skins(scene):
+        """That of the list after one that was built at step 10 and served so many steps."""
+        lists = Lists(make_plan(scene), choose("cpu"), {})
+        lists.after_build(10)
+        for served in (8, 7, 20, 21, 8):
+            lists.choose_skin(10 + served)
+            yield lists.search.skin, lists.search.allowed_displacement
+
+    narrow, wide = (0.1, pytest.approx(0.005)), (0.2, pytest.approx(0.01))
+    assert [*skins(scene)] == [narrow, wide, wide, narrow, narrow]
+    assert [*skins(scene.with_(skin=0.3))] == [(0.3, pytest.approx(0.015))] * 5
+    assert {skin for skin, _ in skins(scene.with_(period=(1.0, 0.0, 0.0)))} == {0.1}
+
+
 def test_audit_looks_where_the_list_was_last_used():
     """After a step that halves all distances the list would look short; the audit steps back first, by shifts too."""
     case = cases.CASES["cloud_3d"]()

@@ -69,7 +69,7 @@ def run(
     {"particles", "seconds" (mean step by way of working), "speed" (root of the mean square at the end [m/s]),
     "centre" [m], "graph" (why no CUDA graph was recorded; "" if it was), "version", "device"} or {"missing"}.
     """
-    state, skin = plan.state, plan.scene.skin * plan.grid.support_radius
+    state, skin = plan.state, plan.scene.skins[0] * plan.grid.support_radius
     given = {
         "position": state.position.astype(np.float32), "velocity": state.velocity.astype(np.float32),
         "mass": state.mass.astype(np.float32), "coefficients": coefficients(plan), "spacing": plan.grid.spacing,
