@@ -125,12 +125,12 @@ def lesson(name: str) -> str:
 
 
 def films() -> Iterator[str]:
-    """A card for each film of `scripts/films.py`: what it shows, the method's source, the commands."""
-    from scripts.films import FILMS, FOLDER
+    """A card for each film of `scripts/cookbook.py`: what it shows, the method's source, the commands."""
+    from scripts.cookbook import FILM_FOLDER, FILMS
 
     yield '<div class="gallery">\n'
     for name, film in FILMS.items():
-        if (FOLDER / f"{name}.mp4").exists():
+        if (FILM_FOLDER / f"{name}.mp4").exists():
             yield '<div class="card">\n'
             yield f'<video src="films/{name}.mp4" controls loop muted playsinline></video>\n'
             yield f"**{film.shows}** {film.source[:1].upper()}{film.source[1:]}.\n"
