@@ -101,7 +101,7 @@ def _listed(parts: Iterable[Any]) -> list[dict[str, Any]]:
 
 
 def _defaults(plan: Plan) -> Iterator[str]:
-    """What the scene leaves open and has otherwise than the papers."""
+    """What the scene leaves open and has otherwise than the papers, and what an artificial viscosity is worth."""
     for name, effect in plan.effects.items():
         if isinstance(effect, capabilities.Joins) and name not in {e.name for e in plan.scene.effects}:
             yield f"{name} joins the liquid, which names no density; the papers have none"
@@ -112,6 +112,10 @@ def _defaults(plan: Plan) -> Iterator[str]:
             value = getattr(plan.effects.get(effect.name), name, printed)  # a box with all faces open is left out
             if getattr(effect, name) is None and value != printed:
                 yield f"{name} of {effect.name} is {value!r}; the papers have {printed!r}"
+        if alpha := getattr(effect, "artificial_viscosity", 0):
+            whole = plan.effects[effect.name].dynamic_viscosity  # type: ignore[attr-defined]
+            added = whole - effect.dynamic_viscosity
+            yield f"artificial_viscosity = {alpha:g} adds {added:.3g} Pa s: the dynamic viscosity is {whole:.3g} Pa s"
 
 
 def _energy_audit(plan: Plan) -> dict[str, Any] | None:

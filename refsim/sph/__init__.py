@@ -592,14 +592,18 @@ class WeaklyCompressible(
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         sign = -1.0 if "E3" in self.printed() else 1.0
         viscous = self.dynamic_viscosity > 0 and not self.central()
-        central = grid.real(central_coefficient(self.dynamic_viscosity, grid.dim))
         near = surface_of(others).near_groups(grid, others) if self.tensile_control == "inside" else {}
         return {
             **near,
             **(self.spreading(grid, others) if self.advances() else {}),
             "viscosity": ViscosityTerm(grid.real(sign * self.dynamic_viscosity)) if viscous else None,
-            "central_viscosity": CentralViscosity(central) if self.central() else None,
+            **(self.central_friction(grid) if self.central() else {"central_viscosity": None}),
         }
+
+    def central_friction(self, grid: Discretisation) -> dict[str, Any]:
+        """Parameter group of the viscosity along the line of centres."""
+        coefficient = central_coefficient(self.dynamic_viscosity, grid.dim)
+        return {"central_viscosity": CentralViscosity(grid.real(coefficient))}
 
     def spreading(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         """Parameter groups of an advanced density: of its diffusion and of its return to the counted one."""

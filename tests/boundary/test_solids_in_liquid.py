@@ -147,6 +147,49 @@ def test_what_does_not_fit_is_refused_in_a_sentence(changed, words):
     assert str(refused.value).count(". ") == 0
 
 
+@pytest.mark.parametrize(("held", "low", "high"), [(True, 0.99, 1.01), (False, 1.3, 1.5)])
+@pytest.mark.parametrize("reach", [2.6, 3.0, 3.2])
+def test_liquid_between_blocks_flows_as_poiseuille_says(held, low, high, reach):
+    """The steady flow through 10 cells over H^3/(12 nu), nu the viscosity of the lattice; without no_slip it slips.
+
+    The force on a column of the liquid is linear in the velocity of each layer, whose balance with a uniform drive is
+    solved for.
+    """
+    wide, deep, side = 10, 4, 7
+    bodies = [rs.SolidBox(lower=(0, 0, z), upper=(side, side, z + deep)) for z in (0, deep + wide)]
+    simulation = rs.Simulation(
+        rs.Scene(
+            spacing=1.0, support_radius=reach, dtype="float64", solid=tuple(bodies),
+            fluid=(rs.Box(lower=(0, 0, deep), cells=(side, side, wide)),),
+            effects=(
+                rs.WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=1000.0), rs.ShapeMatching(),
+                rs.TwoWayCoupling(no_slip=held),
+            ),
+        ),
+        "numpy",
+    )  # fmt: skip
+    first, x = 2 * deep * side**2, simulation.field("position")
+    layer = np.where(np.arange(len(x)) < first, -1, np.floor(x[:, 2] - deep))
+    column = np.flatnonzero((layer >= 0) & (np.abs(x[:, :2] - 0.5 * side) < 0.1).all(1))
+    drag = np.empty((wide, wide))
+    for k in range(wide):
+        simulation.set_field("velocity", (layer == k)[:, None] * np.array([1.0, 0.0, 0.0]))
+        simulation.evaluate()
+        drag[:, k] = simulation.field("acceleration")[column, 0]
+    height = x[column, 2] - deep
+    lattice = 0.5 * drag[wide // 2] @ (height - height[wide // 2]) ** 2
+    flow = np.linalg.solve(drag, -np.ones(wide)).sum()
+    assert low < flow * lattice / (0.5 * height @ (wide - height)) < high
+
+
+@pytest.mark.parametrize("liquid", [{}, {"dynamic_viscosity": 1.0, "density": "summation"}])
+def test_no_slip_without_what_holds_is_refused(liquid):
+    scene = at_rest([((2, 2, 2), 3)], (7, 7, 7))
+    effects = (rs.WeaklyCompressible(sound_speed=50.0, **liquid), rs.ShapeMatching(), rs.TwoWayCoupling(no_slip=True))
+    with pytest.raises(rs.InputError, match="no_slip needs a liquid with viscosity whose density is advanced"):
+        make_plan(msgspec.structs.replace(scene, effects=effects))
+
+
 def basin(folder, offset, cells=(8, 8, 6), **changes):
     """Water on a mesh, its top `offset` spacings above a plane of the lattice, between box walls without a floor."""
     spacing = 1.0 / cells[2]

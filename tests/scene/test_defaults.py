@@ -97,6 +97,15 @@ def test_a_plan_names_each_default_that_the_papers_have_otherwise_once():
     assert describe_plan(make_plan(scene(walls={}, density="summation")), "cpu")["defaults"] == []
 
 
+def test_a_plan_tells_what_an_artificial_viscosity_is_worth():
+    """0.1 * 1000 kg/m^3 * c h/(4 (dim + 2)) in Pa s."""
+    made = make_plan(scene(walls={}, density="summation", artificial_viscosity=0.1))
+    grid, liquid = made.grid, made.effects["weakly_compressible"]
+    worth = 0.1 * 1000.0 * liquid.sound_speed * grid.support_radius / (4 * (grid.dim + 2))
+    told = f"artificial_viscosity = 0.1 adds {worth:.3g} Pa s: the dynamic viscosity is {worth + 2:.3g} Pa s"
+    assert describe_plan(made, "cpu")["defaults"] == [told]
+
+
 @pytest.mark.slow
 def test_spray_of_the_packaged_dam_break_breaks():
     """A particle that leaves others behind at the rim of the tank would have no density left."""

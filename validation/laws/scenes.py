@@ -257,7 +257,7 @@ def _liquid(draw: Draw, name: str, frame: Frame, bodies: bool) -> Effect:
 
 def make_effect(draw: Draw, kind: type[Effect], frame: Frame, **given: Any) -> Effect:
     """An effect: what it must have, and a third of what it may have, by its schema."""
-    if "no_slip" in kind.__struct_fields__ and "viscosity" not in given:
+    if {"no_slip", "viscosity"} <= {*kind.__struct_fields__} - {*given}:
         held = draw(st.integers(0, 2)) == 2 or bool(given.get("moving_faces"))
         given |= {"no_slip": held} | ({"viscosity": 0.0} if held else {})
     for field in msgspec.structs.fields(kind):

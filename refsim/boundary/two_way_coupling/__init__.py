@@ -71,6 +71,8 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
     particles (Adami et al. 2012) with the acceleration of their motion, and push back with the opposite force; the
     liquid is one substance then, and its viscosity the central one.
 
+    no_slip           liquid is held at solids: between both acts twice the viscosity, the harmonic mean of mu and an
+                      infinite one; without it liquid slips past them as if they began 0.6 spacings deeper
     density_weighted  a pair of liquid particles has the common pressure (rho_j p_i + rho_i p_j)/(rho_i + rho_j), not
                       two (Hu & Adams 2007): for substances of very different density
     literal           errata of Shao & Song taken as printed: "M2" ((2) without one m_i), "M3" ((3) without one V_i),
@@ -87,6 +89,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
         "sph.density", "sph.continuity", "sph.state", "sph.pressure", "sph.momentum",
     )  # fmt: skip
 
+    no_slip: bool = False
     density_weighted: bool = False
     literal: Printed = ()
 
@@ -98,6 +101,11 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
         if cohesive_pressure(grid, others) > 0:
             raise InputError(f"{self.name}: an effect with cohesion treats particles of solids as liquid; remove it.")
         liquid = liquid_of(others)
+        if self.no_slip and not (liquid.advances() and liquid.dynamic_viscosity > 0):
+            raise InputError(
+                f"{self.name}: no_slip needs a liquid with viscosity whose density is advanced; give {liquid.name} a"
+                " dynamic_viscosity and density = 'continuity', or leave no_slip out."
+            )
         if liquid.advances():
             self._check_advanced(liquid, others)
             return
@@ -170,6 +178,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
             Pass("two_way_coupling.extrapolation", writes=("wet",), updates=("pressure",)),
             Pass("two_way_coupling.spread", updates=("pressure",)),
             Pass("two_way_coupling.push", updates=("acceleration",), names=names),
+            *((Pass("two_way_coupling.hold", updates=("acceleration",), names=names),) if self.no_slip else ()),
             Pass("two_way_coupling.follow", updates=("followed_velocity",), stage="motion"),
         )
 
@@ -202,7 +211,8 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
         liquid = liquid_of(others)
         if liquid.advances():
             delay = Delay(grid.real(DELAY * grid.support_radius / liquid.sound_speed))
-            return {"delay": delay, **liquid.spreading(grid, others), **lean(grid, others)}
+            friction = liquid.central_friction(grid) if self.no_slip else {}
+            return {"delay": delay, **friction, **liquid.spreading(grid, others), **lean(grid, others)}
         printed = self.printed()
         exponent = 7 if liquid.state == "tait" else 1
         viscous = liquid.dynamic_viscosity > 0
@@ -221,5 +231,5 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
         if liquid.dynamic_viscosity > 0 and grid.solids is not None:
             lightest = min([liquid.rest_density, *(body.density for body in grid.solids.bodies)])
             seconds = 0.125 * (0.5 * grid.support_radius) ** 2 * lightest / liquid.dynamic_viscosity
-            limits["viscous"] = StepLimit.constant(seconds / 3 if liquid.central() else seconds)
+            limits["viscous"] = StepLimit.constant(seconds / (3 * (1 + self.no_slip)) if liquid.central() else seconds)
         return limits

@@ -9,7 +9,7 @@ from refsim.core import cases
 from refsim.core.cases import REST_DENSITY, Case, Exact, at, closed_form, example, groups, particles, takes, vectors
 from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
 from refsim.smoothing.cases import for_each_kernel
-from refsim.sph import Fluid, ViscosityTerm, WallFrameGravity
+from refsim.sph import CentralViscosity, Fluid, ViscosityTerm, WallFrameGravity
 
 example(TwoWayCoupling(), brings="relative_contribution rest_density volume")
 
@@ -64,6 +64,7 @@ groups(delay=lambda case, grid: Delay(grid.real(4 * case.support_radius / 20.0))
 
 cases.readings(coupling="printed_volume printed_pressure printed_viscosity")
 takes("two_way_coupling.push", fluid="gradient_share")
+takes("two_way_coupling.hold", smoothing="support_radius dim")
 takes("two_way_coupling.spread", fluid="rest_density")
 takes("two_way_coupling.contribution", coupling="least_volume printed_volume")
 takes("two_way_coupling.density", coupling="stiffness exponent")
@@ -231,6 +232,20 @@ for_each_kernel(
     solid_pushes_another=lambda w: _lifted(w, [SURFACE, INTERIOR], [2, 1], 40.0),
     one_solid_does_not_push_itself=lambda w: _lifted(w, [SURFACE, INTERIOR], [1, 1], 0.0),
 )
+
+
+@closed_form("two_way_coupling.hold")
+def solid_holds_liquid():
+    """A solid of 4 kg/m^3 and 2 kg 1 m above liquid of 2 kg/m^3 and 3 kg parts from it with 8 m/s; mu = 0.5 Pa s.
+
+    F = (dim + 2) mu V V lap W 8 m/s = 2.5 * 1.5 * 0.5 * 8 * 45/(64 pi) N for h = 2 m; the motion across has no effect.
+    """
+    force = 2.5 * 1.5 * 0.5 * 8 * 45 / (64 * math.pi) * np.array([0.0, 1.0, 0.0])
+    given = {
+        "mass": [3.0, 2.0], "density": [2.0, 4.0], "phase": WATER_AND_ICE, "central_viscosity": CentralViscosity(2.5),
+        "velocity": [[0.0, 0.0, 0.0], [5.0, 8.0, 0.0]],
+    }  # fmt: skip
+    return Exact(PAIR, given, {"acceleration": [force / 3, -force / 2]})
 
 
 @closed_form("two_way_coupling.follow")

@@ -3,12 +3,13 @@
 from refsim.backends.compile import formula, kernel
 from refsim.backends.tuples import added, difference, over, scaled
 from refsim.boundary.two_way_coupling.formulas import tait_pressure
+from refsim.neighbours.forces import force
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, first_lane
 from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
 from refsim.smoothing.formulas import gradient_factor, kernel_slope, kernel_value, safe_distance, viscosity_laplacian
 from refsim.sph.formulas import pressure_pair
-from refsim.sph.kernels import own_share, wall_sum
+from refsim.sph.kernels import central_pair, own_share, wall_sum
 
 
 @pair
@@ -222,6 +223,20 @@ def push(i, lane, position, phase, solid_number, mass, density, pressure, neighb
         push_pair, i, lane, neighbours, position, None, phase, solid_number, mass, density, pressure, smoothing, fluid
     )
     add_vector(acceleration, i, lane, over(force, density[i]))
+
+
+@pair
+def hold_pair(
+    r, x_ij, velocity_i, velocity_j, phase_i, phase_j, mass_j, density_j, smoothing, central_viscosity
+):  # fmt: skip
+    """Viscosity along the line of centres [N/m^3] between liquid and solid; none between others."""
+    f = central_pair(r, x_ij, velocity_i, velocity_j, mass_j, density_j, smoothing, central_viscosity)
+    real = type(r)
+    share = real(1) if (phase_i == FLUID) != (phase_j == FLUID) else real(0)
+    return share * f[0], share * f[1], share * f[2]
+
+
+hold = force(hold_pair, divided="density")
 
 
 @kernel

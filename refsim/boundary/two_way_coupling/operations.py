@@ -160,6 +160,18 @@ def push(position, phase, solid_number, mass, density, pressure, smoothing, flui
     return {"acceleration": around(ref.push, s=fluid.gradient_share)}
 
 
+@operation(
+    "harmonic mean of the viscosities", paper="Cleary & Monaghan 1999; Espanol & Revenga 2003", adds="acceleration",
+    tolerance=12.0, reason="those of sph.central_viscosity",
+    invariants=f"{SYMMETRY} linear_momentum angular_momentum galilean dissipation", packed="hold_pair",
+)  # fmt: skip
+def hold(position, velocity, phase, mass, density, smoothing, central_viscosity, rows=None):
+    """Accelerations [m/s^2] by which liquid that a solid holds doubles the viscous force between them."""
+    i = Fields(position=position, velocity=velocity, mass=mass, density=density, **kinds(phase))
+    around = neighbours(i, i, smoothing, rows=rows)
+    return {"acceleration": around.others(ref.hold, k=central_viscosity.coefficient)}
+
+
 @operation("u of the step before", paper="standard", outputs="followed_velocity", invariants="reordering")
 def follow(velocity, delay, timestep, followed_velocity, rows=None):
     """Velocity [m/s] that follows that of a particle."""

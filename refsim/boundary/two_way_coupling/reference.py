@@ -1,6 +1,7 @@
 """Shao & Song 2017, Adami, Hu & Adams 2012: the terms of one pair, and what follows from sums. Solids are k and s."""
 
 from refsim.core.terms import maximum, where
+from refsim.sph.reference import central_viscous_force
 from refsim.sph.reference import pressure_force as averaged_pressure_force
 from refsim.sph.reference import state as state
 
@@ -91,6 +92,14 @@ def film_pressure(k, s, ks):
 def push(i, j, ij, s):
     """J(10) a_i = -(s/rho_i) sum_j V_j (p_i + p_j) grad W_ij [m/s^2], V = m/rho; 0 within one solid."""
     return where(i.part.value != j.part.value, averaged_pressure_force(i, j, ij, s), 0)
+
+
+def hold(i, j, ij, k):
+    """Liquid and solid: a_i = (2 k/rho_i) sum_j (m_j/rho_j) F_ij e_ij e_ij.(v_j - v_i) [m/s^2], k = (dim + 2) mu.
+
+    With the liquid's own viscous force it is that of the harmonic mean 2 mu_i mu_j/(mu_i + mu_j), mu_j infinite.
+    """
+    return (i.liquid * j.solid + i.solid * j.liquid) * central_viscous_force(i, j, ij, k)
 
 
 def follow(i, dt, tau):
