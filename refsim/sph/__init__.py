@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Literal, NamedTuple
@@ -39,6 +40,7 @@ from refsim.core.walls import WallParticles
 from refsim.smoothing import lattice, smoothing
 from refsim.sph import operations as operations
 from refsim.sph.flow import at_least, fast_flow
+from refsim.sph.resting_start import depths
 
 LIQUID = "weakly_compressible"  # name of the effect that brings the liquid
 DETECTION = "surface_detection"  # name of the effect that finds its surface
@@ -506,7 +508,7 @@ class WeaklyCompressible(
         return EnergyAccount({"compression": compression}, tuple(uncounted))
 
     def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
-        """Density of liquid at rest: that of the pressure rho0 g depth in each part that stands on a wall.
+        """Density of liquid at rest: that of the pressure rho0 g depth where the liquid stands on a wall.
 
         Its particles have the mass of that density, so that they are as large as the lattice's cells; not those to
         which the scene gives a mass.
@@ -517,20 +519,16 @@ class WeaklyCompressible(
         pull = np.array(acceleration_of(others))
         strength = float(np.linalg.norm(pull))
         if strength > 0:
-            down = pull / strength
-            first = 0
-            for size in state.sizes:
-                x, part = state.position[first : first + size], slice(first, first + size)
-                first += size
-                if len(x) and self._stands(x, down, grid, others):
-                    depth = x @ down
-                    depth = depth - depth.min() + 0.5 * grid.spacing
-                    head = self.rest_density * strength * depth
-                    exponent = 7 if self.state == "tait" else 1
-                    ratio = 1 + head * exponent / (self.rest_density * self.sound_speed**2)
-                    excess[part] = self.rest_density * (ratio ** (1 / exponent) - 1)
-        if grid.solids is not None:
-            excess[: len(grid.solids.lattice.key)] = 0.0
+            down, exponent = pull / strength, 7 if self.state == "tait" else 1
+            bodies = 0 if grid.solids is None else len(grid.solids.bodies)
+            ends = np.cumsum([0, *state.sizes])
+            parts = [state.position[a:b] for a, b in itertools.pairwise(ends[bodies:])]
+            depth = depths(
+                parts, grid.spacing, down, lambda x: self._stands(x, down, grid, others),
+                lambda x: _covered(x, state.position[: ends[bodies]], grid, others),
+            )  # fmt: skip
+            ratio = 1 + strength * depth * exponent / self.sound_speed**2
+            excess[ends[bodies] :] = self.rest_density * (ratio ** (1 / exponent) - 1)
         usual = np.isclose(state.mass, self.particle_mass(grid), rtol=1e-12)
         mass = np.where(usual, state.mass * (1 + excess / self.rest_density), state.mass)
         return {ADVANCED_EXCESS.name: excess, "mass": mass}
@@ -632,6 +630,18 @@ class WeaklyCompressible(
             seconds = 0.125 * half**2 * self.rest_density / self.dynamic_viscosity
             limits["viscous"] = StepLimit.constant(seconds / stiffer)
         return limits
+
+
+def _covered(x: np.ndarray, solid: np.ndarray, grid: Discretisation, others: Others) -> np.ndarray:
+    """Which of the places (n, 3) [m] lie in solids, whose particles are at `solid` (m, 3) [m], or in walls."""
+    found = np.zeros(len(x), bool)
+    for effect in effects_with(others, BringsWalls):
+        found |= effect.filled(grid, x)[0] > 0.5
+    if len(solid):
+        from scipy.spatial import cKDTree
+
+        found |= cKDTree(solid).query(x)[0] < 0.75 * grid.spacing
+    return found
 
 
 def continuity_pass(others: Others, names: Mapping[str, str | None]) -> Pass:
