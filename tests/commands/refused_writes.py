@@ -10,6 +10,7 @@ import collections
 import contextlib
 import csv
 import errno
+import importlib.util
 import io
 import json
 import os
@@ -23,6 +24,7 @@ import traceback
 import types
 import xml.etree.ElementTree
 from collections.abc import Callable, Iterable, Iterator
+from unittest import mock
 
 import h5py
 import numpy as np
@@ -134,7 +136,6 @@ class Disk:
     @contextlib.contextmanager
     def watching(self) -> Iterator[None]:
         """Count the calls of `refsim.core.writing`, of the system and of the program that writes films."""
-        import imageio_ffmpeg
 
         def counted(real: Callable) -> Callable:
             def call(*given: object, **named: object) -> object:
@@ -145,7 +146,7 @@ class Disk:
 
         def slowly(file: io.RawIOBase, data: bytes) -> None:
             small = types.SimpleNamespace(write=lambda view: file.write(view[:4097]))
-            (write_all if self.fault != "slow" else lambda _, data: write_all(small, data))(file, data)
+            write_all(small, data) if self.fault == "slow" else whole(file, data)
 
         def film(*given: object, **named: object) -> Iterator[None]:
             inner = frames(*given, **named)
@@ -158,19 +159,18 @@ class Disk:
             finally:
                 inner.close()
 
-        write_all, frames = writing.write_all, imageio_ffmpeg.write_frames
-        places = ((writing, "open", open), (os, "replace", os.replace), (os, "fsync", os.fsync))
-        try:
-            for place, name, real in places:
-                setattr(place, name, counted(real))
-            whole = counted(write_all)
-            writing.write_all = lambda file, data: slowly(file, data) if self.fault == "slow" else whole(file, data)
-            imageio_ffmpeg.write_frames = film
+        write_all = writing.write_all
+        whole = counted(write_all)
+        places = [(writing, "open", counted(open)), (writing, "write_all", slowly)]
+        places += [(os, name, counted(getattr(os, name))) for name in ("replace", "fsync")]
+        if importlib.util.find_spec("imageio_ffmpeg"):
+            films = importlib.import_module("imageio_ffmpeg")
+            frames = films.write_frames
+            places.append((films, "write_frames", film))
+        with contextlib.ExitStack() as stack:
+            for place, name, made in places:
+                stack.enter_context(mock.patch.object(place, name, made, create=True))
             yield
-        finally:
-            del writing.open
-            os.replace, os.fsync, writing.write_all = places[1][2], places[2][2], write_all
-            imageio_ffmpeg.write_frames = frames
 
 
 def check_whole(path: pathlib.Path) -> None:

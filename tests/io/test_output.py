@@ -305,15 +305,3 @@ def test_a_stop_between_any_two_calls(tmp_path, disk, error):
     assert outcomes == {2, 3, 4}
 
 
-def test_vtp_on_a_full_disk(tmp_path, monkeypatch):
-    path = tmp_path / "frame.vtp"
-    write_vtp(path, np.zeros((5, 3)))
-    before = path.read_bytes()
-
-    def refuse(*_):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(os, "fsync", refuse)
-    with pytest.raises(RunStopped, match="disk is full"):
-        write_vtp(path, np.ones((5, 3)))
-    assert ([file.name for file in tmp_path.iterdir()], path.read_bytes()) == (["frame.vtp"], before)

@@ -1,11 +1,9 @@
 """Pictures and films: surfaces around particles, cameras and cuts, what is seen in 2D and 3D, and the commands."""
 
-import errno
 import importlib.util
 import itertools
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -27,7 +25,6 @@ from refsim.render.plane import loops
 from refsim.render.saved_run import SavedRun, chosen_frames, open_run
 from refsim.render.space import Body, Stage
 from refsim.render.surfaces import surface_around
-from tests.commands.test_cli import one_sentence
 
 SMALL = (320, 240)
 
@@ -357,32 +354,6 @@ def test_the_command_writes_a_film(in_plane, tmp_path, capsys):
     assert (facts["size"], facts["fps"]) == ((320, 240), 4)
     assert len(pictures) == len(open_run(in_plane).times)
     assert pictures[0] != pictures[-1]
-
-
-@needs_ffmpeg
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_a_film_whose_folder_vanishes_is_told_in_one_sentence(in_plane, tmp_path, capfd, monkeypatch):
-    import imageio_ffmpeg
-
-    folder, write = tmp_path / "films", imageio_ffmpeg.write_frames
-    folder.mkdir()
-    monkeypatch.setattr(
-        imageio_ffmpeg, "write_frames", lambda *given, **more: shutil.rmtree(folder) or write(*given, **more)
-    )
-    assert main(["render", str(in_plane), "--film", str(folder / "dam.mp4"), "--size", "320x240"]) == 2
-    assert "(No such file or directory); give a path in a folder" in one_sentence(capfd.readouterr().err)
-
-
-@needs_ffmpeg
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_a_film_is_on_the_disk_before_it_has_its_name(in_plane, tmp_path, disk):
-    film, disk.error = tmp_path / "dam.mp4", OSError(errno.EIO, "broken")
-    film.write_bytes(b"an older film")
-    for calls in range(4):  # it is opened, put on the disk, gets its name, which is put on the disk
-        disk.space = calls
-        assert main(["render", str(in_plane), "--film", str(film), "--size", "320x240", "--frames", "0"]) == 3
-        assert (film.read_bytes() == b"an older film") == (calls < 3)
-        assert list(tmp_path.iterdir()) == [film]
 
 
 @needs_ffmpeg
