@@ -100,4 +100,4 @@ PICTURES: dict[str, Callable[[], Any]] = {"styles.webp": styles, "dam_break.png"
 
 
 if __name__ == "__main__":
-    sys.exit(command(__doc__, PICTURES, FOLDER, None))
+    sys.exit(command(__doc__, PICTURES, FOLDER))

@@ -14,7 +14,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -40,18 +40,16 @@ from refsim import (  # noqa: E402
     simulate,
 )
 from refsim.core.errors import InputError  # noqa: E402
-from refsim.core.streams import any_letter  # noqa: E402
 from refsim.core.writing import write_file  # noqa: E402
 from refsim.io.frames import Frame  # noqa: E402
 from refsim.render.pictures import Look, Series  # noqa: E402
 from refsim.render.saved_run import SavedRun, open_run  # noqa: E402
-from validation.drawing import BLUE, headline, save_picture, style  # noqa: E402
-from validation.experiment import chosen  # noqa: E402
+from scripts.pictures import command  # noqa: E402
+from validation.drawing import BLUE, headline  # noqa: E402
 from validation.experiments.dong import scene as dong  # noqa: E402
 from validation.experiments.melting.scene import scene_of  # noqa: E402
 from validation.metrics.droplet import cubic_moment  # noqa: E402
 from validation.metrics.spread import parts  # noqa: E402
-from validation.perform import EXIT_FINE  # noqa: E402
 
 FOLDER = ROOT / "figures" / "printed"
 RUNS = ROOT / "build" / "printed"
@@ -60,26 +58,21 @@ PANEL, SQUARE = (760, 640), (620, 620)  # pixels
 ARMS = {"without": "without tension", "with": "with tension"}
 
 
-@dataclass(frozen=True)
-class Drawing:
-    """What the user asked for: resolution over the printed one, folder of the runs, whether to draw what is there."""
+def run_of(asked: argparse.Namespace, name: str, scene: Scene, frames: int) -> SavedRun:
+    """The run of a scene: made, gone on with from its checkpoint, or as it is there; `frames` without the start.
 
-    size: float
-    runs: Path
-    draw: bool
-
-    def run(self, name: str, scene: Scene, frames: int) -> SavedRun:
-        """The run of a scene: made, gone on with from its checkpoint, or as it is there; `frames` without the start."""
-        folder = self.runs / name
-        going_on = (folder / "checkpoint.h5").exists()
-        if not self.draw:
-            begun: Any = Simulation.resume(folder, "cpu") if going_on else scene
-            if not going_on or begun.time < scene.end_time:
-                every = scene.end_time / frames * (1 - 1e-6)  # just short of multiples of a fixed step
-                simulate(begun, scene.end_time, output=folder, every=every, checkpoint_every=120.0)
-        elif not going_on:
-            raise InputError(f"there is no run in {folder}; leave --draw out.")
-        return open_run(folder)
+    asked  what the user gave: resolution over the printed one, folder of the runs, whether to draw what is there
+    """
+    folder = asked.runs / name
+    going_on = (folder / "checkpoint.h5").exists()
+    if not asked.draw:
+        begun: Any = Simulation.resume(folder, "cpu") if going_on else scene
+        if not going_on or begun.time < scene.end_time:
+            every = scene.end_time / frames * (1 - 1e-6)  # just short of multiples of a fixed step
+            simulate(begun, scene.end_time, output=folder, every=every, checkpoint_every=120.0)
+    elif not going_on:
+        raise InputError(f"there is no run in {folder}; leave --draw out.")
+    return open_run(folder)
 
 
 def frame_at(run: SavedRun, time: float) -> Frame:
@@ -211,7 +204,7 @@ POURS = {
 }  # fmt: skip
 
 
-def pour_picture(name: str, asked: Drawing) -> Any:
+def pour_picture(name: str, asked: argparse.Namespace) -> Any:
     """Without and with tension, a row each, at the times of the picture."""
     import matplotlib.pyplot as plt
 
@@ -221,7 +214,7 @@ def pour_picture(name: str, asked: Drawing) -> Any:
     corners = MM * np.array(pour.seen)
     for row, (arm, words) in zip(panels, ARMS.items()):
         own = f"{name}_{arm}"
-        run = asked.run(own, pour.scene(arm, asked.size, asked.runs / own), 10)
+        run = run_of(asked, own, pour.scene(arm, asked.size, asked.runs / own), 10)
         for axes, time in zip(row, pour.times):
             frame = frame_at(run, time)
             show(axes, run, frame, look, corners, f"{words}: {pieces(run, frame)[1]:,} lone particles")
@@ -254,7 +247,7 @@ def levels(frame: Frame, run: SavedRun) -> tuple[float, float, float]:
     return float(low), float(high), float(np.median(highest) + half)
 
 
-def ice_picture(name: str, asked: Drawing) -> Any:
+def ice_picture(name: str, asked: argparse.Namespace) -> Any:
     """The ice cube of melting figure 4, melting and not; below, its top and bottom against the level."""
     import matplotlib.pyplot as plt
 
@@ -262,7 +255,7 @@ def ice_picture(name: str, asked: Drawing) -> Any:
     grid = figure.add_gridspec(3, 6, height_ratios=(1.0, 1.0, 0.75))
     for line, (arm, (words, options, times, until)) in enumerate(ICE.items()):
         scene = scene_of("figure_4", asked.size, end_time=until, **options)
-        run = asked.run(f"{name}_{arm}", scene, round(until / 0.1))
+        run = run_of(asked, f"{name}_{arm}", scene, round(until / 0.1))
         assert run.box is not None
         seen = run.box[0], run.box[1] * np.array([1.0, 1.0, 0.84])
         ice = [int((run.solid_body(frame_at(run, time)) >= 0).sum()) for time in (0.0, *times)]
@@ -289,13 +282,13 @@ def ice_picture(name: str, asked: Drawing) -> Any:
 FINER = 2
 
 
-def dong_cube(name: str, asked: Drawing) -> Any:
+def dong_cube(name: str, asked: argparse.Namespace) -> Any:
     """Figure 3: a cube of 0.5 m without gravity becomes a ball and an octahedron and swings."""
     import matplotlib.pyplot as plt
 
     side = round(FINER * 17 * asked.size)
     scene = msgspec.structs.replace(dong.cube_scene(*dong.start("cube", side**3)), end_time=4.0)
-    run = asked.run(name, scene, 100)
+    run = run_of(asked, name, scene, 100)
     frames = list(run.frames(range(len(run.times))))
     moment = np.array([cubic_moment(position_of(frame)) for frame in frames])
     top = next((k for k in range(2, len(moment) - 1) if moment[k] > 0 and moment[k] >= moment[k + 1]), len(moment) // 2)
@@ -310,34 +303,19 @@ def dong_cube(name: str, asked: Drawing) -> Any:
     return figure
 
 
-PICTURES: dict[str, Callable[[str, Drawing], Any]] = {
+PICTURES: dict[str, Callable[[str, argparse.Namespace], Any]] = {
     **dict.fromkeys(POURS, pour_picture),
     "ice_floats": ice_picture,
     "dong_figure_3_fine": dong_cube,
 }
 
 
-@any_letter()
-def main(words: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("name", nargs="*", metavar="NAME", help=f"some of {', '.join(PICTURES)}; all by default")
-    parser.add_argument("--size", type=float, default=1.0, help="resolution over the printed one (1)")
-    parser.add_argument("--draw", action="store_true", help="draw from the runs that are there")
-    parser.add_argument("--folder", type=Path, default=FOLDER, help="of the pictures (figures/printed)")
-    parser.add_argument("--runs", type=Path, default=RUNS, help="folder of the runs (build/printed)")
-    given = parser.parse_args(words)
-    given.folder.mkdir(parents=True, exist_ok=True)
-    try:
-        for name, maker in zip(given.name or PICTURES, chosen(given.name, PICTURES, "picture")):
-            with style():
-                path = given.folder / f"{name}.webp"
-                save_picture(maker(name, Drawing(given.size, given.runs, given.draw)), path)
-            print(path)
-    except InputError as error:
-        print(error, file=sys.stderr)
-        return error.exit_code
-    return EXIT_FINE
+OPTIONS = {
+    "--size": {"type": float, "default": 1.0, "help": "resolution over the printed one (1)"},
+    "--draw": {"action": "store_true", "help": "draw from the runs that are there"},
+    "--runs": {"type": lambda path: Path(path).resolve(), "default": RUNS, "help": "of the runs (build/printed)"},
+}
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(command(__doc__, PICTURES, FOLDER, suffix=".webp", options=OPTIONS))

@@ -288,4 +288,4 @@ SCHEMATICS: dict[str, Callable[[], Any]] = {f"{drawing.__name__}.png": drawing f
 
 
 if __name__ == "__main__":
-    sys.exit(command(__doc__, SCHEMATICS, FOLDER, None))
+    sys.exit(command(__doc__, SCHEMATICS, FOLDER))
