@@ -15,9 +15,9 @@ NUMBERED = {
     "Jiang & Zhu 2023": [f"J({n})" for n in range(1, 22)],
     "Dong, Zhang & Chen 2016": [f"D({n})" for n in range(1, 12)],
     "thesis": [
-        *(f"(2.{n})" for n in range(1, 14) if n != 12), *(f"(3.{n})" for n in range(1, 20)),
-        *(f"(4.{n})" for n in range(1, 20)), "Algorithm 1", "Algorithm 2",
-    ],  # the thesis has no (2.12)
+        *(f"(2.{n})" for n in range(1, 14)), *(f"(3.{n})" for n in range(1, 20)), *(f"(4.{n})" for n in range(1, 20)),
+        "Algorithm 1", "Algorithm 2",
+    ],
     "Shao & Song 2017": [f"M({n})" for n in range(1, 5)],
     "patent CN104318598A": [f"P{n}" for n in range(1, 9)],
 }  # fmt: skip
