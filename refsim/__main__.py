@@ -131,12 +131,12 @@ def _failed(error: RefsimError, as_json: bool) -> int:
         for line in getattr(error, "advice", ()):
             print(f"  {line}", file=sys.stderr)
     if as_json:
-        found: dict[str, Any] = {"error": sentence, "reason": reason or "bad_input", "exit_code": error.exit_code}
+        failure: dict[str, Any] = {"error": sentence, "reason": reason or "bad_input", "exit_code": error.exit_code}
         report = getattr(error, "report", None)
         if report is not None:
-            found["report"] = plain(dataclasses.asdict(report))
+            failure["report"] = plain(dataclasses.asdict(report))
         with suppress(OSError, RefsimError):
-            _tell(json.dumps(found, indent=1, allow_nan=False))
+            _tell(json.dumps(failure, indent=1, allow_nan=False))
     return error.exit_code
 
 

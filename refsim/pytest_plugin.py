@@ -38,17 +38,17 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if unknown:
         raise pytest.UsageError(f"{metafunc.definition.nodeid}: contract has no {unknown}; it has {', '.join(KEYS)}.")
     operations, dtypes, variants, steps = (tuple(chosen.get(key, ())) for key in KEYS)
-    found = []
+    parameters = []
     try:
         programs = programs_of(metafunc.module)
         for operation in programs.operations(operations):
             for step in ladder(programs, operation, dtypes, variants, steps):
                 at = step.target
                 name = f"{operation}-{at.dtype}-variant{at.variant}-{step.step}-{step.name}"
-                found.append(pytest.param(Trial(step), id=name.replace(" ", "_")))
+                parameters.append(pytest.param(Trial(step), id=name.replace(" ", "_")))
     except InputError as error:
         raise pytest.UsageError(str(error)) from None
-    metafunc.parametrize("contract_trial", found)
+    metafunc.parametrize("contract_trial", parameters)
 
 
 class Trial:

@@ -41,29 +41,31 @@ def parts(
     systems = {entry.system for entry in entries.values()} if CLAIM in kinds else set()
     what = "experiment or check" if VERDICT in kinds else kinds[0]
     chosen([name for name in names if name not in systems], owners, what)
-    made = []
+    wanted = []
     for name, experiment in known.items():
         whole = not names or name in names
         some = [own for own in names if name in owners.get(own, ())]
         if VERDICT in kinds and (whole or set(some) & set(checks.read(name, VERDICT))):
-            made.append(experiment.part(options))
+            wanted.append(experiment.part(options))
         if CLAIM in kinds:
             own = [e for e in entries.values() if e.experiment == name]
-            made += [claim_part(e, experiment, options) for e in own if whole or e.name in some or e.system in names]
+            wanted += [claim_part(e, experiment, options) for e in own if whole or e.name in some or e.system in names]
         tried = [own for own in some if own in checks.read(name, HARD_CASE) or own in {m.name for m in experiment.maps}]
         if HARD_CASE in kinds and (tried or whole) and contents(experiment, [HARD_CASE]):
-            made.append(trial_part(experiment, options, () if whole else tried))
-    return made
+            wanted.append(trial_part(experiment, options, () if whole else tried))
+    return wanted
 
 
 def contents(experiment: Experiment, kinds: Iterable[str]) -> dict[str, tuple[str, str]]:
     """(kind, words) of an experiment's checks of some kinds, and of its maps and panels, by name."""
-    made = {}
+    described = {}
     for kind in kinds:
-        made |= {name: (kind, entry.title or entry.what) for name, entry in checks.read(experiment.name, kind).items()}
+        described |= {
+            name: (kind, entry.title or entry.what) for name, entry in checks.read(experiment.name, kind).items()
+        }
         if kind == HARD_CASE:
-            made |= {m.name: (kind, m.title) for m in experiment.maps}
-    return made
+            described |= {m.name: (kind, m.title) for m in experiment.maps}
+    return described
 
 
 def claim_part(entry: Entry, experiment: Experiment, options: Options) -> Part:
@@ -106,20 +108,22 @@ def trial_part(experiment: Experiment, options: Options, only: Sequence[str] = (
             runs.append(RunSpec(cell_key(m, cell), cell.function, parameters, estimate=cell.seconds))
 
     def judged(results: Results) -> list[Check]:
-        made = []
+        judgements = []
         for entry in (e for e in hard if e.name in results):
             values = results[entry.name].values
             held, of = sum(check["held"] for check in values["checks"].values()), len(values["checks"])
-            made.append(dataclasses.replace(checks.checked(entry, [held], values["outcome"]), unit=f"of {of} checks"))
-        return [*made, *(judged_cell(m, c, results[cell_key(m, c)]) for m in maps for c in m.cells
+            judgements.append(
+                dataclasses.replace(checks.checked(entry, [held], values["outcome"]), unit=f"of {of} checks")
+            )
+        return [*judgements, *(judged_cell(m, c, results[cell_key(m, c)]) for m in maps for c in m.cells
                          if cell_key(m, c) in results)]  # fmt: skip
 
     def tables(results: Results) -> list[Table]:
         rows = [[e.name, e.what, results[e.name].values["outcome"], worst(results[e.name].values)]
                 for e in hard if e.name in results]  # fmt: skip
         heading = ["case", "what is hard", "outcome", "nearest to its bound"]
-        made = [Table(f"Hard cases: {experiment.name}", heading, rows), *(map_table(m, results) for m in maps)]
-        return [table for table in made if table.rows]
+        every = [Table(f"Hard cases: {experiment.name}", heading, rows), *(map_table(m, results) for m in maps)]
+        return [table for table in every if table.rows]
 
     names = {entry.name for entry in hard}
     pictures = [*map(map_picture, maps), *(p for p in experiment.pictures if names & set(p.needs))]
@@ -182,11 +186,11 @@ def verify(entries: Sequence[Entry], jobs: int, threads: int | None, known: Mapp
     known = discover() if known is None else known
     with tempfile.TemporaryDirectory() as folder:
         options = Options(fresh=True, threads=threads, results=Path(folder) / "results", figures=Path(folder) / "none")
-        made = [
+        wanted = [
             (value_part if entry.kind == VALUE else claim_part)(entry, known[entry.experiment], options)
             for entry in entries
         ]
-        performed = perform(made, options, jobs)
+        performed = perform(wanted, options, jobs)
     return [(entry, *_deviation(entry, each)) for entry, each in zip(entries, performed)]
 
 
@@ -225,11 +229,11 @@ def published(entry: Entry) -> str:
     return f"{entry.verdict}, {said}" if entry.kind == CLAIM else said
 
 
-def verified_table(found: Sequence[tuple[Entry, Check | None, str]]) -> Table:
+def verified_table(verified: Sequence[tuple[Entry, Check | None, str]]) -> Table:
     """Published and present numbers side by side."""
     rows = [
         [entry.name, published(entry), check.measured() if check else "-", "deviates" if why else "holds"]
-        for entry, check, why in found
+        for entry, check, why in verified
     ]
     return Table("Published numbers, computed anew", ["number", "published", "now", "state"], rows)
 

@@ -49,8 +49,8 @@ class Task:
 
     def store(self) -> None:
         """Compile the kernel in this process and store its code."""
-        found = attrgetter(self.name)(importlib.import_module(self.module))
-        program = found.on("cpu") if hasattr(found, "on") else found
+        named = attrgetter(self.name)(importlib.import_module(self.module))
+        program = named.on("cpu") if hasattr(named, "on") else named
         program = program if self.written_for is None else program.of(*self.written_for)
         program.store(pickle.loads(self.types))
 

@@ -34,16 +34,16 @@ def execute(options: argparse.Namespace) -> CommandResult:
     advice.checked(error, options.seconds)
     of = panel(name)
     if options.seconds is None:
-        found = advice.cheapest(of, error, kind)
+        advised = advice.cheapest(of, error, kind)
     else:
-        found = advice.least(of, kind, options.seconds)
-        if found is None:
+        advised = advice.least(of, kind, options.seconds)
+        if advised is None:
             raise InputError(f"advise: no measured setting of {name} takes {options.seconds:g} s or less; give more.")
-        error = found[0]
-    text, data = advice.text_of(of, error, kind, found), advice.data_of(of, error, kind, found)
-    if found is None:
+        error = advised[0]
+    text, data = advice.text_of(of, error, kind, advised), advice.data_of(of, error, kind, advised)
+    if advised is None:
         return CommandResult(data, text)
-    point, path = found[1], Path(options.output or f"{name}.toml")
+    point, path = advised[1], Path(options.output or f"{name}.toml")
     scene = scene_to_toml(written(of, point))
     write_new({path: scene.encode()}, "file (--output)", options.overwrite, "scene", "nothing was written")
     value = f"refsim run {path} --observable panel:{name}" + " --backend cuda" * options.gpu

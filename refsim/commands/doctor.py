@@ -29,7 +29,7 @@ TESTED = "sph.density"
 def execute(options: argparse.Namespace) -> CommandResult:
     """Collect versions and hardware, test each backend that can run, and give one verdict."""
     backends = {name: unavailable(name) for name in BACKENDS}
-    found: dict[str, Any] = {
+    report: dict[str, Any] = {
         "versions": versions(),
         "system": f"{platform.system()} {platform.machine()}",
         "cores": cores(),
@@ -39,10 +39,10 @@ def execute(options: argparse.Namespace) -> CommandResult:
         "gpu": _gpu() if backends["cuda"] is None else None,
         "self_test": {name: _self_test(name) for name, reason in backends.items() if reason is None},
     }
-    found["threads"] = _threads()
-    found["private_names"] = lost()  # known after the self-test has launched kernels
-    found["launch_note"] = found["private_names"].get("launch")
-    tests = found["self_test"]
+    report["threads"] = _threads()
+    report["private_names"] = lost()  # known after the self-test has launched kernels
+    report["launch_note"] = report["private_names"].get("launch")
+    tests = report["self_test"]
     stopped = [name for name, test in tests.items() if "why" in test]
     wrong = [name for name, test in tests.items() if test["verdict"] != "pass" and name not in stopped]
     working = [name for name in tests if name not in (*stopped, *wrong)]
@@ -51,12 +51,12 @@ def execute(options: argparse.Namespace) -> CommandResult:
         faults = [f"backend {name} stops with an error in the self-test: {tests[name]['why']}" for name in stopped]
         if wrong:
             faults.append(f"backend {' and '.join(wrong)} computes wrong numbers here; do not use it")
-        found["verdict"] = f"fail: {'; '.join(faults)}"
+        report["verdict"] = f"fail: {'; '.join(faults)}"
     else:
-        found["verdict"] = f"pass: {', '.join(working)} {'work' if len(working) > 1 else 'works'}"
+        report["verdict"] = f"pass: {', '.join(working)} {'work' if len(working) > 1 else 'works'}"
         if absent:
-            found["verdict"] += f"; {' and '.join(absent)} cannot run here"
-    return CommandResult(found, _text(found), 4 if stopped or wrong else 0)
+            report["verdict"] += f"; {' and '.join(absent)} cannot run here"
+    return CommandResult(report, _text(report), 4 if stopped or wrong else 0)
 
 
 def _self_test_plan() -> Plan:
@@ -151,35 +151,35 @@ def _free(memory: dict[str, Any]) -> str:
     return f"{in_bytes(memory['free'])} free of {in_bytes(memory['total'])}"
 
 
-def _text(found: dict[str, Any]) -> str:
-    cache, memory, threads = found["cache"], found["memory"], found["threads"]
+def _text(report: dict[str, Any]) -> str:
+    cache, memory, threads = report["cache"], report["memory"], report["threads"]
     lacking = "" if cache["writable"] else "; not writable: kernels are compiled anew in every process"
     rows = [
-        *found["versions"].items(),
-        ("system", found["system"]),
-        ("threads", f"up to {threads['most']} on {found['cores']} cores, layer {threads['layer']}"),
+        *report["versions"].items(),
+        ("system", report["system"]),
+        ("threads", f"up to {threads['most']} on {report['cores']} cores, layer {threads['layer']}"),
         ("memory", _free(memory) if memory["total"] else "not known here"),
         ("cache", f"{cache['folder']}, {in_bytes(cache['bytes'])}{lacking}"),
     ]
-    if found["gpu"]:
-        gpu = found["gpu"]
+    if report["gpu"]:
+        gpu = report["gpu"]
         rows.append(("GPU", ", ".join(f"{k} {v}" if k != "name" else str(v) for k, v in gpu.items() if k != "memory")))
         if "memory" in gpu:
             rows.append(("GPU memory", _free(gpu["memory"])))
     lines = [table(rows), "", "Backends"]
-    told = []
-    for name, state in found["backends"].items():
-        test = found["self_test"].get(name)
+    outcomes = []
+    for name, state in report["backends"].items():
+        test = report["self_test"].get(name)
         if test is None:
-            told.append((name, "not available", state["reason"]))
+            outcomes.append((name, "not available", state["reason"]))
         elif "why" in test:
-            told.append((name, "FAILS", "see the verdict"))
+            outcomes.append((name, "FAILS", "see the verdict"))
         else:
             words = (
                 f"{test['operation']} of {test['particles']} particles: largest relative error"
                 f" {test['largest_relative_error']:.2g}, allowed {test['bound']:.2g}, {in_time(test['seconds'])}"
             )
             verdict = "works" if test["verdict"] == "pass" else "WRONG"
-            told.append((name, verdict, "the reference for the others" if name == "numpy" else words))
-    told += [("note", "", sentence) for sentence in found["private_names"].values()]
-    return "\n".join([*lines, table(told), "", f"Verdict: {found['verdict']}."])
+            outcomes.append((name, verdict, "the reference for the others" if name == "numpy" else words))
+    outcomes += [("note", "", sentence) for sentence in report["private_names"].values()]
+    return "\n".join([*lines, table(outcomes), "", f"Verdict: {report['verdict']}."])

@@ -60,15 +60,15 @@ class Equation:
 @functools.cache
 def _functions() -> dict[CodeLocation, tuple[str, int]]:
     """Every function of the modules that hold equations: its docstring, and its line in the file."""
-    found = {}
+    locations = {}
     for path in sorted(ROOT.rglob("*.py")):
         module = ".".join(path.relative_to(ROOT.parent).with_suffix("").parts)
         if path.stem not in OTHERS and not path.stem.endswith("_cuda") and "recorded" not in path.parts:
             for node in ast.parse(path.read_text(encoding="utf-8")).body:
                 words = ast.get_docstring(node) if isinstance(node, ast.FunctionDef) else None
                 if isinstance(node, ast.FunctionDef) and words:
-                    found[CodeLocation(module, node.name)] = words, node.lineno
-    return found
+                    locations[CodeLocation(module, node.name)] = words, node.lineno
+    return locations
 
 
 @functools.cache
@@ -94,13 +94,13 @@ def _numbers(words: str) -> str:
 @functools.cache
 def equations() -> tuple[Equation, ...]:
     """All of them, in the order of the sources."""
-    found, source = [], ""
+    rows, source = [], ""
     for line in Path(__file__).with_suffix(".txt").read_text(encoding="utf-8").splitlines():
         if line.startswith("# "):
             source = line.removeprefix("# ")
         elif line:
-            found.append(_equation(source, line))
-    return tuple(found)
+            rows.append(_equation(source, line))
+    return tuple(rows)
 
 
 def _equation(source: str, line: str) -> Equation:

@@ -88,12 +88,14 @@ def _written(wanted: dict[str, bytes], folder: Path, option: str, overwrite: boo
 
 
 def _listed(known: dict[str, str], alone: dict[str, str]) -> CommandResult:
-    found: list[dict[str, Any]] = []
+    entries: list[dict[str, Any]] = []
     for name, text in known.items():
         effects = [effect.name for effect in parse_scene(text, name).effects]
-        found.append({"name": name, "summary": text.partition("\n")[0].lstrip("# "), "effects": effects})
+        entries.append({"name": name, "summary": text.partition("\n")[0].lstrip("# "), "effects": effects})
     for name, text in alone.items():
-        found.append({"name": name, "summary": text.partition("\n")[0].strip('"'), "effects": []})
-    rows = [(e["name"], e["summary"]) for e in found]
-    how = f"Write one with: refsim example {found[0]['name']}\nWrite the lessons with: refsim example --lessons lessons"
-    return CommandResult({"examples": found}, f"{table(rows)}\n\n{how}")
+        entries.append({"name": name, "summary": text.partition("\n")[0].strip('"'), "effects": []})
+    rows = [(e["name"], e["summary"]) for e in entries]
+    how = (
+        f"Write one with: refsim example {entries[0]['name']}\nWrite the lessons with: refsim example --lessons lessons"
+    )
+    return CommandResult({"examples": entries}, f"{table(rows)}\n\n{how}")

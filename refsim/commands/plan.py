@@ -106,7 +106,7 @@ def _defaults(plan: Plan) -> Iterator[str]:
         if isinstance(effect, capabilities.Joins) and name not in {e.name for e in plan.scene.effects}:
             yield f"{name} joins the liquid, which names no density; the papers have none"
         if isinstance(effect, capabilities.FollowsStart):
-            yield from effect.settled(plan.scene.effects)
+            yield from effect.start_defaults(plan.scene.effects)
     for effect in plan.scene.effects:
         for name, printed in effect.in_papers.items() if isinstance(effect, capabilities.FollowsScene) else ():
             value = getattr(plan.effects.get(effect.name), name, printed)  # a box with all faces open is left out
@@ -123,12 +123,12 @@ def _energy_audit(plan: Plan) -> dict[str, Any] | None:
     rule = plan.scene.energy_audit
     if rule is None:
         return None
-    found = accounts(plan.grid, plan.effects)
+    counted = accounts(plan.grid, plan.effects)
     return {
         "every": rule.every,
         "bound": rule.bound,
-        "counts": ["kinetic", *(part for account in found.values() for part in account.parts)],
-        "uncounted": [f"{name}: {words}" for name, account in found.items() for words in account.uncounted],
+        "counts": ["kinetic", *(part for account in counted.values() for part in account.parts)],
+        "uncounted": [f"{name}: {part}" for name, account in counted.items() for part in account.uncounted],
     }
 
 
@@ -137,9 +137,9 @@ def kernel_name(operation: str, backend: str, algorithm: str = "") -> str:
     if operation in PROCEDURES:
         procedure = PROCEDURES[operation]
         return f"{procedure.owner}.{procedure.method}: {len(procedure.operations)} operations"
-    found = REGISTRY[operation]
-    entry = found.entry(found.chosen(backend, algorithm))
-    return f"{entry.folder or found.folder}.{entry.module}.{entry.function or found.function}"
+    registered = REGISTRY[operation]
+    entry = registered.entry(registered.chosen(backend, algorithm))
+    return f"{entry.folder or registered.folder}.{entry.module}.{entry.function or registered.function}"
 
 
 def _owner(plan: Plan, name: str) -> list[str]:
@@ -225,12 +225,12 @@ def execute(options: argparse.Namespace) -> CommandResult:
     if options.backend not in BACKENDS:
         raise InputError(f"there is no backend {options.backend!r}; choose one of {', '.join(BACKENDS)}.")
     plan = planned(load_scene(options.scene), options.scene, options.backend)
-    found = describe_plan(plan, options.backend)
+    summary = describe_plan(plan, options.backend)
     if not options.time:
-        return CommandResult(found, _text(found))
+        return CommandResult(summary, _text(summary))
     cost = measured(plan, options.backend)
-    found["time"] = {**asdict(cost), "processor": cost.processor, "wall": cost.wall}
-    return CommandResult(found, f"{_text(found)}\n\n{_time(cost)}")
+    summary["time"] = {**asdict(cost), "processor": cost.processor, "wall": cost.wall}
+    return CommandResult(summary, f"{_text(summary)}\n\n{_time(cost)}")
 
 
 def _time(cost: Cost) -> str:
@@ -245,28 +245,28 @@ def _time(cost: Cost) -> str:
     return f"Time here, backend {cost.backend}, one CPU thread, from {STEPS} steps; {without}\n{table(rows)}"
 
 
-def _text(found: dict[str, Any]) -> str:
-    walls = f" and {found['wall_particles']:,} of walls" if found["wall_particles"] else ""
-    around = "".join(f", periodic along {axis} over {m:g} m" for axis, m in zip("xyz", found["period"]) if m)
-    if any(found["origin"]):
-        around += f", positions relative to ({', '.join(f'{m:g}' for m in found['origin'])}) m"
+def _text(summary: dict[str, Any]) -> str:
+    walls = f" and {summary['wall_particles']:,} of walls" if summary["wall_particles"] else ""
+    around = "".join(f", periodic along {axis} over {m:g} m" for axis, m in zip("xyz", summary["period"]) if m)
+    if any(summary["origin"]):
+        around += f", positions relative to ({', '.join(f'{m:g}' for m in summary['origin'])}) m"
     fields = [
         (name, f["bytes_per_particle"], in_bytes(f["bytes"]), f["unit"], ", ".join(f["brought_by"]), f["meaning"])
-        for name, f in found["fields"].items()
+        for name, f in summary["fields"].items()
     ]
     passes = [
         (number, p["operation"], p.get("effect", "(runner)"), p["when"], p["kernel"])
-        for number, p in enumerate(found["passes"] + found["runner"], 1)
+        for number, p in enumerate(summary["passes"] + summary["runner"], 1)
     ]
     effects = []
-    for name, e in found["effects"].items():
+    for name, e in summary["effects"].items():
         reach = f"{e['list_radius']:g} m" if e["list_radius"] else "-"
         count = f"{e['wall_particles']:,}" if e["wall_particles"] else "-"
         effects.append((name, reach, count, ", ".join(e["step_limits"]) or "-"))
     lines = [
-        f"{found['scene']}: {found['particles']:,} particles{walls} in {found['dim']}D, {found['dtype']},"
-        f" backend {found['backend']}",
-        f"spacing {found['spacing']:g} m, support radius {found['support_radius']:g} m{around}",
+        f"{summary['scene']}: {summary['particles']:,} particles{walls} in {summary['dim']}D, {summary['dtype']},"
+        f" backend {summary['backend']}",
+        f"spacing {summary['spacing']:g} m, support radius {summary['support_radius']:g} m{around}",
         "",
         "Fields",
         table(fields, ("field", "B/particle", "bytes", "unit", "brought by", "meaning"), right=(1, 2)),
@@ -277,15 +277,15 @@ def _text(found: dict[str, Any]) -> str:
         "Effects",
         table(effects, ("effect", "neighbours to", "wall particles", "step limits")),
         *(f"As in {e['literal']['source']}: {name} with {_taken(e['literal'])}"
-          for name, e in found["effects"].items() if e["literal"]),
+          for name, e in summary["effects"].items() if e["literal"]),
         "",
     ]  # fmt: skip
     for title in ("gauges", "motions"):
-        if parts := found[title]:
+        if parts := summary[title]:
             keys = list(dict.fromkeys(key for part in parts for key in part))
             rows = [tuple(_short(part.get(key, "-")) for key in keys) for part in parts]
             lines += [title.capitalize(), table(rows, tuple(keys)), ""]
-    listed = found["neighbour_list"]
+    listed = summary["neighbour_list"]
     lines.append(
         f"Neighbour list: radius {listed['radius']:g} m, reaching to {listed['reach']:g} m,"
         f" {listed['neighbours_on_a_lattice']} neighbours on the lattice, about {in_bytes(listed['bytes'])};"
@@ -293,38 +293,38 @@ def _text(found: dict[str, Any]) -> str:
         if listed
         else "Neighbour list: none"
     )
-    b = found["bytes"]
+    b = summary["bytes"]
     grid = f", background grid {in_bytes(b['background_grid'])}" if "background_grid" in b else ""
     lines.append(
-        f"Memory: {in_bytes(b['total'])}, {b['total'] / found['particles']:.0f} B a particle (fields"
+        f"Memory: {in_bytes(b['total'])}, {b['total'] / summary['particles']:.0f} B a particle (fields"
         f" {in_bytes(b['fields'])}, list {in_bytes(b['neighbour_list'])}, positions at its last build"
         f" {in_bytes(b['positions_at_list_build'])}, walls {in_bytes(b['walls'])}{grid})"
     )
-    if found["not_counted"]:
-        lines.append(f"Not counted, since it follows the run: {'; '.join(found['not_counted'])}")
-    step = found["step"]
+    if summary["not_counted"]:
+        lines.append(f"Not counted, since it follows the run: {'; '.join(summary['not_counted'])}")
+    step = summary["step"]
     limits = ", ".join(f"{name} {value:.3g} s" for name, value in sorted(step["limits"].items(), key=lambda i: i[1]))
     lines += [
         f"First step: {step['length']:.3g} s, set by {step['limiter']}"
         f" (limits, before any force but gravity: {limits})",
-        f"To {found['end_time']:g} s: at least {step['steps_to_end_at_least']:,} steps",
+        f"To {summary['end_time']:g} s: at least {step['steps_to_end_at_least']:,} steps",
     ]
     margins = []
-    for m in found["margins"]:
+    for m in summary["margins"]:
         limit = f"{'at least' if m['least'] else 'at most'} {m['limit']:.3g}"
         margins.append((m["setting"], m["of"], f"{m['value']:.3g}", limit, _margin(m["factor"])))
     if margins:
         head = ("setting", "of", "here", "measured to hold", "margin")
         lines += ["", "Measured limits (docs/stability.md)", table(margins, head, right=(2, 3, 4)), ""]
-    audit = found["energy_audit"]
+    audit = summary["energy_audit"]
     if audit:
         lacking = "; not counted: " + ", ".join(audit["uncounted"]) if audit["uncounted"] else ""
         lines.append(
             f"Energy audit: every {audit['every']:,} steps, growth up to {audit['bound']:g} of the energy turned over;"
             f" counts {', '.join(audit['counts'])}{lacking}"
         )
-    lines += [f"Default: {words}" for words in found["defaults"]]
-    return "\n".join([*lines, *(f"Note: {note}" for note in found["notes"])])
+    lines += [f"Default: {words}" for words in summary["defaults"]]
+    return "\n".join([*lines, *(f"Note: {note}" for note in summary["notes"])])
 
 
 def _short(value: Any) -> str:

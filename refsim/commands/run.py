@@ -65,12 +65,12 @@ def execute(options: argparse.Namespace) -> CommandResult:
         raise
     finally:
         progress.close()
-    found, text = dataclasses.asdict(report), _text(report)
+    data, text = dataclasses.asdict(report), _text(report)
     if watch is not None:
         name, value = watch.observable.name, watch.value(simulation)
-        found["observable"] = {"name": name, "value": value}
+        data["observable"] = {"name": name, "value": value}
         text += f"\n{name} = {value:.9g} {watch.observable.unit}".rstrip()
-    return CommandResult(found, text)
+    return CommandResult(data, text)
 
 
 def _watch(options: argparse.Namespace, simulation: Simulation) -> Watching | None:

@@ -37,36 +37,37 @@ def execute(options: argparse.Namespace) -> CommandResult:
     began = time.perf_counter()
     mesh = load_mesh(options.mesh)
     extra = {} if options.density is None else {"density": options.density}
-    made = sample(
+    sampled = sample(
         mesh, options.radius, seed=options.seed, spacing=options.grid_spacing, backend=options.backend,
         literal=tuple(filter(None, options.literal.split(","))), most_iterations=options.iterations, **extra,
     )  # fmt: skip
-    nearest = nearest_distances(made.position)
-    write_vtp(output, made.position, normal=made.normal, nearest=nearest)
+    nearest = nearest_distances(sampled.position)
+    write_vtp(output, sampled.position, normal=sampled.normal, nearest=nearest)
     seconds = time.perf_counter() - began
     mean = float(nearest.mean()) if len(nearest) > 1 else 0.0
     data = {
         "mesh": options.mesh, "triangles": len(mesh.faces), "area": mesh.area, "volume": mesh.volume,
-        "extent": mesh.extent.tolist(), "particles": len(made.position), "expected": made.expected,
+        "extent": mesh.extent.tolist(), "particles": len(sampled.position), "expected": sampled.expected,
         "radius": options.radius, "mean_spacing": mean,
         "least_over_mean_spacing": float(nearest.min() / mean) if mean else 0.0,
         "spacing_variation": float(nearest.std() / mean) if mean else 0.0,
-        "iterations": made.iterations, "converged": made.converged, "residual": made.residual,
-        "grid_spacing": made.field.spacing, "grid_bytes": made.field.nbytes, "seconds": seconds, "output": str(output),
-        "repairs": list(mesh.notes), "notes": list(made.notes),
+        "iterations": sampled.iterations, "converged": sampled.converged, "residual": sampled.residual,
+        "grid_spacing": sampled.field.spacing, "grid_bytes": sampled.field.nbytes, "seconds": seconds,
+        "output": str(output),
+        "repairs": list(mesh.notes), "notes": list(sampled.notes),
     }  # fmt: skip
     rows = [
         ("mesh", f"{len(mesh.faces):,} triangles, {' x '.join(f'{x:.4g}' for x in mesh.extent)} m, area"
                  f" {mesh.area:.4g} m^2, volume {mesh.volume:.4g} m^3"),
-        ("particles", f"{len(made.position):,}; g A/(pi r^2) = {made.expected:,.1f}"),
+        ("particles", f"{len(sampled.position):,}; g A/(pi r^2) = {sampled.expected:,.1f}"),
         ("spacing", f"{mean:.4g} m on average, least {data['least_over_mean_spacing']:.3f} of it, variation"
                     f" {data['spacing_variation']:.3f}"),
-        ("relaxation", f"{made.iterations} iterations, {'' if made.converged else 'not '}converged: the last one moved"
-                       f" them by {made.residual:.2g} r"),
-        ("distance grid", f"{made.field.spacing:.4g} m, {in_bytes(made.field.nbytes)}"),
+        ("relaxation", f"{sampled.iterations} iterations, {'' if sampled.converged else 'not '}converged: the last one"
+                       f" moved them by {sampled.residual:.2g} r"),
+        ("distance grid", f"{sampled.field.spacing:.4g} m, {in_bytes(sampled.field.nbytes)}"),
         ("written", f"{output} with fields normal and nearest, {in_time(seconds)}"),
     ]  # fmt: skip
-    rows += [("repaired", note) for note in mesh.notes] + [("note", note) for note in made.notes]
+    rows += [("repaired", note) for note in mesh.notes] + [("note", note) for note in sampled.notes]
     return CommandResult(data, table(rows))
 
 

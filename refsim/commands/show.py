@@ -124,18 +124,18 @@ def describe(operation: Operation, program: str) -> dict[str, list[Source]]:
     return found
 
 
-def shown(found: Equation) -> CommandResult:
+def shown(equation: Equation) -> CommandResult:
     """What is printed in the source, how it is read, and the code that stands for it."""
-    lines = [found.name if found.source == "thesis" else f"{found.name}, {found.source}", found.printed]
-    for heading, words in (("read", found.reading), ("not implemented", found.reason)):
+    lines = [equation.name if equation.source == "thesis" else f"{equation.name}, {equation.source}", equation.printed]
+    for heading, words in (("read", equation.reading), ("not implemented", equation.reason)):
         lines += [f"{heading}: {words}"] * bool(words)
-    lines += [f"tests: tests/ladder/test_pairing.py -k {name}" for name in found.operations]
-    code = {"reference": found.references, "program": found.kernels}
+    lines += [f"tests: tests/ladder/test_pairing.py -k {name}" for name in equation.operations]
+    code = {"reference": equation.references, "program": equation.kernels}
     sources = {key: [source_of(*place) for place in places] for key, places in code.items()}
     for key, heading in (("reference", "Reference"), ("program", "One neighbour or particle")):
         lines += ["", f"## {heading}", *(f"\n{source}" for source in sources[key])] * bool(sources[key])
     data = {key: [asdict(source) for source in of_kind] for key, of_kind in sources.items()}
-    return CommandResult(asdict(found) | data, "\n".join(lines), verbatim=True)
+    return CommandResult(asdict(equation) | data, "\n".join(lines), verbatim=True)
 
 
 @command("show", "print an operation, or an equation of a source, and the code that stands for it")

@@ -71,13 +71,13 @@ def execute(options: argparse.Namespace) -> CommandResult:
         for name in ("knobs", "with_spacing"):
             given[name] = [word for word in getattr(options, name).split(",") if word]
         tell = (lambda text: None) if options.quiet else say
-        found = study(scene, options.observable, reference=reference, folder=folder, say=tell, **given)
+        outcome = study(scene, options.observable, reference=reference, folder=folder, say=tell, **given)
     with writing("study", folder, "its runs are kept"):
         folder.mkdir(parents=True, exist_ok=True)
-    write_file(folder / "study.txt", found.text() + "\n", "study", "its runs are kept")
-    write_file(folder / "study.png", found.png(), "study", "its runs are kept")
-    text = f"{found.text()}\n{folder / 'study.txt'}, {folder / 'study.png'}"
-    return CommandResult(found.data() | {"folder": str(folder)}, text, 0 if found.convergence else FAILED)
+    write_file(folder / "study.txt", outcome.text() + "\n", "study", "its runs are kept")
+    write_file(folder / "study.png", outcome.png(), "study", "its runs are kept")
+    text = f"{outcome.text()}\n{folder / 'study.txt'}, {folder / 'study.png'}"
+    return CommandResult(outcome.data() | {"folder": str(folder)}, text, 0 if outcome.convergence else FAILED)
 
 
 def _packaged(options: argparse.Namespace) -> Scene:

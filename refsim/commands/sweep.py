@@ -24,7 +24,7 @@ def execute(options: argparse.Namespace) -> CommandResult:
     """Compute what is missing; print all runs."""
     folder = results_folder(options.output, options.sweep, "sweep")
     with kept_in(folder):
-        found = sweep(
+        swept = sweep(
             options.sweep,
             folder=folder,
             jobs=options.jobs,
@@ -33,6 +33,6 @@ def execute(options: argparse.Namespace) -> CommandResult:
             say=(lambda text: None) if options.quiet else say,
             bar=not options.quiet and wanted(),
         )
-    worked = any(reading is not None and not reading.failed for reading in found.readings)
-    code = 0 if worked and not found.missing else FAILED
-    return CommandResult(found.data() | {"folder": str(folder)}, f"{found.text()}\n{folder / TABLE}", code)
+    worked = any(reading is not None and not reading.failed for reading in swept.readings)
+    code = 0 if worked and not swept.missing else FAILED
+    return CommandResult(swept.data() | {"folder": str(folder)}, f"{swept.text()}\n{folder / TABLE}", code)

@@ -69,14 +69,14 @@ def exact_forms(operation: Operation, variant: Mapping[str, Any]) -> Iterator[tu
     dropped = _dropped_outputs(operation, variant)
     for maker in cases.CLOSED_FORMS.get(operation.name, ()):
         exact = maker()
-        if all(_same(exact.given[n], v) for n, v in variant.items() if n in exact.given and n not in dropped):
+        if all(_same(exact.inputs[n], v) for n, v in variant.items() if n in exact.inputs and n not in dropped):
             yield maker.__name__, exact
 
 
 def exact_inputs(operation: Operation, variant: Mapping[str, Any], exact: cases.Exact, dtype: str) -> Inputs:
     """The inputs of a closed form; outputs that it does not give begin with zeros."""
     dropped = _dropped_outputs(operation, variant)
-    given = {name: typed(name, value, dtype) for name, value in exact.given.items() if name not in dropped}
+    given = {name: typed(name, value, dtype) for name, value in exact.inputs.items() if name not in dropped}
     made = with_variant(Inputs(exact.case, dtype), variant)
     for name in exact.expected.keys() - given.keys() - dropped:
         if name not in operation.arguments("numpy") and not made.per_particle(name):

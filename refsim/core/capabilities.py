@@ -74,12 +74,12 @@ class FollowsScene:
 class FollowsStart:
     """Has parameters that follow the particles of the start where they are None."""
 
-    def with_start(self, grid: Discretisation, others: Mapping[str, Effect]) -> Effect:
+    def with_start_defaults(self, grid: Discretisation, others: Mapping[str, Effect]) -> Effect:
         """This effect with those of its parameters that are None as the particles of `grid` have them."""
         raise NotImplementedError  # an effect with this capability defines it
 
-    def settled(self, given: Iterable[Effect]) -> Iterator[str]:
-        """What followed so beside the effects that the scene names, in words."""
+    def start_defaults(self, scene_effects: Iterable[Effect]) -> Iterator[str]:
+        """Sentences on the parameters chosen so; `scene_effects` are the effects as the scene file has them."""
         raise NotImplementedError  # an effect with this capability defines it
 
 

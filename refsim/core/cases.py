@@ -126,7 +126,7 @@ def _makers_in(table: dict[str, Any], named: bool = False) -> Callable[..., Call
 
 
 def _by_name(name: str, maker: Callable) -> Callable:
-    return functools.wraps(maker)(lambda *given: {name: maker(*given)})
+    return functools.wraps(maker)(lambda *arguments: {name: maker(*arguments)})
 
 
 particles = _makers_in(PARTICLES)  # (case, random) -> an array with one row for each particle, in float64
@@ -229,30 +229,30 @@ def plain_keeps(*operations: str, **reasons: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Exact:
-    """A case whose answer is known in closed form: arguments that matter, and outputs, by name.
+    """A case whose answer is known in closed form: inputs that matter, and expected outputs, by name.
 
     Lists become arrays; numbers take the types that the arguments have in a run when a program is given them.
     """
 
     case: Case
-    given: Mapping[str, Any]
+    inputs: Mapping[str, Any]
     expected: Mapping[str, Any]
 
     def __post_init__(self) -> None:
-        for name in ("given", "expected"):
+        for name in ("inputs", "expected"):
             arrays = {key: np.array(v) if isinstance(v, list) else v for key, v in getattr(self, name).items()}
             object.__setattr__(self, name, arrays)
 
 
-def across_a_border(exact: Exact, length: float, **given: Any) -> Exact:
+def across_a_border(exact: Exact, length: float, **more: Any) -> Exact:
     """The same pair along y, the second particle `length` [m] further back in a periodic box of that length.
 
-    given  more arguments
+    more  further inputs
     """
     position = exact.case.position - [[0.0, 0.0, 0.0], [0.0, length, 0.0]]
     case = replace(exact.case, name=f"{exact.case.name}_across", position=position)
     return replace(
-        exact, case=case, given={**exact.given, "period": period_group((0.0, length, 0.0), "float64"), **given}
+        exact, case=case, inputs={**exact.inputs, "period": period_group((0.0, length, 0.0), "float64"), **more}
     )
 
 

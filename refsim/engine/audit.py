@@ -145,8 +145,8 @@ class Auditor:
 
     def report(self) -> dict[str, Any]:
         """For the report of a run."""
-        found = {name: getattr(self.state, name) for name in ("start", "now", "turned_over", "greatest_share")}
-        return {"every": self.rule.every, "bound": self.rule.bound, **found, "uncounted": list(self.uncounted())}
+        state = {name: getattr(self.state, name) for name in ("start", "now", "turned_over", "greatest_share")}
+        return {"every": self.rule.every, "bound": self.rule.bound, **state, "uncounted": list(self.uncounted())}
 
     # In checkpoints
 

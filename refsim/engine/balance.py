@@ -47,10 +47,10 @@ class Balances:
     def inspect(self, run: State) -> None:
         """Let the effects look now. Raises RunStopped as `after_step`."""
         for effect in self.inspecting:
-            found = effect.inspected(run.plan.grid, run.host)
-            if found is None:
+            finding = effect.inspected(run.plan.grid, run.host)
+            if finding is None:
                 continue
-            reason, words = found
+            reason, words = finding
             if reason:
                 raise RunStopped(reason, f"In step {run.steps} to {run.time:.6g} s {words}.")
             run.add_note(

@@ -65,8 +65,8 @@ def bind_pass(p: Pass, backend: Backend, sources: Sequence[Mapping[str, Any]]) -
     """
     operation = None
     if p.operation not in PROCEDURES:
-        found = REGISTRY[p.operation]
-        operation = found.as_computed_by(found.chosen(backend.name, p.algorithm))
+        registered = REGISTRY[p.operation]
+        operation = registered.as_computed_by(registered.chosen(backend.name, p.algorithm))
 
     def lookup(argument: str) -> Any:
         name = p.names.get(argument, argument)

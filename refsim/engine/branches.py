@@ -26,8 +26,8 @@ def accesses(p: Pass, backend: str) -> Accesses | None:
     arguments, operation = operation.arguments(name), operation.as_computed_by(name)
 
     def owners(names: Sequence[str]) -> set[str]:
-        found = (p.names.get(argument, argument) for argument in (name.partition(".")[0] for name in names))
-        return {(name or "").partition(".")[0] for name in found} - {""}
+        fields = (p.names.get(argument, argument) for argument in (name.partition(".")[0] for name in names))
+        return {(name or "").partition(".")[0] for name in fields} - {""}
 
     changed = owners((*operation.outputs, *operation.work)) | {*p.writes, *p.updates}
     if "scratch" in arguments:

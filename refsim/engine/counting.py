@@ -69,16 +69,16 @@ class Counting:
         if not self.acts:
             return ""
         with run.timings.of_host("counting"):
-            found = self.latest = counted(run)
-        if found is None or not abs(found.difference) > NOTED:
+            counts = self.latest = counted(run)
+        if counts is None or not abs(counts.difference) > NOTED:
             return ""
-        side = "above" if found.difference > 0 else "below"
+        side = "above" if counts.difference > 0 else "below"
         words = (
-            f"{LIQUID}: in step {run.steps} at {run.time:.6g} s a density of {found.counted:.4g}"
-            f" kg/m^{run.plan.grid.dim} is counted inside the liquid, {abs(found.difference):.1%} {side} the advanced"
+            f"{LIQUID}: in step {run.steps} at {run.time:.6g} s a density of {counts.counted:.4g}"
+            f" kg/m^{run.plan.grid.dim} is counted inside the liquid, {abs(counts.difference):.1%} {side} the advanced"
             " one: volumes and levels are off by as much; "
         )
-        if abs(found.difference) > LARGEST:
+        if abs(counts.difference) > LARGEST:
             raise RunStopped("miscounted", f"{words}add particle_shifting, or set density = 'summation'.")
         return f"{words}restoring brings both together, particle_shifting keeps the particles even"
 

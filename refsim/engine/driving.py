@@ -91,11 +91,11 @@ class Driving:
         pressure = np.where(liquid, 0.0, run.host("pressure")).astype(dtype)
         force = np.zeros((len(liquid), 3))
         for effect, p in self.solids:
-            found = run.backend.zeros(force.shape, dtype)
-            given = {"acceleration": found, "pressure": run.backend.asarray(pressure)}
+            pushed = run.backend.zeros(force.shape, dtype)
+            given = {"acceleration": pushed, "pressure": run.backend.asarray(pressure)}
             launch_pass(run, dataclasses.replace(p, algorithm="plain"), given, run.parameters[effect.name])
             acting = ~liquid if p.operation == BY_WALLS else np.ones(len(liquid), bool)
-            force += acting[:, None] * np.asarray(run.backend.host(found), dtype=float)
+            force += acting[:, None] * np.asarray(run.backend.host(pushed), dtype=float)
         return run.in_first_order(run.host("mass")[:, None] * force)
 
     def _of_faces(self, run: State, forces: WallForces) -> float:

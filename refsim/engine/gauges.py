@@ -111,18 +111,18 @@ class Gauges:
         return {"walls": around, "liquid_near_walls": liquid_with_list(run.fields["position"], self._near)}
 
     def _in_first_order(self, run: State, values: Any) -> NDArray[np.float64]:
-        found = np.asarray(run.backend.host(values), dtype=float)
-        return found if self._static is None else self._static.in_first_order(found)
+        array = np.asarray(run.backend.host(values), dtype=float)
+        return array if self._static is None else self._static.in_first_order(array)
 
     def _pressure(self, run: State) -> NDArray[np.float64]:
         """Pressure [Pa] at all points, extrapolated from the liquid near them; 0 where there is none."""
         grid = run.plan.grid
-        found = run.backend.zeros((len(self.places),), grid.dtype)
+        pressure = run.backend.zeros((len(self.places),), grid.dtype)
         lean = WallFrameGravity(*map(grid.real, _gravity(run)))
         launch_pass(
-            run, Pass("adami_2012.extrapolation"), self._near_points(run), {"lean": lean, "wall_pressure": found}
+            run, Pass("adami_2012.extrapolation"), self._near_points(run), {"lean": lean, "wall_pressure": pressure}
         )
-        return self._in_first_order(run, found)
+        return self._in_first_order(run, pressure)
 
     def _sample(self, run: State) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Share of the space that the liquid fills (m,) and its flow (m, 3) [m/s] at all points.

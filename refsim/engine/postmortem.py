@@ -45,15 +45,15 @@ SHOWN = 500  # particles at most in the neighbourhood
 
 def write_postmortem(simulation: State, stop: RunStopped, folder: Path, replay: str, checkpoint: Path | None) -> Path:
     """Write both files into `folder`; the path of the JSON. Raises RunStopped or InputError where that fails."""
-    found, near = examine(simulation, stop)
+    record, near = examine(simulation, stop)
     path = folder / POSTMORTEM
-    found |= {
+    record |= {
         "last_checkpoint": str(checkpoint) if checkpoint else None,
         "replay": replay,
         "neighbourhood": {"file": str(folder / POSTMORTEM_FIELDS), "particles": len(near.get("identity", ()))},
     }
     write_file(folder / POSTMORTEM_FIELDS, made_by(np.savez, **near), "post-mortem", KEPT)
-    write_file(path, json.dumps(plain(found), indent=1) + "\n", "post-mortem", KEPT)
+    write_file(path, json.dumps(plain(record), indent=1) + "\n", "post-mortem", KEPT)
     return path
 
 
@@ -64,7 +64,7 @@ def examine(simulation: State, stop: RunStopped) -> tuple[dict[str, Any], dict[s
     limits = _limits_now(simulation, fields)
     built = np.array(simulation.backend.host(simulation.build_position))
     fields["position_at_list_build"] = simulation.plan.grid.absolute(built)
-    found = {
+    record = {
         "reason": stop.reason,
         "message": str(stop),
         "step": simulation.steps,
@@ -78,7 +78,7 @@ def examine(simulation: State, stop: RunStopped) -> tuple[dict[str, Any], dict[s
         "last_step_length": simulation.last.length if simulation.last else None,
         "limits_now": limits,
     }
-    return found, {} if row is None else _neighbourhood(simulation, fields, row)
+    return record, {} if row is None else _neighbourhood(simulation, fields, row)
 
 
 def _cause(simulation: State, stop: RunStopped) -> tuple[str, int | None, int]:

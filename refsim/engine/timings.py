@@ -69,8 +69,10 @@ class Timings:
         """Wall seconds of start, compiling, steps and writing, and their sum, total; in `processor` the same again."""
         whole, names = Seconds.now().less(self.began), ("start", "compiling", "steps", "writing")
         parts = self.parts | {"steps" if "start" in self.parts else "start": whole.less(self._parted())}
-        found = {name: parts.get(name, Seconds()) for name in names} | {"total": whole}
-        return {name: s.wall for name, s in found.items()} | {"processor": {n: s.processor for n, s in found.items()}}
+        by_part = {name: parts.get(name, Seconds()) for name in names} | {"total": whole}
+        return {name: s.wall for name, s in by_part.items()} | {
+            "processor": {n: s.processor for n, s in by_part.items()}
+        }
 
     def _parted(self) -> Seconds:
         whole = Seconds()

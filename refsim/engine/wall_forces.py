@@ -47,15 +47,15 @@ class WallForces:
 
         given  arrays by which fields are replaced
         """
-        found = run.backend.zeros((run.plan.grid.count, 3), run.plan.grid.dtype)
+        summed = run.backend.zeros((run.plan.grid.count, 3), run.plan.grid.dtype)
         walls = run.shared["walls"]
-        _push(run, passes, found, walls._replace(volume=volume), given)
-        total = taken(run, found, rows)
+        _push(run, passes, summed, walls._replace(volume=volume), given)
+        total = taken(run, summed, rows)
         if run.backend.name != "numpy":
             return total
-        run.backend.assign(found, 0.0)  # the oracles sum over the liquid, too
-        _push(run, passes, found, walls._replace(volume=np.zeros_like(volume)), given)
-        return total - found
+        run.backend.assign(summed, 0.0)  # the oracles sum over the liquid, too
+        _push(run, passes, summed, walls._replace(volume=np.zeros_like(volume)), given)
+        return total - summed
 
 
 def taken(run: State, array: Any, rows: Any) -> NDArray[np.float64]:

@@ -265,22 +265,22 @@ def _compensated(along, over, weights):
 
 
 def _compensating(velocity, **before):
-    given = {"volume": VOLUME, "conduction": _conduction_of(), "velocity": velocity, "reservoir": None}
-    return given | {name: np.array(value) for name, value in before.items()}
+    inputs = {"volume": VOLUME, "conduction": _conduction_of(), "velocity": velocity, "reservoir": None}
+    return inputs | {name: np.array(value) for name, value in before.items()}
 
 
 @closed_form("heat.compensation", across=5.0)
 def compensation_at_the_start():
     """From 0, at rest: P, and four rounds."""
-    given = _compensating(np.zeros((2, 3)), compensation_x=np.zeros((2, 3)), compensation_rest=np.zeros((2, 3)))
+    inputs = _compensating(np.zeros((2, 3)), compensation_x=np.zeros((2, 3)), compensation_rest=np.zeros((2, 3)))
     weights = [1 / (0.65 + 0.35 * math.cos(k * math.pi / 8)) for k in (1, 3, 5, 7)]
-    return Exact(PAIR, given, _compensated(1.05 / (SHARE * VOLUME[::-1] + 0.05), 21.0, weights))
+    return Exact(PAIR, inputs, _compensated(1.05 / (SHARE * VOLUME[::-1] + 0.05), 21.0, weights))
 
 
 @closed_form("heat.compensation")
 def compensation_beside_a_reservoir():
     """A = I for a reservoir in the first of the rounds; then f = (a_1 + 1)/2."""
-    given = _compensating(np.zeros((2, 3)), compensation_x=np.zeros((2, 3)), compensation_rest=np.zeros((2, 3)))
+    inputs = _compensating(np.zeros((2, 3)), compensation_x=np.zeros((2, 3)), compensation_rest=np.zeros((2, 3)))
     m = SHARE * VOLUME[1]
     p = along = 1.05 / (m + 0.05)
     over = _compensated(np.ones(2), 21.0, [1 / (0.65 + 0.35 * math.cos(k * math.pi / 8)) for k in (1, 3, 5, 7)])
@@ -289,7 +289,7 @@ def compensation_beside_a_reservoir():
         along += change / (0.65 + 0.35 * math.cos(k * math.pi / 8))
     across = over["compensation_x"][0, 0]
     made = {"compensation_x": [[across, 0, 0], [1, 0, 0]], "compensation_rest": [[along, 0, across], [1, 0, 1]]}
-    return Exact(PAIR, given | {"reservoir": [0, 1]}, {name: np.array(value) for name, value in made.items()})
+    return Exact(PAIR, inputs | {"reservoir": [0, 1]}, {name: np.array(value) for name, value in made.items()})
 
 
 @closed_form("heat.compensation", over=(0.0, 1e-3))
@@ -385,8 +385,8 @@ closed_form(
 @closed_form("heat.particle_volume")
 def volume_of_two():
     """V = m/rho."""
-    given = {"mass": [2.0, 3.0], "density": [1000.0, 500.0]}
-    return Exact(PAIR, given, {"volume": [0.002, 0.006]})
+    inputs = {"mass": [2.0, 3.0], "density": [1000.0, 500.0]}
+    return Exact(PAIR, inputs, {"volume": [0.002, 0.006]})
 
 
 UNIT = 32 * math.pi / 45  # factor with which g = V_1 V_2 2 k dt/2 for particles 1 m apart
@@ -399,13 +399,13 @@ def a_row_after_two_passes():
     Two passes solve for the two modes of a difference. After the first the residual is sqrt(3)/7 = 0.247, above 0.1.
     """
     row = at("heat_row", np.eye(3)[[1]] * np.arange(3)[:, None])
-    given = _given(
+    inputs = _given(
         **dict.fromkeys(("mass", "volume", "heat_capacity", "conductivity"), np.ones(3)),
         timestep=[2.0, 1.0],
         temperature=[1.0, 0.0, 0.0],
         conduction=conduction_group(row.grid("float64"), factor=UNIT, residual=0.1),
     )
-    return Exact(row, given, {"temperature": np.array([5.0, 2.0, 1.0]) / 8})
+    return Exact(row, inputs, {"temperature": np.array([5.0, 2.0, 1.0]) / 8})
 
 
 @closed_form("heat.explicit")

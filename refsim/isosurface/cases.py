@@ -22,9 +22,9 @@ def cell_size(case: Case) -> float:
 @functools.cache
 def covered(name: str, dtype: str):
     """(particle positions as rounded, blocks around them) of a case."""
-    made = CASES[name]()
-    position = made.position.astype(dtype)
-    return position, SparseGrid(Backend("cpu"), made.dim, dtype, cell_size(made)).cover(position, *REACH)
+    case = CASES[name]()
+    position = case.position.astype(dtype)
+    return position, SparseGrid(Backend("cpu"), case.dim, dtype, cell_size(case)).cover(position, *REACH)
 
 
 def distance_to_nearest(points: np.ndarray, position: np.ndarray) -> np.ndarray:
@@ -37,29 +37,29 @@ def distance_to_nearest(points: np.ndarray, position: np.ndarray) -> np.ndarray:
 @functools.cache
 def extraction(name: str, dtype: str) -> dict:
     """All intermediate arrays of the extraction, by the references."""
-    made = CASES[name]()
+    case = CASES[name]()
     position, blocks = covered(name, dtype)
-    h = cell_size(made)
+    h = cell_size(case)
     place = np.dtype(dtype).type(h).astype(float) * node_table(blocks)
-    value = (distance_to_nearest(place, position) - made.dim**0.5 * h if made.count else np.zeros(0)).astype(dtype)
+    value = (distance_to_nearest(place, position) - case.dim**0.5 * h if case.count else np.zeros(0)).astype(dtype)
     state = (value < 0).astype(np.uint8)
     if name == "narrow_band":
         state[abs(value) > 0.9 * h] = 2
-    found = {"blocks": blocks, "node_value": value, "node_state": state, "table": case_table(made.dim)}
+    found = {"blocks": blocks, "node_value": value, "node_state": state, "table": case_table(case.dim)}
     found["contour"] = Contour(np.dtype(dtype).type(h), np.dtype(dtype).type(0))
     return found | follow(found)
 
 
-def follow(given: dict) -> dict:
+def follow(inputs: dict) -> dict:
     """Later arguments of the extraction from blocks, states, values, table and contour."""
-    found = {n: v for n, (v, _) in operations.classify(given["blocks"], given["node_state"]).items()}
+    found = {n: v for n, (v, _) in operations.classify(inputs["blocks"], inputs["node_state"]).items()}
     found = {n: v.astype(np.uint8) for n, v in found.items()}
     found["edge_first"] = Backend("numpy").running_sum(BITS_SET[found["crossings"]])
-    found["facet_first"] = Backend("numpy").running_sum(given["table"].count[found["cell_case"]])
-    cells = operations.facets(given["blocks"], *found.values(), given["table"])
+    found["facet_first"] = Backend("numpy").running_sum(inputs["table"].count[found["cell_case"]])
+    cells = operations.facets(inputs["blocks"], *found.values(), inputs["table"])
     found |= {n: v.astype(np.int32) for n, (v, _) in cells.items()}
-    points = operations.edge_points(given["blocks"], given["node_value"], given["contour"], found["vertex_edge"])
-    found["vertex_position"] = points["vertex_position"][0].astype(given["node_value"].dtype)
+    points = operations.edge_points(inputs["blocks"], inputs["node_value"], inputs["contour"], found["vertex_edge"])
+    found["vertex_position"] = points["vertex_position"][0].astype(inputs["node_value"].dtype)
     return found
 
 
@@ -86,9 +86,9 @@ def octahedron(dim: int) -> tuple[Case, dict]:
     name = f"octahedron_{dim}d"
     blocks = SparseGrid(Backend("cpu"), dim, "float64", 2.0).holding(np.zeros((1, 3), int))
     value = np.where((node_table(blocks) == 0).all(1), -1.0, 3.0)
-    given = {"blocks": blocks, "node_value": value, "node_state": (value < 0).astype(np.uint8)}
-    given |= {"table": case_table(dim), "contour": Contour(2.0, 0.0)}
-    return at(name, [0, 0, 0], dim=dim), given
+    inputs = {"blocks": blocks, "node_value": value, "node_state": (value < 0).astype(np.uint8)}
+    inputs |= {"table": case_table(dim), "contour": Contour(2.0, 0.0)}
+    return at(name, [0, 0, 0], dim=dim), inputs
 
 
 def octahedron_counts(blocks, dim: int) -> tuple[np.ndarray, np.ndarray]:
@@ -105,31 +105,31 @@ def octahedron_counts(blocks, dim: int) -> tuple[np.ndarray, np.ndarray]:
 
 @closed_form("isosurface.classify", over=(2, 3))
 def octahedron_counted(dim):
-    made, given = octahedron(dim)
-    crossings, cell_case = octahedron_counts(given["blocks"], dim)
-    return Exact(made, given | follow(given), {"crossings": crossings, "cell_case": cell_case})
+    case, inputs = octahedron(dim)
+    crossings, cell_case = octahedron_counts(inputs["blocks"], dim)
+    return Exact(case, inputs | follow(inputs), {"crossings": crossings, "cell_case": cell_case})
 
 
 @closed_form("isosurface.edge_points", over=(2, 3))
 def octahedron_quarters(dim):
     """Vertices in the order of their edges: nodes by number, and at the origin x, y, z."""
-    made, given = octahedron(dim)
-    given |= follow(given)
-    coordinates = node_table(given["blocks"])
-    edge = given["vertex_edge"]
+    case, inputs = octahedron(dim)
+    inputs |= follow(inputs)
+    coordinates = node_table(inputs["blocks"])
+    edge = inputs["vertex_edge"]
     start, axis = coordinates[edge // 3], edge % 3
     share = np.where((start == 0).all(1), 0.25, 0.75)
-    return Exact(made, given, {"vertex_position": 2.0 * (start + share[:, None] * np.eye(3)[axis])})
+    return Exact(case, inputs, {"vertex_position": 2.0 * (start + share[:, None] * np.eye(3)[axis])})
 
 
 @closed_form("isosurface.facets", over=(2, 3))
 def octahedron_closed(dim):
     """Each orthant has one facet, whose corners lie on its three (two) half axes, ordered by its handedness."""
-    made, given = octahedron(dim)
-    given |= follow(given)
-    coordinates = node_table(given["blocks"])
+    case, inputs = octahedron(dim)
+    inputs |= follow(inputs)
+    coordinates = node_table(inputs["blocks"])
     on = {}
-    for v, edge in enumerate(given["vertex_edge"]):
+    for v, edge in enumerate(inputs["vertex_edge"]):
         sign = 1 if (coordinates[edge // 3] == 0).all() else -1
         on[(int(edge % 3), sign)] = v
     rows = []
@@ -141,8 +141,8 @@ def octahedron_closed(dim):
         turned = np.prod(signs) < 0
         # the lowest edge of a cell in space first: edges are numbered axis by axis
         rows.append((i, ring if not turned else [ring[0], ring[2], ring[1]] if dim == 3 else ring[::-1]))
-    expected = {"vertex_edge": given["vertex_edge"], "facets": [row for _, row in sorted(rows)]}
-    return Exact(made, given, expected)
+    expected = {"vertex_edge": inputs["vertex_edge"], "facets": [row for _, row in sorted(rows)]}
+    return Exact(case, inputs, expected)
 
 
 @closed_form("isosurface.classify", over=(2, 3))
@@ -150,9 +150,9 @@ def unknown_corner(dim):
     """The octahedron with an unknown state at the one node from which the origin is a step along every axis: its cell
     counts as outside.
     """
-    made, given = octahedron(dim)
-    crossings, cell_case = octahedron_counts(given["blocks"], dim)
-    before = (node_table(given["blocks"])[:, :dim] == -1).all(1)
+    case, inputs = octahedron(dim)
+    crossings, cell_case = octahedron_counts(inputs["blocks"], dim)
+    before = (node_table(inputs["blocks"])[:, :dim] == -1).all(1)
     answer = {"crossings": crossings, "cell_case": np.where(before, 0, cell_case)}
-    given |= {"node_state": np.where(before, 2, given["node_state"]).astype(np.uint8)}
-    return Exact(made, given, answer)
+    inputs |= {"node_state": np.where(before, 2, inputs["node_state"]).astype(np.uint8)}
+    return Exact(case, inputs, answer)

@@ -43,7 +43,7 @@ def segments(case, dim):
     segment from e separates e's inside corner, and those joined to it along the face's rim, from the others.
     """
     corner, ends = corner_places(dim), [{c, c | 1 << a} for c, a in cell_edges(dim)]
-    place, found = [corner[list(pair)].mean(axis=0) for pair in ends], {}
+    place, arrows = [corner[list(pair)].mean(axis=0) for pair in ends], {}
     for axis, side in [(2, 0)] if dim == 2 else [(axis, side) for axis in range(3) for side in (0, 1)]:
         on_face = {c for c in range(2**dim) if c >> axis & 1 == side}
         inside, outward = {c for c in on_face if case >> c & 1}, np.eye(3)[axis] * (1 if dim == 2 else 2 * side - 1)
@@ -53,22 +53,22 @@ def segments(case, dim):
                 a, b = cut
                 towards = np.cross(place[b] - place[a], outward) @ (corner[group].mean(axis=0) - place[a])
                 a, b = (b, a) if (towards < 0) != (dim == 2) else (a, b)
-                found[a] = b
-    return found
+                arrows[a] = b
+    return arrows
 
 
 def polygons(case, dim):
     """Oriented polygons of one cell = tuples of edges (dimensionless), found by going from segment to segment."""
-    arrows, found = segments(case, dim), []
+    arrows, outlines = segments(case, dim), []
     if dim == 2:
         return sorted(arrows.items(), key=lambda arrow: arrow[1])
     for start in sorted(arrows):
-        if not any(start in loop for loop in found):
+        if not any(start in loop for loop in outlines):
             loop = [start]
             while arrows[loop[-1]] != start:
                 loop.append(arrows[loop[-1]])
-            found.append(tuple(loop))
-    return found
+            outlines.append(tuple(loop))
+    return outlines
 
 
 _FACETS = {}
@@ -101,12 +101,12 @@ def ways(loop):
     """All sets of triangles = a polygon cut by ears, without diagonals in a face; dimensionless numbers of edges."""
     if len(loop) == 3:
         return {frozenset([loop])}
-    found = set()
+    triangulations = set()
     for k in range(len(loop)):
         ear = (loop[k - 1], loop[k], loop[(k + 1) % len(loop)])
         if not (np.isin(2 * edge_middle(ear[0]), (0, 2)) & (edge_middle(ear[0]) == edge_middle(ear[2]))).any():
-            found |= {way | {ear} for way in ways(loop[:k] + loop[k + 1 :])}
-    return found
+            triangulations |= {way | {ear} for way in ways(loop[:k] + loop[k + 1 :])}
+    return triangulations
 
 
 def edge_middle(e):

@@ -38,12 +38,12 @@ def faces(dim: int) -> list[tuple[int, ...]]:
     """Corners of each face of a cell, counter-clockwise as seen from outside; the square itself in 2D."""
     if dim == 2:
         return [(0, 1, 3, 2)]
-    found = []
+    corners = []
     for axis, side in itertools.product(range(3), (0, 1)):
         u, v = 1 << (axis + 1) % 3, 1 << (axis + 2) % 3
         ring = (0, u, u | v, v) if side else (0, v, u | v, u)
-        found.append(tuple(c | side << axis for c in ring))
-    return found
+        corners.append(tuple(c | side << axis for c in ring))
+    return corners
 
 
 def loops(state: int, dim: int) -> list[Loop]:
@@ -64,13 +64,13 @@ def loops(state: int, dim: int) -> list[Loop]:
                 follows[into] = out
     if dim == 2:
         return [(out, into) for into, out in sorted(follows.items())]
-    found = []
+    polygons = []
     while follows:
         loop = [min(follows)]
         while loop[-1] in follows:
             loop.append(follows.pop(loop[-1]))
-        found.append(tuple(loop[:-1]))
-    return found
+        polygons.append(tuple(loop[:-1]))
+    return polygons
 
 
 def triangulations(loop: Loop) -> Iterator[tuple[Facet, ...]]:
@@ -110,8 +110,8 @@ def triangulated(loop: Loop) -> tuple[Facet, ...]:
 
 def facets(state: int, dim: int) -> list[Facet]:
     """Facets of a cell in this state, as tuples of edges."""
-    found = loops(state, dim)
-    return found if dim == 2 else [facet for loop in found for facet in triangulated(loop)]
+    outlines = loops(state, dim)
+    return outlines if dim == 2 else [facet for loop in outlines for facet in triangulated(loop)]
 
 
 @functools.cache

@@ -25,14 +25,14 @@ CHAIN = at("melting_chain", lattice((5, 1, 1), 1.0))
 
 def _chain(**changes):
     """A body of four nodes, its particles in reverse, and a drop: hot everywhere but in node 1."""
-    given = {
+    inputs = {
         "identity": [3, 2, 1, 0, 4], "temperature": [5.0, 4.0, 3.9, 4.0, 9.0], "enthalpy": None,
         "phase": [INTERIOR, SURFACE, SURFACE, SURFACE, FLUID], "mass": np.full(5, 9.0),
         "rest_density": np.full(5, 900.0), "melted": np.zeros(4, np.int32), "melting_point": np.full(5, 4.0),
         "latent_heat": None, "melting": MeltingRule(0, 1000.0, 10.0, 0.5, 4000.0),
         "melted_count": np.full(1, 7, np.int32), "conductivity": np.full(5, 2.0), "heat_capacity": np.full(5, 2000.0),
     }  # fmt: skip
-    return given | changes
+    return inputs | changes
 
 
 @closed_form("melting.melt")
@@ -49,14 +49,14 @@ def at_the_melting_point():
 @closed_form("melting.melt")
 def with_latent_heat_into_water():
     """With latent heat node 2, which has less than 7 J/kg, stays solid; node 0 takes the water's mass and density."""
-    given = _chain(enthalpy=[9.0, 6.0, 9.0, 7.0, 9.0], latent_heat=np.full(5, 7.0))
-    given["melting"] = given["melting"]._replace(into_liquid=1)
+    inputs = _chain(enthalpy=[9.0, 6.0, 9.0, 7.0, 9.0], latent_heat=np.full(5, 7.0))
+    inputs["melting"] = inputs["melting"]._replace(into_liquid=1)
     expected = {
         "melted": [1, 0, 0, 0], "melted_count": [1], "mass": [9.0, 9.0, 9.0, 10.0, 9.0],
         "rest_density": [900.0, 900.0, 900.0, 1000.0, 900.0], "phase": [INTERIOR, SURFACE, SURFACE, FLUID, FLUID],
         "conductivity": [2.0, 2.0, 2.0, 0.5, 2.0], "heat_capacity": [2000.0, 2000.0, 2000.0, 4000.0, 2000.0],
     }  # fmt: skip
-    return Exact(CHAIN, given, expected)
+    return Exact(CHAIN, inputs, expected)
 
 
 @closed_form("melting.detach")
@@ -68,8 +68,8 @@ def broken_chain():
             direct[s, 13 + k - s] = region[s, 13 + k - s] = k
     expected = direct.copy()
     expected[1], expected[0, 14], expected[2, 12] = -1, -1, -1
-    given = {
+    inputs = {
         "melted": [0, 1, 0, 0], "melted_count": np.ones(1, np.int32), "region": region,
         "direct": direct, "rebuild": np.full(4, 7, np.int32),
     }  # fmt: skip
-    return Exact(CHAIN, given, {"direct": expected, "rebuild": [1, 1, 1, 0]})
+    return Exact(CHAIN, inputs, {"direct": expected, "rebuild": [1, 1, 1, 0]})

@@ -17,5 +17,8 @@ def _turning(case, grid):
 def about_a_vertical_axis():
     """At (2, 0, 0) from an axis along z with w = 3: centrifugal 18 outwards, Euler -2 dw/dt, Coriolis 6 (v_y, -v_x)."""
     case = at("turning", [[3.0, 0.0, 0.0], [1.0, 0.0, 5.0]])
-    given = {"velocity": [[0.5, -1.0, 4.0], [0.0, 0.0, 1.0]], "turning": [0.0, 0.0, 3.0, 0.0, 0.0, 0.25, 1.0, 0.0, 7.0]}
-    return Exact(case, given, {"acceleration": [[18.0 - 6.0, -0.5 - 3.0, 0.0], [0.0, 0.0, 0.0]]})
+    inputs = {
+        "velocity": [[0.5, -1.0, 4.0], [0.0, 0.0, 1.0]],
+        "turning": [0.0, 0.0, 3.0, 0.0, 0.0, 0.25, 1.0, 0.0, 7.0],
+    }
+    return Exact(case, inputs, {"acceleration": [[18.0 - 6.0, -0.5 - 3.0, 0.0], [0.0, 0.0, 0.0]]})

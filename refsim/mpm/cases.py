@@ -248,12 +248,12 @@ def alone(dim: int, where: tuple = (2.0, 2.0, 2.0), samples: np.ndarray | None =
     """(case, its grid, background) of one particle."""
     position = np.array([where])
     position[:, dim:] = 0
-    made = at(f"alone_{dim}d", position, dim=dim)
+    case = at(f"alone_{dim}d", position, dim=dim)
     grid = MpmGrid(dim, "float64", 2.0)
     none = np.zeros((0, 3)) if samples is None else samples
     operations.cells(position, none, none, grid)
-    background = MpmLiquid(bulk_modulus=1.0, cell_size=2.0).background(made.grid("float64"))
-    return made, grid, background
+    background = MpmLiquid(bulk_modulus=1.0, cell_size=2.0).background(case.grid("float64"))
+    return case, grid, background
 
 
 def weight_of(grid) -> np.ndarray:
@@ -278,21 +278,21 @@ def turn(dim: int) -> np.ndarray:
 @closed_form("mpm.weights")
 def weights_by_hand():
     """f = 1, 5/4 and 1/2 along the axes: (1/8, 3/4, 1/8), (1/32, 11/16, 9/32), (1/2, 1/2, 0)."""
-    made, _, background = alone(3, (2.0, 2.5, 1.0))
+    case, _, background = alone(3, (2.0, 2.5, 1.0))
     weight = [0.125, 0.75, 0.125, 0.03125, 0.6875, 0.28125, 0.5, 0.5, 0.0]
     slope = [-0.5, 0.0, 0.5, -0.25, -0.5, 0.75, -1.0, 1.0, 0.0]
     expected = {"base_node": np.zeros((1, 3)), "spline_weight": [weight], "spline_slope": [slope]}
-    return Exact(made, {"background": background}, expected)
+    return Exact(case, {"background": background}, expected)
 
 
 @closed_form("mpm.cells")
 def first_cells():
     """Base nodes (0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 3) of the first block have the numbers 0, 1, 4 and 48."""
     position = np.array([[2.0, 2.0, 2.0], [4.0, 2.0, 2.0], [2.0, 4.5, 2.0], [2.5, 1.5, 8.9]])
-    made = at("first_cells", position)
-    given = {"grid": MpmGrid(3, "float64", 2.0), "carrier_position": None, "surface_sample": None}
-    operations.cells(position, None, None, given["grid"])
-    return Exact(made, given, {"cell": [0, 1, 4, 48]})
+    case = at("first_cells", position)
+    inputs = {"grid": MpmGrid(3, "float64", 2.0), "carrier_position": None, "surface_sample": None}
+    operations.cells(position, None, None, inputs["grid"])
+    return Exact(case, inputs, {"cell": [0, 1, 4, 48]})
 
 
 class Outgrown(MpmGrid):
@@ -319,73 +319,73 @@ FIRST = (
 def first_blocks(dim: int, node: list, cell: list) -> Exact:
     """Points over the middle of the stencil of each base node."""
     position = 2.0 * (np.array(node) + 1.0) * (np.arange(3) < dim)
-    made = at(f"first_blocks_{dim}d", position, dim=dim)
-    given = {"grid": Outgrown(dim, "float64", 2.0), "carrier_position": None, "surface_sample": None}
-    operations.cells(position, None, None, given["grid"])
-    return Exact(made, given, {"cell": np.array(cell)})
+    case = at(f"first_blocks_{dim}d", position, dim=dim)
+    inputs = {"grid": Outgrown(dim, "float64", 2.0), "carrier_position": None, "surface_sample": None}
+    operations.cells(position, None, None, inputs["grid"])
+    return Exact(case, inputs, {"cell": np.array(cell)})
 
 
 def _stencil(dim):
     """m B_j and m B_j (v + A (x_j - x)) - K B_j (x_j - x), K = dt lambda (J - 1) J m/rho0 = 1.125, 4/h^2 = 1."""
-    made, grid, background = alone(dim)
+    case, grid, background = alone(dim)
     v = np.array([1.0, -2.0, 0.5]) * (np.arange(3) < dim)
-    arm = 2.0 * node_table(grid.blocks) - made.position[0]
+    arm = 2.0 * node_table(grid.blocks) - case.position[0]
     weight = weight_of(grid)
-    given = {
+    inputs = {
         "grid": grid, "background": background, "liquid": WATER, "timestep": STEPS, "mass": [2.0], "velocity": v[None],
         "affine": turn(dim).reshape(1, 9), "volume_ratio": [1.5], "acceleration": None, "cluster_share": None,
         "inverse_spread": None, "embedding": None,
     }  # fmt: skip
-    return made, given, weight, v, arm
+    return case, inputs, weight, v, arm
 
 
 @closed_form("mpm.particle_to_grid", over=(2, 3))
 def one_stencil(dim):
     """Mass 2 kg, J = 3/2, by the affine field, on 3^dim nodes."""
-    made, given, weight, v, arm = _stencil(dim)
+    case, inputs, weight, v, arm = _stencil(dim)
     field = 2.0 * (v + arm @ turn(dim).T) - 1.125 * arm
-    given["kernel_gradient"] = None
-    return Exact(made, given, {"node_mass": 2.0 * weight, "node_momentum": weight[:, None] * field})
+    inputs["kernel_gradient"] = None
+    return Exact(case, inputs, {"node_mass": 2.0 * weight, "node_momentum": weight[:, None] * field})
 
 
 @closed_form("mpm.particle_to_grid")
 def force_through_the_gradient():
     """(4.17) as printed: -K grad B_j; along an axis h B' = -1/2, 0, 1/2, so that it is the weight times a slope."""
-    made, given, weight, v, arm = _stencil(3)
+    case, inputs, weight, v, arm = _stencil(3)
     slope = np.where(arm == 0, 0.0, 0.25 * arm / LINE[0] * 0.5)  # B'/B on the outer nodes: -+ (1/2)/(1/8)/h
     field = 2.0 * (v + arm @ turn(3).T)
     push = -1.125 * weight[:, None] * slope
-    given["kernel_gradient"] = KernelGradient(1)
-    return Exact(made, given, {"node_mass": 2.0 * weight, "node_momentum": weight[:, None] * field + push})
+    inputs["kernel_gradient"] = KernelGradient(1)
+    return Exact(case, inputs, {"node_mass": 2.0 * weight, "node_momentum": weight[:, None] * field + push})
 
 
 def _pair():
     """A particle on node (1, 1, 1) with one sample 2 m along x: share 1/3, E = diag(1 + 8/3, 1, 1)."""
     sample = np.array([[4.0, 2.0, 2.0]])
     points = np.array([[4.0, 2.0, 2.0], [0.0, 2.0, 2.0]])
-    made, grid, background = alone(3, samples=points)
-    given = {
+    case, grid, background = alone(3, samples=points)
+    inputs = {
         "grid": grid, "background": background, "liquid": WATER, "timestep": STEPS, "surface_sample": sample,
         "sample_owner": np.zeros(1, np.int32), "carrier_position": points, "carrier_owner": np.zeros(2, np.int32),
         "carrier_first": [0, 2], "cluster_share": [1 / 3],
         "inverse_spread": [[3 / 11, 0, 0, 1, 0, 1]], "embedding": Embedding(1),
     }  # fmt: skip
-    return made, given
+    return case, inputs
 
 
 @closed_form("mpm.embed")
 def one_sample():
     """x_o = 2 x_p - x_s, w = 1/3, D = (h^2/4) 1 + 2 w d d^T."""
-    made, given = _pair()
-    return Exact(made, given, {name: given.pop(name) for name in EMBEDDED})
+    case, inputs = _pair()
+    return Exact(case, inputs, {name: inputs.pop(name) for name in EMBEDDED})
 
 
 @closed_form("mpm.carriers_to_grid")
 def two_carriers():
     """w m B_j(x_q) (v + A (x_j - x_p)) B_j(x_q) the particle's weights shifted by a node each way."""
-    made, given = _pair()
-    v, grid = np.array([1.0, -2.0, 0.5]), given["grid"]
-    arm = 2.0 * node_table(grid.blocks) - made.position[0]
+    case, inputs = _pair()
+    v, grid = np.array([1.0, -2.0, 0.5]), inputs["grid"]
+    arm = 2.0 * node_table(grid.blocks) - case.position[0]
     weight = np.zeros(grid.nodes)
     for shift in (1, -1):
         moved = node_table(grid.blocks) - [shift, 0, 0]
@@ -393,50 +393,50 @@ def two_carriers():
         weight += np.where(inside, LINE[np.clip(moved, 0, 2)].prod(1), 0.0)
     pressed = 1.125 / 3 * arm * [3 / 11, 1, 1]
     field = 2 / 3 * (v + arm @ TURN.T) - pressed
-    given |= {
+    inputs |= {
         "mass": [2.0],
         "velocity": v[None],
         "affine": TURN.reshape(1, 9),
         "acceleration": None,
         "volume_ratio": [1.5],
     }
-    return Exact(made, given, {"node_mass": 2 / 3 * weight, "node_momentum": weight[:, None] * field})
+    return Exact(case, inputs, {"node_mass": 2 / 3 * weight, "node_momentum": weight[:, None] * field})
 
 
 def _walls(field, planes, samples=None):
-    made, grid, background = alone(3, samples=samples)
+    case, grid, background = alone(3, samples=samples)
     table = node_table(grid.blocks)
     mass = np.where(table[:, 2] == 1, 2.0, 0.0)
     momentum = np.broadcast_to([2.0, -4.0, 1.0], (grid.nodes, 3)).copy()
-    given = {"grid": grid, "background": background, "timestep": STEPS, "node_mass": mass, "node_momentum": momentum}
-    given |= {"node_pull": None, "field": field, "planes": planes, "mirrors": None}
-    return made, given, table, mass > 0
+    inputs = {"grid": grid, "background": background, "timestep": STEPS, "node_mass": mass, "node_momentum": momentum}
+    inputs |= {"node_pull": None, "field": field, "planes": planes, "mirrors": None}
+    return case, inputs, table, mass > 0
 
 
 @closed_form("mpm.grid_update")
 def falling_nodes():
     """v = (1, -2, 1/2) + dt (0, -4, 8) on nodes with mass."""
-    made, given, _, heavy = _walls(np.array([0.0, -4.0, 8.0]), None)
-    return Exact(made, given, {"node_velocity": np.where(heavy[:, None], [1.0, -3.0, 2.5], 0.0)})
+    case, inputs, _, heavy = _walls(np.array([0.0, -4.0, 8.0]), None)
+    return Exact(case, inputs, {"node_velocity": np.where(heavy[:, None], [1.0, -3.0, 2.5], 0.0)})
 
 
 @closed_form("mpm.grid_update")
 def pulled_nodes():
     """v = (1, -2, 1/2) + dt (8, 0, -4)/2 + dt (0, -4, 8)."""
-    made, given, _, heavy = _walls(np.array([0.0, -4.0, 8.0]), None)
-    given["node_pull"] = np.broadcast_to([8.0, 0.0, -4.0], given["node_momentum"].shape).copy()
-    return Exact(made, given, {"node_velocity": np.where(heavy[:, None], [2.0, -3.0, 2.0], 0.0)})
+    case, inputs, _, heavy = _walls(np.array([0.0, -4.0, 8.0]), None)
+    inputs["node_pull"] = np.broadcast_to([8.0, 0.0, -4.0], inputs["node_momentum"].shape).copy()
+    return Exact(case, inputs, {"node_velocity": np.where(heavy[:, None], [2.0, -3.0, 2.0], 0.0)})
 
 
 @closed_form("mpm.grid_update")
 def walls_on_nodes():
     """Sticky at x <= 0, separating at y <= 1 and y >= 3, slip at z >= 1; the velocity is (1, -2, 1/2)."""
     planes = wall_nodes([0, 1, -9], [9, 3, 1], [1, 0, 3, 3, 0, 2])
-    made, given, table, heavy = _walls(None, planes)
+    case, inputs, table, heavy = _walls(None, planes)
     v = np.where(heavy[:, None], [1.0, -2.0, 0.0], 0.0)
     v[table[:, 1] <= 1, 1] = 0
     v[table[:, 0] <= 0] = 0
-    return Exact(made, given, {"node_velocity": v})
+    return Exact(case, inputs, {"node_velocity": v})
 
 
 @closed_form("mpm.grid_update")
@@ -444,15 +444,15 @@ def mirrored_nodes():
     """Slip at x <= 1, nodes of 2 and 1 kg opposite each other, (2, -4, 1) m/s: the pair has (4 - 2)/3 m/s along x."""
     far = 1 << 30
     planes = wall_nodes([1, -far, -far], [far, far, far], [2, 0, 0, 0, 0, 0])
-    made, given, table, heavy = _walls(None, planes)
+    case, inputs, table, heavy = _walls(None, planes)
     mass = np.where(heavy, np.where(table[:, 0] == 0, 1.0, 2.0), 0.0)
-    given |= {"mirrors": Mirrors(1), "node_mass": mass}
-    given["node_momentum"] = np.where(table[:, :1] == 0, [2.0, -4.0, 1.0], [4.0, -8.0, 2.0])
+    inputs |= {"mirrors": Mirrors(1), "node_mass": mass}
+    inputs["node_momentum"] = np.where(table[:, :1] == 0, [2.0, -4.0, 1.0], [4.0, -8.0, 2.0])
     v = np.where(heavy[:, None], [2.0, -4.0, 1.0], 0.0)
     v[(table[:, 0] == 1) & heavy] = [0.0, -4.0, 1.0]
     v[(table[:, 0] == 2) & heavy] = [2 / 3, -4.0, 1.0]
     v[(table[:, 0] == 0) & heavy] = [-2 / 3, -4.0, 1.0]
-    return Exact(made, given, {"node_velocity": v})
+    return Exact(case, inputs, {"node_velocity": v})
 
 
 @closed_form("mpm.grid_update")
@@ -464,10 +464,10 @@ def a_corner_of_mirrors():
     planes have no rule and no meaning.
     """
     planes = wall_nodes([5, 2, 0], [7, 0, 2], [2, 0, 1, 0, 0, 0])
-    made, given, table, _ = _walls(None, planes, np.array([[18.0, 2.0, 2.0]]))  # nodes 0 to 15 along x
+    case, inputs, table, _ = _walls(None, planes, np.array([[18.0, 2.0, 2.0]]))  # nodes 0 to 15 along x
     x, y = table[:, 0], table[:, 1]
     mass, flow = np.where(x < 5, 1.0, 2.0) * np.where(y < 2, 1.0, 2.0), np.array([2.0, -4.0, 1.0])
-    given |= {"mirrors": Mirrors(1), "node_mass": mass, "node_momentum": mass[:, None] * flow}
+    inputs |= {"mirrors": Mirrors(1), "node_mass": mass, "node_momentum": mass[:, None] * flow}
     from_x, from_y = np.abs(x - 5), np.abs(y - 2)
     v = flow * np.where(from_y <= 2, 1 / 3, 1.0)[:, None]  # three rows behind y there are no nodes
     v[from_x <= 3, 0] /= 3
@@ -475,7 +475,7 @@ def a_corner_of_mirrors():
     v[y < 2] *= -1
     v[x == 5, 0] = 0
     v[(y == 2) | (x < 2)] = 0
-    return Exact(made, given, {"node_velocity": v})
+    return Exact(case, inputs, {"node_velocity": v})
 
 
 FACES_AND_RULES = tuple(itertools.product(range(6), (1, 2, 3)))
@@ -500,15 +500,15 @@ def one_wall_on_nodes(face: int, rule: int) -> Exact:
     """v = (1, -2, 1/2) m/s on all nodes. Behind a sticky wall it is 0; of a slip wall its component along the axis is,
     and of a separating one if it points into the wall."""
     planes, axis, side = _one_wall(face, rule)
-    made, given, _, _ = _walls(None, planes)
-    given["node_mass"] = np.full(len(side), 2.0)
+    case, inputs, _, _ = _walls(None, planes)
+    inputs["node_mass"] = np.full(len(side), 2.0)
     v = np.broadcast_to([1.0, -2.0, 0.5], (len(side), 3)).copy()
     into = v[0, axis] * (1 if face % 2 else -1) > 0
     if rule == RULES["sticky"]:
         v[side <= 0] = 0
     elif rule == RULES["slip"] or into:
         v[side <= 0, axis] = 0
-    return Exact(made, given, {"node_velocity": v})
+    return Exact(case, inputs, {"node_velocity": v})
 
 
 @closed_form("mpm.grid_update", over=FACES_AND_RULES)
@@ -520,11 +520,11 @@ def one_mirror_on_nodes(face: int, rule: int) -> Exact:
     Farther behind it than images reach, nodes do not move.
     """
     planes, axis, side = _one_wall(face, rule)
-    made, given, _, _ = _walls(None, planes)
+    case, inputs, _, _ = _walls(None, planes)
     near, buried = np.abs(side) <= 1, side < -IMAGED_ROWS
     mass = np.where(near, np.where(side < 0, 1.0, 2.0), np.where(buried, 1.0, 0.0))
     flow = np.array([2.0, -4.0, 1.0])
-    given |= {"mirrors": Mirrors(1), "node_mass": mass, "node_momentum": mass[:, None] * flow}
+    inputs |= {"mirrors": Mirrors(1), "node_mass": mass, "node_momentum": mass[:, None] * flow}
     along = 1 / 3 if rule == RULES["sticky"] else 1.0
     share = np.full((len(side), 3), along)
     share[:, axis] = 1 / 3
@@ -533,31 +533,31 @@ def one_mirror_on_nodes(face: int, rule: int) -> Exact:
         share[np.ix_(side < 0, np.arange(3) != axis)] *= -1
         share[side == 0] = 0
     share[side == 0, axis] = 0
-    return Exact(made, given, {"node_velocity": np.where(near[:, None], share * flow, 0.0)})
+    return Exact(case, inputs, {"node_velocity": np.where(near[:, None], share * flow, 0.0)})
 
 
 def _moving(dim):
     """Nodes with the velocity c + G x, from which APIC takes c + G x_p and G."""
-    made, grid, background = alone(dim)
+    case, grid, background = alone(dim)
     c = np.array([1.0, -2.0, 0.5]) * (np.arange(3) < dim)
     v = c + 2.0 * node_table(grid.blocks) @ turn(dim).T
-    own = c + turn(dim) @ made.position[0]
-    given = {
+    own = c + turn(dim) @ case.position[0]
+    inputs = {
         "grid": grid, "background": background, "liquid": WATER, "timestep": STEPS, "node_velocity": v,
         "volume_ratio": [1.5], "build_position": None, "cluster_share": None, "inverse_spread": None,
         "embedding": None, "carrier_first": None, "carrier_position": None, "carrier_moment": None,
         "displacement": np.zeros(2), "step_extremes": np.zeros(4),
     }  # fmt: skip
-    return made, given, own
+    return case, inputs, own
 
 
 def _taken(dim, deformation):
-    made, given, own = _moving(dim)
+    case, inputs, own = _moving(dim)
     a, trace = turn(dim), np.trace(turn(dim))
     ratio = 1.5 * (1 + 0.25 * trace)
-    given["deformation"] = deformation
+    inputs["deformation"] = deformation
     expected = {
-        "velocity": own[None], "affine": a.reshape(1, 9), "position": made.position + 0.25 * own,
+        "velocity": own[None], "affine": a.reshape(1, 9), "position": case.position + 0.25 * own,
         "displacement": [(0.0625 * own**2).sum(), 0.0],
     }  # fmt: skip
     if deformation is None:
@@ -565,7 +565,7 @@ def _taken(dim, deformation):
     else:
         f = (np.eye(3) + 0.25 * a) @ deformation.reshape(3, 3)
         expected |= {"deformation": f.reshape(1, 9), "volume_ratio": [np.linalg.det(f)]}
-    return Exact(made, given, expected)
+    return Exact(case, inputs, expected)
 
 
 DEFORMED = np.array([[1.0, 0.25, 0.0, 0.0, 1.0, 0.0, 0.5, 0.0, 2.0]])
@@ -578,60 +578,60 @@ closed_form("mpm.grid_to_particle", deformed=lambda: _taken(3, DEFORMED))
 def shear_forgotten(dim):
     """F = J^(1/d) 1, in the plane with F_33 = 1, of J = det (1 + dt G) F."""
     f = np.array([1.0, 0.25, 0.0, 0.5, 1.5, 0.0, 0.0, 0.0, 1.0 + (dim == 3)])
-    made = _taken(dim, f[None])
-    size = made.expected["volume_ratio"][0] ** (1 / dim)
+    case = _taken(dim, f[None])
+    size = case.expected["volume_ratio"][0] ** (1 / dim)
     after = np.diag([size, size, size if dim == 3 else 1.0])
-    given = {**made.given, "liquid": WATER._replace(forgets_shear=1)}
-    return Exact(made.case, given, {**made.expected, "deformation": after.reshape(1, 9)})
+    inputs = {**case.inputs, "liquid": WATER._replace(forgets_shear=1)}
+    return Exact(case.case, inputs, {**case.expected, "deformation": after.reshape(1, 9)})
 
 
 @closed_form("mpm.grid_to_carriers")
 def affine_field_about_a_carrier():
     """sum B v = c + G x_q, sum B v (x_j - x_q)^T = (h^2/4) G = G, h = 2 m."""
-    made, given = _pair()
-    v = np.array([1.0, -2.0, 0.5]) + 2.0 * node_table(given["grid"].blocks) @ TURN.T
-    given["node_velocity"] = v
-    own = np.array([1.0, -2.0, 0.5]) + given["carrier_position"] @ TURN.T
-    return Exact(made, given, {"carrier_moment": np.hstack([own, np.tile(TURN.ravel(), (2, 1))])})
+    case, inputs = _pair()
+    v = np.array([1.0, -2.0, 0.5]) + 2.0 * node_table(inputs["grid"].blocks) @ TURN.T
+    inputs["node_velocity"] = v
+    own = np.array([1.0, -2.0, 0.5]) + inputs["carrier_position"] @ TURN.T
+    return Exact(case, inputs, {"carrier_moment": np.hstack([own, np.tile(TURN.ravel(), (2, 1))])})
 
 
 @closed_form("mpm.viscosity")
 def sheared_cluster():
     """dt J factor = 1/4 * 3/2 * 2/3 = 1/4; A - (A + A^T) E^-1/4 with E^-1 = diag(3/11, 1, 1)."""
-    made, given = _pair()
-    given |= {"volume_ratio": [1.5], "viscous_stress": ViscousStress(2 / 3), "timestep": [0.0, 0.25]}
-    given["affine"] = np.array([[1.0, 4.0, 0.0, 0.0, -2.0, 1.0, 3.0, 1.0, 0.0]])
+    case, inputs = _pair()
+    inputs |= {"volume_ratio": [1.5], "viscous_stress": ViscousStress(2 / 3), "timestep": [0.0, 0.25]}
+    inputs["affine"] = np.array([[1.0, 4.0, 0.0, 0.0, -2.0, 1.0, 3.0, 1.0, 0.0]])
     share = np.array([3 / 11, 1, 1]) / 4
     strain = np.array([[2.0, 4.0, 3.0], [4.0, -4.0, 2.0], [3.0, 2.0, 0.0]])
-    after = given["affine"].reshape(3, 3) - strain * share
-    return Exact(made, given, {"affine": after.reshape(1, 9)})
+    after = inputs["affine"].reshape(3, 3) - strain * share
+    return Exact(case, inputs, {"affine": after.reshape(1, 9)})
 
 
 @closed_form("mpm.count")
 def counted_alone():
     """A particle of 6 kg on a node, J = 3/2, in cells of 4 kg: sum_j B_j^2 = (13/32 + 3/16)^2 = (19/32)^2 of 6 kg."""
-    made, grid, background = alone(2)
-    given = {
+    case, grid, background = alone(2)
+    inputs = {
         "grid": grid, "background": background, "volume_ratio": [1.5], "node_mass": 6 * weight_of(grid),
         "counting": Counting(4.0),
     }  # fmt: skip
     q = np.array([1.5 * 6 / 4 * (19 / 32) ** 2])
-    return Exact(made, given, {"crowding": q, "greatest_crowding": q})
+    return Exact(case, inputs, {"crowding": q, "greatest_crowding": q})
 
 
 @closed_form("mpm.recount")
 def recounted():
     """q = 2 beyond 5/4, dt/tau = 1/4: J falls by 1/4 of 3/8; q = 5/4 stays. F = 1 in space: its root."""
     position = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    made = at("recounted", position)
+    case = at("recounted", position)
     change = 1 - 3 / 32
-    given = {
-        "background": MpmLiquid(bulk_modulus=1.0, cell_size=2.0).background(made.grid("float64")),
+    inputs = {
+        "background": MpmLiquid(bulk_modulus=1.0, cell_size=2.0).background(case.grid("float64")),
         "crowding": [2.0, 1.25], "recounting": Recounting(1.25, 1.0), "timestep": STEPS,
         "deformation": np.tile(np.eye(3).ravel(), (2, 1)), "volume_ratio": [1.5, 0.8],
     }  # fmt: skip
     f = np.stack([change ** (1 / 3) * np.eye(3).ravel(), np.eye(3).ravel()])
-    return Exact(made, given, {"volume_ratio": [1.5 * change, 0.8], "deformation": f})
+    return Exact(case, inputs, {"volume_ratio": [1.5 * change, 0.8], "deformation": f})
 
 
 @closed_form("mpm.contact", over=(np.array([[-2.0, 0.0, 0.0]]), np.eye(3)))
@@ -640,13 +640,13 @@ def edges_on_a_node(lines: np.ndarray):
 
     A line of 2 m along -x: 1/8, 3/4, 1/8 of -1 N along each axis. Lines of 1 m along x, y and z: of 1/2 N along each.
     """
-    made, grid, _ = alone(3)
-    place, inverse = np.repeat(made.position, len(lines), axis=0), 0.5
+    case, grid, _ = alone(3)
+    place, inverse = np.repeat(case.position, len(lines), axis=0), 0.5
     cell = operations.cells(place, np.zeros((0, 3)), np.zeros((0, 3)), grid)["cell"][0].astype(np.int32)
     first = np.searchsorted(cell, np.arange(grid.nodes + 1)).astype(np.int32)
-    given = {
+    inputs = {
         "sample_position": place, "sample_line": lines, "blocks": grid.blocks,
         "spline_cells": PointList(first, np.arange(len(lines), dtype=np.int32), cell),
         "surface_term": surface_term(Tension(surface_tension=1.0), 3, "float64", 1 / inverse), "contact": Contact(0.5),
     }  # fmt: skip
-    return Exact(made, given, {"node_force": 0.5 * weight_of(grid)[:, None] * lines.sum(0)})
+    return Exact(case, inputs, {"node_force": 0.5 * weight_of(grid)[:, None] * lines.sum(0)})

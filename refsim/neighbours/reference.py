@@ -43,8 +43,8 @@ def other_particles(place, count, rows=None):
 
 def neighbour_list(position, radius, rows=None, period=None):
     """For each query the sorted array of the other particles nearer than `radius` [m]."""
-    found = []
+    rows_of_pairs = []
     for place, _, distance in pair_blocks(position, position, rows, period):
         near = (distance < radius) & other_particles(place, len(position), rows)
-        found.extend(np.flatnonzero(line) for line in near)
-    return found
+        rows_of_pairs.extend(np.flatnonzero(line) for line in near)
+    return rows_of_pairs

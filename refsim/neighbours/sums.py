@@ -44,10 +44,10 @@ class Rows:
         self._fields, self._rows = fields, rows
 
     def __getattr__(self, name):
-        found = getattr(self._fields, name)
-        found = found if found.value.ndim == found.rank else found.at(self._rows)  # one number for all
-        setattr(self, name, found)
-        return found
+        value = getattr(self._fields, name)
+        value = value if value.value.ndim == value.rank else value.at(self._rows)  # one number for all
+        setattr(self, name, value)
+        return value
 
     def at(self, rows):
         return Rows(self, rows)
@@ -145,8 +145,8 @@ class Pairs:
 
     def at_least(self, least, decision, **given):
         """Whether decision(i, j, ij, **given) holds for so many j, for every i."""
-        found = [(row, decision(i, j, ij, **given).margin) for row, i, j, ij in self.parts]
-        row, margin = (np.concatenate(parts) for parts in zip(*found))
+        margins = [(row, decision(i, j, ij, **given).margin) for row, i, j, ij in self.parts]
+        row, margin = (np.concatenate(parts) for parts in zip(*margins))
         order = np.lexsort((-margin, row))
         first = np.searchsorted(row, np.arange(self.count))
         enough = np.bincount(row, minlength=self.count) >= least
@@ -158,18 +158,18 @@ class Pairs:
         given = {n: float(v) if isinstance(v, np.floating) else v for n, v in given.items()}
         value = size = None
         for row, i, j, ij in self.parts:
-            found = term(i, j, ij, **given)
-            if isinstance(found, Decision):
-                found = Terms(found.margin)
+            terms = term(i, j, ij, **given)
+            if isinstance(terms, Decision):
+                terms = Terms(terms.margin)
             if value is None:
-                value = np.full((self.count, *(3,) * found.rank), start)
+                value = np.full((self.count, *(3,) * terms.rank), start)
                 size = value.copy()
             first = np.flatnonzero(np.diff(row, prepend=-1))
-            for into, from_ in ((value, found.value), (size, found.size)):
+            for into, from_ in ((value, terms.value), (size, terms.size)):
                 if len(row):
                     from_ = np.broadcast_to(from_, (len(row), *into.shape[1:]))
                     into[row[first]] = reduce(into[row[first]], reduce.reduceat(from_, first, axis=0))
-        return Terms(value, size, found.rank)
+        return Terms(value, size, terms.rank)
 
 
 class NoPairs:
@@ -194,11 +194,11 @@ def neighbours(i, j, smoothing=None, gradient_smoothing=None, period=None, rows=
         return NoPairs()
     h = reach or max(float(s.support_radius) for s in (smoothing, gradient_smoothing or smoothing))
     none = np.zeros(0, dtype=int)
-    found = [(none, none, np.zeros((0, 3)), np.zeros(0))]
+    blocks = [(none, none, np.zeros((0, 3)), np.zeros(0))]
     for place, separation, distance in pair_blocks(i.position.value, j.position.value, rows, period):
         near = np.nonzero(~(distance >= h))  # also a distance that is no number
-        found.append((near[0] + place.start, near[1], separation[near], distance[near]))
-    row, column, x, r = (np.concatenate(parts) for parts in zip(*found))
+        blocks.append((near[0] + place.start, near[1], separation[near], distance[near]))
+    row, column, x, r = (np.concatenate(parts) for parts in zip(*blocks))
     count = len(i.position.value) if rows is None else len(rows)
     same = np.arange(count) if rows is None else np.asarray(rows)
     return Pairs(i.at(rows), count, j, row, column, Between(x, r, smoothing, gradient_smoothing), same)

@@ -96,13 +96,13 @@ class ParticleShifting(Effect, CorrectsPositions, Joins, FollowsStart, frozen=Tr
                     f"{self.name}: surface = 'none', but the scene is open along {axis}; set surface = 'detected'."
                 )
 
-    def with_start(self, grid: Discretisation, others: Others) -> Effect:
+    def with_start_defaults(self, grid: Discretisation, others: Others) -> Effect:
         closed = self.surface is None and grid.solids is None and not _within_meshes(others)
         full = closed and _filled(grid, others) >= LEAST_FULL
         return msgspec.structs.replace(self, surface="none") if full else self
 
-    def settled(self, given: Iterable[Effect]) -> Iterator[str]:
-        named = next((effect for effect in given if isinstance(effect, ParticleShifting)), None)
+    def start_defaults(self, scene_effects: Iterable[Effect]) -> Iterator[str]:
+        named = next((effect for effect in scene_effects if isinstance(effect, ParticleShifting)), None)
         if self.surface == "none" and (named is None or named.surface is None):
             yield f"surface of {self.name} is 'none', since the liquid fills its closed box"
 

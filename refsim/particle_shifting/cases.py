@@ -52,13 +52,13 @@ MOST = 0.5 * 1.0  # A 2 h_s v_max dt [m^2]
 def apart(w):
     """The neighbour stands at W(d): sum_j V_j 1.2 W' e_ij."""
     gradient = w.slope * np.array([[0.0, 3.0 / 500.0, 0.0], [0.0, -2.0 / 1000.0, 0.0]])
-    given = GIVEN | {"shifting": Shifting(0.5, 1 / (w.share * w.at_zero), 1e9), "filling_gradient": np.zeros((2, 3))}
-    return Exact(PAIR, given, {"concentration_gradient": 1.2 * gradient, "filling_gradient": gradient})
+    inputs = GIVEN | {"shifting": Shifting(0.5, 1 / (w.share * w.at_zero), 1e9), "filling_gradient": np.zeros((2, 3))}
+    return Exact(PAIR, inputs, {"concentration_gradient": 1.2 * gradient, "filling_gradient": gradient})
 
 
 def _shifted(gradient, shift, largest=1e9, **more):
-    given = GIVEN | {"shifting": Shifting(0.5, 1.0, largest), "concentration_gradient": gradient}
-    return Exact(PAIR, given | more, {"shift": shift})
+    inputs = GIVEN | {"shifting": Shifting(0.5, 1.0, largest), "concentration_gradient": gradient}
+    return Exact(PAIR, inputs | more, {"shift": shift})
 
 
 @closed_form("particle_shifting.shift")

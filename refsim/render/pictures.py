@@ -251,8 +251,8 @@ class Series:
         water, one = self.look.style == "water" and liquid, bool((paint == paint[0]).all())
 
         def colours(at: NDArray) -> NDArray[np.float64]:
-            found = self._colours(_from_particles(at, places, paint, 2.0 * radius))
-            return found + CLEAR * (1.0 - found) if water and self.look.colour is None else found
+            painted = self._colours(_from_particles(at, places, paint, 2.0 * radius))
+            return painted + CLEAR * (1.0 - painted) if water and self.look.colour is None else painted
 
         add_area(axes, vertices, facets, colours(places[:1])[0] if one else colours, 0.75 * radius)
         line = (WET_LINE if water else 0.7) * self._colours(paint[:1])[0] if one or water else np.full(3, 0.2)
@@ -354,8 +354,8 @@ def write_pictures(
     path = output_path(output, "picture", *FORMATS)
     from PIL import Image
 
-    found = open_run(run)
-    series = Series(found, look, chosen_frames(frames, len(found.times)))
+    saved = open_run(run)
+    series = Series(saved, look, chosen_frames(frames, len(saved.times)))
     written = []
     for number, image in series:
         each = path if len(series.chosen) == 1 else path.with_stem(f"{path.stem}_{number:04d}")
@@ -384,9 +384,9 @@ def write_film(
         imageio_ffmpeg.get_ffmpeg_exe()
     except (ImportError, RuntimeError):  # RuntimeError: the package is there and its program is not
         raise InputError('films need imageio-ffmpeg, which is not installed; `pip install "refsim[view]"`.') from None
-    found = open_run(run)
+    saved = open_run(run)
     width, height = (n - n % 2 for n in look.size)
-    series = Series(found, look, chosen_frames(frames or "all", len(found.times)))
+    series = Series(saved, look, chosen_frames(frames or "all", len(saved.times)))
     remove_stale_temporaries(path.parent, path.name)
     beside = temporary_path(path)
     with writing("film", path, "what was there is untouched"), ExitStack() as at_the_end:

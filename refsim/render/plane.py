@@ -12,15 +12,15 @@ Paint = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # colours (k, 3) a
 def loops(facets: NDArray) -> list[NDArray[np.int64]]:
     """Vertices of the closed lines that segments (f, 2) make, each in order."""
     after = dict(zip(facets[:, 0].tolist(), facets[:, 1].tolist()))
-    found = []
+    outlines = []
     while after:
         first, following = after.popitem()
         line = [first]
         while following != first and following in after:
             line.append(following)
             following = after.pop(following)
-        found.append(np.array(line))
-    return found
+        outlines.append(np.array(line))
+    return outlines
 
 
 def add_discs(axes: Any, position: NDArray, radius: float, colour: NDArray) -> None:

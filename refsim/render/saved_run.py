@@ -58,8 +58,8 @@ class SavedRun:
     @property
     def walls(self) -> Any:
         """The effect of the box of walls around the particles, relative to the origin; None without walls."""
-        found = self.plan.effects.get("box_walls") or self.plan.effects.get("mpm_walls")
-        return None if found is None else found.local(self.plan.grid)
+        container = self.plan.effects.get("box_walls") or self.plan.effects.get("mpm_walls")
+        return None if container is None else container.local(self.plan.grid)
 
     @property
     def box(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
@@ -96,12 +96,12 @@ class SavedRun:
         mesh, box = self.mesh, self.closed_box
 
         def distance(points: NDArray) -> NDArray[np.float64]:
-            found = np.full(len(points), np.inf)
+            nearest = np.full(len(points), np.inf)
             if mesh is not None:
-                found = mesh.distance(points)
+                nearest = mesh.distance(points)
             if box is not None:
-                found = np.minimum(found, np.minimum(points - box[0], box[1] - points).min(1))
-            return found
+                nearest = np.minimum(nearest, np.minimum(points - box[0], box[1] - points).min(1))
+            return nearest
 
         return None if mesh is None and box is None else distance
 
@@ -204,11 +204,11 @@ def open_run(path: str | os.PathLike[str]) -> SavedRun:
     if not folder.is_dir():
         raise InputError(f"there is no run in {os.fspath(path)!r}; give the folder that `refsim run` has written.")
     particles = folder / PARTICLES
-    found = Run(folder, check=True)
-    if not len(found):
+    run_files = Run(folder, check=True)
+    if not len(run_files):
         raise InputError(f"{particles} holds no frame; run the scene again.")
-    stored = {name: field.components for name, field in found.fields.items() if name != "position"}
-    return SavedRun(particles, make_plan(found.scene), tuple(found.times.tolist()), stored)
+    stored = {name: field.components for name, field in run_files.fields.items() if name != "position"}
+    return SavedRun(particles, make_plan(run_files.scene), tuple(run_files.times.tolist()), stored)
 
 
 def without_strays(position: NDArray) -> NDArray[np.float64]:

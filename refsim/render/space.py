@@ -25,12 +25,12 @@ SHADED, MILD, FLAT = (0.24, 0.90), (0.70, 0.30), (1.0, 0.0)
 def pyvista() -> Any:
     """PyVista without a window. Raises InputError where it is not installed."""
     with held_back():  # modules of VTK that are interrupted while they import each other raise ImportError
-        found = extra("pyvista", "a picture in 3D")
+        module = extra("pyvista", "a picture in 3D")
         from vtkmodules.vtkCommonCore import vtkObject
 
-        _ = found.Plotter  # PyVista imports its drawing where it is first named
+        _ = module.Plotter  # PyVista imports its drawing where it is first named
     vtkObject.GlobalWarningDisplayOff()  # software drivers report what they lack
-    return found
+    return module
 
 
 @dataclass

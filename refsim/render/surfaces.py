@@ -66,9 +66,9 @@ def surface_around(
     first, phi, held = distances(points, spacing, size)
 
     def place(nodes: NDArray) -> NDArray[np.float64]:
-        found = np.zeros((len(nodes), 3))
-        found[:, :dim] = (nodes + first) * size
-        return found
+        corner = np.zeros((len(nodes), 3))
+        corner[:, :dim] = (nodes + first) * size
+        return corner
 
     if wall is not None:
         near = np.argwhere(np.abs(phi) < 1.5 * spacing)

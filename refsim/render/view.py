@@ -57,8 +57,8 @@ def view(run: str | os.PathLike[str], frames: str | None = None, fields: Sequenc
 
     Raises InputError where there is no such run, frame or field.
     """
-    found = open_run(run)
-    return make_view(found, chosen_frames(frames or "all", len(found.times)), fields)
+    saved = open_run(run)
+    return make_view(saved, chosen_frames(frames or "all", len(saved.times)), fields)
 
 
 def make_view(run: SavedRun, chosen: Sequence[int], fields: Sequence[str] | None = None) -> View:

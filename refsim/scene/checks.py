@@ -256,16 +256,16 @@ def crowded(
     filled = cells.filled(volume) + np.minimum(1.0, cells.filled(own, grid.count))
     if filled.max() <= CROWDED:
         return
-    found = cells.at_particles(filled, grid.count)
-    first = int(found.argmax())
-    if found[first] <= CROWDED:
+    filling = cells.at_particles(filled, grid.count)
+    first = int(filling.argmax())
+    if filling[first] <= CROWDED:
         return
     where = ", ".join(f"{x:.4g}" for x in grid.absolute(state.position[first])[: grid.dim])
     words = (
-        f"{found[first]:.3g} times the particles of a lattice of the spacing are counted at ({where}) m, those of walls"
-        " and solids among them"
+        f"{filling[first]:.3g} times the particles of a lattice of the spacing are counted at ({where}) m, those of"
+        " walls and solids among them"
     )
-    if found[first] > TWICE:
+    if filling[first] > TWICE:
         raise InputError(f"scene: {words}: parts of it fill one place twice; move them apart, or leave one out.")
     ends, alone = np.cumsum(state.sizes).tolist(), dataclasses.replace(grid, period=(0.0, 0.0, 0.0))
     for part, begin, end in zip(scene.fluid, [0, *ends][-len(scene.fluid) - 1 :], ends[-len(scene.fluid) :]):

@@ -63,10 +63,10 @@ class Cells:
 
     def at_particles(self, values: np.ndarray, count: int) -> np.ndarray:
         """Mean of the cells' values around each of the first particles (count,), weighted as they fill them."""
-        found = np.zeros(count)
+        share = np.zeros(count)
         for part, cell, weight in self._weights(0, count):
-            found[part] += weight * values[cell]
-        return found
+            share[part] += weight * values[cell]
+        return share
 
     def inside(self, liquid: np.ndarray, solid: np.ndarray) -> np.ndarray:
         """Which cells lie in liquid and all others within REACH cells in liquid or in what is solid (cells,).
@@ -77,11 +77,11 @@ class Cells:
         beyond = np.array([False])
         wet = np.bincount(self.cell_of[liquid], minlength=len(solid)) > 0
         near = np.append(wet, beyond)[self.near].any(0)
-        found = near & np.append(near | solid, beyond)[self.near].all(0)
-        found &= wet | np.append(near, beyond)[self.near].all(0)
+        deep = near & np.append(near | solid, beyond)[self.near].all(0)
+        deep &= wet | np.append(near, beyond)[self.near].all(0)
         for _ in range(REACH):
-            found = found & np.append(found | solid, beyond)[self.near].all(0)
-        return found & ~solid
+            deep = deep & np.append(deep | solid, beyond)[self.near].all(0)
+        return deep & ~solid
 
     def _weights(self, first: int, count: int) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
         """(which of `count` particles from `first` on, a cell beside each, B-spline of its centre there)."""
@@ -104,7 +104,7 @@ def _numbered(number: np.ndarray, around: int) -> tuple[np.ndarray, int]:
     if around:
         return number % around, around
     if int(number.max()) - int(number.min()) > 4 * len(number):
-        found, inverse = np.unique(number, return_inverse=True)
-        number = np.append(0, np.cumsum(np.minimum(np.diff(found), 2 * REACH + 2)))[inverse]
+        distinct, inverse = np.unique(number, return_inverse=True)
+        number = np.append(0, np.cumsum(np.minimum(np.diff(distinct), 2 * REACH + 2)))[inverse]
     number = number - number.min() + 2
     return number, int(number.max()) + 3

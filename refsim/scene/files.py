@@ -185,7 +185,7 @@ def _entries(values: Mapping[str, Any]) -> list[str]:
 def describe(owner: type) -> dict[str, str]:
     """What each field of a scene, shape or effect means, from the lines of its docstring."""
     names = {f.name for f in msgspec.structs.fields(owner)}
-    found: dict[str, str] = {}
+    meanings: dict[str, str] = {}
     current: tuple[str, ...] = ()
     documented = [
         kind for kind in reversed(owner.__mro__) if issubclass(kind, msgspec.Struct) and "__doc__" in vars(kind)
@@ -194,12 +194,12 @@ def describe(owner: type) -> dict[str, str]:
         match = re.match(r"(\w+(?:, \w+)*)\s{2,}(\S.*)", line)
         if match and set(match[1].split(", ")) <= names:
             current = tuple(match[1].split(", "))
-            found |= dict.fromkeys(current, match[2].strip())
+            meanings |= dict.fromkeys(current, match[2].strip())
         elif current and re.match(r"\s{3,}\S", line):
-            found |= {name: f"{found[name]} {line.strip()}" for name in current}
+            meanings |= {name: f"{meanings[name]} {line.strip()}" for name in current}
         else:
             current = ()
-    return found
+    return meanings
 
 
 def unit_of(description: str) -> str | None:

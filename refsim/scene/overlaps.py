@@ -72,7 +72,7 @@ def meetings(vertices: np.ndarray, faces: np.ndarray, tolerance: float, wide: fl
     Triangles lie in one plane within `tolerance`, nearly parallel ones within `wide` [m].
     """
     corners, normals = vertices[faces], unit_normals(vertices[faces])
-    found = []
+    met = []
     for pairs in _near_pairs(corners, wide):
         pairs = np.sort(pairs, axis=1)
         one, other = corners[pairs[:, 0]], corners[pairs[:, 1]]
@@ -91,8 +91,8 @@ def meetings(vertices: np.ndarray, faces: np.ndarray, tolerance: float, wide: fl
         ends, length = _common_line(one, other, [h[rows] for h in high], a[rows], b[rows], tolerance)
         meet = ~flat & (length > tolerance)
         meet[flat] = _overlap(one[flat], other[flat], b[rows][flat]) > tolerance
-        found.append((pairs[meet], flat[meet], apart[meet], ends[meet]))
-    parts = [np.concatenate(part) for part in zip(*found)]
+        met.append((pairs[meet], flat[meet], apart[meet], ends[meet]))
+    parts = [np.concatenate(part) for part in zip(*met)]
     order = np.lexsort(parts[0].T[::-1])
     return Meetings(*(part[order] for part in parts))
 

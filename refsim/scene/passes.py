@@ -124,7 +124,7 @@ def ordered_passes(passes: Sequence[tuple[Owner, Pass]]) -> tuple[tuple[Owner, P
 
 def accounts(grid: Discretisation, effects: Mapping[str, Effect]) -> dict[str, EnergyAccount]:
     """The account of each effect. Raises InputError if an effect has forces without a known energy."""
-    found = {}
+    counted = {}
     for name, effect in effects.items():
         account = effect.energy(grid, effects)
         passes = effect.passes(effects)
@@ -133,5 +133,5 @@ def accounts(grid: Discretisation, effects: Mapping[str, Effect]) -> dict[str, E
                 f"energy_audit: the forces of effect {name!r} have no energy that can be computed; leave out"
                 " the audit or the effect."
             )
-        found[name] = account or EnergyAccount()
-    return found
+        counted[name] = account or EnergyAccount()
+    return counted

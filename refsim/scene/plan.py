@@ -98,9 +98,9 @@ def make_plan(scene: Scene) -> Plan:
         with np.errstate(over="raise", divide="raise", invalid="raise"):
             empty, effects = checks.checked(scene)
             grid, state = placed(scene, empty, effects)
-            found = [effect.with_start(grid, effects) for effect in effects_with(effects, FollowsStart)]
-            if any(effect is not effects[effect.name] for effect in found):
-                named = {effect.name: effect for effect in (*scene.effects, *found)}
+            adapted = [effect.with_start_defaults(grid, effects) for effect in effects_with(effects, FollowsStart)]
+            if any(effect is not effects[effect.name] for effect in adapted):
+                named = {effect.name: effect for effect in (*scene.effects, *adapted)}
                 effects = checks.checked(msgspec.structs.replace(scene, effects=tuple(named.values())))[1]
             return _planned(scene, grid, effects, state)
     except (ArithmeticError, OverflowError) as error:
@@ -120,9 +120,9 @@ def _planned(scene: Scene, grid: Discretisation, given: Mapping[str, Effect], ab
     shared: dict[str, Any] = {"walls": None, "period": period}
     parameters: dict[str, dict[str, Any]] = {}
     bringing: list[Any] = effects_with(effects, BringsWalls)
-    made = [effect.walls(grid, effects) for effect in bringing]
-    walls = [part for part in made if part is not None]
-    ends = np.cumsum([0 if part is None else len(part.volume) for part in made]).tolist()
+    brought = [effect.walls(grid, effects) for effect in bringing]
+    walls = [part for part in brought if part is not None]
+    ends = np.cumsum([0 if part is None else len(part.volume) for part in brought]).tolist()
     rows = {
         "solids": 0 if grid.solids is None else len(grid.solids.lattice.key),
         "walls": sum(len(w.volume) for w in walls),

@@ -50,14 +50,14 @@ class Box(Checked, tag="box", tag_field="shape", frozen=True, kw_only=True):
         """Distances of its particles over the spacing, along each axis."""
         if self.size is None:
             return (1.0,) * grid.dim
-        found = tuple(edge / (n * grid.spacing) for edge, n in zip(self.size[: grid.dim], self.cells))
-        if not all(1 / WIDEST <= share <= WIDEST for share in found):
+        stretch = tuple(edge / (n * grid.spacing) for edge, n in zip(self.size[: grid.dim], self.cells))
+        if not all(1 / WIDEST <= share <= WIDEST for share in stretch):
             raise InputError(
                 f"fluid box: size = {list(self.size)} puts {list(self.cells)} particles at"
-                f" {', '.join(f'{share:.3g}' for share in found)} spacings along the axes; give"
+                f" {', '.join(f'{share:.3g}' for share in stretch)} spacings along the axes; give"
                 f" {1 / WIDEST:.2g} to {WIDEST:g}, or leave the size out."
             )
-        return found
+        return stretch
 
 
 class Ball(Checked, tag="ball", tag_field="shape", frozen=True, kw_only=True):

@@ -44,16 +44,16 @@ def tables(case):
 
     `direct` is without the particles that are liquid; the regions are older, when only every tenth node had melted.
     """
-    made, random = bodies(case)
-    count = len(made.cell)
+    lattice, random = bodies(case)
+    count = len(lattice.cell)
     place = np.arange(case.count)
     phase = np.asarray(_phase(case))
     before = np.where(random.random(case.count) < 0.1, 0, 1)
-    direct = operations.direct_neighbours(phase, place, made)["direct"][0].astype(np.int32)
-    older = operations.direct_neighbours(before, place, made)["direct"][0]
+    direct = operations.direct_neighbours(phase, place, lattice)["direct"][0].astype(np.int32)
+    older = operations.direct_neighbours(before, place, lattice)["direct"][0]
     empty = np.full((count, (2 * half_width(case) + 1) ** 3), -1)
-    found = operations.regions(older, None, made, empty, np.zeros(count, int))
-    return made, direct, found["region"][0].astype(np.int32), found["region_count"][0].astype(np.int32)
+    found = operations.regions(older, None, lattice, empty, np.zeros(count, int))
+    return lattice, direct, found["region"][0].astype(np.int32), found["region_count"][0].astype(np.int32)
 
 
 def _phase(case):
@@ -64,9 +64,9 @@ def _phase(case):
 
 @groups("lattice", "direct", "region", "region_count", "rebuild")
 def _tables(case, grid):
-    made, direct, region, count = tables(case)
+    lattice, direct, region, count = tables(case)
     rebuild = (case.random("rebuild").random(len(count)) < 0.5).astype(np.int32)
-    return {"lattice": made, "direct": direct, "region": region, "region_count": count, "rebuild": rebuild}
+    return {"lattice": lattice, "direct": direct, "region": region, "region_count": count, "rebuild": rebuild}
 
 
 @groups(
@@ -83,14 +83,14 @@ def _nodes(case, grid):
 
     rotation = random.normal(size=(nodes, 4))
     mass = 1000 * grid.spacing**3 * random.uniform(0.2, 5, nodes)
-    made = {
+    fields = {
         "solid_position": position, "solid_velocity": vector(1),
         "region_share": np.where(count > 0, mass / np.maximum(count, 1), 0),
         "region_center": vector(0.5 * grid.spacing), "region_anchor": vector(0.3 * grid.spacing),
         "rotation": rotation / np.linalg.norm(rotation, axis=1)[:, None], "region_velocity": vector(1),
         "region_spin": vector(0.1 / grid.spacing),
     }  # fmt: skip
-    return {name: np.ascontiguousarray(values.astype(grid.dtype)) for name, values in made.items()}
+    return {name: np.ascontiguousarray(values.astype(grid.dtype)) for name, values in fields.items()}
 
 
 groups(boxes=lambda case, grid: boxes_of(tables(case)[0], half_width(case)))
@@ -153,20 +153,20 @@ DIRECT = NONE.copy()
 DIRECT[0, [13, 14]], DIRECT[1, [12, 13]] = [0, 1], [0, 1]
 
 
-def _direct(case, made, phase, expected):
+def _direct(case, lattice, phase, expected):
     place = np.arange(case.count, dtype=np.int32)
-    given = {"phase": np.full(case.count, phase, np.int32), "place": place, "lattice": made}
-    return Exact(case, given, {"direct": np.array(expected)})
+    inputs = {"phase": np.full(case.count, phase, np.int32), "place": place, "lattice": lattice}
+    return Exact(case, inputs, {"direct": np.array(expected)})
 
 
 @closed_form("shape_matching.direct_neighbours")
 def cube_of_27():
     """In a cube of 27 nodes each has those in its slots; nodes of a cell below, of another body, are no members."""
-    made = lattice_of([BLOCK.astype(int)])
-    number = {tuple(cell): s for s, cell in enumerate(made.cell.tolist())}
+    lattice = lattice_of([BLOCK.astype(int)])
+    number = {tuple(cell): s for s, cell in enumerate(lattice.cell.tolist())}
     slots = [(a, b, e) for a in (-1, 0, 1) for b in (-1, 0, 1) for e in (-1, 0, 1)]
-    expected = [[number.get((x + a, y + b, z + e), -1) for a, b, e in slots] for x, y, z in made.cell.tolist()]
-    return _direct(CUBE, made, 2, expected)
+    expected = [[number.get((x + a, y + b, z + e), -1) for a, b, e in slots] for x, y, z in lattice.cell.tolist()]
+    return _direct(CUBE, lattice, 2, expected)
 
 
 @closed_form("shape_matching.direct_neighbours")
@@ -189,11 +189,11 @@ def chain_of_four():
             if abs(k - s) <= 2:
                 region[s, 62 + k - s] = k
     chain = at("chain_of_four", cases.lattice((4, 1, 1), 1.0))
-    given = {
+    inputs = {
         "direct": direct, "rebuild": None, "region": np.full((4, 125), 7, np.int32),
         "region_count": np.zeros(4, np.int32), "lattice": lattice_of([np.array([[0, 0, k] for k in range(4)])]),
     }  # fmt: skip
-    return Exact(chain, given, {"region": region, "region_count": [3, 4, 4, 3]})
+    return Exact(chain, inputs, {"region": region, "region_count": [3, 4, 4, 3]})
 
 
 @closed_form("shape_matching.classify")
@@ -206,15 +206,15 @@ def middle_of_27():
     more = at("cube_and_drop", np.concatenate([BLOCK, [[9.0, 0.0, 0.0]]]))
     expected = np.ones(28, int)
     expected[[5, 6, 27]] = [2, 0, 0]
-    given = {"identity": np.arange(28, dtype=np.int32), "direct": direct, "phase": np.zeros(28, np.int32)}
-    return Exact(more, given, {"phase": expected})
+    inputs = {"identity": np.arange(28, dtype=np.int32), "direct": direct, "phase": np.zeros(28, np.int32)}
+    return Exact(more, inputs, {"phase": expected})
 
 
 @closed_form("shape_matching.gather")
 def shares():
     """m/cnt, in the first order: particle 0 stands in row 1."""
-    given = {"mass": [6.0, 8.0], "place": [1, 0], "region_count": [2, 3]}
-    return Exact(PAIR, given, {"region_share": [4.0, 2.0], "solid_position": PAIR.position[::-1]})
+    inputs = {"mass": [6.0, 8.0], "place": [1, 0], "region_count": [2, 3]}
+    return Exact(PAIR, inputs, {"region_share": [4.0, 2.0], "solid_position": PAIR.position[::-1]})
 
 
 def _matched(**changes):
@@ -227,24 +227,24 @@ def _counted(region):
 
 def _whole_region():
     """Nodes of a cube of 27 and the region of its middle; those of the other nodes are empty."""
-    made = lattice_of([BLOCK.astype(int)])
+    lattice = lattice_of([BLOCK.astype(int)])
     region = np.full((27, 27), -1, np.int32)
-    number = {tuple(cell): s for s, cell in enumerate(made.cell.tolist())}
+    number = {tuple(cell): s for s, cell in enumerate(lattice.cell.tolist())}
     region[13] = [number[1 + a, 1 + b, 1 + e] for a in (-1, 0, 1) for b in (-1, 0, 1) for e in (-1, 0, 1)]
-    return made, region
+    return lattice, region
 
 
 def _cube(position, rotation, turn, **expected):
     """A cube at `position` with the region of its middle, of which `rotation` becomes `turn`."""
-    made, region = _whole_region()
+    lattice, region = _whole_region()
     turned = np.tile(rotation, (27, 1))
     turned[13] = turn
-    given = {
+    inputs = {
         "solid_position": position, "region_share": np.full(27, 0.5), "region": region,
         "region_count": _counted(region), "matching": _matched(), "rotation": np.tile(rotation, (27, 1)),
-        "region_center": np.ones((27, 3)), "region_anchor": np.ones((27, 3)), "boxes": boxes_of(made, 1),
+        "region_center": np.ones((27, 3)), "region_anchor": np.ones((27, 3)), "boxes": boxes_of(lattice, 1),
     }  # fmt: skip
-    return Exact(CUBE, given, {"rotation": turned, **expected})
+    return Exact(CUBE, inputs, {"rotation": turned, **expected})
 
 
 @closed_form("shape_matching.match")
@@ -300,36 +300,36 @@ def _crowd(half_width=1, place=(0.123, 0.456, 0.789), away=0.0):
 
     Only the node in the middle of those members has a region; they stand `away` [m] from it on their side.
     """
-    made = lattice_of([np.stack(np.meshgrid(*[np.arange(7)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)])
+    lattice = lattice_of([np.stack(np.meshgrid(*[np.arange(7)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)])
     side = 2 * half_width + 1
-    crowd = (made.cell < side).all(1)
-    (middle,) = np.flatnonzero((made.cell == half_width).all(1))
+    crowd = (lattice.cell < side).all(1)
+    (middle,) = np.flatnonzero((lattice.cell == half_width).all(1))
     region = np.full((343, side**3), -1, np.int32)
-    region[middle, made.cell[crowd] @ [side * side, side, 1]] = np.flatnonzero(crowd)
-    position = made.cell + 0.1 * np.sin(np.arange(343.0))[:, None] * [1.0, -2.0, 3.0]
-    position[crowd] = place + away * np.sign(made.cell[crowd] - half_width)
-    given = {
+    region[middle, lattice.cell[crowd] @ [side * side, side, 1]] = np.flatnonzero(crowd)
+    position = lattice.cell + 0.1 * np.sin(np.arange(343.0))[:, None] * [1.0, -2.0, 3.0]
+    position[crowd] = place + away * np.sign(lattice.cell[crowd] - half_width)
+    inputs = {
         "solid_position": position, "region_share": 0.5 + np.arange(343) % 5, "region": region,
         "region_count": _counted(region), "matching": _matched(half_width=half_width),
-        "boxes": boxes_of(made, half_width),
+        "boxes": boxes_of(lattice, half_width),
     }  # fmt: skip
-    return given, crowd, middle
+    return inputs, crowd, middle
 
 
-def _kept(given, crowd, middle, half_width, before=(0.48, 0.6, 0.0, 0.64)):
+def _kept(inputs, crowd, middle, half_width, before=(0.48, 0.6, 0.0, 0.64)):
     """The crowd's region keeps its rotation, however it was turned before."""
     rotation = np.tile(before, (343, 1))
-    share, none = given["region_share"][crowd], np.zeros((343, 3))
+    share, none = inputs["region_share"][crowd], np.zeros((343, 3))
     reach = np.arange(-half_width, half_width + 1)
     offset = np.stack(np.meshgrid(*[reach] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    order = given["region"][middle]
-    rest = (given["region_share"][order][:, None] * offset).sum(0) / share.sum()
+    order = inputs["region"][middle]
+    rest = (inputs["region_share"][order][:, None] * offset).sum(0) / share.sum()
     w, u = rotation[0, 0], rotation[0, 1:]
     anchor = none.copy()
     anchor[middle] = -(rest + 2 * np.cross(u, np.cross(u, rest) + w * rest))
-    given |= {"rotation": rotation, "region_center": none + 1, "region_anchor": none + 1}
-    whole = at("body_of_343", given["solid_position"])
-    return Exact(whole, given, {"rotation": rotation, "region_center": none, "region_anchor": anchor})
+    inputs |= {"rotation": rotation, "region_center": none + 1, "region_anchor": none + 1}
+    whole = at("body_of_343", inputs["solid_position"])
+    return Exact(whole, inputs, {"rotation": rotation, "region_center": none, "region_anchor": anchor})
 
 
 # Members in one place, away from their body's middle, do not turn their region
@@ -363,14 +363,14 @@ def beside_their_node(axis: int) -> Exact:
     place = np.array([0.1, 0.1, 0.1])
     place[axis] = 30.1
     kept = _kept(*_melted(*_crowd(2, place)), 2)
-    return Exact(kept.case, kept.given, {"rotation": kept.expected["rotation"]})
+    return Exact(kept.case, kept.inputs, {"rotation": kept.expected["rotation"]})
 
 
-def _melted(given, crowd, middle):
+def _melted(inputs, crowd, middle):
     """The crowd without the node itself, which is at the origin."""
-    given["solid_position"][middle] = 0.0
-    given["region"][middle, 62] = -1
-    return given | {"region_count": _counted(given["region"])}, crowd, middle
+    inputs["solid_position"][middle] = 0.0
+    inputs["region"][middle, 62] = -1
+    return inputs | {"region_count": _counted(inputs["region"])}, crowd, middle
 
 
 def _at_the_bound(share):
@@ -381,17 +381,17 @@ def _at_the_bound(share):
     p^T, f = 16 b/a, p = (cos alpha, sin alpha), twice: tan 2 phi = f sin 2 alpha/(2 + f cos 2 alpha).
     """
     away, alpha = share * 2.0**-38, 0.35
-    given, crowd, middle = _melted(*_crowd(2, np.array([0.0, 32.0, 0.0]), away * np.array([1.0, 0.0, 1.0])))
-    given["region_share"] = np.ones(343)
-    made = _kept(given, crowd, middle, 2, _about([1, 0, 0], 2 * alpha))
+    inputs, crowd, middle = _melted(*_crowd(2, np.array([0.0, 32.0, 0.0]), away * np.array([1.0, 0.0, 1.0])))
+    inputs["region_share"] = np.ones(343)
+    exact = _kept(inputs, crowd, middle, 2, _about([1, 0, 0], 2 * alpha))
     bound = 2 * 2 * 125 * 2.0**-52 * (124 * 32 + 200 * away)
     if 150 * away > bound:
         f = 16 * bound / (150 * away)
         for _ in range(2):
             alpha = 0.5 * np.arctan2(f * np.sin(2 * alpha), 2 + f * np.cos(2 * alpha))
-    wanted = made.expected["rotation"].copy()
+    wanted = exact.expected["rotation"].copy()
     wanted[middle] = [np.cos(alpha), np.sin(alpha), 0.0, 0.0]
-    return Exact(made.case, made.given, {"rotation": wanted})
+    return Exact(exact.case, exact.inputs, {"rotation": wanted})
 
 
 closed_form(
@@ -408,13 +408,13 @@ def lone_node():
     region = NONE.copy()
     region[0, 13] = 0
     region[1, 13] = 1
-    given = {
+    inputs = {
         "solid_position": PAIR.position, "region_share": [2.0, 3.0], "region": region, "region_count": _counted(region),
         "matching": _matched(), "rotation": rotation, "region_center": np.ones((2, 3)),
         "region_anchor": np.ones((2, 3)), "boxes": boxes_of(TWO, 1),
     }  # fmt: skip
     expected = {"rotation": rotation, "region_center": np.zeros((2, 3)), "region_anchor": np.zeros((2, 3))}
-    return Exact(PAIR, given, expected)
+    return Exact(PAIR, inputs, expected)
 
 
 @closed_form("shape_matching.pull")
@@ -422,53 +422,54 @@ def stretched_pair():
     """Nodes 2 m apart that belong 1 m apart are drawn in by half a metre each; alpha = 1/2, t = 1/4 s, dt = 1/2 s."""
     turn = np.tile([np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0], (2, 1))  # takes z to y
     anchor = np.array([[0.0, 0.5, 0.0], [0.0, -0.5, 0.0]])
-    given = {
+    inputs = {
         "velocity": [[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]], "solid_position": PAIR.position, "region": DIRECT,
         "region_count": [2, 2], "region_anchor": anchor, "rotation": turn, "place": [1, 0],
         "matching": _matched(stiffness=0.5), "timestep": [0.25, 0.5], "boxes": boxes_of(TWO, 1),
     }  # fmt: skip
     pulled = np.array([[0.0, -2.0, 0.0], [0.0, 2.0, 0.0]])
     after = np.array([[0.0, 0.5, 0.0], [1.0, -0.5, 0.0]])
-    return Exact(PAIR, given, {"acceleration": pulled, "solid_velocity": after})
+    return Exact(PAIR, inputs, {"acceleration": pulled, "solid_velocity": after})
 
 
 @closed_form("shape_matching.region_motion")
 def spinning_block():
     """A cube of 27 nodes that moves with 2 m/s along x and turns with 3/s about z."""
-    made, region = _whole_region()
-    r = made.cell.astype(float) - 1
+    lattice, region = _whole_region()
+    r = lattice.cell.astype(float) - 1
     velocity = np.array([2.0, 0.0, 0.0]) + np.cross([0.0, 0.0, 3.0], r)
     center = np.zeros((27, 3))
-    given = {
+    inputs = {
         "solid_position": r, "solid_velocity": velocity, "region_share": np.full(27, 0.5), "region": region,
-        "region_count": _counted(region), "region_center": center, "matching": _matched(), "boxes": boxes_of(made, 1),
+        "region_count": _counted(region), "region_center": center, "matching": _matched(),
+        "boxes": boxes_of(lattice, 1),
     }  # fmt: skip
     expected_mean, expected_spin = velocity.copy(), np.zeros((27, 3))
     expected_mean[13], expected_spin[13] = [2.0, 0.0, 0.0], [0.0, 0.0, 3.0]
-    return Exact(CUBE, given, {"region_velocity": expected_mean, "region_spin": expected_spin})
+    return Exact(CUBE, inputs, {"region_velocity": expected_mean, "region_spin": expected_spin})
 
 
 @closed_form("shape_matching.region_motion")
 def crowd_in_one_place():
     """Members in one place, away from their body's middle, have a mean velocity and no spin."""
-    given, crowd, middle = _crowd()
+    inputs, crowd, middle = _crowd()
     velocity = np.sin(np.outer(np.arange(343.0), [1.0, 2.0, 3.0]))
-    share = given["region_share"][crowd]
+    share = inputs["region_share"][crowd]
     mean = velocity.copy()
     mean[middle] = (share[:, None] * velocity[crowd]).sum(0) / share.sum()
-    whole = at("body_of_343", given["solid_position"])
-    given |= {"solid_velocity": velocity, "region_center": np.zeros((343, 3)), "region_spin": np.ones((343, 3))}
-    return Exact(whole, given, {"region_velocity": mean, "region_spin": np.zeros((343, 3))})
+    whole = at("body_of_343", inputs["solid_position"])
+    inputs |= {"solid_velocity": velocity, "region_center": np.zeros((343, 3)), "region_spin": np.ones((343, 3))}
+    return Exact(whole, inputs, {"region_velocity": mean, "region_spin": np.zeros((343, 3))})
 
 
 @closed_form("shape_matching.damp")
 def damped_pair():
     """Half the difference to the regions' velocity in t = 1/4 s: beta = 1/2, regions at rest but for a spin about x."""
-    given = {
+    inputs = {
         "solid_position": PAIR.position, "solid_velocity": [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]], "region": DIRECT,
         "region_count": [2, 2], "region_center": [[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]],
         "region_velocity": np.zeros((2, 3)), "region_spin": np.tile([4.0, 0.0, 0.0], (2, 1)), "place": [1, 0],
         "matching": _matched(damping=0.5), "timestep": [0.25, 0.5], "acceleration": np.zeros((2, 3)),
         "boxes": boxes_of(TWO, 1),
     }  # fmt: skip
-    return Exact(PAIR, given, {"acceleration": [[2.0, 0.0, 8.0], [-2.0, 0.0, -8.0]]})
+    return Exact(PAIR, inputs, {"acceleration": [[2.0, 0.0, 8.0], [-2.0, 0.0, -8.0]]})

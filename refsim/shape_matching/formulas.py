@@ -139,7 +139,7 @@ def nearby_rotation(first, second, third, before, precision):
     real = type(first[0])
     least = real(0.05)  # pivot of H below which the rotation counts as undetermined
     q = (before[0], before[1], before[2], before[3])
-    found = False
+    converged = False
     for _ in range(8):
         one = turned(q, (real(1), real(0), real(0)))
         two = turned(q, (real(0), real(1), real(0)))
@@ -179,12 +179,12 @@ def nearby_rotation(first, second, third, before, precision):
             shrink * (k + w * w3 + i * w2 - j * w1),
         )
         if size < real(2) * precision:  # the next step would be smaller than any digit
-            found = True
+            converged = True
             break
-    if found:
+    if converged:
         size = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
         q = (q[0] / size, q[1] / size, q[2] / size, q[3] / size)
-    return found, q
+    return converged, q
 
 
 @formula

@@ -78,7 +78,7 @@ def _form(
     def form() -> Exact:
         w = at_half(kernel, dim)
         exact = across_a_border(maker(w), across) if across else maker(w)
-        return replace(exact, given={"smoothing": w.smoothing, "gradient_smoothing": w.smoothing, **exact.given})
+        return replace(exact, inputs={"smoothing": w.smoothing, "gradient_smoothing": w.smoothing, **exact.inputs})
 
     form.__name__ = f"{name}_{kernel}{'_2d' if dim == 2 else ''}{'_across' if across else ''}"
     return form

@@ -198,11 +198,11 @@ def compressed_pair(w):
     """v_1 - v_2 = (4, 2, 5), 2 of it towards the second: d rho_1/dt = rho_1 V_2 2 |W'(h/2)|; for 0.25 s."""
     excess = np.array([100.0, -20.0])
     rate = (1000 + excess) * np.array([3.0 / 980.0, 2.0 / 1100.0]) * 2 * w.slope
-    given = {
+    inputs = {
         **ALONE, "mass": [2.0, 3.0], "velocity": [[7.0, 2.0, 0.0], [3.0, 0.0, -5.0]], "fluid": WATER,
         "advanced_excess": excess, "timestep": [0.5, 0.25], "diffusion": None, "lean": None,
     }  # fmt: skip
-    return Exact(PAIR, given, {"density_excess": excess + 0.25 * rate, "density": 1000 + excess + 0.25 * rate})
+    return Exact(PAIR, inputs, {"density_excess": excess + 0.25 * rate, "density": 1000 + excess + 0.25 * rate})
 
 
 @for_each_kernel("sph.continuity")
@@ -211,23 +211,23 @@ def shifted_pair(w):
     excess = np.array([100.0, -20.0])
     across = np.array([2 * 1100 * 0.002 - 120 * 0.001, -(2 * 980 * 0.001 + 120 * 0.002)])
     change = across * np.array([3.0 / 980.0, 2.0 / 1100.0]) * w.slope
-    given = {
+    inputs = {
         **ALONE, "mass": [2.0, 3.0], "velocity": np.zeros((2, 3)), "fluid": WATER, "advanced_excess": excess,
         "timestep": [0.5, 0.25], "diffusion": None, "lean": None,
         "shift": [[0.3, 0.002, 0.0], [0.0, 0.001, -0.4]],
     }  # fmt: skip
-    return Exact(PAIR, given, {"density_excess": excess + change, "density": 1000 + excess + change})
+    return Exact(PAIR, inputs, {"density_excess": excess + change, "density": 1000 + excess + change})
 
 
 @closed_form("sph.continuity")
 def torn_pair():
     """A pair that parts fast has 0.95 rho0."""
     torn = np.full(2, -50.0)
-    given = {
+    inputs = {
         **ALONE, "mass": [2.0, 3.0], "velocity": [[0.0, -7e4, 0.0], [0.0, 7e4, 0.0]], "fluid": WATER,
         "advanced_excess": [100.0, -20.0], "timestep": [0.5, 0.25], "diffusion": None, "lean": None,
     }  # fmt: skip
-    return Exact(PAIR, given, {"density_excess": torn, "density": 1000 + torn})
+    return Exact(PAIR, inputs, {"density_excess": torn, "density": 1000 + torn})
 
 
 @for_each_kernel("sph.continuity")
@@ -237,11 +237,11 @@ def diffusing_pair(w):
     excess = np.array([100.0, -20.0])
     difference = -120.0 - 40.0
     rate = slope * difference * np.array([3.0 / 980.0, -2.0 / 1100.0])
-    given = {
+    inputs = {
         **ALONE, "mass": [2.0, 3.0], "velocity": np.zeros((2, 3)), "fluid": WATER, "advanced_excess": excess,
         "timestep": [0.5, 0.25], "diffusion": Diffusion(0.5, 2.0), "lean": WallFrameGravity(3.5, 20.0, -1.5),
     }  # fmt: skip
-    return Exact(PAIR, given, {"density_excess": excess + 0.25 * rate, "density": 1000 + excess + 0.25 * rate})
+    return Exact(PAIR, inputs, {"density_excess": excess + 0.25 * rate, "density": 1000 + excess + 0.25 * rate})
 
 
 @for_each_kernel("sph.continuity")
@@ -255,13 +255,13 @@ def moving_walls(w):
     far = np.full(3, np.inf)
     rate = 1100 * (50 * w.slope * (-0.002 + (0.002 - 0.005)) + 1100 / 2 * (0.02 - 0.01) * w.share * w.at_zero)
     excess = 100.0 + 0.25 * rate
-    given = {
+    inputs = {
         **ALONE, "mass": [2.0], "velocity": [[1.0, 0.002, 0.0]], "fluid": WATER, "diffusion": None, "lean": None,
         "advanced_excess": [100.0], "timestep": [0.5, 0.25], "walls": WallParticles(place, np.full(2, 50.0)),
         "wall_strain": [0.02, -0.01],
         "wall_motion": WallMotion(-far, np.array([np.inf, 0.5, np.inf]), np.array([3.0, 0.005, 0.0])),
     }  # fmt: skip
-    return Exact(case, given, {"density_excess": [excess], "density": [1000 + excess]})
+    return Exact(case, inputs, {"density_excess": [excess], "density": [1000 + excess]})
 
 
 @for_each_kernel("sph.continuity")
@@ -272,14 +272,14 @@ def counted_by_walls(w):
     place = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 9.0, 0.0]])
     volume, whole = 30.0, 0.125
     filled = whole * w.at_zero * (2.0 / 1100 + 2 * volume * w.share)
-    given = {
+    inputs = {
         **ALONE, "mass": [2.0], "velocity": np.zeros((1, 3)), "fluid": WATER, "diffusion": None, "lean": None,
         "advanced_excess": [100.0], "timestep": [0.5, 0.25], "walls": WallParticles(place, np.full(3, volume)),
         "wall_strain": None, "wall_motion": None, "recount": Recount(0.5, whole), "filling": [0.0],
     }  # fmt: skip
     excess = 100 + 0.25 * 0.5 * 1100 * (filled - 1)
     return Exact(
-        at("counted_by_walls", [0, 0, 0], place), given,
+        at("counted_by_walls", [0, 0, 0], place), inputs,
         {"filling": [filled], "density_excess": [excess], "density": [1000 + excess]},
     )  # fmt: skip
 
@@ -288,13 +288,13 @@ def counted_by_walls(w):
 def liquid_beside_a_solid(w):
     """The solid's 3 kg of 900 kg/m^3 come nearer: rho_1 V_2 2 |W'(h/2)|, no diffusion; the solid keeps its density."""
     rate = 1100 * 3.0 / 900.0 * 2 * w.slope
-    given = {
+    inputs = {
         "mass": [2.0, 3.0], "velocity": [[7.0, 2.0, 0.0], [3.0, 0.0, -5.0]], "fluid": WATER,
         "advanced_excess": [100.0, 0.0], "timestep": [0.5, 0.25], "diffusion": Diffusion(0.5, 2.0),
         "lean": WallFrameGravity(3.5, 20.0, -1.5), "rest_density": [1000.0, 900.0], "phase": [0, 1], "shift": None,
         "recount": None, "filling": None,
     }  # fmt: skip
-    return Exact(PAIR, given, {"density_excess": [100 + 0.25 * rate, 0.0], "density": [1100 + 0.25 * rate, 900.0]})
+    return Exact(PAIR, inputs, {"density_excess": [100 + 0.25 * rate, 0.0], "density": [1100 + 0.25 * rate, 900.0]})
 
 
 @closed_form("sph.keep_density")
@@ -329,11 +329,11 @@ def balanced_cohesion():
 def pressed_pair(w):
     """Equal pressures p push two particles apart with 2 (m_j p/rho^2) |W'(h/2)|, here 6 p/rho^2 on the first."""
     push = 2 * 200.0 / 1000.0**2 * w.slope * (w.pair.position[1] - w.pair.position[0])
-    given = {
+    inputs = {
         "mass": [2.0, 3.0], "density": np.full(2, 1000.0), "pressure": np.full(2, 200.0), "velocity": np.zeros((2, 3)),
         "fluid": WATER,
     }  # fmt: skip
-    return Exact(w.pair, given, {"acceleration": [-3 * push, 2 * push]})
+    return Exact(w.pair, inputs, {"acceleration": [-3 * push, 2 * push]})
 
 
 @for_each_kernel("sph.pressure")
@@ -342,22 +342,22 @@ def pressed_against_a_wall(w):
     case = at("on_wall", [0, 0, 0], [[0.0, -1.0, 0.0]])
     walls = WallParticles(case.wall_position, np.array([0.25]))
     push = 2 * 1000 * 0.25 * 200.0 / 900.0**2 * w.slope
-    given = {
+    inputs = {
         "mass": [2.0], "density": [900.0], "pressure": [200.0], "velocity": np.zeros((1, 3)), "fluid": WATER,
         "walls": walls,
     }  # fmt: skip
-    return Exact(case, given, {"acceleration": [[0.0, push, 0.0]]})
+    return Exact(case, inputs, {"acceleration": [[0.0, push, 0.0]]})
 
 
 @closed_form("sph.momentum", "sph.viscosity", across=6.0)
 def sheared_pair():
     """Viscosity mu m_j/(rho_i rho_j) 45/(pi h^6) (h - r) (v_j - v_i) reduces the difference of velocities."""
     factor = 0.5 / 1000.0**2 * 45 / (math.pi * 64)
-    given = {
+    inputs = {
         "mass": [2.0, 3.0], "density": np.full(2, 1000.0), "pressure": np.zeros(2),
         "velocity": [[1.0, 0.0, 0.0], [-1.0, 0.0, 4.0]], "fluid": WATER, "viscosity": ViscosityTerm(0.5),
     }  # fmt: skip
-    return Exact(PAIR, given, {"acceleration": factor * np.array([[-6.0, 0.0, 12.0], [4.0, 0.0, -8.0]])})
+    return Exact(PAIR, inputs, {"acceleration": factor * np.array([[-6.0, 0.0, 12.0], [4.0, 0.0, -8.0]])})
 
 
 @for_each_kernel("sph.gradient_correction", dims=(2,))
@@ -372,8 +372,8 @@ def filled_in_the_plane(w):
     assert 0 < share < 1
     diagonal = np.ones((5, 3))
     diagonal[0, :2] = 1 + share * (1 / a - 1), 1 + share * (1 / b - 1)
-    given = {"mass": mass, "density": density, "walls": None}
-    return Exact(case, given, {"correction_diagonal": diagonal, "correction_mixed": np.zeros((5, 3))})
+    inputs = {"mass": mass, "density": density, "walls": None}
+    return Exact(case, inputs, {"correction_diagonal": diagonal, "correction_mixed": np.zeros((5, 3))})
 
 
 @closed_form("sph.own_pressure")
@@ -388,12 +388,12 @@ def turned():
 def pushed_askew(w):
     """B_1 = I, B_2 turns y into (1, 3, 2): along (0.5, 2, 1) by V_j (q_i + p_j) |W'(h/2)|/rho_i."""
     push = w.slope * np.array([2.0 * (50.0 + 300.0) / 1000.0, 4.0 * (-100.0 + 200.0) / 500.0])
-    given = {
+    inputs = {
         "mass": [4000.0, 1000.0], "density": [1000.0, 500.0], "fluid": WATER, "pressure": [200.0, 300.0],
         "own_pressure": [50.0, -100.0], "correction_diagonal": [[1.0, 1.0, 1.0], [9.0, 3.0, 9.0]],
         "correction_mixed": [[0.0, 0.0, 0.0], [1.0, 9.0, 2.0]],
     }  # fmt: skip
-    return Exact(PAIR, given, {"acceleration": push[:, None] * np.array([[-0.5, -2.0, -1.0], [0.5, 2.0, 1.0]])})
+    return Exact(PAIR, inputs, {"acceleration": push[:, None] * np.array([[-0.5, -2.0, -1.0], [0.5, 2.0, 1.0]])})
 
 
 @closed_form("sph.central_viscosity", "sph.central_momentum", across=6.0)
@@ -403,22 +403,22 @@ def braked_along_the_line():
     F = 45/(2 pi h^5) (1 - q).
     """
     factor = 2 * 2.5 / 1000.0**2 * 45 / (2 * math.pi * 32) * 0.5
-    given = {
+    inputs = {
         "mass": [2.0, 3.0], "density": np.full(2, 1000.0), "velocity": [[1.0, -1.0, 0.0], [2.0, 3.0, 0.0]],
         "central_viscosity": CentralViscosity(2.5), "pressure": np.zeros(2), "fluid": WATER,
     }  # fmt: skip
-    return Exact(PAIR, given, {"acceleration": factor * np.array([[0.0, 12.0, 0.0], [0.0, -8.0, 0.0]])})
+    return Exact(PAIR, inputs, {"acceleration": factor * np.array([[0.0, 12.0, 0.0], [0.0, -8.0, 0.0]])})
 
 
 @closed_form("sph.central_viscosity")
 def braked_in_the_plane():
     """Oblique in 2D: e_21 = (0.6, 0.8), e.(v_2 - v_1) = 5, F = 20/(pi h^4) (1 - q)."""
     factor = 2 * 2.0 / (1000.0 * 500.0) * 20 / (math.pi * 16) * 0.5
-    given = {
+    inputs = {
         "mass": [2.0, 3.0], "density": [1000.0, 500.0], "velocity": [[0.0, 0.0, 0.0], [3.0, 4.0, 0.0]],
         "central_viscosity": CentralViscosity(2.0),
     }  # fmt: skip
-    return Exact(FLAT_PAIR, given, {"acceleration": factor * 5 * np.array([[1.8, 2.4, 0.0], [-1.2, -1.6, 0.0]])})
+    return Exact(FLAT_PAIR, inputs, {"acceleration": factor * 5 * np.array([[1.8, 2.4, 0.0], [-1.2, -1.6, 0.0]])})
 
 
 @closed_form("sph.central_viscosity")
@@ -426,11 +426,11 @@ def rigid_rotation():
     """In rigid rotation, v = omega x r, the viscosity along the line of centres vanishes."""
     position = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.5, 0.0, 0.0]])
     three = at("rigid_rotation", position)
-    given = {
+    inputs = {
         "mass": [2.0, 3.0, 4.0], "density": [1000.0, 500.0, 800.0], "velocity": np.cross([0.5, -0.25, 2.0], position),
         "central_viscosity": CentralViscosity(2.0),
     }  # fmt: skip
-    return Exact(three, given, {"acceleration": np.zeros((3, 3))})
+    return Exact(three, inputs, {"acceleration": np.zeros((3, 3))})
 
 
 @for_each_kernel("sph.density")
@@ -448,23 +448,23 @@ def falling():
 @closed_form("sph.extremes")
 def largest_squares():
     """3-4-5 triangles; the second temperature lies 5 K below a range from -5 to 9 deg C."""
-    given = {
+    inputs = {
         "velocity": [[3.0, 4.0, 0.0], [1.0, 0.0, 0.0]], "acceleration": [[0.0, 0.0, 1.0], [0.0, 5.0, 12.0]],
         "temperature": [12.0, -10.0], "temperature_range": [-5.0, 9.0], "exchange_rate": [0.25, 0.5],
         "density": [1101.0, 1502.0], "rest_density": None, "density_bounds": DensityBounds(1000.0, 1.1, 1.5),
     }  # fmt: skip
-    return Exact(PAIR, given, {"extremes": [25.0, 169.0, 0.0, 0.5, 5.0, 2.0, 1.0]})
+    return Exact(PAIR, inputs, {"extremes": [25.0, 169.0, 0.0, 0.5, 5.0, 2.0, 1.0]})
 
 
 @closed_form("sph.extremes")
 def densities_of_two_substances():
     """1.2 and 1.08 times the own rest density: the second particle is denser than the first bound of the liquid."""
     nothing = {"temperature": None, "temperature_range": None, "exchange_rate": None}
-    given = nothing | {
+    inputs = nothing | {
         "velocity": np.zeros((2, 3)), "acceleration": np.zeros((2, 3)), "density": [600.0, 1620.0],
         "rest_density": [500.0, 1500.0], "density_bounds": DensityBounds(1000.0, 1.1, 1.5),
     }  # fmt: skip
-    return Exact(PAIR, given, {"extremes": [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]})
+    return Exact(PAIR, inputs, {"extremes": [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]})
 
 
 # Up to 1e4 spacings from the origin, where single precision resolves no step
@@ -492,12 +492,12 @@ def carried_on():
 @closed_form("sph.kick_drift")
 def one_leap():
     """v = 1 + 0.5 * 2, x = 0 + 0.25 * v; the second particle, at rest, is 2 m from its position at the list's build."""
-    given = {
+    inputs = {
         "velocity": [[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]], "acceleration": [[2.0, 0.0, 0.0], [0.0, 0.0, 0.0]],
         "build_position": [[0.0, 0.0, 0.0], [0.0, 1.0, 2.0]], "timestep": [0.5, 0.25], "shift": None, "bounds": None,
     }  # fmt: skip
     return Exact(
-        PAIR, given,
+        PAIR, inputs,
         {
             "velocity": [[2.0, 0.0, 0.0], [0.0, 0.0, 0.0]], "position": [[0.5, 0.0, 0.0], [0.0, 1.0, 0.0]],
             "displacement": [4.0, 0.0],
@@ -508,13 +508,13 @@ def one_leap():
 @closed_form("sph.kick_drift")
 def shifted():
     """x = 0.25 * 2 + 0.125, and -0.5 for the second particle, which is at rest."""
-    given = {
+    inputs = {
         "velocity": [[2.0, 0.0, 0.0], [0.0, 0.0, 0.0]], "acceleration": np.zeros((2, 3)),
         "build_position": PAIR.position, "timestep": [0.5, 0.25], "bounds": None,
         "shift": [[0.125, 0.0, 0.0], [0.0, -0.5, 0.0]],
     }  # fmt: skip
     return Exact(
-        PAIR, given,
+        PAIR, inputs,
         {
             "velocity": [[2.0, 0.0, 0.0], [0.0, 0.0, 0.0]], "position": [[0.625, 0.0, 0.0], [0.0, 0.5, 0.0]],
             "displacement": [0.390625, 0.0],
@@ -526,13 +526,13 @@ def shifted():
 def stopped_by_a_plane():
     """The first particle would pass the plane x = 0.25: it stops there and loses its normal velocity."""
     far = np.full(3, np.inf)
-    given = {
+    inputs = {
         "velocity": [[2.0, 1.0, 0.0], [0.0, 0.0, 0.0]], "acceleration": np.zeros((2, 3)),
         "build_position": PAIR.position, "timestep": [0.5, 0.25], "shift": None,
         "bounds": Bounds(-far, np.array([0.25, np.inf, np.inf])),
     }  # fmt: skip
     return Exact(
-        PAIR, given,
+        PAIR, inputs,
         {
             "velocity": [[0.0, 1.0, 0.0], [0.0, 0.0, 0.0]], "position": [[0.25, 0.25, 0.0], [0.0, 1.0, 0.0]],
             "displacement": [0.125, 1.0],

@@ -29,9 +29,9 @@ cases.readings(fan_scan="printed")
 takes("surface_detection.near_surface", near_surface_limit="number_density")  # J(12) alone
 
 
-def _marked(count, expected, **given):
+def _marked(count, expected, **inputs):
     case = Case(f"row_of_{count}", 3, np.eye(3)[[1]] * np.arange(count)[:, None])
-    return Exact(case, given, {"near_surface": np.array(expected, np.uint8)})
+    return Exact(case, inputs, {"near_surface": np.array(expected, np.uint8)})
 
 
 @closed_form("surface_detection.near_surface")
@@ -52,11 +52,11 @@ def sparse_or_lopsided():
 def _scanned(position, surface, candidates, printed=0):
     """In the plane with h = 2, s = 1 and normals along -y: particles look to +y."""
     case = Case("scanned", 2, np.array(position), spacing=1.0, support_radius=2.0)
-    given = {
+    inputs = {
         "surface_normal": np.array([(0.0, -2.0, 0.0)] * case.count), "candidates": np.array(candidates, np.uint8),
         "fan_scan": FanScan(1.0, 2.0, 1e-6, printed),
     }  # fmt: skip
-    return Exact(case, given, {"surface": np.array(surface, np.uint8)})
+    return Exact(case, inputs, {"surface": np.array(surface, np.uint8)})
 
 
 @closed_form("surface_detection.fan_scan")

@@ -48,19 +48,19 @@ def area_units(area, h, dim) -> np.ndarray:
 @functools.cache
 def reconstruction(name: str, dtype: str) -> dict:
     """All intermediate results of the reconstruction, by the references."""
-    made = CASES[name]()
-    position = made.position.astype(dtype)
+    case = CASES[name]()
+    position = case.position.astype(dtype)
     before = extraction(name, dtype)
-    h, dim, blocks = cell_size(made), made.dim, before["blocks"]
+    h, dim, blocks = cell_size(case), case.dim, before["blocks"]
     found = {
         "interior_position": position,
-        "interior_number": made.random("interior_number").permutation(made.count).astype(np.int32),
-        "cells": listed(made, position, dtype),
-        "surface_term": surface_term(tension_of(made), dim, dtype, h),
+        "interior_number": case.random("interior_number").permutation(case.count).astype(np.int32),
+        "cells": listed(case, position, dtype),
+        "surface_term": surface_term(tension_of(case), dim, dtype, h),
     }
 
-    def work_out(function, *names, **given):
-        scope = {**before, **found, **given}
+    def work_out(function, *names, **inputs):
+        scope = {**before, **found, **inputs}
         answer = getattr(operations, function)(*(scope[n] for n in names))
         return {n: v.astype(dtype) if v.dtype.kind == "f" else v.astype(np.int32) for n, (v, _) in answer.items()}
 
@@ -68,31 +68,31 @@ def reconstruction(name: str, dtype: str) -> dict:
     found["area_before"] = area_units(found["sample_area"], h, dim)
     found["dice"] = Dice(np.int64(7), np.int64(min(4 * len(before["facets"]), 300)))
     found |= work_out("candidates", "vertex_position", "facets", "area_before", "dice")
-    found["candidate_cells"] = listed(made, found["candidate_position"], dtype)
+    found["candidate_cells"] = listed(case, found["candidate_position"], dtype)
     found["accepted"] = np.zeros(len(found["candidate_position"]), np.uint8)
-    found["sample_cells"] = listed(made, found["sample_position"], dtype)
+    found["sample_cells"] = listed(case, found["sample_position"], dtype)
     found |= work_out(
         "offsets", "interior_position", "interior_number", "cells", "blocks", "surface_term", "sample_position",
         "sample_cells",
     )  # fmt: skip
-    found["sample_count"] = np.zeros(made.count, np.int32)
-    found["fit_cells"] = listed(made, found["fit_position"], dtype, 0.5)
+    found["sample_count"] = np.zeros(case.count, np.int32)
+    found["fit_cells"] = listed(case, found["fit_position"], dtype, 0.5)
     found |= work_out("fit_weights", "fit_position", "fit_cells", "blocks", "surface_term")
     found["active"] = np.flatnonzero(found["node_weight"]).astype(np.int32)
     names = ("fit_splines", "fit_cells", "blocks", "surface_term", "node_weight", "active")
     found |= work_out("fit", *names)
     found["query_position"], found["outward"] = found["sample_position"], found["offset_direction"]
-    found["spline_cells"] = listed(made, found["query_position"], dtype, 0.5)
+    found["spline_cells"] = listed(case, found["query_position"], dtype, 0.5)
     names = ("query_position", "spline_cells", "blocks", "surface_term", "coefficients", "outward")
     found |= work_out("mls_normals", *names)
-    random = made.random("vertex_normal")
+    random = case.random("vertex_normal")
     normal = random.normal(size=before["vertex_position"].shape)
     found["vertex_normal"] = (normal / np.linalg.norm(normal, axis=1, keepdims=True)).astype(dtype)
     found["inset_position"] = 0 * before["vertex_position"]
     found["node_force"] = np.full((nodes(blocks), 3), 0.01, dtype)  # so that adding differs from assigning
     found |= work_out("components", "blocks", "node_state")
-    found["component_size"] = np.zeros(made.count, np.int32)
-    found["extent"] = np.zeros(made.count, np.uint8)
+    found["component_size"] = np.zeros(case.count, np.int32)
+    found["extent"] = np.zeros(case.count, np.uint8)
     return found
 
 
@@ -187,17 +187,17 @@ def one_block(dim: int) -> Blocks:
 
 
 def lone(dim: int, where: float = 0.5, blocks: Blocks | None = None, **parameters):
-    """(case, given) of one particle in the middle of cell 0 (or elsewhere in it)."""
+    """(case, inputs) of one particle in the middle of cell 0 (or elsewhere in it)."""
     place = np.zeros((1, 3))
     place[0, :dim] = where * H
-    made = Case(f"lone_{dim}d", dim, place, spacing=H / 2, support_radius=H)
+    case = Case(f"lone_{dim}d", dim, place, spacing=H / 2, support_radius=H)
     grid = SparseGrid(Backend("cpu"), dim, "float64", H)
     blocks = blocks or grid.cover(place, 4, 5)
-    given = {"interior_position": place, "blocks": blocks, "cells": grid.by_cell(place, blocks)}
-    given["interior_number"] = np.zeros(1, np.int32)
-    given["surface_term"] = surface_term(Tension(surface_tension=3.0, **parameters), dim, "float64", H)
-    given["node_state"] = np.zeros(nodes(blocks), np.uint8)
-    return made, grid, given
+    inputs = {"interior_position": place, "blocks": blocks, "cells": grid.by_cell(place, blocks)}
+    inputs["interior_number"] = np.zeros(1, np.int32)
+    inputs["surface_term"] = surface_term(Tension(surface_tension=3.0, **parameters), dim, "float64", H)
+    inputs["node_state"] = np.zeros(nodes(blocks), np.uint8)
+    return case, grid, inputs
 
 
 def near_centre(blocks, dim):
@@ -210,31 +210,31 @@ def near_centre(blocks, dim):
 def lone_particle(dim):
     """The corners of its own cell and, in space, those a step further along one axis, 8 + 24; in the plane the next are
     sqrt(2.5) h away."""
-    made, _, given = lone(dim)
-    state = near_centre(given["blocks"], dim).astype(np.uint8)
+    case, _, inputs = lone(dim)
+    state = near_centre(inputs["blocks"], dim).astype(np.uint8)
     assert state.sum() == {2: 4, 3: 32}[dim]
-    return Exact(made, given, {"node_state": state})
+    return Exact(case, inputs, {"node_state": state})
 
 
 @closed_form("surface_energy.exit_points")
 def edges_of_one_sphere():
     """From (1, 1, 1) + x: the particle stands 1/2 back; l = -1/2 + sqrt(3 - 1/4 - 1/4), and so for the mirror edge."""
-    made, _, given = lone(3)
-    node = {tuple(j): i for i, j in enumerate(node_table(given["blocks"]).tolist())}
+    case, _, inputs = lone(3)
+    node = {tuple(j): i for i, j in enumerate(node_table(inputs["blocks"]).tolist())}
     # from a corner of the outer ring, (2, 1, 1) -> (3, 1, 1): a = -3/2, q^2 = 1/2
     length = -1.5 + math.sqrt(2.5)
     edges = [3 * node[2, 1, 1], 3 * node[-2, 1, 1], 3 * node[1, 0, -2] + 2]
-    state = near_centre(given["blocks"], 3).astype(np.uint8)
-    given |= {"node_state": state, "vertex_edge": np.array(edges, np.int32)}
+    state = near_centre(inputs["blocks"], 3).astype(np.uint8)
+    inputs |= {"node_state": state, "vertex_edge": np.array(edges, np.int32)}
     place = np.array([[2 + length, 1, 1], [-1 - length, 1, 1], [1, 0, -1 - length]])
-    return Exact(made, given, {"vertex_position": H * place})
+    return Exact(case, inputs, {"vertex_position": H * place})
 
 
 def _facet(dim, corners, centroid, area, normal):
-    made, _, given = lone(dim)
-    given |= {"vertex_position": np.array(corners), "facets": np.arange(dim, dtype=np.int32)[None]}
+    case, _, inputs = lone(dim)
+    inputs |= {"vertex_position": np.array(corners), "facets": np.arange(dim, dtype=np.int32)[None]}
     expected = {"sample_position": centroid, "sample_area": area, "facet_normal": normal}
-    return Exact(made, given, {name: np.array([value]) for name, value in expected.items()})
+    return Exact(case, inputs, {name: np.array([value]) for name, value in expected.items()})
 
 
 closed_form(
@@ -247,11 +247,11 @@ closed_form(
 
 
 def _candidates(x, facets, before, dice, expected, place):
-    made, _, given = lone(2)
-    given |= {"vertex_position": [[a, 7.0, 0.0] for a in x], "facets": np.array(facets, np.int32)}
-    given |= {"area_before": np.array(before, np.int64), "dice": Dice(*map(np.int64, dice))}
+    case, _, inputs = lone(2)
+    inputs |= {"vertex_position": [[a, 7.0, 0.0] for a in x], "facets": np.array(facets, np.int32)}
+    inputs |= {"area_before": np.array(before, np.int64), "dice": Dice(*map(np.int64, dice))}
     found = np.array([[a, 7.0, 0.0] for a in place])
-    return Exact(made, given, {"candidate_facet": np.array(expected), "candidate_position": found})
+    return Exact(case, inputs, {"candidate_facet": np.array(expected), "candidate_position": found})
 
 
 @closed_form("surface_energy.candidates")
@@ -271,11 +271,11 @@ closed_form(
 
 def _darts(x, accepted, blocks=None):
     """Candidates at x [m] with disks of 1 m; `accepted` of their turns."""
-    made, grid, given = lone(2, blocks=blocks)
+    case, grid, inputs = lone(2, blocks=blocks)
     place = np.array([[a, b, 0] for a, b in x])
-    given |= {"candidate_position": place, "candidate_cells": grid.by_cell(place, given["blocks"])}
-    given |= {"dice": Dice(np.int64(4), np.int64(3))}
-    return Exact(made, given, {"accepted": np.array(accepted([reference.hash_word(4, k, 3) for k in range(3)]), int)})
+    inputs |= {"candidate_position": place, "candidate_cells": grid.by_cell(place, inputs["blocks"])}
+    inputs |= {"dice": Dice(np.int64(4), np.int64(3))}
+    return Exact(case, inputs, {"accepted": np.array(accepted([reference.hash_word(4, k, 3) for k in range(3)]), int)})
 
 
 closed_form(
@@ -292,12 +292,12 @@ closed_form(
 @closed_form("surface_energy.offsets")
 def sample_beside_a_particle():
     """The particle stands at (1, 1, 1) m, the sample 0.9 m beside it along the diagonal (2, 1, 2)/3; epsilon = h/2."""
-    made, grid, given = lone(3)
+    case, grid, inputs = lone(3)
     direction = np.array([[2.0, 1.0, 2.0]]) / 3
-    sample = given["interior_position"] + 0.9 * direction
-    given |= {"sample_position": sample, "sample_cells": grid.by_cell(sample, given["blocks"])}
+    sample = inputs["interior_position"] + 0.9 * direction
+    inputs |= {"sample_position": sample, "sample_cells": grid.by_cell(sample, inputs["blocks"])}
     points = np.vstack([sample, sample + direction])
-    return Exact(made, given, {"nearest": np.zeros(1, int), "offset_direction": direction, "fit_position": points})
+    return Exact(case, inputs, {"nearest": np.zeros(1, int), "offset_direction": direction, "fit_position": points})
 
 
 @closed_form("surface_energy.offsets")
@@ -306,27 +306,27 @@ def sample_between_two_particles():
 
     A particle 1e-4 m farther than the nearest is equally near, one 4e-4 m farther is not.
     """
-    made, grid, given = lone(2)
+    case, grid, inputs = lone(2)
     number = [[7, 4, 4, 0, 9], [5, 4, 3, 0, 9], [3, 4, 3, 0, 9], [3, 4, 3, 0, 1]]
     apart = np.array([[-0.5, 0.0, 0.0], [0.5, 0.0, 0.0], [-0.5, 0.0, 0.0], [0.0, 0.5004, 0.0], [0.0, -0.5001, 0.0]])
     sample = np.array([[1.5, 1.0 + 6 * k, 0.0] for k in range(4)])
     place = (sample[:, None] + apart).reshape(-1, 3)
     blocks = grid.cover(place, 4, 5)
-    given |= {
+    inputs |= {
         "interior_position": place, "interior_number": np.ravel(number).astype(np.int32), "blocks": blocks,
         "cells": grid.by_cell(place, blocks), "sample_position": sample, "sample_cells": grid.by_cell(sample, blocks),
         "fit_position": None,
     }  # fmt: skip
     direction = np.array([[-1.0, 0, 0], [1, 0, 0], [1, 0, 0], [0, 1, 0]])
-    return Exact(made, given, {"nearest": [1, 7, 10, 19], "offset_direction": direction})
+    return Exact(case, inputs, {"nearest": [1, 7, 10, 19], "offset_direction": direction})
 
 
 @closed_form("surface_energy.sample_counts", over=(((), (0, 0)), ((2, 0, 2), (1, 0, 2))))
 def samples_of_particles(nearest, count):
-    made, _, given = lone(3)
-    given["interior_position"] = np.array([[1.0, 1.0, 1.0], [0.5, 1.0, 1.0], [1.0, 2.5, 1.0]])[: len(count)]
-    given |= {"nearest": np.array(nearest, np.int32), "sample_count": np.zeros(len(count), np.int32)}
-    return Exact(made, given, {"sample_count": np.array(count)})
+    case, _, inputs = lone(3)
+    inputs["interior_position"] = np.array([[1.0, 1.0, 1.0], [0.5, 1.0, 1.0], [1.0, 2.5, 1.0]])[: len(count)]
+    inputs |= {"nearest": np.array(nearest, np.int32), "sample_count": np.zeros(len(count), np.int32)}
+    return Exact(case, inputs, {"sample_count": np.array(count)})
 
 
 def spline_at(j: np.ndarray) -> np.ndarray:
@@ -335,23 +335,23 @@ def spline_at(j: np.ndarray) -> np.ndarray:
 
 
 def fitted(dim: int, node: int, point: np.ndarray, half: int, shares, blocks: Blocks | None = None):
-    """(case, given, weights of a point on node (node, ..), of one half a cell beyond) for points of the fit [h].
+    """(case, inputs, weights of a point on node (node, ..), of one half a cell beyond) for points of the fit [h].
 
     half    row of the point that is half a cell beyond the node along x
     shares  how many points are on the node and beyond it, for the nodes' weights
     """
-    made, grid, given = lone(dim, blocks=blocks)
-    given |= {"fit_position": H * point, "fit_cells": grid.by_cell(H * point, given["blocks"], 0.5)}
-    j = node_table(given["blocks"])[:, :dim] - node
+    case, grid, inputs = lone(dim, blocks=blocks)
+    inputs |= {"fit_position": H * point, "fit_cells": grid.by_cell(H * point, inputs["blocks"], 0.5)}
+    j = node_table(inputs["blocks"])[:, :dim] - node
     on = spline_at(j).prod(1)
     beyond = spline_at(j[:, 1:]).prod(1) * np.where((j[:, 0] == 0) | (j[:, 0] == 1), 0.5, 0.0)
     splines = np.array([[0.125, 0.75, 0.125] * 3] * len(point))
     splines[half, :3] = [0.5, 0.5, 0.0]
     splines[:, 3 * dim :] = [1.0, 0.0, 0.0] * (3 - dim)
     total = shares[0] * on + shares[1] * beyond
-    given |= {"fit_splines": splines, "node_weight": np.where(total > 0, 1 / np.where(total > 0, total, 1), 0)}
-    given["active"] = np.flatnonzero(given["node_weight"]).astype(np.int32)
-    return made, given, on, beyond
+    inputs |= {"fit_splines": splines, "node_weight": np.where(total > 0, 1 / np.where(total > 0, total, 1), 0)}
+    inputs["active"] = np.flatnonzero(inputs["node_weight"]).astype(np.int32)
+    return case, inputs, on, beyond
 
 
 def middle_fit(dim: int):
@@ -375,8 +375,8 @@ def end_fit(dim: int):
     return found
 
 
-def _weights(given):
-    return Exact(given[0], given[1], {name: given[1][name] for name in ("fit_splines", "node_weight")})
+def _weights(inputs):
+    return Exact(inputs[0], inputs[1], {name: inputs[1][name] for name in ("fit_splines", "node_weight")})
 
 
 closed_form(
@@ -390,22 +390,22 @@ closed_form(
 @closed_form("surface_energy.fit", over=(2, 3))
 def one_sweep_of_one_sample(dim):
     """From C = 0 the residuals are 0 and epsilon: C_j = epsilon B_j(q)/(B_j(x) + B_j(q))."""
-    made, given, _, second = middle_fit(dim)
-    given["surface_term"] = surface_term(Tension(surface_tension=3.0, iterations=1), dim, "float64", H)
-    value = 0.5 * second * given["node_weight"]
-    return Exact(made, given, {"residual": [0.0, 0.5], "coefficients": value})
+    case, inputs, _, second = middle_fit(dim)
+    inputs["surface_term"] = surface_term(Tension(surface_tension=3.0, iterations=1), dim, "float64", H)
+    value = 0.5 * second * inputs["node_weight"]
+    return Exact(case, inputs, {"residual": [0.0, 0.5], "coefficients": value})
 
 
 @closed_form("surface_energy.fit", over=(2, 3))
 def two_sweeps_at_the_first_node(dim):
     """C = 2 epsilon Lambda B(q), and then with its residuals r: C += Lambda (B(x) r_x + 2 B(q) r_q); outside r = 0."""
-    made, given, second, first = end_fit(dim)
-    given["surface_term"] = surface_term(Tension(surface_tension=3.0, iterations=2), dim, "float64", H)
-    weight = given["node_weight"]
+    case, inputs, second, first = end_fit(dim)
+    inputs["surface_term"] = surface_term(Tension(surface_tension=3.0, iterations=2), dim, "float64", H)
+    weight = inputs["node_weight"]
     once = 0.5 * 2 * second * weight
     x, q = -(first @ once), 0.5 - second @ once
     twice = once + weight * (first * x + 2 * second * q)
-    return Exact(made, given, {"residual": [x, 0.0, q, q], "coefficients": twice})
+    return Exact(case, inputs, {"residual": [x, 0.0, q, q], "coefficients": twice})
 
 
 def plane(place, outward, blocks: Blocks | None = None):
@@ -413,17 +413,17 @@ def plane(place, outward, blocks: Blocks | None = None):
 
     A normal that would point against what was handed in, or outside all blocks, is what was handed in.
     """
-    made, grid, given = lone(3, blocks=blocks)
-    place, outward, j = np.array(place), np.array(outward), node_table(given["blocks"])
-    given |= {
-        "query_position": place, "spline_cells": grid.by_cell(place, given["blocks"], 0.5),
+    case, grid, inputs = lone(3, blocks=blocks)
+    place, outward, j = np.array(place), np.array(outward), node_table(inputs["blocks"])
+    inputs |= {
+        "query_position": place, "spline_cells": grid.by_cell(place, inputs["blocks"], 0.5),
         "coefficients": 0.6 * j[:, 0] + 0.8 * j[:, 1] - 0.3, "outward": outward,
     }  # fmt: skip
     there = place[:, 0] < 90
     slope = there[:, None] * [0.6, 0.8, 0.0]
     value = np.where(there, place @ [0.6, 0.8, 0.0] / H - 0.3, 0.0)
     normal = np.where((slope * outward).sum(1, keepdims=True) > 0, slope, outward)
-    return Exact(made, given, {"surface_value": value, "surface_gradient": slope, "sample_normal": normal})
+    return Exact(case, inputs, {"surface_value": value, "surface_gradient": slope, "sample_normal": normal})
 
 
 closed_form(
@@ -439,10 +439,10 @@ closed_form(
 @closed_form("surface_energy.inset")
 def vertex_pulled_back():
     """By (sqrt(3) - 1/4) h along its normal."""
-    made, _, given = lone(3)
-    given |= {"vertex_position": [[1.0, 2.0, 3.0]], "vertex_normal": [[0.0, 0.6, 0.8]]}
+    case, _, inputs = lone(3)
+    inputs |= {"vertex_position": [[1.0, 2.0, 3.0]], "vertex_normal": [[0.0, 0.6, 0.8]]}
     back = (math.sqrt(3) - 0.25) * H
-    return Exact(made, given, {"inset_position": [[1.0, 2 - 0.6 * back, 3 - 0.8 * back]]})
+    return Exact(case, inputs, {"inset_position": [[1.0, 2 - 0.6 * back, 3 - 0.8 * back]]})
 
 
 @closed_form("surface_energy.surface_force", over=((2, 2), (3, 2), (3, 1)))
@@ -451,25 +451,25 @@ def one_sample_pulls(dim, node):
 
     The splines of one on node (1, ..) begin at node 0 of one block.
     """
-    made, grid, given = lone(dim, blocks=one_block(3) if node == 1 else None)
+    case, grid, inputs = lone(dim, blocks=one_block(3) if node == 1 else None)
     place = np.zeros((1, 3))
     place[:, :dim] = node * H
-    given |= {
+    inputs |= {
         "sample_position": place, "sample_area": [0.5], "sample_normal": [[0.0, 1.0, 0.0]],
-        "spline_cells": grid.by_cell(place, given["blocks"], 0.5),
+        "spline_cells": grid.by_cell(place, inputs["blocks"], 0.5),
     }  # fmt: skip
-    j = node_table(given["blocks"])[:, :dim] - node
+    j = node_table(inputs["blocks"])[:, :dim] - node
     slope = np.where(np.abs(j) == 1, 0.5 * j, 0.0) / H  # dB/dx_sample of the node to the right is +1/2 /h
     force = np.zeros((len(j), 3))
     for c in range(0, dim, 2):
         force[:, c] = -3.0 * 0.5 * slope[:, c] * np.delete(spline_at(j), c, axis=1).prod(1)
-    return Exact(made, given, {"node_force": force})
+    return Exact(case, inputs, {"node_force": force})
 
 
 @closed_form("surface_energy.components", "surface_energy.component_sizes", over=(2, 3))
 def two_separate_particles(dim):
     """Eight cells apart: a component of one particle, and another of two."""
-    made, grid, given = lone(dim)
+    case, grid, inputs = lone(dim)
     place = H * np.array([[0.5, 0.5, 0.5], [8.5, 0.5, 0.5], [8.6, 0.4, 0.5]])
     place[:, dim:] = 0
     blocks = grid.cover(place, 4, 5)
@@ -479,9 +479,9 @@ def two_separate_particles(dim):
     for corner in (0, 8):
         own = [number[corner + a, b, c] for a in (0, 1) for b in (0, 1) for c in (0, 1)[: dim - 1]]
         label[own] = min(own)
-    given |= {"blocks": blocks, "cells": grid.by_cell(place, blocks), "interior_position": place}
-    given |= {"node_label": label.astype(np.int32), "node_state": (label >= 0).astype(np.uint8)}
-    return Exact(made, given, {"node_label": label, "component_size": [1, 2, 2]})
+    inputs |= {"blocks": blocks, "cells": grid.by_cell(place, blocks), "interior_position": place}
+    inputs |= {"node_label": label.astype(np.int32), "node_state": (label >= 0).astype(np.uint8)}
+    return Exact(case, inputs, {"node_label": label, "component_size": [1, 2, 2]})
 
 
 @closed_form("surface_energy.components", over=(2, 3))
@@ -491,7 +491,7 @@ def full_and_half_blocks(dim):
     The path reaches the corner of block (1, 1) from (1, 0), and two nodes of block (0, 1) reach it from there. Beside
     it block (2, 1) is full, so are (3, 1) and (3, 2), the last; half of (2, 2) stands on (2, 1). 64 blocks are empty.
     """
-    made, _, given = lone(dim)
+    case, _, inputs = lone(dim)
     rows = ((0, 0), (1, 0), *((k, 0) for k in range(3, 67)), *((k, 1) for k in range(4)), (2, 2), (3, 2))
     blocks, w = blocks_of(keys_at(np.array([(*row, 0) for row in rows])), dim), 4 if dim == 3 else 8
     j = node_table(blocks)
@@ -503,65 +503,65 @@ def full_and_half_blocks(dim):
     label[[number[place] for place in path]] = 0
     label[number[0, w + 1, 0]] = number[0, w + 1, 0]
     label[(y >= w) & (x >= 2 * w) & ((y < 2 * w) | (x >= 3 * w) | half)] = number[2 * w, w, 0]
-    given |= {"blocks": blocks, "node_state": (label >= 0).astype(np.uint8), "node_label": label.astype(np.int32)}
-    return Exact(made, given, {"node_label": label})
+    inputs |= {"blocks": blocks, "node_state": (label >= 0).astype(np.uint8), "node_label": label.astype(np.int32)}
+    return Exact(case, inputs, {"node_label": label})
 
 
 @closed_form("surface_energy.component_sizes")
 def particles_outside_of_components():
     """Three particles in the component of node 0, one in that of node 9, one in none, one outside of all blocks."""
-    made, grid, given = lone(3)
-    blocks = given["blocks"]
-    label = np.full(len(given["node_state"]), -1, np.int32)
+    case, grid, inputs = lone(3)
+    blocks = inputs["blocks"]
+    label = np.full(len(inputs["node_state"]), -1, np.int32)
     label[[0, 1, 9]] = 0, 0, 9
     place = H * np.concatenate([node_table(blocks)[[0, 0, 1, 9, 20]] + 0.5, [[99.0, 0.0, 0.0]]])
-    given |= {"interior_position": place, "cells": grid.by_cell(place, blocks)}
-    given["node_label"] = label
-    return Exact(made, given, {"component_size": [3, 3, 3, 1, 0, 0]})
+    inputs |= {"interior_position": place, "cells": grid.by_cell(place, blocks)}
+    inputs["node_label"] = label
+    return Exact(case, inputs, {"component_size": [3, 3, 3, 1, 0, 0]})
 
 
 @closed_form("surface_energy.extents")
 def a_row_and_a_lone_particle():
     """Three particles half a cell apart along x, and one far away."""
-    made, grid, given = lone(3)
+    case, grid, inputs = lone(3)
     place = np.array([[0.5, 1, 1], [1.5, 1, 1], [2.5, 1, 1], [9, 1, 1]])
     blocks = grid.cover(place, 4, 5)
-    given |= {"interior_position": place, "blocks": blocks, "cells": grid.by_cell(place, blocks)}
-    return Exact(made, given, {"extent": [1, 1, 1, 0]})
+    inputs |= {"interior_position": place, "blocks": blocks, "cells": grid.by_cell(place, blocks)}
+    return Exact(case, inputs, {"extent": [1, 1, 1, 0]})
 
 
 # One block alone: points in its first and last cells, and what lies outside
 
 
 def both_ends(dim: int):
-    """(case, grid, given, middles [h]) of two particles, in the middle of the first and of the last cell of a block."""
-    made, grid, given = lone(dim, blocks=one_block(dim))
+    """(case, grid, inputs, middles [h]) of particles in the middle of the first and of the last cell of a block."""
+    case, grid, inputs = lone(dim, blocks=one_block(dim))
     middle = np.zeros((2, 3))
     middle[:, :dim] = [[0.5], [3.5 if dim == 3 else 7.5]]
-    given["interior_position"] = H * middle
-    given["cells"] = grid.by_cell(H * middle, given["blocks"])
-    away = node_table(given["blocks"])[None, :, :dim] - middle[:, None, :dim]
-    given["node_state"] = ((away**2).sum(2) < dim).any(0).astype(np.uint8)
-    return made, grid, given, middle
+    inputs["interior_position"] = H * middle
+    inputs["cells"] = grid.by_cell(H * middle, inputs["blocks"])
+    away = node_table(inputs["blocks"])[None, :, :dim] - middle[:, None, :dim]
+    inputs["node_state"] = ((away**2).sum(2) < dim).any(0).astype(np.uint8)
+    return case, grid, inputs, middle
 
 
 @closed_form("surface_energy.node_states", over=(2, 3))
 def spheres_at_both_ends(dim):
     """Nodes nearer than sqrt(dim) h to one of the two particles."""
-    made, _, given, _ = both_ends(dim)
-    return Exact(made, given, {"node_state": given.pop("node_state")})
+    case, _, inputs, _ = both_ends(dim)
+    return Exact(case, inputs, {"node_state": inputs.pop("node_state")})
 
 
 @closed_form("surface_energy.exit_points", over=(2, 3))
 def exits_at_both_ends(dim):
     """Along x out of each sphere: l = -1/2 + sqrt(2 - 1/4) from a corner of the cell, in space -3/2 + sqrt(3 - 1/2)."""
-    made, _, given, _ = both_ends(dim)
-    node = {tuple(j): i for i, j in enumerate(node_table(given["blocks"]).tolist())}
+    case, _, inputs, _ = both_ends(dim)
+    node = {tuple(j): i for i, j in enumerate(node_table(inputs["blocks"]).tolist())}
     edges = [3 * node[1, 1, 0], 3 * node[6, 7, 0]] if dim == 2 else [3 * node[2, 1, 1], 3 * node[1, 3, 3]]
-    given["vertex_edge"] = np.array(edges, np.int32)
+    inputs["vertex_edge"] = np.array(edges, np.int32)
     a, b = -0.5 + math.sqrt(1.75), -1.5 + math.sqrt(2.5)
     ends = [[1 + a, 1, 0], [7 - a, 7, 0]] if dim == 2 else [[2 + b, 1, 1], [2 - b, 3, 3]]
-    return Exact(made, given, {"vertex_position": H * np.array(ends)})
+    return Exact(case, inputs, {"vertex_position": H * np.array(ends)})
 
 
 @closed_form("surface_energy.offsets", over=(2, 3))
@@ -570,21 +570,21 @@ def samples_near_and_far(dim):
 
     The first two have no direction. Of the two particles the nearer one is two cells away, the other one cell.
     """
-    made, grid, given, middle = both_ends(dim)
+    case, grid, inputs, middle = both_ends(dim)
     z = 1.5 if dim == 3 else 0.0
     y = 3.5 if dim == 3 else 4.5
     place = np.vstack([middle, [[0.95, y, z], [3.3, y, z]]])
     far = middle[0] + np.eye(3)[2 if dim == 3 else 0] * 2.1
     sample = np.array([middle[0], far, middle[1] - [0.3, 0.0, 0.0], [2.05, y, z]])
     direction = np.array([[0.0, 0, 0], [0, 0, 0], [-1, 0, 0], [1, 0, 0]])
-    given |= {
+    inputs |= {
         "interior_position": H * place, "interior_number": np.arange(4, dtype=np.int32),
-        "cells": grid.by_cell(H * place, given["blocks"]), "sample_position": H * sample,
-        "sample_cells": grid.by_cell(H * sample, given["blocks"]),
+        "cells": grid.by_cell(H * place, inputs["blocks"]), "sample_position": H * sample,
+        "sample_cells": grid.by_cell(H * sample, inputs["blocks"]),
     }  # fmt: skip
     fitted = H * np.vstack([sample, sample + 0.5 * direction])
     answer = {"nearest": [0, -1, 1, 2], "offset_direction": direction, "fit_position": fitted}
-    return Exact(made, given, answer)
+    return Exact(case, inputs, answer)
 
 
 @closed_form("surface_energy.extents", over=(2, 3))
@@ -592,7 +592,7 @@ def an_oblique_row_and_a_close_pair(dim):
     """In the first cells three particles 0.53 h apart along a diagonal, whose ends see the middle one only; in the last
     cell a pair 0.249 h apart, less than h/4, whose second moment is below (h/8)^2; and one particle outside.
     """
-    made, grid, given = lone(dim, blocks=one_block(dim))
+    case, grid, inputs = lone(dim, blocks=one_block(dim))
     row = np.array([0.4, 0.775, 1.15])
     place = np.zeros((6, 3))
     place[:3, dim - 2 : dim] = row[:, None]
@@ -601,5 +601,5 @@ def an_oblique_row_and_a_close_pair(dim):
     place[3:5, :dim] = 3.3 if dim == 3 else 7.3
     place[4, 0] += 0.249
     place[5, 0] = 99.0
-    given |= {"interior_position": H * place, "cells": grid.by_cell(H * place, given["blocks"])}
-    return Exact(made, given, {"extent": [1, 1, 1, 0, 0, 0]})
+    inputs |= {"interior_position": H * place, "cells": grid.by_cell(H * place, inputs["blocks"])}
+    return Exact(case, inputs, {"extent": [1, 1, 1, 0, 0, 0]})

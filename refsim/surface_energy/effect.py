@@ -139,12 +139,12 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, RunMonitor, frozen=True, kw_only=
     def passes(self, others: Others) -> tuple[Pass, ...]:
         if not self.acts():
             return ()
-        found = [Pass("surface_energy.reconstruct", ("position", "identity"), ("samples",), stage="motion")]
+        launched = [Pass("surface_energy.reconstruct", ("position", "identity"), ("samples",), stage="motion")]
         if self.enclose_volume:
             reads = ("position", "identity", "mass", "volume_ratio")
-            found = [Pass("surface_energy.reconstruct_enclosing", reads, ("samples",), stage="motion")]
-        found.append(Pass("surface_energy.find_filaments", ("position",), ("extent",), on_demand=True))
-        return tuple(found)
+            launched = [Pass("surface_energy.reconstruct_enclosing", reads, ("samples",), stage="motion")]
+        launched.append(Pass("surface_energy.find_filaments", ("position",), ("extent",), on_demand=True))
+        return tuple(launched)
 
     def wets(self, others: Others) -> bool:
         """Whether walls have a contact angle."""
@@ -182,13 +182,13 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, RunMonitor, frozen=True, kw_only=
                 made.reconstruct_enclosing(*points, state.array("mass"), state.array("volume_ratio"))
             else:
                 made.reconstruct(*points)
-            found = amount(self.surface_tension * state.host(made.sample_area))
+            energy = amount(self.surface_tension * state.host(made.sample_area))
             if not (wets and pull):
-                return found
+                return energy
             # by the divergence theorem the lines at the edge give dim - 1 times the wetted area
             place, line = state.host(made.sample_position), state.host(made.sample_line)
             wetted = amount(-pull * (place * line).sum(1) / (dim - 1))
-            return Amount(found.value + wetted.value, found.size + wetted.size)
+            return Amount(energy.value + wetted.value, energy.size + wetted.size)
 
         return EnergyAccount(
             {"surface": surface}, ("what the surface's fitted normals pull beside the change of its area",)
@@ -256,8 +256,8 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, RunMonitor, frozen=True, kw_only=
 
 def surface_of(others: Others) -> SurfaceEnergy | None:
     """The scene's surface with tension, or None; without tension there is nothing to reconstruct."""
-    found = others.get(SurfaceEnergy.name)
-    return found if isinstance(found, SurfaceEnergy) and found.acts() else None
+    effect = others.get(SurfaceEnergy.name)
+    return effect if isinstance(effect, SurfaceEnergy) and effect.acts() else None
 
 
 _STAGES = tuple(name for name in REGISTRY if name.startswith("surface_energy."))

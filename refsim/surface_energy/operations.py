@@ -384,8 +384,8 @@ def extents(interior_position, cells, blocks, surface_term):
     value, margin = np.zeros(len(u), int), np.full(len(u), np.inf)
     for place, apart, distance in pair_blocks(u, u):
         for row, (separation, away) in enumerate(zip(apart, distance, strict=True)):
-            found = np.linalg.eigvalsh(ref.second_moment(-separation[away < 1]))
-            value[place.start + row] = ref.extent(found)
-            margin[place.start + row] = min(np.abs(64 * found - 1).min(), np.abs(away - 1).min())
+            eigenvalues = np.linalg.eigvalsh(ref.second_moment(-separation[away < 1]))
+            value[place.start + row] = ref.extent(eigenvalues)
+            margin[place.start + row] = min(np.abs(64 * eigenvalues - 1).min(), np.abs(away - 1).min())
     # the sign of a determinant is decided by the product of all three
     return {"extent": (value, 0.02 * margin / far(u, interior_position))}

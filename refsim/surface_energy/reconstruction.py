@@ -126,10 +126,10 @@ class Reconstruction:
         state = self._empty(nodes(blocks), np.uint8)
         self._run("node_states", position, cells, blocks, self.term, state)
         self._state = state
-        found = edges_and_facets(self.backend, blocks, state, self.dim, self.table_merged)
-        vertex = self._empty((found.vertex_edge.shape[0], 3))
-        self._run("exit_points", position, cells, blocks, state, self.term, found.vertex_edge, vertex)
-        return Mesh(vertex, found.facets)
+        edges = edges_and_facets(self.backend, blocks, state, self.dim, self.table_merged)
+        vertex = self._empty((edges.vertex_edge.shape[0], 3))
+        self._run("exit_points", position, cells, blocks, state, self.term, edges.vertex_edge, vertex)
+        return Mesh(vertex, edges.facets)
 
     def _samples(self, mesh: Mesh, blocks: Blocks, step: int) -> tuple[Any, ...]:
         """(place, area, normals of facets, facet of each sample or None where each facet has one)."""

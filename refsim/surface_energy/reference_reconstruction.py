@@ -98,8 +98,8 @@ class ReferenceReconstruction:
 
     def force(self, samples: Samples, blocks: Blocks) -> Any:
         """Force of the surface's tension on the nodes of `blocks` (nodes, 3) [N], (4.18*)."""
-        found = operations.surface_force(samples.position, samples.area, samples.normal, None, blocks, self.term)
-        return self._of(found)[0]
+        pull = operations.surface_force(samples.position, samples.area, samples.normal, None, blocks, self.term)
+        return self._of(pull)[0]
 
     def extents(self, position: Any) -> Any:
         """Along how many axes the liquid round each particle spreads (n,); below dim - 1 it is a filament."""

@@ -46,8 +46,8 @@ TERM = NormalTerm(4.0, 0)
 @for_each_kernel("surface_normal.color_gradient")
 def pair_normals(w):
     """n_1 = h V_2 W'(r) e_12 points towards particle 2."""
-    given = {"mass": [2.0, 3.0], "density": [1000.0, 500.0], "normal_term": TERM, "candidates": np.ones(2, np.uint8)}
-    return Exact(PAIR, given, {"surface_normal": 2 * w.slope * np.array([[0.0, 3 / 500, 0.0], [0.0, -2 / 1000, 0.0]])})
+    inputs = {"mass": [2.0, 3.0], "density": [1000.0, 500.0], "normal_term": TERM, "candidates": np.ones(2, np.uint8)}
+    return Exact(PAIR, inputs, {"surface_normal": 2 * w.slope * np.array([[0.0, 3 / 500, 0.0], [0.0, -2 / 1000, 0.0]])})
 
 
 @for_each_kernel("surface_normal.corrected")
@@ -55,11 +55,11 @@ def pair_corrected_normals(w):
     """n*_1 = ((d_2 - d_1)/d_0) V_2 W'(r) e_12 / (V_1 W(0) + V_2 W(r)); the second particle is no candidate."""
     volume = np.array([2 / 1000, 3 / 500])
     filled = volume[0] * w.at_zero + volume[1] * w.share * w.at_zero
-    given = {
+    inputs = {
         "mass": [2.0, 3.0], "density": [1000.0, 500.0], "number_density": [1.0, 3.0], "normal_term": TERM,
         "candidates": [1, 0],
     }  # fmt: skip
-    return Exact(PAIR, given, {"corrected_normal": [[0.0, 0.5 * volume[1] * w.slope / filled, 0.0], [0.0, 0.0, 0.0]]})
+    return Exact(PAIR, inputs, {"corrected_normal": [[0.0, 0.5 * volume[1] * w.slope / filled, 0.0], [0.0, 0.0, 0.0]]})
 
 
 def tank_corner() -> Case:

@@ -323,7 +323,7 @@ def shifted(others: Others) -> bool:
     return any(effect.parts_from_density() for effect in effects_with(others, CorrectsPositions))
 
 
-def surface_kept(others: Others) -> bool:
+def density_complete_at_surface(others: Others) -> bool:
     """Whether the density is advanced and shifted: at a surface it is not too small, as a summed one is."""
     return shifted(others) and liquid_of(others).with_scene_defaults(others).advances()
 

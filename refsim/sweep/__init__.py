@@ -171,8 +171,8 @@ class Swept:
 
 def read_sweep(path: str | os.PathLike[str]) -> Sweep:
     """The sweep in a TOML file. Raises InputError where it cannot be read or says something impossible."""
-    found: Sweep = struct_of(Sweep, tables_of(text_of(Path(path), "sweep file"), str(path)), str(path))
-    return found
+    parsed: Sweep = struct_of(Sweep, tables_of(text_of(Path(path), "sweep file"), str(path)), str(path))
+    return parsed
 
 
 def points_of(given: Sweep, folder: Path, source: str) -> list[Point]:
@@ -202,10 +202,10 @@ def points_of(given: Sweep, folder: Path, source: str) -> list[Point]:
 
 def _seed(tables: Any, seed: int, source: str) -> None:
     """Set every `seed` of a scene."""
-    found = [effect for effect in tables["effects"].values() if SEED in effect]
-    if not found:
+    seeded = [effect for effect in tables["effects"].values() if SEED in effect]
+    if not seeded:
         raise InputError(f"{source}: no effect of the scene has a {SEED!r}, so seeds change nothing; leave them out.")
-    for effect in found:
+    for effect in seeded:
         effect[SEED] = seed
 
 
@@ -259,7 +259,7 @@ def sweep(
     for key in missing:  # another process may have computed it since
         if (stored := batch.kept(key)) is not None:
             readings[key] = stored
-    found = Swept(
+    swept = Swept(
         points=tuple(points),
         readings=tuple(map(readings.get, batch.keys)),
         observable=observable,
@@ -272,8 +272,8 @@ def sweep(
     )
     _writable(place)
     with writing("table", place / TABLE, KEPT), in_turn(place / f"{TABLE}.lock"):
-        replace_file(place / TABLE, found.csv().encode())
-    return found
+        replace_file(place / TABLE, swept.csv().encode())
+    return swept
 
 
 def _first_plan(points: list[Point]) -> Any:

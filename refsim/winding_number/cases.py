@@ -22,13 +22,13 @@ hard_input("wound_bodies", 3, lambda: MIDDLES, spacing=0.4, support_radius=0.8)
 
 
 @groups("clusters", "viewpoint", "winding_number")
-def _winding(made, grid):
-    random = made.random("viewpoint")
-    middle = made.position[:BODIES]
+def _winding(case, grid):
+    random = case.random("viewpoint")
+    middle = case.position[:BODIES]
     middle = middle - (middle[:1] if len(middle) else 0)
-    triangles = octahedra(middle, 0.37 * made.spacing * np.ones(len(middle)))
+    triangles = octahedra(middle, 0.37 * case.spacing * np.ones(len(middle)))
     near = middle[random.integers(0, len(middle), VIEWPOINTS)] if len(middle) else np.zeros((0, 3))
-    points = (near + made.spacing * random.normal(size=near.shape)).astype(grid.dtype)
+    points = (near + case.spacing * random.normal(size=near.shape)).astype(grid.dtype)
     return {
         "clusters": clusters(triangles, grid.dtype), "viewpoint": points,
         "winding_number": np.zeros(len(points), grid.dtype),
@@ -39,10 +39,10 @@ VARIATIONS[Clusters] = Variation(held={"first": "offsets of the rows of `corner`
 
 
 def _exact(name: str, triangles: np.ndarray, points: list, wanted: list) -> Exact:
-    given = {"clusters": clusters(triangles, "float64"), "viewpoint": np.array(points, float)}
-    given["winding_number"] = np.zeros(len(points))
-    made = at(name, [0, 0, 0])
-    return Exact(made, given, {"winding_number": np.array(wanted)})
+    inputs = {"clusters": clusters(triangles, "float64"), "viewpoint": np.array(points, float)}
+    inputs["winding_number"] = np.zeros(len(points))
+    case = at(name, [0, 0, 0])
+    return Exact(case, inputs, {"winding_number": np.array(wanted)})
 
 
 @closed_form("winding_number.winding")

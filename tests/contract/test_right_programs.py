@@ -230,7 +230,7 @@ def test_closed_forms_are_there_for_every_kernel():
     cases.discover()
     for name in (name for name in REGISTRY if shape_acts(REGISTRY[name])):
         forms = [form() for form in cases.CLOSED_FORMS[name]]
-        shapes = {exact.given["smoothing"].shape for exact in forms if "smoothing" in exact.given}
+        shapes = {exact.inputs["smoothing"].shape for exact in forms if "smoothing" in exact.inputs}
         assert shapes == set(SHAPES.values()), name
     name = "csf_wang_2019.normal"
     own = contract.Programs({name: lambda mass: mass}, kernels=("spiky", "poly6"), dtypes=("float64",), name="own")

@@ -127,7 +127,7 @@ def test_every_step_hands_a_kernel_the_types_of_a_run(dtype):
     assert list(map(numba.typeof, found)) == list(map(numba.typeof, pairs))
     usual, compared = contract.Inputs(cases.CASES["few"](), dtype), set()
     for maker in (maker for makers in cases.CLOSED_FORMS.values() for maker in makers):
-        for name, value in maker().given.items():
+        for name, value in maker().inputs.items():
             if hasattr(value, "on_backend"):
                 assert typed(name, value, dtype).dtype == usual[name].dtype == dtype, (maker.__name__, name)
                 compared.add(name)

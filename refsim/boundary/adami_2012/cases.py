@@ -39,12 +39,12 @@ def _beside(wall_position):
 def _extrapolated(phase, wanted, wet=(0.0, 0.0)):
     """Wall particles 1 m from both particles and far away."""
     place = np.array([[0.0, 1.0, 0.0], [0.0, 9.0, 0.0]])
-    given = {
+    inputs = {
         "density": [1000.0, 500.0], "pressure": [300.0, 500.0], "lean": WallFrameGravity(2.0, -9.0, 1.5),
         "walls": WallParticles(place, np.full(2, 0.5)), "period": None, "phase": np.array(phase, np.int32),
         "wet": np.array(wet), "fluid": Fluid(2000.0, 4e5, 1, 0),
     }  # fmt: skip
-    return Exact(_beside(place), given, {"wall_pressure": [wanted, 0.0]})
+    return Exact(_beside(place), inputs, {"wall_pressure": [wanted, 0.0]})
 
 
 for_each_kernel(
@@ -63,12 +63,12 @@ for_each_kernel(
 def strained_by_one(w):
     """V_w V_f v_f.e |W'(h/2)|/W(h/2); a solid does not count."""
     place = np.array([[0.0, 1.0, 0.0]])
-    given = {
+    inputs = {
         "mass": [2.0, 3.0], "velocity": [[7.0, 2.0, 0.0], [3.0, 0.0, -5.0]], "advanced_excess": [100.0, -20.0],
         "walls": WallParticles(place, np.array([0.25])), "period": None, "phase": [0, 1],
         "fluid": Fluid(1000.0, 4e5, 1, 0),
     }  # fmt: skip
-    return Exact(_beside(place), given, {"wall_strain": [0.25 * 2.0 * 2 / 1100 * w.slope / (w.share * w.at_zero)]})
+    return Exact(_beside(place), inputs, {"wall_strain": [0.25 * 2.0 * 2 / 1100 * w.slope / (w.share * w.at_zero)]})
 
 
 @for_each_kernel("adami_2012.wall_force")
@@ -76,9 +76,11 @@ def pushed_by_its_wall(w):
     """a = V_w (p_i + p_w) |W'(h/2)|/rho_i away from the wall particle, on both sides of it; B_2 turns it."""
     place = np.array([[0.0, 1.0, 0.0]])
     push = 0.25 * np.array([(300.0 + 200.0) / 1000.0, (500.0 + 200.0) / 500.0]) * w.slope
-    given = {
+    inputs = {
         "density": [1000.0, 500.0], "pressure": [300.0, 500.0], "walls": WallParticles(place, np.array([0.25])),
         "wall_pressure": [200.0], "correction_diagonal": [[9.0, 1.0, 9.0], [9.0, 3.0, 9.0]],
         "correction_mixed": [[0.0, 9.0, 0.0], [0.5, 9.0, -0.25]],
     }  # fmt: skip
-    return Exact(_beside(place), given, {"acceleration": [[0.0, -push[0], 0.0], push[1] * np.array([0.5, 3.0, -0.25])]})
+    return Exact(
+        _beside(place), inputs, {"acceleration": [[0.0, -push[0], 0.0], push[1] * np.array([0.5, 3.0, -0.25])]}
+    )

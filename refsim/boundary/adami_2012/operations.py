@@ -15,8 +15,8 @@ _CORRECTION = "correction_diagonal correction_mixed"
 def _mean(around, term, share, **given):
     """Sum of a term over the sum of W, 0 without any; its size counts the terms, as a wall particle has no list."""
     weight, count = around(share), around(lambda i, j, ij: Terms(share(i, j, ij).value > 0))
-    found = where(weight.value > 0, around(term, **given) / where(weight.value > 0, weight, 1), 0)
-    return Terms(found.value, (1 + count.value) * found.size)
+    average = where(weight.value > 0, around(term, **given) / where(weight.value > 0, weight, 1), 0)
+    return Terms(average.value, (1 + count.value) * average.size)
 
 
 @operation(

@@ -27,11 +27,11 @@ def rubbing_on_one_particle():
     case = at("rubbing", [0, 0, 0], [[0.0, 0.6, 0.8]])
     velocity = np.array([[1.0, -2.0, 0.5]])
     drag = 3.0 * 1000 * 0.25 * 45 / (math.pi * 64) / 500.0**2
-    given = {
+    inputs = {
         "walls": WallParticles(case.wall_position, np.array([0.25])), "velocity": velocity, "density": [500.0],
         "wall_viscosity": WallViscosity(3.0), "wall_motion": None,
     }  # fmt: skip
-    return Exact(case, given, {"acceleration": -drag * velocity})
+    return Exact(case, inputs, {"acceleration": -drag * velocity})
 
 
 @closed_form("one_way_coupling.wall_viscosity")
@@ -43,13 +43,13 @@ def dragged_by_one_particle():
     case = at("dragged", [0, 0, 0], place)
     far = np.full(3, np.inf)
     wall = np.array([3.0, 0.0, -1.0])
-    given = dict(resting.given) | {
+    inputs = dict(resting.inputs) | {
         "walls": WallParticles(place, np.full(2, 0.25)),
         "wall_motion": WallMotion(-far, np.array([np.inf, np.inf, 0.5]), wall),
     }
-    velocity = resting.given["velocity"]
+    velocity = resting.inputs["velocity"]
     drag = -resting.expected["acceleration"] / velocity
-    return Exact(case, given, {"acceleration": drag * (wall - 2 * velocity)})
+    return Exact(case, inputs, {"acceleration": drag * (wall - 2 * velocity)})
 
 
 @closed_form("one_way_coupling.wall_viscosity")
@@ -61,13 +61,15 @@ def dragged_from_below():
     resting = rubbing_on_one_particle()
     beside = [[-0.85, math.sqrt(1 - 0.85**2), 0], [math.sqrt(1 - 0.75**2), -0.75, 0]]
     place = np.array([[-1, 0, 0], [0, -1, 0], [0.6, 0, -0.8], *beside])
-    wall, velocity = np.array([3.0, 0.0, -1.0]), resting.given["velocity"]
-    given = resting.given | {
+    wall, velocity = np.array([3.0, 0.0, -1.0]), resting.inputs["velocity"]
+    inputs = resting.inputs | {
         "walls": WallParticles(place, 0.25 * np.arange(1, 6)),
         "wall_motion": WallMotion(np.array([-0.9, -0.8, -0.7]), np.full(3, np.inf), wall),
     }
     drag = -resting.expected["acceleration"] / velocity
-    return Exact(at("dragged_from_below", [0, 0, 0], place), given, {"acceleration": drag * (6 * wall - 15 * velocity)})
+    return Exact(
+        at("dragged_from_below", [0, 0, 0], place), inputs, {"acceleration": drag * (6 * wall - 15 * velocity)}
+    )
 
 
 @groups("wall_motion")
@@ -90,11 +92,11 @@ def _pushing(w, pressure, gravity, expected, clamp):
     """h = 2 m, r = 1 m, alone: a = Psi_b p_b/rho^2 W'(r) e_b, with p_b as `expected` [Pa]."""
     case = at("pushing", [0, 0, 0], [[0.0, 0.6, 0.8]])
     push = 1000 * 0.25 * expected / 500.0**2 * w.slope
-    given = {
+    inputs = {
         "walls": WallParticles(case.wall_position, np.array([0.25])), "density": [500.0], "pressure": [pressure],
         "wall_gravity": WallGravity(*gravity), "fluid": Fluid(1000.0, 4e5, 1, clamp),
     }  # fmt: skip
-    return Exact(case, given, {"acceleration": -push * case.wall_position})
+    return Exact(case, inputs, {"acceleration": -push * case.wall_position})
 
 
 for_each_kernel(

@@ -83,7 +83,7 @@ def _slab() -> DistanceField:
 def _step(begin, speed, position, velocity, corrections=1, field=None, **changes):
     """One particle before and after 1 s without acceleration, onto the slab or in another field; c_r = 1/2, D_r = 0."""
     slab, start = _slab(), np.array([begin])
-    given = {
+    inputs = {
         "velocity": np.array([speed]), "acceleration": np.zeros((1, 3)), "timestep": [0.0, 1.0], "shift": None,
         "build_position": start, "corrections": np.zeros(1, np.int32), "identity": np.zeros(1, np.int32),
         "solid_field": field or slab,
@@ -91,7 +91,7 @@ def _step(begin, speed, position, velocity, corrections=1, field=None, **changes
     }  # fmt: skip
     moved = np.array(position) - begin
     after = {"position": [position], "velocity": [velocity], "corrections": [corrections]}
-    return Exact(at("onto_a_slab", start), given, after | {"displacement": [moved @ moved, 0.0]})
+    return Exact(at("onto_a_slab", start), inputs, after | {"displacement": [moved @ moved, 0.0]})
 
 
 def _flat():

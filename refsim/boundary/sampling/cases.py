@@ -42,8 +42,8 @@ def half_squares():
     """Half of a unit square, half of a square of side 2 m, and a triangle without area."""
     corner = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 0, 0], [0, 0, 2]], float)
     facets = np.array([[0, 1, 2], [0, 3, 4], [0, 1, 3]], np.int32)
-    given = {"facet_corner": corner, "facets_of_mesh": facets, "facet_area": np.zeros(3)}
-    return Exact(Case("half_squares", 3, np.zeros((1, 3))), given, {"facet_area": [0.5, 2.0, 0.0]})
+    inputs = {"facet_corner": corner, "facets_of_mesh": facets, "facet_area": np.zeros(3)}
+    return Exact(Case("half_squares", 3, np.zeros((1, 3))), inputs, {"facet_area": [0.5, 2.0, 0.0]})
 
 
 @closed_form("sampling.place")
@@ -52,8 +52,8 @@ def at_points():
     corner = np.array([[1, 2, 3], [4, 5, 6], [7, 8, 9], [-1, 0, 1]], float)
     facets = np.repeat(np.arange(4, dtype=np.int32)[:, None], 3, axis=1)
     last = np.array([1, 3, 3, 4], np.int32)
-    given = {"facet_corner": corner, "facets_of_mesh": facets, "facet_last": last, "placed": np.zeros((4, 3))}
-    return Exact(Case("at_points", 3, np.zeros((1, 3))), given, {"placed": corner[[0, 1, 1, 3]]})
+    inputs = {"facet_corner": corner, "facets_of_mesh": facets, "facet_last": last, "placed": np.zeros((4, 3))}
+    return Exact(Case("at_points", 3, np.zeros((1, 3))), inputs, {"placed": corner[[0, 1, 1, 3]]})
 
 
 @closed_form("sampling.relax")
@@ -62,9 +62,9 @@ def a_pair_over_a_cube():
 
     Omega = exp(-1/2), so each moves 0.2 exp(-1/2) m along the face and 0.3 m down onto it.
     """
-    given = {"relaxation": relaxation_step(0.5, 0.4, 1, False, "float64")}
+    inputs = {"relaxation": relaxation_step(0.5, 0.4, 1, False, "float64")}
     apart = 0.2 * math.exp(-0.5)
     where = np.array([[0.1 - apart, 0.1, 1.0], [0.5 + apart, 0.1, 1.0]])
-    made = CASES["unit_cube"]()
-    pair = Case("unit_cube", 3, np.array([[0.1, 0.1, 1.3], [0.5, 0.1, 1.3]]), spacing=made.spacing, support_radius=2.0)
-    return Exact(pair, given, {"relaxed_position": where, "step_length": np.full(2, math.hypot(apart, 0.3))})
+    case = CASES["unit_cube"]()
+    pair = Case("unit_cube", 3, np.array([[0.1, 0.1, 1.3], [0.5, 0.1, 1.3]]), spacing=case.spacing, support_radius=2.0)
+    return Exact(pair, inputs, {"relaxed_position": where, "step_length": np.full(2, math.hypot(apart, 0.3))})

@@ -18,19 +18,19 @@ BODIES = 8  # around the first particles of a case
 QUERIES = 40
 
 
-def bodies(made: Case) -> SurfaceMesh:
+def bodies(case: Case) -> SurfaceMesh:
     """An octahedron around each of the first particles, relative to the first; coincident and remote ones left out."""
-    place = made.position[:BODIES] - made.position[:1]
-    place = place[np.sort(np.unique(np.round(1e6 * place / made.spacing), axis=0, return_index=True)[1])]
-    place = place[np.abs(place).max(1, initial=0.0) < 1000 * made.spacing]
-    corner = (place[:, None] + 0.45 * made.spacing * (OCTAHEDRON @ _turn().T)[None]).reshape(-1, 3) + _shift(made)
+    place = case.position[:BODIES] - case.position[:1]
+    place = place[np.sort(np.unique(np.round(1e6 * place / case.spacing), axis=0, return_index=True)[1])]
+    place = place[np.abs(place).max(1, initial=0.0) < 1000 * case.spacing]
+    corner = (place[:, None] + 0.45 * case.spacing * (OCTAHEDRON @ _turn().T)[None]).reshape(-1, 3) + _shift(case)
     faces = (6 * np.arange(len(place))[:, None, None] + FACES[None]).reshape(-1, 3)
     return SurfaceMesh(corner, faces, np.zeros(3))
 
 
-def _shift(made: Case) -> np.ndarray:
+def _shift(case: Case) -> np.ndarray:
     """Offset [m] of the first particle, so that particles of a lattice are not on nodes, where slopes jump."""
-    return 0.25 * made.spacing * SHIFT
+    return 0.25 * case.spacing * SHIFT
 
 
 def _turn() -> np.ndarray:
@@ -99,17 +99,17 @@ for _name, _h in SPACINGS.items():
 @functools.cache
 def band_of(name: str, dtype: str) -> dict:
     """All intermediate arrays of the signed distance for a case, by the references."""
-    made = CASES[name]()
-    mesh = SHAPES[name]() if name in SHAPES else bodies(made)
-    h = SPACINGS.get(name, 0.25 * made.spacing)
+    case = CASES[name]()
+    mesh = SHAPES[name]() if name in SHAPES else bodies(case)
+    h = SPACINGS.get(name, 0.25 * case.spacing)
     triangles, grid = signed_distance.triangle_table(mesh, dtype), band_grid(h, BANDS.get(name, 2.5) * h, dtype)
     found: dict = {"triangles": triangles, "band_grid": grid} | follow(triangles, grid, dtype)
-    found["unclear"] = made.random("unclear").integers(0, 2, (len(mesh.faces), 7)).astype(np.uint8)
+    found["unclear"] = case.random("unclear").integers(0, 2, (len(mesh.faces), 7)).astype(np.uint8)
     found["winding_clusters"] = clusters(mesh.corners, dtype)
-    origin = made.position[0] - _shift(made) if name not in SHAPES and made.count else np.zeros(3)
+    origin = case.position[0] - _shift(case) if name not in SHAPES and case.count else np.zeros(3)
     x, y, z = map(np.float64, origin)
     found["distance_field"] = found["distance_field"]._replace(origin_x=x, origin_y=y, origin_z=z)
-    return found | {"query": (origin + queries(made, mesh, grid)).astype(dtype)}
+    return found | {"query": (origin + queries(case, mesh, grid)).astype(dtype)}
 
 
 def follow(triangles: Triangles, grid: BandGrid, dtype: str) -> dict:
@@ -146,9 +146,9 @@ def field_at(block: object, distance: np.ndarray) -> DistanceField:
     return DistanceField(*blocks, distance, *unknown, one, one, np.float64(5), zero, zero, zero)
 
 
-def queries(made: Case, mesh: SurfaceMesh, grid: BandGrid) -> np.ndarray:
+def queries(case: Case, mesh: SurfaceMesh, grid: BandGrid) -> np.ndarray:
     """Points [m] around the mesh relative to its origin: inside, outside, on nodes and outside all blocks."""
-    random = made.random("query")
+    random = case.random("query")
     if not len(mesh.faces):
         return np.zeros((0, 3))
     h = float(grid.spacing)
@@ -195,8 +195,8 @@ def cube_distance(place: np.ndarray) -> np.ndarray:
 
 def _cube(name):
     """|phi| or phi at the unit cube's nodes by hand."""
-    given = band_of("unit_cube", "float64")
-    known, band = cube_distance(0.5 * operations.node_table(given["band_blocks"])), 1.25
+    inputs = band_of("unit_cube", "float64")
+    known, band = cube_distance(0.5 * operations.node_table(inputs["band_blocks"])), 1.25
     answers = {"unsigned_distance": np.minimum(np.abs(known), band), "distance": np.minimum(known, band)}
     return Exact(CASES["unit_cube"](), {}, {name: answers[name]})
 
@@ -209,8 +209,8 @@ closed_form("signed_distance.signs", signs_of_a_cube=lambda: _cube("distance"))
 @closed_form("signed_distance.fill")
 def inside_of_a_thick_box():
     """Nodes deeper than the band of 1/8 m are at -1/8 m; blocks whose line ends inside are followed by inside."""
-    given = band_of("thick_box", "float64")
-    place = 0.0625 * operations.node_table(given["band_blocks"])
+    inputs = band_of("thick_box", "float64")
+    place = 0.0625 * operations.node_table(inputs["band_blocks"])
     over = np.abs(place) - np.array([0.65, 0.55, 0.45])
     known = np.linalg.norm(np.maximum(over, 0), axis=1) + np.minimum(over.max(1), 0)
     after = (known.reshape(-1, 64)[:, 3] < 0).astype(np.uint8)
@@ -229,12 +229,12 @@ def sides_of_two_rows():
     wanted = np.full((3, 16, 4), 2.0)
     wanted[:2, inside] = -2.0
     wanted[0, :, 0], wanted[0, :, 1] = 2.0, start[0, :, 1]
-    given = {
+    inputs = {
         "band_grid": band_grid(1.0, 2.0, "float64"), "row_first": [0, 2, 3],
         "closest": closest.ravel(), "distance": start.ravel(), "inside_after": np.zeros(3, np.uint8),
     }  # fmt: skip
-    made = at("two_rows_of_blocks", [0, 0, 0])
-    return Exact(made, given, {"distance": wanted.ravel(), "inside_after": [1, 1, 0]})
+    case = at("two_rows_of_blocks", [0, 0, 0])
+    return Exact(case, inputs, {"distance": wanted.ravel(), "inside_after": [1, 1, 0]})
 
 
 def speck() -> tuple[Case, dict]:
@@ -245,27 +245,27 @@ def speck() -> tuple[Case, dict]:
     """
     corner = 1.5 + np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) / 1024
     faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]], np.int64)
-    given = {"triangles": signed_distance.triangle_table(SurfaceMesh(corner, faces, np.zeros(3)), "float64")}
-    given["band_grid"] = band_grid(1.0, 2.0, "float64")
-    given["block_first"] = 7 * np.arange(5, dtype=np.int32)
-    given |= {"pair_key": np.zeros(28, np.int64), "pair_triangle": np.zeros(28, np.int32)}
-    return at("speck", [0, 0, 0]), given
+    inputs = {"triangles": signed_distance.triangle_table(SurfaceMesh(corner, faces, np.zeros(3)), "float64")}
+    inputs["band_grid"] = band_grid(1.0, 2.0, "float64")
+    inputs["block_first"] = 7 * np.arange(5, dtype=np.int32)
+    inputs |= {"pair_key": np.zeros(28, np.int64), "pair_triangle": np.zeros(28, np.int32)}
+    return at("speck", [0, 0, 0]), inputs
 
 
 @closed_form("signed_distance.count_blocks")
 def seven_blocks():
     """Seven blocks for each of the four faces."""
-    made, given = speck()
-    return Exact(made, given | {"block_count": np.zeros(4, np.int32)}, {"block_count": np.full(4, 7)})
+    case, inputs = speck()
+    return Exact(case, inputs | {"block_count": np.zeros(4, np.int32)}, {"block_count": np.full(4, 7)})
 
 
 @closed_form("signed_distance.list_blocks")
 def their_keys():
     """The same blocks by key, z before y before x."""
-    made, given = speck()
+    case, inputs = speck()
     steps = [(0, 0, -1), (0, -1, 0), (-1, 0, 0), (0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
     keys = np.tile(keys_at(np.array(steps)), 4)
-    return Exact(made, given, {"pair_key": keys, "pair_triangle": np.repeat(np.arange(4), 7)})
+    return Exact(case, inputs, {"pair_key": keys, "pair_triangle": np.repeat(np.arange(4), 7)})
 
 
 def _apart(count: int) -> tuple[np.ndarray, ...]:
@@ -296,15 +296,15 @@ def _obtuse(order: list[int]) -> Exact:
     side = np.cross(turned[1] - turned[0], turned[2] - turned[0])
     normal = np.zeros((1, 21))
     normal[0, :3] = side / np.linalg.norm(side)
-    given = {
+    inputs = {
         "triangles": Triangles(turned.reshape(1, 9), normal, *_apart(1)), "band_grid": band_grid(1.0, 9.0, "float64"),
         "band_blocks": blocks, "triangle_lists": TriangleLists(np.array([0, 1], np.int32), np.zeros(1, np.int32)),
         "unsigned_distance": np.zeros(64), "closest": np.zeros(64, np.int32),
     }  # fmt: skip
     wanted = distance.reshape(4, 4, 4)  # by z, y, x
     wanted = wanted.transpose([2 - order.index(2 - axis) for axis in range(3)]).ravel()
-    made = at("obtuse", [0, 0, 0])
-    return Exact(made, given, {"unsigned_distance": wanted, "closest": np.zeros(64)})
+    case = at("obtuse", [0, 0, 0])
+    return Exact(case, inputs, {"unsigned_distance": wanted, "closest": np.zeros(64)})
 
 
 closed_form(
@@ -318,10 +318,10 @@ closed_form(
 def above_a_cube():
     """Above and below the middle of a face phi is linear; far away it is the band, with slope 0."""
     points = np.array([[0.2, 0.1, 1.3], [0.2, 0.1, 0.8], [-1.7, 0.3, 0.2], [90.0, 0.0, 0.0]])
-    given = {"query": points, "query_distance": np.zeros(4), "query_gradient": np.zeros((4, 3))}
+    inputs = {"query": points, "query_distance": np.zeros(4), "query_gradient": np.zeros((4, 3))}
     slope = np.array([[0, 0, 1], [0, 0, 1], [-1, 0, 0], [0, 0, 0]], float)
     answer = {"query_distance": [0.3, -0.2, 0.7, 1.25], "query_gradient": slope}
-    return Exact(CASES["unit_cube"](), given, answer)
+    return Exact(CASES["unit_cube"](), inputs, answer)
 
 
 @closed_form("signed_distance.interpolate")
@@ -340,12 +340,12 @@ def sides_of_missing_blocks():
         (2.5, 1.5, 9.5): (5.0, 0.0),
     }  # fmt: skip
     points, (value, slope) = np.array(list(answers)), np.array(list(answers.values())).T
-    given = {
+    inputs = {
         "query": points, "distance_field": field, "query_distance": np.zeros(len(points)),
         "query_gradient": np.zeros((len(points), 3)),
     }  # fmt: skip
-    made = at("missing_blocks", [0, 0, 0])
-    return Exact(made, given, {"query_distance": value, "query_gradient": np.repeat(slope[:, None], 3, 1)})
+    case = at("missing_blocks", [0, 0, 0])
+    return Exact(case, inputs, {"query_distance": value, "query_gradient": np.repeat(slope[:, None], 3, 1)})
 
 
 @closed_form("signed_distance.project")
@@ -354,8 +354,8 @@ def onto_a_cube():
     points = np.array([[0.2, 0.1, 1.3], [1.2, -1.2, 0.1], [-1.1, 1.2, 1.3], [90.0, 0.0, 0.0]])
     onto = np.array([[0.2, 0.1, 1.0], [1.0, -1.0, 0.1], [-1.0, 1.0, 1.0], [90.0, 0.0, 0.0]])
     normal = np.array([[0, 0, 1], [math.sqrt(0.5), -math.sqrt(0.5), 0], [-1, 1, 1] / np.sqrt(3), [0, 0, 0]])
-    given = {"query": points, "projected": np.zeros((4, 3)), "projected_normal": np.zeros((4, 3))}
-    return Exact(CASES["unit_cube"](), given, {"projected": onto, "projected_normal": normal})
+    inputs = {"query": points, "projected": np.zeros((4, 3)), "projected_normal": np.zeros((4, 3))}
+    return Exact(CASES["unit_cube"](), inputs, {"projected": onto, "projected_normal": normal})
 
 
 def _strip() -> Triangles:
@@ -396,9 +396,9 @@ def onto_a_strip():
         (2.5, 2.5, -0.5): (2.5, 1, 0),
     }  # fmt: skip
     points, onto = np.array(list(answers)), np.array(list(answers.values()), float)
-    given = {
+    inputs = {
         "query": points, "triangles": _strip(), "distance_field": field, "projected": np.zeros(points.shape),
         "projected_normal": np.zeros(points.shape),
     }  # fmt: skip
-    made = at("strip", [0, 0, 0])
-    return Exact(made, given, {"projected": onto, "projected_normal": np.tile([0.0, 0.0, 1.0], (len(points), 1))})
+    case = at("strip", [0, 0, 0])
+    return Exact(case, inputs, {"projected": onto, "projected_normal": np.tile([0.0, 0.0, 1.0], (len(points), 1))})

@@ -65,8 +65,10 @@ def closest_of_all(place, triangles):
 )  # fmt: skip
 def count_blocks(triangles, band_grid):
     """Numbers of blocks within the band of each triangle [dimensionless], out of its grown box."""
-    found = list(pairs(triangles, band_grid))
-    count, margin = (np.array(part, dtype=float) for part in ([len(b) for b, _ in found], [m for _, m in found]))
+    pairs_found = list(pairs(triangles, band_grid))
+    count, margin = (
+        np.array(part, dtype=float) for part in ([len(b) for b, _ in pairs_found], [m for _, m in pairs_found])
+    )
     return {"block_count": (count, margin)}
 
 

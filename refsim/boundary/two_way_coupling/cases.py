@@ -88,37 +88,37 @@ def surface_beside_inside(w):
     position = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 2.0, 0.0]])
     three = at("coupled_three", position)
     phi = 1 / ((1 + w.share) * w.at_zero * 0.5)
-    given = {"phase": [SURFACE, INTERIOR, FLUID], "coupling": _coupled()}
-    return Exact(three, given, {"relative_contribution": [phi, 0.0, 1.0]})
+    inputs = {"phase": [SURFACE, INTERIOR, FLUID], "coupling": _coupled()}
+    return Exact(three, inputs, {"relative_contribution": [phi, 0.0, 1.0]})
 
 
 @for_each_kernel("two_way_coupling.contribution")
 def printed_surface_beside_inside(w):
     """As printed V_k = 1/W(0): the interior is not counted."""
-    given = {"phase": [SURFACE, INTERIOR], "coupling": _coupled(printed_volume=1)}
-    return Exact(PAIR, given, {"relative_contribution": [1 / (w.at_zero * 0.5), 0.0]})
+    inputs = {"phase": [SURFACE, INTERIOR], "coupling": _coupled(printed_volume=1)}
+    return Exact(PAIR, inputs, {"relative_contribution": [1 / (w.at_zero * 0.5), 0.0]})
 
 
 @for_each_kernel("two_way_coupling.density")
 def liquid_beside_solid(w):
     """rho = m (W(0) + phi W(h/2)); the solid keeps its rest density."""
-    given = {
+    inputs = {
         "mass": [2.0, 3.0], "rest_density": [1000.0, 900.0], "phase": WATER_AND_ICE,
         "relative_contribution": [1.0, 4.0], "walls": None,
     }  # fmt: skip
-    return Exact(PAIR, given, {"density": [2 * w.at_zero * (1 + 4 * w.share), 900.0]})
+    return Exact(PAIR, inputs, {"density": [2 * w.at_zero * (1 + 4 * w.share), 900.0]})
 
 
 def _substances(w, stiffness):
     """(2^7 - 1) c^2/g rho0 at twice the rest density, none in the solid, none below the rest density; V = m/rho."""
     apart = Case("substances", 3, np.array([[0.0, 0.0, 0.0], [0.0, 9.0, 0.0], [0.0, 18.0, 0.0]]), 1.0, 2.0)
-    given = {
+    inputs = {
         "mass": np.array([400.0, 100.0, 150.0]) / w.at_zero, "rest_density": np.full(3, 200.0),
         "phase": [FLUID, SURFACE, FLUID], "relative_contribution": [1.0, 4.0, 1.0],
         "walls": None, "coupling": _coupled(stiffness=stiffness),
     }  # fmt: skip
     return Exact(
-        apart, given,
+        apart, inputs,
         {"density": [400.0, 200.0, 150.0], "pressure": [127 * 200 * stiffness, 0.0, 0.0],
          "volume": np.array([1.0, 0.5, 1.0]) / w.at_zero},
     )  # fmt: skip
@@ -133,13 +133,13 @@ for_each_kernel(
 
 def _pushed(coupling, viscosity, force):
     """Liquid of 2 kg and 0.5 m^3 at 40 Pa, solid of 3 kg with phi = 0.25 that moves past it; F on the liquid."""
-    given = {
+    inputs = {
         "mass": [2.0, 3.0], "phase": WATER_AND_ICE, "pressure": [40.0, 7.0], "volume": [0.5, 9.0],
         "relative_contribution": [1.0, 0.25], "velocity": [[0.0, 0.0, 0.0], [8.0, 0.0, 0.0]], "coupling": coupling,
         "viscosity": viscosity, "walls": None,
     }  # fmt: skip
     force = np.array(force)
-    return Exact(PAIR, given, {"acceleration": [force / 2, -force / 3]})
+    return Exact(PAIR, inputs, {"acceleration": [force / 2, -force / 3]})
 
 
 for_each_kernel(
@@ -154,13 +154,13 @@ for_each_kernel(
 @for_each_kernel("two_way_coupling.pressure")
 def two_liquids_by_one_pressure(w):
     """rho = 4 and 12 kg/m^3, p = 40 and 8 Pa: (12 * 40 + 4 * 8)/16 = 32 Pa; F = -(0.25 + 1) m^6 * 32 Pa |W'|."""
-    given = {
+    inputs = {
         "mass": [2.0, 12.0], "phase": [FLUID, FLUID], "pressure": [40.0, 8.0],
         "volume": [0.5, 1.0], "relative_contribution": np.ones(2), "velocity": np.zeros((2, 3)),
         "coupling": _coupled(density_weighted=1), "viscosity": None, "walls": None,
     }  # fmt: skip
     force = np.array([0.0, -40.0 * w.slope, 0.0])
-    return Exact(PAIR, given, {"acceleration": [force / 2, -force / 12]})
+    return Exact(PAIR, inputs, {"acceleration": [force / 2, -force / 12]})
 
 
 DRAG = 3 * 0.0625 * 8 * 45 / (64 * math.pi)  # mu V^2 phi v lap W: 3 Pa s * 0.25 m^6 * 0.25 * 8 m/s * 45/(64 pi)
@@ -174,12 +174,12 @@ for_each_kernel(
 
 def _held(**changes):
     """Liquid of 1000 kg/m^3 at 300 Pa below a solid's particle, which gains 2 m/s in each of 0.5 s upwards."""
-    given = {
+    inputs = {
         "velocity": [[0.0, 0.0, 0.0], [0.0, 3.0, 0.0]], "phase": WATER_AND_ICE,
         "followed_velocity": [[0.0, 0.0, 0.0], [0.0, 2.0, 0.0]], "density": [1000.0, 900.0],
         "lean": WallFrameGravity(1.0, -9.0, 0.0), "delay": Delay(0.5), "pressure": [300.0, 7.0],
     }  # fmt: skip
-    return given | changes
+    return inputs | changes
 
 
 for_each_kernel(
@@ -194,12 +194,12 @@ for_each_kernel(
 def _film(pressure, found, **changes):
     """A solid's particle between two wet ones, 1 m below the first; the liquid's rest density is 1000 kg/m^3."""
     three = at("film", [[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    given = {
+    inputs = {
         "velocity": np.zeros((3, 3)), "followed_velocity": np.zeros((3, 3)), "lean": WallFrameGravity(1.0, -9.0, 0.0),
         "delay": Delay(0.5), "phase": [SURFACE, SURFACE, INTERIOR], "wet": [3.0, 0.0, 1.0],
         "fluid": Fluid(1000.0, 4e5, 1, 0), "pressure": pressure,
     }  # fmt: skip
-    return Exact(three, given | changes, {"pressure": found})
+    return Exact(three, inputs | changes, {"pressure": found})
 
 
 for_each_kernel(
@@ -215,12 +215,12 @@ for_each_kernel(
 
 def _lifted(w, phase, body, force):
     """`force` [N] over |W'(h/2)| on the second particle, upwards."""
-    given = {
+    inputs = {
         "mass": [500.0, 1800.0], "density": [1000.0, 900.0], "phase": phase, "solid_number": np.array(body, np.int32),
         "pressure": [30.0, 10.0], "fluid": Fluid(1000.0, 1.0, 1, 0),
     }  # fmt: skip
     force = np.array([0.0, -force * w.slope, 0.0])
-    return Exact(PAIR, given, {"acceleration": [force / 500, -force / 1800]})
+    return Exact(PAIR, inputs, {"acceleration": [force / 500, -force / 1800]})
 
 
 for_each_kernel(
@@ -251,8 +251,8 @@ def solid_holds_liquid():
 @closed_form("two_way_coupling.follow")
 def follows_by_a_third():
     """tau = 0.5 s, dt = 0.25 s: a third of the difference of 3 m/s."""
-    given = {
+    inputs = {
         "velocity": [[0.0, 5.0, 0.0], [0.0, 0.0, 0.0]], "delay": Delay(0.5),
         "followed_velocity": [[0.0, 2.0, 0.0], [3.0, 0.0, 0.0]], "timestep": [0.5, 0.25],
     }  # fmt: skip
-    return Exact(PAIR, given, {"followed_velocity": [[0.0, 3.0, 0.0], [2.0, 0.0, 0.0]]})
+    return Exact(PAIR, inputs, {"followed_velocity": [[0.0, 3.0, 0.0], [2.0, 0.0, 0.0]]})

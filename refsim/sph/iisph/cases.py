@@ -98,12 +98,12 @@ def _relaxed(w, diagonal, pressure, new):
     own = 0.125 * MASS * MASS[::-1] / DENSITY**2 * pressure * w.slope**2
     sums = 1000 - advected - own
     expected = np.maximum(0.5 * pressure + 0.5 * sums / diagonal, 0) if new is None else new
-    given = GIVEN | {
+    inputs = GIVEN | {
         "pressure": pressure, "diagonal": diagonal, "advected_density": advected, "implicit": IMPLICIT,
         "own_displacement": [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], "pair_displacement": [[0.0, 0.0, 2.0], [1.0, 0.0, 0.0]],
     }  # fmt: skip
     return Exact(
-        PAIR, given,
+        PAIR, inputs,
         {"new_pressure": expected, "density_error": np.maximum(advected + diagonal * pressure + own - 1000, 0)},
     )  # fmt: skip
 
@@ -150,13 +150,12 @@ def kept():
 @for_each_kernel("iisph.solve")
 def pair_at_rest(w):
     """Two particles at half the rest density need no pressure."""
-    given = GIVEN | {
+    inputs = GIVEN | {
         "density": np.full(2, 500.0), "velocity": np.zeros((2, 3)), "acceleration": np.zeros((2, 3)),
         "pressure": np.zeros(2), "implicit": IMPLICIT,
     }  # fmt: skip
-    return Exact(
-        PAIR, given, {"pressure": np.zeros(2), "acceleration": np.zeros((2, 3)), "advected_density": np.full(2, 500.0)},
-    )  # fmt: skip
+    expected = {"pressure": np.zeros(2), "acceleration": np.zeros((2, 3)), "advected_density": np.full(2, 500.0)}
+    return Exact(PAIR, inputs, expected)
 
 
 @for_each_kernel("iisph.solve")
@@ -176,9 +175,9 @@ def squeezed_pair(w):
     assert errors[-1] < min(errors[:-1])
     tolerance = math.sqrt(errors[-1] * errors[-2]) / 1000
     push = (p / rho**2).sum() * w.slope
-    given = GIVEN | {
+    inputs = GIVEN | {
         "density": rho, "velocity": np.zeros((2, 3)), "acceleration": np.zeros((2, 3)), "pressure": pressure,
         "implicit": Implicit(0.5, tolerance, 2, 100, 1e-15),
     }  # fmt: skip
     push = push * MASS[::-1, None] * np.array([-UP, UP])
-    return Exact(PAIR, given, {"pressure": p, "acceleration": push})
+    return Exact(PAIR, inputs, {"pressure": p, "acceleration": push})

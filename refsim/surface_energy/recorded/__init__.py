@@ -50,10 +50,10 @@ class RecordedSurface(Surface):
 
     def kept(self) -> Surface:
         """The same with all of its arrays, which are overwritten no more."""
-        made = {name: call() for name, call in self._later.items()}
+        later = {name: call() for name, call in self._later.items()}
         return Surface(
             self.samples, blocks=self.blocks, cells=self.cells, seconds=self.seconds, padded=None,
-            most_in_a_cell=self.most_in_a_cell, unfound=self.unfound, **made,
+            most_in_a_cell=self.most_in_a_cell, unfound=self.unfound, **later,
         )  # fmt: skip
 
 
@@ -79,9 +79,9 @@ class DeviceReconstruction(Reconstruction):
         number, graph = self._numbers(position, number), self._graph if self.reused else None
         for _ in range(3):  # blocks for particles that have left theirs, then capacity for vertices and facets
             if graph is not None and graph.particles == position.shape[0]:
-                found = graph.surface(position, number, volume)
-                if found is not None:
-                    return found if self.reused else found.kept()
+                surface = graph.surface(position, number, volume)
+                if surface is not None:
+                    return surface if self.reused else surface.kept()
             last, margin = self._graph, self.grid.programs.width if self.reused else 0
             blocks, sure = self.grid.programs.with_margin(position, self.below, self.above, margin)
             capacity = (0, 0) if last is None else last.capacity()
@@ -142,11 +142,11 @@ class SurfaceGraph:
 
     def capacity(self) -> tuple[int, int]:
         """Vertices and facets for which another one should have capacity."""
-        found, a = self.sent_counts.values, self.arrays
-        made = a["vertex_edge"].shape[0], a["facets"].shape[0]
-        if found[MISSING]:  # what was found is incomplete; what fits was found once
-            return made[0] * MARGIN // (MARGIN + 1), made[1] * MARGIN // (MARGIN + 1)
-        return int(found[EDGES]), int(found[FACETS])
+        counts, a = self.sent_counts.values, self.arrays
+        capacity = a["vertex_edge"].shape[0], a["facets"].shape[0]
+        if counts[MISSING]:  # what was found is incomplete; what fits was found once
+            return capacity[0] * MARGIN // (MARGIN + 1), capacity[1] * MARGIN // (MARGIN + 1)
+        return int(counts[EDGES]), int(counts[FACETS])
 
     def surface(self, position: Any, number: Any, volume: float | None = None) -> RecordedSurface | None:
         """The surface of particles `number` (n,) at `position` (n, 3) [m]; None where it does not fit.
@@ -196,10 +196,10 @@ class SurfaceGraph:
             "offset_direction": lambda: view("outward", facets),
             "sample_place": lambda: view("sample_place", facets),
         }
-        made = RecordedSurface(self.samples, padded, self.blocks, cells, later)
-        made.seconds = self.owner._seconds
-        made.most_in_a_cell, made.unfound = int(ended[MOST]), bool(ended[UNFOUND])
-        return made
+        recorded = RecordedSurface(self.samples, padded, self.blocks, cells, later)
+        recorded.seconds = self.owner._seconds
+        recorded.most_in_a_cell, recorded.unfound = int(ended[MOST]), bool(ended[UNFOUND])
+        return recorded
 
     def force(self) -> Any:
         """Force of the latest samples on the nodes (nodes, 3) [N]."""
@@ -210,9 +210,9 @@ class SurfaceGraph:
 
     def _recorded(self, call: Callable[[], None]) -> device.CudaGraph:
         """The call to be recorded, at once where its kernels are compiled."""
-        made = device.CudaGraph(call)
-        made.called = self.compiled
-        return made
+        graph = device.CudaGraph(call)
+        graph.called = self.compiled
+        return graph
 
     def _view(self, name: str, count: int) -> Any:
         """The first rows of an array."""

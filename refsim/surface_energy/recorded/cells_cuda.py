@@ -83,12 +83,12 @@ def place_particles(interior_position, surface_term, blocks, first, point, cell,
 def occupied_near(first, blocks, b, lowest_direction, directions):
     """Whether one of the blocks around b holds a point; called by all threads of the thread block."""
     thread = cuda.threadIdx.x
-    found = 0
+    occupied = 0
     if thread < directions:
         other = blocks.neighbour[b, lowest_direction + thread]
         if other >= 0 and first[CELLS * other] != first[CELLS * other + CELLS]:
-            found = 1
-    return cuda.syncthreads_or(found) != 0
+            occupied = 1
+    return cuda.syncthreads_or(occupied) != 0
 
 
 @formula

@@ -39,10 +39,10 @@ PULL = 5 / 4 * 0.5 / (16 * math.pi)  # K gamma C(h/2)
 PUSH = 5 / 4 * 0.5 * 4 / math.pi * 5 / 2048  # at r = h/4 the core repels: 2 (3/4)^3 (1/4)^3 - 1/64 = -5/2048
 
 
-def _pair(acceleration, case=PAIR, **given):
+def _pair(acceleration, case=PAIR, **inputs):
     """Cohesion alone, but for what is given."""
     own = {"mass": MASS, "density": DENSITY, "spline": SPLINE, "area_term": AreaMinimisation(0.0), "axial": None}
-    return Exact(case, own | {"area_normal": np.zeros((2, 3))} | given, {"acceleration": np.array(acceleration)})
+    return Exact(case, own | {"area_normal": np.zeros((2, 3))} | inputs, {"acceleration": np.array(acceleration)})
 
 
 ATTRACTED = [[0.0, 3 * PULL, 0.0], [0.0, -2 * PULL, 0.0]]  # a_1 = -K gamma m_2 C(h/2) e_12 with K = 5/4
@@ -58,10 +58,10 @@ closed_form("akinci_2013.tension:fused", pair_at_rest=lambda: _pair(ATTRACTED, *
 def _with_normals(axial):
     """a_1 = -K eps (n_1 - n_2), twice its part along y if axial, for any masses; cohesion is zero."""
     difference = np.array([0.5, -1.0, 0.25])
-    given = {"spline": CohesionSpline(0.0, 0.0), "area_term": AreaMinimisation(8.0), "axial": axial}
-    given["area_normal"] = np.array([difference, [0.0, 0.0, 0.0]])
+    inputs = {"spline": CohesionSpline(0.0, 0.0), "area_term": AreaMinimisation(8.0), "axial": axial}
+    inputs["area_normal"] = np.array([difference, [0.0, 0.0, 0.0]])
     difference = difference * (0.0, 2.0, 0.0) if axial else difference
-    return _pair(5 / 4 * 8.0 * np.array([-difference, difference]), **given)
+    return _pair(5 / 4 * 8.0 * np.array([-difference, difference]), **inputs)
 
 
 closed_form(
@@ -77,5 +77,5 @@ def drawn_to_a_wall():
     wall = np.array([[0.0, -1.5, 0.0]])
     case = at("akinci_wall", [0, 0, 0], wall)
     pull = 3.0 * 1000 * 0.25 * 0.007 / (8 * math.sqrt(2))
-    given = {"walls": WallParticles(wall, np.array([0.25])), "adhesion": Adhesion(3.0, 3.0 * 0.007 / 8)}
-    return Exact(case, given, {"acceleration": [[0.0, -pull, 0.0]]})
+    inputs = {"walls": WallParticles(wall, np.array([0.25])), "adhesion": Adhesion(3.0, 3.0 * 0.007 / 8)}
+    return Exact(case, inputs, {"acceleration": [[0.0, -pull, 0.0]]})

@@ -24,9 +24,9 @@ takes("becker_teschner_2007.cohesion", smoothing="support_radius dim")
 def _pair(kernel, least_q):
     """h = 2 m in 3D: W(0) = 1/pi, W(h/2) = W(0)/4, W(h/4) = (1 - 6/16 + 6/64) W(0) = 23/32 W(0)."""
     pull = 0.5 * kernel / math.pi * 0.5
-    given = {"mass": [2.0, 3.0], "attraction": Attraction(0.5, 0.5 / math.pi, least_q)}
+    inputs = {"mass": [2.0, 3.0], "attraction": Attraction(0.5, 0.5 / math.pi, least_q)}
     expected = np.array([[0.0, 3 / 2 * pull, 0.0], [0.0, -2 / 3 * pull, 0.0]])
-    return Exact(pair_case("attracted_pair", 0.5), given, {"acceleration": expected})
+    return Exact(pair_case("attracted_pair", 0.5), inputs, {"acceleration": expected})
 
 
 closed_form(

@@ -21,7 +21,7 @@ from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value
 from refsim.sph import LIQUID, NUMBER_DENSITY, SETS, liquid_of
 from refsim.surface_detection import NEAR_SURFACE, detection_in, near_surface_pass
-from refsim.surface_tension.cohesion import BECAME_DROPS, capillary_limit, stiffness_margin, surface_kept
+from refsim.surface_tension.cohesion import BECAME_DROPS, capillary_limit, density_complete_at_surface, stiffness_margin
 from refsim.surface_tension.csf_wang_2019 import operations as operations
 from refsim.surface_tension.jiang_zhu_2023 import CORRECTED_DENSITY, corrected_density_passes
 
@@ -104,7 +104,9 @@ class CsfWang2019(Effect, KnowsLimits, HasErrata, FollowsScene, PullsParticles, 
     literal: Printed = ()
 
     def with_scene_defaults(self, others: Others) -> "CsfWang2019":
-        corrects = not surface_kept(others) if self.density_correction is None else self.density_correction
+        corrects = (
+            not density_complete_at_surface(others) if self.density_correction is None else self.density_correction
+        )
         return msgspec.structs.replace(self, density_correction=corrects)
 
     def check(self, grid: Discretisation, others: Others) -> None:

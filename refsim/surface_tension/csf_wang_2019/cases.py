@@ -59,8 +59,8 @@ def two_curvatures(w):
     """
     normal = np.array([[3.0, 0.0, 0.0], [4.0, 3.0, 0.0]])
     value = np.array([-2 * 0.6, -2 * 0.6 / (1 - 0.99 * 0.36)])
-    given = GIVEN | {"interface_normal": normal, "continuum": CONTINUUM}
-    return Exact(PAIR, given, {"curvature": value})
+    inputs = GIVEN | {"interface_normal": normal, "continuum": CONTINUUM}
+    return Exact(PAIR, inputs, {"curvature": value})
 
 
 @for_each_kernel("csf_wang_2019.curvature")
@@ -68,13 +68,13 @@ def two_plain_curvatures(w):
     """The same with the factor dim over the whole distance; the threshold puts a third particle out."""
     three = at("interface_three", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])  # fmt: skip
     normal = np.array([[3.0, 0.0, 0.0], [4.0, 3.0, 0.0], [0.05, 0.0, 0.0]])
-    given = {
+    inputs = {
         "mass": [2.0, 3.0, 1.0],
         "density": [1000.0, 600.0, 900.0],
         "interface_normal": normal,
         "continuum": CONTINUUM._replace(factor=3.0, plain=1),
     }
-    return Exact(three, given, {"curvature": [-1.8, -1.8, 0.0]})
+    return Exact(three, inputs, {"curvature": [-1.8, -1.8, 0.0]})
 
 
 @for_each_kernel("csf_wang_2019.force")
@@ -86,10 +86,10 @@ def bulging_and_drawn(w):
     normal = np.array([[0.0, 0.0, 2.0], [0.0, 0.0, 0.05]])
     gradient = VOLUME[1] * 0.25 * w.slope
     value = 2 / 1000 * np.array([0.0, 2 * gradient, 0.5 * 4.0 * 2.0])
-    given = GIVEN | {
+    inputs = GIVEN | {
         "interface_normal": normal,
         "curvature": [4.0, 4.0],
         "continuum": CONTINUUM,
         "marangoni": Marangoni(0.0, 0.25, 0.0),
     }
-    return Exact(PAIR, given, {"acceleration": [value, np.zeros(3)]})
+    return Exact(PAIR, inputs, {"acceleration": [value, np.zeros(3)]})

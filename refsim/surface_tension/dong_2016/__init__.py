@@ -21,7 +21,7 @@ from refsim.core.fields import Field
 from refsim.core.scalars import int32
 from refsim.sph import liquid_of
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
-from refsim.surface_tension.cohesion import PairCohesion, angular_momentum_note, surface_kept
+from refsim.surface_tension.cohesion import PairCohesion, angular_momentum_note, density_complete_at_surface
 from refsim.surface_tension.dong_2016 import operations as operations
 from refsim.surface_tension.dong_2016.reference import force_function
 from refsim.surface_tension.jiang_zhu_2023 import CORRECTED_DENSITY
@@ -86,7 +86,7 @@ class Dong2016(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=True)
     literal: Printed = ()
 
     def with_scene_defaults(self, others: Others) -> "Dong2016":
-        filters = not surface_kept(others) if self.filter_density is None else self.filter_density
+        filters = not density_complete_at_surface(others) if self.filter_density is None else self.filter_density
         return msgspec.structs.replace(self, filter_density=filters)
 
     def check(self, grid: Discretisation, others: Others) -> None:

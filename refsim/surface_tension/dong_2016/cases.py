@@ -51,8 +51,8 @@ MASS, DENSITY = np.array([2.0, 3.0]), np.array([1000.0, 600.0])
 
 def _given(**others):
     no_correction = NormalCorrection(0.0, 1)
-    given = {"mass": MASS, "density": DENSITY, "molecular_force": FORCE, "normal_correction": no_correction}
-    return given | {"surface_normal": np.zeros((2, 3))} | others
+    inputs = {"mass": MASS, "density": DENSITY, "molecular_force": FORCE, "normal_correction": no_correction}
+    return inputs | {"surface_normal": np.zeros((2, 3))} | others
 
 
 def _pushed(r, push):
@@ -69,12 +69,12 @@ closed_form(
 
 def _corrected(w, symmetric, volume):
     difference = np.array([0.5, -1.0, 0.25])
-    given = _given(
+    inputs = _given(
         molecular_force=FORCE._replace(stiffness=0.0), normal_correction=NormalCorrection(8.0, symmetric),
         surface_normal=[difference, np.zeros(3)],
     )  # fmt: skip
     expected = 8.0 * w.share * w.at_zero * np.array([-volume[0] * difference, volume[1] * difference])
-    return Exact(pair_case("dong_pair"), given, {"acceleration": expected})
+    return Exact(pair_case("dong_pair"), inputs, {"acceleration": expected})
 
 
 for_each_kernel(
@@ -100,11 +100,11 @@ def pressed_and_sheared_pair(w):
     squared = (MASS / DENSITY) ** 2
     push = np.array([0.0, -(squared @ [200.0, 100.0]) * slope, 0.0])
     drag = 0.5 * squared.sum() * slope * np.array([-2.0, 0.0, 4.0])
-    given = {
+    inputs = {
         "mass": MASS, "density": DENSITY, "pressure": [200.0, 100.0], "viscosity": ViscosityTerm(0.5),
         "velocity": [[1.0, 0.0, 0.0], [-1.0, 0.0, 4.0]], "fluid": Fluid(1000.0, 4e5, 1, 0),
     }  # fmt: skip
-    return Exact(pair_case("dong_pair"), given, {"acceleration": [(push + drag) / 2, -(push + drag) / 3]})
+    return Exact(pair_case("dong_pair"), inputs, {"acceleration": [(push + drag) / 2, -(push + drag) / 3]})
 
 
 @for_each_kernel("dong_2016.shepard_filter")

@@ -55,8 +55,8 @@ def two_squares(w):
 def drawn_together(w):
     """a_1 = (V_2/rho_1) (kappa/4 (g_1 + g_2) + p_atm) |W'| towards 2."""
     pull = VOLUME[0] * VOLUME[1] * (8 / 4 * (0.5 + 0.25) + 3.0) * w.slope
-    given = GIVEN | {
+    inputs = GIVEN | {
         "color_gradient_squared": [0.5, 0.25], "gradient_energy": GradientEnergy(8.0, 2.0),
         "air_pressure": AirPressure(3.0),
     }  # fmt: skip
-    return Exact(PAIR, given, {"acceleration": [[0.0, pull / 2, 0.0], [0.0, -pull / 3, 0.0]]})
+    return Exact(PAIR, inputs, {"acceleration": [[0.0, pull / 2, 0.0], [0.0, -pull / 3, 0.0]]})

@@ -39,9 +39,9 @@ from refsim.surface_tension.cohesion import (
     TENSION_POWER,
     PairCohesion,
     angular_momentum_note,
+    density_complete_at_surface,
     given_one,
     pressure_of_moment,
-    surface_kept,
     tension_of_moment,
 )
 from refsim.surface_tension.jiang_zhu_2023 import operations as operations
@@ -210,7 +210,9 @@ class JiangZhu2023(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=T
     def with_scene_defaults(self, others: Others) -> JiangZhu2023:
         if self.density_correction is not None:
             return self
-        return msgspec.structs.replace(self, density_correction=self.coheres() and not surface_kept(others))
+        return msgspec.structs.replace(
+            self, density_correction=self.coheres() and not density_complete_at_surface(others)
+        )
 
     def check(self, grid: Discretisation, others: Others) -> None:
         self.check_coefficients()

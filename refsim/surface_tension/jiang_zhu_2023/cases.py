@@ -82,8 +82,8 @@ MASS, DENSITY = np.array([2.0, 3.0]), np.array([1000.0, 500.0])
 def two_densities(w):
     """(m_1 W(0) + m_2 W(h/2)) / (V_1 W(0) + V_2 W(h/2)); the second particle is left alone."""
     value = (2 + 3 * w.share) / (2 / 1000 + 3 / 500 * w.share)
-    given = {"mass": MASS, "density": DENSITY, "near_surface": [1, 0]}
-    return Exact(PAIR, given, {"corrected_density": [value, 500.0]})
+    inputs = {"mass": MASS, "density": DENSITY, "near_surface": [1, 0]}
+    return Exact(PAIR, inputs, {"corrected_density": [value, 500.0]})
 
 
 closed_form(
@@ -96,16 +96,16 @@ closed_form(
 def half_way():
     """Half way up the ramp the weight is 1/2; a quarter up it is 5/32."""
     normal = np.array([[0.0, 0.3, 0.4], [0.0, 0.375, 0.0]])
-    given = {"surface_normal": normal, "soft": SoftThresholds(0.25, 0.75, 2.0)}
-    return Exact(PAIR, given, {"surface_weight": [0.5, 5 / 32]})
+    inputs = {"surface_normal": normal, "soft": SoftThresholds(0.25, 0.75, 2.0)}
+    return Exact(PAIR, inputs, {"surface_weight": [0.5, 5 / 32]})
 
 
-def _cohering(share, **given):
+def _cohering(share, **inputs):
     """A share of the pull; the area term is zero, but for what is given."""
     pull = share * 0.5 * W0 * SHAPE
     own = {"mass": MASS, "density": DENSITY, "cohesion": COHESION, "area": AreaTerm(0, 0.0), "axial": None}
     expected = np.array([[0.0, -3 * pull, 0.0], [0.0, 2 * pull, 0.0]])
-    return Exact(PAIR, own | {"area_normal": np.zeros((2, 3))} | given, {"acceleration": expected})
+    return Exact(PAIR, own | {"area_normal": np.zeros((2, 3))} | inputs, {"acceleration": expected})
 
 
 AT_REST = {"pressure": np.zeros(2), "velocity": np.ones((2, 3)), "walls": None}  # so that only cohesion acts
@@ -120,16 +120,16 @@ closed_form("jiang_zhu_2023.cohesion:fused", cohering_pair_without_area_term=lam
 closed_form("jiang_zhu_2023.cohesion", cohering_marked_pair=lambda: _cohering(1.0, **MARKED, **ALONE))
 
 
-def _area_pair(share, pairs, axial=None, **given):
+def _area_pair(share, pairs, axial=None, **inputs):
     difference = np.array([0.5, -1.0, 0.0])
     factor = share * 8.0 / (1000.0 * 500.0)
-    given |= {
+    inputs |= {
         "mass": MASS, "density": DENSITY, "surface": None, "pairs": PairSelection(pairs),
         "area": AreaTerm(0, 8.0), "area_normal": [difference, [0.0, 0.0, 0.0]],
         "axial": axial,
     }  # fmt: skip
     difference = difference * (0.0, 2.0, 0.0) if axial else difference  # the pair lies along y
-    return Exact(PAIR, given, {"acceleration": factor * np.array([-3 * difference, 2 * difference])})
+    return Exact(PAIR, inputs, {"acceleration": factor * np.array([-3 * difference, 2 * difference])})
 
 
 # a_1 = -eps m_2/(rho_1 rho_2) (n_1 - n_2), halved by the weights, or between all pairs; cohesion is zero, or none

@@ -21,7 +21,7 @@ def pair_with_normals():
     """m = 2 and 3 kg: a_1 = -gamma (6/5) (n_1 - n_2), a_2 = gamma (4/5) (n_1 - n_2)."""
     pair = pair_case("difference_pair")
     difference = np.array([0.5, -1.0, 0.25])
-    given = {
+    inputs = {
         "mass": [2.0, 3.0], "surface_normal": [difference, [0.0, 0.0, 0.0]], "normal_tension": NormalDifference(8.0, 0),
     }  # fmt: skip
-    return Exact(pair, given, {"acceleration": 8.0 * np.array([-6 / 5 * difference, 4 / 5 * difference])})
+    return Exact(pair, inputs, {"acceleration": 8.0 * np.array([-6 / 5 * difference, 4 / 5 * difference])})

@@ -17,8 +17,8 @@ takes("tartakovsky_meakin_2005.cohesion", smoothing="support_radius")
 
 def _pair(r, force):
     """h = 2 m; the force on the second particle."""
-    given = {"mass": [2.0, 3.0], "cosine_force": CosineForce(12.0, 0.75 * math.pi)}
-    return Exact(pair_case("cosine_pair", r), given, {"acceleration": [[0, -force / 2, 0], [0, force / 3, 0]]})
+    inputs = {"mass": [2.0, 3.0], "cosine_force": CosineForce(12.0, 0.75 * math.pi)}
+    return Exact(pair_case("cosine_pair", r), inputs, {"acceleration": [[0, -force / 2, 0], [0, force / 3, 0]]})
 
 
 closed_form(
