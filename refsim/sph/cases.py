@@ -378,10 +378,9 @@ def filled_in_the_plane(w):
 
 @closed_form("sph.own_pressure")
 def turned():
-    """Of a negative pressure inside; not of one at the surface."""
-    pressure = np.array([-3.0, -3.0])
-    near = np.array([0, 1], np.uint8)
-    return Exact(PAIR, {"pressure": pressure, "near_surface": near}, {"own_pressure": [3.0, -3.0]})
+    """Of a negative pressure inside; not of one at the surface, nor of a small positive one."""
+    inputs = {"pressure": np.array([-3.0, -3.0, 0.5]), "near_surface": np.array([0, 1, 0], np.uint8)}
+    return Exact(at("turned", np.eye(3)), inputs, {"own_pressure": [3.0, -3.0, 0.5]})
 
 
 @for_each_kernel("sph.corrected_pressure")
