@@ -36,7 +36,7 @@ from refsim.particle_shifting import ParticleShifting
 from refsim.scene.files import load_scene
 from refsim.scene.plan import Plan, make_plan
 from refsim.scene.scene import Scene
-from refsim.scene.shapes import Ball, Box, Cloud
+from refsim.scene.shapes import Ball, Box, Cloud, FluidMesh
 from refsim.scene.solids import SolidBall, SolidBox, SolidCells, SolidMesh, SolidTorus
 from refsim.shape_matching import ShapeMatching
 from refsim.sph import Gravity, WeaklyCompressible
@@ -57,13 +57,13 @@ from refsim.surface_tension.tartakovsky_meakin_2005 import TartakovskyMeakin2005
 
 __all__ = [
     "Akinci2013", "Ball", "BeckerTeschner2007", "Box", "BoxWalls", "Calibration", "Cloud", "ContactAngle",
-    "CsfWang2019", "Dong2016", "EnergyAudit", "Gauge", "GaugeSeries", "Gravity", "He2014", "HeatConduction",
-    "ImplicitPressure", "InputError", "JiangZhu2023", "Melting", "MeshBoundary", "Motion", "MpmLiquid", "MpmWalls",
-    "NormalDifference2014", "ParticleShifting", "Plan", "Run", "RunFrame", "RunReport", "RunStopped", "Scene",
-    "ShapeMatching", "Simulation", "SolidBall", "SolidBox", "SolidCells", "SolidMesh", "SolidTorus", "StepResult",
-    "SurfaceDetection", "SurfaceEnergy", "TartakovskyMeakin2005", "TwoWayCoupling", "WeaklyCompressible",
-    "__version__", "calibrate", "calibrate_contact_angle", "isosurface", "load_mesh", "load_scene", "make_plan",
-    "open_run", "sampling", "signed_distance", "simulate", "study", "surface_energy",
+    "CsfWang2019", "Dong2016", "EnergyAudit", "FluidMesh", "Gauge", "GaugeSeries", "Gravity", "He2014",
+    "HeatConduction", "ImplicitPressure", "InputError", "JiangZhu2023", "Melting", "MeshBoundary", "Motion",
+    "MpmLiquid", "MpmWalls", "NormalDifference2014", "ParticleShifting", "Plan", "Run", "RunFrame", "RunReport",
+    "RunStopped", "Scene", "ShapeMatching", "Simulation", "SolidBall", "SolidBox", "SolidCells", "SolidMesh",
+    "SolidTorus", "StepResult", "SurfaceDetection", "SurfaceEnergy", "TartakovskyMeakin2005", "TwoWayCoupling",
+    "WeaklyCompressible", "__version__", "calibrate", "calibrate_contact_angle", "isosurface", "load_mesh",
+    "load_scene", "make_plan", "open_run", "sampling", "signed_distance", "simulate", "study", "surface_energy",
 ]  # fmt: skip
 
 _ROOT = pathlib.Path(__file__).parent

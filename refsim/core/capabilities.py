@@ -130,6 +130,10 @@ class BringsWalls:
         """Share (n,) that its particles fill of cells of the lattice about points (n, 3) [m]; its centre (n, 3) [m]."""
         return np.zeros(len(points)), points
 
+    def taken(self, grid: Discretisation, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same of the body that its particles stand for, which no liquid enters."""
+        return np.zeros(len(points)), points
+
     def walls(self, grid: Discretisation, others: Mapping[str, Effect]) -> WallParticles | None:
         """Positions and volumes of the boundary particles; None if there are none."""
         raise NotImplementedError  # an effect with this capability defines it

@@ -312,8 +312,8 @@ def check_places(state: InitialState, bounds: Any, solids: Nodes | None) -> None
         inside = np.flatnonzero(near < reach * (1 - 1e-6))
         if len(inside):
             raise InputError(
-                f"scene: {len(inside)} particles of the fluid are less than half a spacing from a solid's; leave"
-                " them out of the fluid."
+                f"scene: {len(inside)} particles of the fluid are less than half a spacing from a solid's; set"
+                " outside = 'bodies' in a box, or leave them out of the fluid."
             )
 
 

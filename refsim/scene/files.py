@@ -24,12 +24,12 @@ from refsim.core.reading import open_regular
 from refsim.gauges import Gauge
 from refsim.motion import Motion
 from refsim.scene.scene import Scene
-from refsim.scene.shapes import Ball, Box, Cloud
+from refsim.scene.shapes import Ball, Box, Cloud, FluidMesh
 from refsim.scene.solids import SolidBall, SolidBox, SolidCells, SolidMesh, SolidTorus
 
 VERSION = 1  # of scene files; docs/public_names.md says when it grows
 LARGEST_FILE = 1 << 28  # bytes
-SHAPES: dict[str, type] = {"box": Box, "ball": Ball, "cloud": Cloud}
+SHAPES: dict[str, type] = {"box": Box, "ball": Ball, "cloud": Cloud, "mesh": FluidMesh}
 SOLIDS: dict[str, type] = {
     "box": SolidBox, "ball": SolidBall, "torus": SolidTorus, "mesh": SolidMesh, "cells": SolidCells,
 }  # fmt: skip

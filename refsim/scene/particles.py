@@ -11,8 +11,9 @@ from refsim.core.capabilities import KnowsParticleMass, NeedsCellOrder, effects_
 from refsim.core.effect import Discretisation, Effect, InitialState, Nodes
 from refsim.core.errors import InputError
 from refsim.scene.checks import check_coincident, check_particles, resolved
+from refsim.scene.filling import filled
 from refsim.scene.scene import Scene
-from refsim.scene.shapes import Ball, Box, Vector, as_floats
+from refsim.scene.shapes import Ball, Box, FluidMesh, Vector, as_floats
 from refsim.scene.solids import countable, moved, voxelised
 
 WIDEST_SHARE = 3.0  # factor by which a part's mass may differ from that of its lattice: bodies of a few cells
@@ -52,7 +53,10 @@ def _initial_state(
     if solids is not None:
         positions, velocities, masses = map(list, zip(_solid_particles(solids, grid, effects)))
     for part in scene.fluid:
-        points = part.positions(grid)
+        if isinstance(part, FluidMesh) or (isinstance(part, Box) and part.outside):
+            points = filled(part.room(grid), grid, effects, solids)
+        else:
+            points = part.positions(grid)
         mass = getattr(part, "mass", None)
         if mass is None:
             share = math.prod(part.shares(grid)) if isinstance(part, Box) else 1.0

@@ -104,6 +104,8 @@ def _with_masses(scene: Scene) -> tuple[tuple, tuple]:
 
 def _box(box: Box, factor: float, scene: Scene) -> Box:
     """The box with other cells and the same edges."""
+    if box.cells is None:
+        return box
     cells = [max(1, round(n * factor)) for n in box.cells[: scene.dim]]
     edges = box.size or tuple(n * scene.spacing for n in box.cells)
     exact = max(abs(now / (n * factor) - 1) for n, now in zip(box.cells, cells)) < EXACT
@@ -177,7 +179,8 @@ def _edges(scene: Scene, factor: float) -> Iterator[tuple[int, int]]:
     """Particles along each edge of each box: in the scene, and with the spacing divided by `factor`."""
     for part in (*scene.fluid, *scene.solid):
         if isinstance(part, Box):
-            yield from ((n, max(1, round(n * factor))) for n in part.cells[: scene.dim])
+            cells = part.counts(scene.dim, scene.spacing)[: scene.dim]
+            yield from ((n, max(1, round(n * factor))) for n in cells)
         if isinstance(part, SolidBox):
             for low, high in zip(part.lower[: scene.dim], part.upper):
                 yield _cells(low, high, scene.spacing), _cells(low, high, scene.spacing / factor)

@@ -12,7 +12,7 @@ from refsim.core.errors import InputError
 from refsim.gauges import Gauge
 from refsim.motion import Motion
 from refsim.neighbours.limits import SKINS
-from refsim.scene.shapes import Ball, Box, Cloud, Vector
+from refsim.scene.shapes import Ball, Box, Cloud, FluidMesh, Vector
 from refsim.scene.solids import SolidBall, SolidBox, SolidCells, SolidMesh, SolidTorus
 
 
@@ -22,7 +22,7 @@ class Scene(Checked, frozen=True, kw_only=True):
     spacing         initial particle distance d [m]
     support_radius  radius h beyond which the smoothing kernels vanish [m]; at least one spacing, and
                     1.05 where an effect sums over neighbours
-    fluid           boxes, balls and clouds of particles
+    fluid           boxes, balls, insides of meshes and clouds of particles
     solid           boxes, balls, tori, meshes and cells that become bodies of particles; they come before the fluid's
     effects         what acts on them
     dim             2 (z = 0, masses per metre of depth) or 3
@@ -42,7 +42,7 @@ class Scene(Checked, frozen=True, kw_only=True):
 
     spacing: Positive
     support_radius: Positive
-    fluid: tuple[Box | Ball | Cloud, ...]
+    fluid: tuple[Box | Ball | Cloud | FluidMesh, ...]
     solid: tuple[SolidBox | SolidBall | SolidTorus | SolidMesh | SolidCells, ...] = ()
     effects: tuple[Any, ...] = ()
     dim: Literal[2, 3] = 3

@@ -3,15 +3,17 @@
 import io
 import math
 import warnings
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from refsim.core.checked import Checked, Positive
+from refsim.core.checked import Checked, NotNegative, Positive
 from refsim.core.effect import Discretisation
 from refsim.core.errors import InputError
 from refsim.core.reading import open_regular
-from refsim.scene.solids import CELL, countable
+from refsim.scene.filling import Room, room_in, room_of_block
+from refsim.scene.solids import CELL, MOST_CELLS, SolidMesh, countable
+from refsim.scene.surface_mesh import placed_mesh
 
 Vector = tuple[float, float, float]
 WIDEST = 1.1  # spacings between the particles of a box
@@ -21,39 +23,70 @@ class Box(Checked, tag="box", tag_field="shape", frozen=True, kw_only=True):
     """Lattice block of `cells` particles per axis, each in the middle of its cell.
 
     lower     corner of the block [m]
-    cells     particles along x, y and z (1 along z in 2D)
+    cells     particles along x, y and z (1 along z in 2D); left out, as many as fit the size best
     velocity  of every particle [m/s]
     size      edges [m]; particles stand evenly in them, and their mass follows, so that the density stays. Left out,
               each particle has a cell of the spacing
+    outside   "bodies": only what meshes and solids leave of the block is filled, and the particles beside them are
+              packed so that no gap stays
     """
 
     lower: Vector = (0.0, 0.0, 0.0)
-    cells: tuple[int, int, int]
+    cells: tuple[int, int, int] | None = None
     velocity: Vector = (0.0, 0.0, 0.0)
     size: Vector | None = None
+    outside: Literal["bodies"] | None = None
+
+    def counts(self, dim: int, spacing: float) -> tuple[int, int, int]:
+        """Particles along each axis, at a spacing [m] in `dim` dimensions."""
+        if self.cells is not None:
+            return self.cells
+        if self.size is None:
+            raise InputError("fluid box: its extent is missing; give cells, size, or both.")
+        edges = (*self.size[:dim], spacing)[:3]
+        if not all(0 < edge < MOST_CELLS * spacing for edge in edges):
+            raise InputError(
+                f"fluid box: size = {list(self.size)} m is not possible at a spacing of {spacing:g} m; give edges above"
+                f" 0 and below {MOST_CELLS:,} spacings."
+            )
+        return tuple(max(1, round(edge / spacing)) for edge in edges)  # type: ignore[return-value]
+
+    def _counted(self, grid: Discretisation) -> tuple[int, int, int]:
+        """Particles along each axis. Raises InputError where there can be none, or too many."""
+        cells = self.counts(grid.dim, grid.spacing)
+        if min(cells) < 1 or (grid.dim == 2 and cells[2] != 1):
+            raise InputError(
+                f"fluid box: cells = {list(cells)} is not possible in {grid.dim}D; give at least 1 along each"
+                " axis, and 1 along z in 2D."
+            )
+        countable(f"fluid box: cells = {list(cells)}", cells, grid=grid)
+        return cells
 
     def positions(self, grid: Discretisation) -> np.ndarray:
         """Positions (n, 3) [m]."""
-        if min(self.cells) < 1 or (grid.dim == 2 and self.cells[2] != 1):
-            raise InputError(
-                f"fluid box: cells = {list(self.cells)} is not possible in {grid.dim}D; give at least 1 along each"
-                " axis, and 1 along z in 2D."
-            )
-        countable(f"fluid box: cells = {list(self.cells)}", self.cells, grid=grid)
-        shares = (*self.shares(grid), 1.0)[:3]
-        axes = [(np.arange(n) + 0.5) * (f * grid.spacing) + low for n, f, low in zip(self.cells, shares, self.lower)]
+        corners = zip(self._counted(grid), self.steps(grid), self.lower)
+        axes = [(np.arange(n) + 0.5) * step + low for n, step, low in corners]
         if grid.dim == 2:
             axes[2] = np.zeros(1)
         return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+    def steps(self, grid: Discretisation) -> np.ndarray:
+        """Distances (3,) [m] of its particles along each axis."""
+        return np.array((*self.shares(grid), 1.0)[:3]) * grid.spacing
+
+    def room(self, grid: Discretisation) -> Room:
+        """The cells that it fills as far as bodies leave them."""
+        return room_of_block(np.array(self.lower), np.array(self._counted(grid)), self.steps(grid), grid.dim)
 
     def shares(self, grid: Discretisation) -> tuple[float, ...]:
         """Distances of its particles over the spacing, along each axis."""
         if self.size is None:
             return (1.0,) * grid.dim
-        stretch = tuple(edge / (n * grid.spacing) for edge, n in zip(self.size[: grid.dim], self.cells))
+        cells = self.counts(grid.dim, grid.spacing)
+        stretch = tuple(edge / (n * grid.spacing) for edge, n in zip(self.size[: grid.dim], cells))
         if not all(1 / WIDEST <= share <= WIDEST for share in stretch):
             raise InputError(
-                f"fluid box: size = {list(self.size)} puts {list(self.cells)} particles at"
+                f"fluid box: size = {list(self.size)} puts {list(cells)} particles at"
                 f" {', '.join(f'{share:.3g}' for share in stretch)} spacings along the axes; give"
                 f" {1 / WIDEST:.2g} to {WIDEST:g}, or leave the size out."
             )
@@ -132,6 +165,44 @@ class Cloud(Checked, tag="cloud", tag_field="shape", frozen=True, kw_only=True):
         if points.shape[1] == 2:
             points = np.hstack([points, np.zeros((len(points), 1))])
         return points
+
+
+class FluidMesh(Checked, tag="mesh", tag_field="shape", frozen=True, kw_only=True):
+    """What meshes and solids leave of the inside of a closed triangle mesh, packed so that no gap stays.
+
+    file      mesh file that trimesh reads (.stl, .obj, .ply, ...)
+    center    where the middle of its bounding box goes [m]; left out, the file's
+    size      its longest edge there [m]; 0 leaves the file's numbers as metres
+    rotation  turn about x, then y, then z before [degrees]
+    level     height z up to which it is filled [m]; left out, it is full
+    velocity  of every particle [m/s]
+    """
+
+    file: str
+    center: Vector | None = None
+    size: NotNegative = 0.0
+    rotation: Vector = (0.0, 0.0, 0.0)
+    level: float | None = None
+    velocity: Vector = (0.0, 0.0, 0.0)
+
+    def room(self, grid: Discretisation) -> Room:
+        """The cells that it fills as far as bodies leave them."""
+        if grid.dim != 3:
+            raise InputError("fluid mesh: a mesh is a body in space; set dim to 3 or leave it out.")
+        own = placed_mesh(self.file, None, self.size, self.rotation, "fluid mesh").origin
+        center = tuple(own.tolist()) if self.center is None else self.center
+        inside = SolidMesh(file=self.file, center=center, size=self.size, rotation=self.rotation)
+        low, high = inside.extent()
+        top = high[2] if self.level is None else min(self.level, high[2])
+        if not top > low[2]:
+            raise InputError(
+                f"fluid mesh: level = {self.level:g} m is below {self.file!r}, which begins at {low[2]:g} m; raise it."
+            )
+        cells = np.ceil((np.append(high[:2], top) - low) / grid.spacing - 1e-9)
+        countable(f"fluid mesh: {self.file!r} at a spacing of {grid.spacing} m", cells, CELL, grid=grid)
+        lower = np.append(low[:2], top - cells[2] * grid.spacing)
+        room = room_of_block(lower, cells.astype(int), np.full(3, grid.spacing), 3)
+        return room_in(room, grid.spacing, inside.inside)
 
 
 def as_floats(values: Any) -> np.ndarray:

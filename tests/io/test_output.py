@@ -303,5 +303,3 @@ def test_a_stop_between_any_two_calls(tmp_path, disk, error):
         assert_files(path, [*frames[:2], frames[5]])
     assert allowed > 6
     assert outcomes == {2, 3, 4}
-
-

@@ -27,7 +27,7 @@ def scene(**changes):
     (lambda: scene(spacing=None), r"Scene: spacing = None is a NoneType; give a number\."),
     (lambda: scene(dtype="float23"), r"Scene: dtype = 'float23' is not possible; did you mean float32\?"),
     (lambda: scene(fluid=rs.Box(cells=(1, 1, 1))), r"Scene: fluid = Box\(.* is a Box; give a tuple or a list\."),
-    (lambda: scene(fluid=(3,)), r"Scene: fluid\[0\] = 3 is a whole number; give Box or Ball or Cloud\."),
+    (lambda: scene(fluid=(3,)), r"Scene: fluid\[0\] = 3 is a whole number; give Box or Ball or Cloud or FluidMesh\."),
     (lambda: scene(effects=rs.Gravity(acceleration=(0, 0, 0))), r"Scene: effects = .* give a tuple or a list\."),
     (lambda: scene(energy_audit=5), r"Scene: energy_audit = 5 is a whole number; give EnergyAudit or None\."),
     (lambda: rs.SolidBall(center=(0, 0, 0), radius="r"), r"SolidBall: radius = 'r' is text; give a number\."),
@@ -109,7 +109,7 @@ def test_one_parameter_is_changed_by_one_call():
     ({"fluid__2__radius": 1.0}, r"no '2' there; choose from 0, 1\."),
     ({"fluid__radius": 1.0}, r"no 'radius' there; choose from 0, 1\."),
     ({"solid__0__radius": 1.0}, r"no '0' there; there are none\."),
-    ({"fluid__0__radius": 1.0}, r"no 'radius' there; choose from lower, cells, velocity, size\."),
+    ({"fluid__0__radius": 1.0}, r"no 'radius' there; choose from lower, cells, velocity, size, outside\."),
     ({"gravity__acceleration": "9"}, r"gravity: acceleration = '9' is text; give a tuple or a list or None\."),
 ])  # fmt: skip
 def test_a_change_that_is_not_possible_is_named(changes, sentence):

@@ -182,8 +182,9 @@ class MeshBoundary(
         return WallParticles(position, factor / wall_kernel_sums(position, shape, grid.support_radius, 3))
 
     def filled(self, grid: Discretisation, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        if not self.extrapolates():
-            return super().filled(grid, points)
+        return self.taken(grid, points) if self.extrapolates() else super().filled(grid, points)
+
+    def taken(self, grid: Discretisation, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return self.placed(grid).filled(points, grid.spacing)
 
     def corrects_positions(self) -> bool:
@@ -203,7 +204,7 @@ class MeshBoundary(
     def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
         inside = int((self.placed(grid).distance(state.position) < 0).sum())
         if inside:
-            remedy = "move the solid or the particles"
+            remedy = "move the solid or the particles, or set outside = 'bodies' in a box of the fluid"
             if inside == grid.count:
                 remedy = "a mesh is a solid: give a container an outer surface, too, or take box_walls"
             raise InputError(

@@ -1,0 +1,148 @@
+"""Liquid that fills what meshes and solids leave of a box or of a mesh's inside."""
+
+import math
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial import cKDTree
+
+import refsim as rs
+from refsim.scene.files import parse_scene
+from refsim.scene.refine import refined
+
+D, PULL = 0.125, 9.81
+LONG, WIDE, DEEP = 16, 6, 8  # cells
+LIQUID = rs.WeaklyCompressible(sound_speed=31.0)
+
+
+def scene(fluid, *effects, solid=(), **changes):
+    return rs.Scene(
+        spacing=D, support_radius=3 * D, dtype="float64", fluid=fluid, solid=solid,
+        effects=(LIQUID, rs.Gravity(acceleration=(0.0, 0.0, -PULL)), *effects), **changes,
+    )  # fmt: skip
+
+
+def block(cells, low=(0, 0, 0), **more):
+    return rs.Box(lower=tuple(D * np.array(low)), cells=cells, outside="bodies", **more)
+
+
+def box(high=2 * DEEP):
+    return rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(LONG * D, WIDE * D, high * D))
+
+
+def slope(folder, degrees, toe=3.2):
+    """A wedge that rises from x = `toe` spacings on; its height at x, both in spacings."""
+    rise, far, end = math.tan(math.radians(degrees)), 8, LONG + 8
+    outline = [(toe, 0.0), (end, (end - toe) * rise), (end, -far), (toe, -far)]
+    mesh = trimesh.convex.convex_hull([(x * D, y * D, z * D) for x, z in outline for y in (-far, WIDE + far)])
+    mesh.export(folder / "slope.obj")
+    return rs.MeshBoundary(file=str(folder / "slope.obj")), lambda x: np.maximum(0.0, (x - toe) * rise)
+
+
+def unrest(made):
+    """(largest acceleration over g, below the surface and off the sides; places in spacings; distances in spacings)."""
+    simulation = rs.Simulation(made, "numpy")
+    simulation.evaluate()
+    x = simulation.field("position") / D
+    away = np.linalg.norm(simulation.field("acceleration"), axis=1) / PULL
+    return float(away[x[:, 2] < DEEP - 3.5].max()), x, cKDTree(x).query(x, 2)[0][:, 1]
+
+
+@pytest.mark.parametrize("degrees", [20, 45])
+def test_liquid_on_a_slope_starts_at_rest(degrees, tmp_path):
+    """Its particles have the volume above the slope, and accelerations of a tenth of g; cut from a lattice of g."""
+    wedge, height = slope(tmp_path, degrees)
+    pull, x, apart = unrest(scene((block((LONG, WIDE, DEEP)),), box(), wedge))
+    fine = np.linspace(0, LONG, 10001)
+    volume = WIDE * np.trapezoid(np.clip(DEEP - height(fine), 0, None), fine)
+    assert abs(len(x) - volume) < 1 + 2e-3 * volume
+    assert (x[:, 2] > height(x[:, 0])).all()
+    assert apart.min() > 0.8
+    assert pull < 0.12
+    lattice = (np.indices((LONG, WIDE, DEEP)).reshape(3, -1).T + 0.5) * D
+    cut = lattice[lattice[:, 2] / D > height(lattice[:, 0] / D) + 0.01]
+    assert unrest(scene((rs.Cloud(position=cut),), box(), wedge))[0] > 0.5
+
+
+def test_a_body_stands_in_a_pool(tmp_path):
+    """A ball as a mesh: the particles have the volume that it leaves, and rest."""
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=2.3 * D)
+    ball.apply_translation(np.array([8.3, 3.1, 3.2]) * D)
+    ball.export(tmp_path / "ball.stl")
+    made = scene((block((LONG, WIDE, DEEP)),), box(), rs.MeshBoundary(file=str(tmp_path / "ball.stl")))
+    pull, x, apart = unrest(made)
+    assert abs(len(x) - LONG * WIDE * DEEP + ball.volume / D**3) < 2
+    assert apart.min() > 0.8
+    assert pull < 0.15
+
+
+@pytest.mark.parametrize(("low", "number"), [((0, 0, 0), 768 - 27), ((0.5, 0.5, 0.5), 768 - 27)])
+def test_a_solid_stands_in_a_pool(low, number):
+    """Its cells are left out where they are the block's own; where they lie between them their volume is."""
+    solid = rs.SolidBox(lower=(6 * D, 2 * D, 2 * D), upper=(9 * D, 5 * D, 5 * D), density=500.0)
+    walls = rs.BoxWalls(
+        lower=tuple(D * np.array(low)), upper=tuple(D * (np.array(low) + [LONG, WIDE, 2 * DEEP]))
+    )  # fmt: skip
+    made = scene((block((LONG, WIDE, DEEP), low),), walls, rs.ShapeMatching(), rs.TwoWayCoupling(), solid=(solid,))
+    state = rs.make_plan(made).state
+    assert state.sizes == (27, number)
+    assert cKDTree(state.position).query(state.position, 2)[0][:, 1].min() > 0.7 * D
+
+
+def vessel(folder):
+    """A vessel whose inside is a box turned by 20 degrees: (wall, file of the inside, its floor's lowest corner)."""
+    inside = trimesh.creation.box((10 * D, 6 * D, 10 * D))
+    inside.apply_transform(trimesh.transformations.rotation_matrix(math.radians(20), (0, 1, 0)))
+    inside.export(folder / "inside.obj")
+    outer = trimesh.creation.box((24 * D,) * 3)
+    hollow = inside.copy()
+    hollow.invert()
+    trimesh.util.concatenate([outer, hollow]).export(folder / "vessel.obj")
+    return rs.MeshBoundary(file=str(folder / "vessel.obj")), str(folder / "inside.obj"), inside.bounds
+
+
+def test_a_vessel_is_filled_up_to_a_level(tmp_path):
+    wall, file, bounds = vessel(tmp_path)
+    whole = rs.make_plan(scene((rs.FluidMesh(file=file),), wall)).state.position
+    assert abs(len(whole) - 600) <= 3
+    level = 0.1 * D
+    simulation = rs.Simulation(scene((rs.FluidMesh(file=file, level=level),), wall), "numpy")
+    simulation.evaluate()
+    x, pull = simulation.field("position"), np.linalg.norm(simulation.field("acceleration"), axis=1) / PULL
+    assert abs(len(x) - 306) <= 3  # half of it, and 0.1 of 10.6 x 6 cells in the middle
+    assert x[:, 2].max() < level - 0.4 * D
+    assert pull[x[:, 2] < level - 3.5 * D].max() < 0.15
+    with pytest.raises(rs.InputError, match="raise it"):
+        rs.make_plan(scene((rs.FluidMesh(file=file, level=float(bounds[0, 2]) - D),), wall))
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_box_by_its_size_alone(dim):
+    """As many cells as fit best, which fill the size; at another spacing as many again."""
+    size = (4.3 * D, 3 * D, (dim - 2) * 2 * D)
+    made = scene((rs.Box(size=size),), dim=dim).with_(effects=(LIQUID,))
+    state = rs.make_plan(made).state
+    assert len(state.position) == 4 * 3 * (1, 2)[dim - 2]
+    assert np.ptp(state.position[:, 0]) == pytest.approx(0.75 * size[0])
+    assert state.mass.sum() == pytest.approx(1000 * np.prod(size[:dim]))
+    assert len(rs.make_plan(refined(made, 2)).state.position) == 9 * 6 * (1, 4)[dim - 2]
+
+
+@pytest.mark.parametrize(("keys", "words"), [
+    ("", "its extent is missing; give cells, size, or both"),
+    ("size = [0.0, 1.0, 1.0]", "give edges above 0"),
+    ("size = [1e11, 1.0, 1.0]", "give edges above 0"),
+    ("size = [1e6, 1e6, 1e6]\noutside = 'bodies'", "can be numbered"),
+    ('cells = [4, 4, 4]\noutside = "mesh"', "outside"),
+])  # fmt: skip
+def test_what_cannot_be_filled_is_refused(keys, words):
+    text = f'spacing = 0.1\nsupport_radius = 0.3\n[[fluid]]\nshape = "box"\n{keys}\n'
+    with pytest.raises(rs.InputError, match=words):
+        rs.make_plan(parse_scene(text, "scene"))
+
+
+def test_a_mesh_is_filled_in_space_only(tmp_path):
+    _, file, _ = vessel(tmp_path)
+    with pytest.raises(rs.InputError, match="set dim to 3"):
+        rs.make_plan(scene((rs.FluidMesh(file=file),), dim=2).with_(effects=(LIQUID,)))
