@@ -217,5 +217,8 @@ def test_figures_stay_light():
 
 def test_the_night_on_a_server_runs_sessions_that_there_are():
     night = (ROOT / ".github" / "workflows" / "nightly.yml").read_text(encoding="utf-8")
-    named = re.search(r"session: \[(.*)\]", night)[1].split(", ")
-    assert set(named) <= set(re.findall(r'^    "(\w+)": \(', (ROOT / "noxfile.py").read_text(encoding="utf-8"), re.M))
+    sessions = (ROOT / "noxfile.py").read_text(encoding="utf-8")
+    tasks, environments = (row.split(", ") for row in re.findall(r"session: \[(.*)\]", night))
+    assert set(tasks) <= set(re.findall(r'^    "(\w+)": \(', sessions, re.M))
+    named = {name.partition("-")[0] for name in environments}
+    assert named == {"environments", "lowest", "newest"} <= set(re.findall(r"^def (\w+)\(session", sessions, re.M))
