@@ -18,6 +18,16 @@ _WARMTH = "temperature temperature_range exchange_rate"
 _CROWDING = "density rest_density density_bounds"
 
 
+def fused_with_momentum(*variants, smoothing="smoothing"):
+    """A tension's program for CUDA: one loop sums it and pressure and viscosity, whose kernel is `smoothing`."""
+    return {
+        "cuda:fused": Program(
+            "kernels", "tension_and_momentum", packed="fused_pair", also=("sph.momentum",),
+            names={smoothing: "gradient_smoothing"}, variants=variants,
+        )
+    }  # fmt: skip
+
+
 def moving(walls, wall_motion):
     """Velocities [m/s] of wall particles: 0, or that of `wall_motion` beyond its planes; None without walls."""
     if walls is None:

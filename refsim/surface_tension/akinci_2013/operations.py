@@ -3,8 +3,9 @@
 Arrays: position, normals (n, 3); mass, density (n,); SI units.
 """
 
-from refsim.core.operation import SYMMETRY, Program, operations
+from refsim.core.operation import SYMMETRY, operations
 from refsim.neighbours.sums import Fields, neighbours, wall_particles
+from refsim.sph.operations import fused_with_momentum
 from refsim.surface_tension.akinci_2013 import reference as ref
 
 operation = operations(paper="Akinci, Akinci & Teschner 2013")
@@ -19,13 +20,7 @@ operation = operations(paper="Akinci, Akinci & Teschner 2013")
     " that of a half-space of liquid, h int W dA over its surface, which is below 1.6, times s for V_j = m_j/rho_j,"
     " and K_ij is at most s", invariants=f"{SYMMETRY} linear_momentum angular_momentum",
     broken=dict.fromkeys((1, 2, 3), "linear_momentum angular_momentum"),
-    programs={
-        "cuda:fused": Program(
-            "kernels", "tension_and_momentum", packed="fused_pair", also=("sph.momentum",),
-            names={"smoothing": "gradient_smoothing"},
-            variants=("period axial", "area_term area_normal axial walls period", "period"),
-        )
-    },
+    programs=fused_with_momentum("period axial", "area_term area_normal axial walls period", "period"),
     packed="tension_pair",
 )  # fmt: skip
 def tension(position, mass, density, area_normal, smoothing, fluid, spline, area_term, axial, rows=None):

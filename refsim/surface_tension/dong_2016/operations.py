@@ -3,8 +3,9 @@
 Arrays: position, velocity, normals (n, 3); mass, density, pressure (n,); SI units.
 """
 
-from refsim.core.operation import SYMMETRY, Program, operations
+from refsim.core.operation import SYMMETRY, operations
 from refsim.neighbours.sums import Fields, neighbours, wall_particles
+from refsim.sph.operations import fused_with_momentum
 from refsim.surface_tension.dong_2016 import reference as ref
 
 operation = operations(paper="Dong, Zhang & Chen 2016")
@@ -44,13 +45,9 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
     variants=("normal_correction surface_normal", "", "molecular_force"), tolerance=12.0,
     reason="one rounding in each of distance, powers, kernel, quotients, product and sum",
     invariants=f"{SYMMETRY} linear_momentum angular_momentum", broken={1: "angular_momentum", 2: "angular_momentum"},
-    programs={
-        "cuda:fused": Program(
-            "kernels", "tension_and_momentum", packed="fused_pair", also=("sph.momentum",),
-            names={"sph.momentum.smoothing": "gradient_smoothing"},
-            variants=("period", "normal_correction surface_normal walls period"),
-        )
-    },
+    programs=fused_with_momentum(
+        "period", "normal_correction surface_normal walls period", smoothing="sph.momentum.smoothing"
+    ),
     packed="tension_pair",
 )  # fmt: skip
 def tension(position, mass, density, surface_normal, smoothing, molecular_force, normal_correction, rows=None):

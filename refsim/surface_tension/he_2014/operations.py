@@ -3,8 +3,9 @@
 Arrays: position (n, 3); mass, density, color (n,); SI units.
 """
 
-from refsim.core.operation import SYMMETRY, Program, operations
+from refsim.core.operation import SYMMETRY, operations
 from refsim.neighbours.sums import Fields, neighbours, wall_particles
+from refsim.sph.operations import fused_with_momentum
 from refsim.surface_tension.he_2014 import reference as ref
 
 operation = operations(paper="He et al. 2014")
@@ -36,13 +37,7 @@ def squared_gradient(position, mass, density, color, gradient_smoothing, rows=No
     variants=("gradient_energy color_gradient_squared", "", "air_pressure"), tolerance=12.0,
     reason="one rounding in each of distance, slope, volume, two factors, direction, product and sum",
     invariants=f"{SYMMETRY} linear_momentum angular_momentum",
-    programs={
-        "cuda:fused": Program(
-            "kernels", "tension_and_momentum", packed="fused_pair", also=("sph.momentum",),
-            names={"smoothing": "gradient_smoothing"},
-            variants=("period", "gradient_energy color_gradient_squared walls period"),
-        )
-    },
+    programs=fused_with_momentum("period", "gradient_energy color_gradient_squared walls period"),
     packed="tension_pair",
 )  # fmt: skip
 def tension(

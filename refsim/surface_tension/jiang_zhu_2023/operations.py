@@ -5,9 +5,10 @@ Arrays: position, normals (n, 3); mass, density, weights, marks (n,); SI units.
 
 import numpy as np
 
-from refsim.core.operation import SYMMETRY, Program, operations, without
+from refsim.core.operation import SYMMETRY, operations, without
 from refsim.core.terms import where
 from refsim.neighbours.sums import Fields, neighbours, wall_particles
+from refsim.sph.operations import fused_with_momentum
 from refsim.surface_tension.jiang_zhu_2023 import reference as ref
 
 operation = operations(paper="Jiang & Zhu 2023")
@@ -30,12 +31,7 @@ _pair_force = operations(
 
 def _fused(left_out, *more):
     """The program that sums the pair forces between all pairs in one loop with pressure and viscosity."""
-    return {
-        "cuda:fused": Program(
-            "kernels", "tension_and_momentum", packed="fused_pair", also=("sph.momentum",),
-            names={"smoothing": "gradient_smoothing"}, variants=(without(left_out) | _ALL | without("period"), *more),
-        ),
-    }  # fmt: skip
+    return fused_with_momentum(without(left_out) | _ALL | without("period"), *more)
 
 
 @operation(
