@@ -72,8 +72,8 @@ LEAST_VISCOUS = {
 # exchanged (docs/stability.md). Beyond it J(7) makes its neighbours too dense, and J(10) is not the gradient of their
 # energy.
 MASS_RATIO = 1.5
-# `restoring` beside tension: from 0.1 to 0.3 discs of R = 8 d keep their density to 0.4 % and their jump to 10 %;
-# without it they crowd by 7 % in five capillary times (tests/surface_tension/test_models.py)
+# `restoring` of free drops: from 0.1 to 0.3 discs of R = 8 d keep their density to 0.4 % and their jump to 10 %;
+# without it they crowd by 7 % in five capillary times (tests/surface_tension/test_models.py), with CALM by 2 %
 RESTORING = 0.3
 # beside shifting: after a splash 998 of 1,001 kg/m^3 are counted, 902 without; waves are damped by less than 0.01 a
 # period more (docs/liquid.md)
@@ -202,7 +202,7 @@ class WeaklyCompressible(
     diffusion          delta of the diffusion of an advanced density, after Fourtakas et al. 2019; 0 for none
     restoring          rate [c/h] at which an advanced density returns inside the liquid to the counted one, which
                        sees where particles are (after Colagrossi & Landrini 2003); by default 0.003 where shifting acts
-                       beside a surface, else 0.3 beside tension, else 0
+                       beside a surface; else beside tension 0.01 in a container and 0.3 in free drops; else 0
     gradient           "plain" or "corrected" (renormalised after Bonet & Lok 1999: the pressure force of a lattice is
                        that of the pressure's gradient; it keeps the linear, not the angular momentum)
     tensile_control    p_i + p_j becomes p_j - p_i where p_i < 0 (Sun et al. 2018): "none", "inside" (but at the surface
@@ -250,9 +250,7 @@ class WeaklyCompressible(
         return msgspec.structs.replace(self, dynamic_viscosity=whole, artificial_viscosity=0.0)
 
     def with_scene_defaults(self, others: Others) -> WeaklyCompressible:
-        gravity = gravity_of(others)
-        pulled = gravity is not None and (gravity.acceleration is None or any(gravity.acceleration))
-        standing = pulled and bool(effects_with(others, BringsWalls))
+        standing = stands(others)
         summed = bool(self.literal) or any(
             effect.sums_density(standing) for effect in effects_with(others, SumsDensity)
         )
@@ -264,7 +262,8 @@ class WeaklyCompressible(
             restoring = 0.0
             if density == "continuity":
                 drifts = any(effect.parts_from_density() for effect in effects_with(others, CorrectsPositions))
-                restoring = SLOW if drifts else RESTORING if effects_with(others, PullsParticles) else 0.0
+                pulled = bool(effects_with(others, PullsParticles))
+                restoring = SLOW if drifts else 0.0 if not pulled else CALM if standing else RESTORING
         return msgspec.structs.replace(self, density=density, viscosity=viscosity, restoring=restoring)
 
     def needs(self) -> tuple[str, ...]:
@@ -434,8 +433,7 @@ class WeaklyCompressible(
 
     def _restless(self, others: Others) -> Iterator[str]:
         """Note on a fast return to the counted density, which is not even up to walls and surface."""
-        contained = gravity_of(others) is not None and effects_with(others, BringsWalls)
-        if contained and self.advances() and (self.restoring or 0.0) > CALM:
+        if stands(others) and self.advances() and (self.restoring or 0.0) > CALM:
             yield (
                 f"{self.name}: with restoring = {self.restoring:g} liquid in a container does not stay at rest; give"
                 f" {CALM:g} or less"
@@ -709,6 +707,13 @@ class Gravity(Effect, frozen=True, kw_only=True):
 def gravity_of(others: Others) -> Gravity | None:
     """The scene's gravity, if it has any."""
     return others.get(Gravity.name)  # type: ignore[return-value]
+
+
+def stands(others: Others) -> bool:
+    """Whether gravity presses liquid on walls."""
+    gravity = gravity_of(others)
+    pulled = gravity is not None and (gravity.acceleration is None or any(gravity.acceleration))
+    return pulled and bool(effects_with(others, BringsWalls))
 
 
 def lean(grid: Discretisation, others: Others) -> dict[str, WallFrameGravity]:

@@ -39,8 +39,7 @@ DENSITY_KEPT = "small drops keep their density to 10 %"
 BECAME_DROPS = "cubes became drops (beyond it they fly apart, and a shorter step does not help)"
 TENSION_POWER, PRESSURE_POWER = {2: 3, 3: 4}, {2: 2, 3: 3}  # of r in the moments of C
 # Measured over nominal tension of drops of the default liquid, by dimension: at each h/d, pairs (S, share) with the
-# measured S = sigma/(rho0 c^2 d). The return of the density is in c/h: the smaller S, the nearer to a summed
-# one.
+# measured S. The return of the density is in c/h: the smaller S, the nearer to a summed one.
 Measured = Mapping[int, tuple[tuple[float, tuple[tuple[float, float], ...]], ...]]
 PairForce = Callable[[NDArray], NDArray]  # C(r) [N/kg^2] of distances r [m]
 
@@ -175,21 +174,38 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
 
         Linear in h/d and log S between what was measured, and at the nearest beyond.
         """
-        liquid, sigma = liquid_of(others), getattr(self, "surface_tension")  # noqa: B009
-        if not self._is_measured(grid, others):
+        stiffness = self._measured_at(grid, others)
+        if stiffness is None:
             return 1.0
-        stiffness = sigma / (liquid.rest_density * liquid.sound_speed**2 * grid.spacing)
-        support, found = [], []
-        for at, shares in self.measured[grid.dim]:
-            known, share = np.array(shares).T
-            support.append(at)
-            found.append(np.interp(math.log(stiffness), np.log(known), share))
-        return float(np.interp(grid.support_radius / grid.spacing, support, found))
+        supports, drops = zip(*self.measured[grid.dim], strict=True)
+        found = [np.interp(math.log(stiffness), *np.array([(math.log(s), share) for s, share in d]).T) for d in drops]
+        return float(np.interp(grid.support_radius / grid.spacing, supports, found))
 
-    def _is_measured(self, grid: Discretisation, others: Others) -> bool:
-        """Whether its coefficient follows from measured drops."""
-        asked = bool(getattr(self, "surface_tension")) and liquid_of(others).advances()  # noqa: B009
-        return asked and shifted(others) and grid.dim in self.measured
+    def _measured_at(self, grid: Discretisation, others: Others) -> float | None:
+        """S = sigma/(rho0 c^2 d), where the coefficient follows from measured drops."""
+        liquid, sigma = liquid_of(others), getattr(self, "surface_tension")  # noqa: B009
+        if not (sigma and liquid.advances() and shifted(others) and grid.dim in self.measured):
+            return None
+        return sigma / (liquid.rest_density * liquid.sound_speed**2 * grid.spacing)
+
+    def _beyond_measured(self, grid: Discretisation, others: Others) -> Iterator[str]:
+        """Notes on a support or an S, by a tenth, that no measured drop had."""
+        stiffness, support = self._measured_at(grid, others), grid.support_radius / grid.spacing
+        if stiffness is None:
+            return
+        supports, drops = zip(*self.measured[grid.dim], strict=True)
+        begin = f"{self.name}: surface_tension is that of drops measured with"
+        if not supports[0] - 0.01 <= support <= supports[-1] + 0.01:
+            yield (
+                f"{begin} a support_radius of {supports[0]:g} to {supports[-1]:g} spacings; with {support:.3g} another"
+                " tension acts, about 1.2 times as much at 3.2 spacings"
+            )
+        least, most = (float(np.interp(support, supports, [d[k][0] for d in drops])) for k in (0, -1))
+        if not least / 1.1 <= stiffness <= most * 1.1:
+            yield (
+                f"{begin} sigma/(rho0 c^2 d) = {least:.2g} to {most:.2g}; with {stiffness:.2g} a"
+                f" {'larger' if stiffness < least else 'smaller'} tension acts"
+            )
 
     def unit_tension(self, grid: Discretisation, others: Others) -> float:
         """sigma [N/m] of a coefficient of one."""
@@ -258,14 +274,7 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
         return max(0.0, self.internal_pressure(grid, others)) / (fluid.rest_density * fluid.sound_speed**2)
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
-        notes, support = self.exceeded(grid, others), grid.support_radius / grid.spacing
-        if self._is_measured(grid, others):
-            least, *_, most = (at for at, _ in self.measured[grid.dim])
-            if not least - 0.01 <= support <= most + 0.01:
-                notes.append(
-                    f"{self.name}: surface_tension is that of drops measured with a support_radius of {least:g} to"
-                    f" {most:g} spacings; with {support:.3g} another tension acts, by a fifth at 3.2"
-                )
+        notes = [*self.exceeded(grid, others), *self._beyond_measured(grid, others)]
         if liquid_of(others).advances() and not shifted(others) and self.balanced_pressure(grid, others) > 0:
             share = self.tension_with_balance(grid, others) / self._tension_of(self._force(grid, others), grid, others)
             notes.append(

@@ -95,12 +95,20 @@ def test_a_tension_is_turned_into_a_coefficient_by_measured_drops():
     assert unshifted.share_of_nominal(grid, {"weakly_compressible": liquid}) == 1.0
 
 
-@pytest.mark.parametrize(("support", "noted"), [(2.2, True), (2.3, False), (3.0, False), (3.2, True)])
-def test_a_support_beyond_the_measured_ones_is_noted(support, noted):
+@pytest.mark.parametrize(("support", "stiffness", "said"), [
+    (2.2, 0.005, "2.3 to 3 spacings; with 2.2 another"), (2.3, 0.005, ""), (3.0, 0.01, ""), (2.6, 0.0005, ""),
+    (3.2, 0.01, "2.3 to 3 spacings; with 3.2 another tension acts, about 1.2 times as much at 3.2 spacings"),
+    (2.6, 0.0004, "= 0.00049 to 0.028; with 0.0004 a larger"), (2.6, 0.04, "= 0.00049 to 0.028; with 0.04 a smaller"),
+    (3.0, 0.0005, "= 0.0015 to 0.012; with 0.0005 a larger"),
+])  # fmt: skip
+def test_what_no_measured_drop_had_is_noted(support, stiffness, said):
     liquid = WeaklyCompressible(sound_speed=10.0, density="continuity")
     others = {"weakly_compressible": liquid, "particle_shifting": ParticleShifting()}
-    notes = Akinci2013(surface_tension=0.1).notes(Discretisation(3, "float64", 0.01, 0.01 * support, 0), others)
-    assert any("support_radius of 2.3 to 3 spacings" in note for note in notes) == noted
+    tension = Akinci2013(surface_tension=stiffness * 1000 * 10.0**2 * 0.01)
+    notes = tension.notes(Discretisation(3, "float64", 0.01, 0.01 * support, 0), others)
+    found = [note for note in notes if "that of drops measured with" in note]
+    assert len(found) == bool(said)
+    assert said in "".join(found)
 
 
 def test_akinci_s_drops_in_the_default_liquid_have_the_tension_asked_for():
