@@ -109,12 +109,16 @@ class PullsParticles(SumsDensity):
     coefficient_name: ClassVar[str] = ""  # the coefficient that may be given instead of surface_tension
 
     def sums_density(self, standing: bool) -> bool:
-        """Not where the liquid stands on walls, whose weight a summed density does not carry.
+        """Not where the liquid stands on walls, whose weight a summed density does not carry, nor in measured drops.
 
         Everywhere where the source's reading, its own coefficient or adhesion is given, which belong to a summed one.
         """
         given = (getattr(self, name, None) for name in ("literal", "adhesion", self.coefficient_name) if name)
-        return not standing or any(given)
+        return not (standing or self.keeps_drops()) or any(given)
+
+    def keeps_drops(self) -> bool:
+        """Whether free drops of the default liquid are known to have the tension that is given."""
+        return False
 
 
 class BringsWalls:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from refsim.core.capabilities import (
     BalancesCohesion,
     CorrectsPositions,
+    FollowsScene,
     KnowsLimits,
     Margin,
     PullsParticles,
@@ -31,6 +32,7 @@ from refsim.smoothing.reference import kernel_slope
 from refsim.sph import LIQUID, SETS, liquid_of, pressure_is_replaced
 from refsim.sph.flow import at_least
 
+SIGMA = "surface_tension"  # name of the parameter that every model has
 COLLAPSE = 0.25  # Pi beyond which no density balances the cohesion
 # S = sigma/(rho0 c^2 d) up to which the middle of small drops keeps the rest density to 10 % (docs/models.md)
 KEEPS_DENSITY = 0.01
@@ -136,6 +138,8 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
     lattice: ClassVar[bool] = False  # sums over lattice neighbours, for a force of short range
     potential: ClassVar[bool] = True  # the force of a pair depends on its distance and masses alone
     measured: ClassVar[Measured] = {}  # where it has nothing, sigma is nominal
+    # by dimension, what drops of the default liquid have of a nominal sigma: by their pressure jump, their frequency
+    shown: ClassVar[Mapping[int, tuple[str, str]]] = {}
     needed: ClassVar[tuple[str, ...]] = (LIQUID,)
 
     balance_pressure: bool = True
@@ -155,16 +159,16 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
 
     def check_coefficients(self) -> None:
         """Raise InputError unless either the tension or the model's own coefficient is given."""
-        one_of(self.name, **{name: getattr(self, name) for name in ("surface_tension", self.coefficient_name)})
+        one_of(self.name, **{name: getattr(self, name) for name in (SIGMA, self.coefficient_name)})
 
     def coheres(self) -> bool:
         """Whether the coefficient, given or from sigma, is not zero."""
         given = getattr(self, self.coefficient_name)
-        return (getattr(self, "surface_tension") if given is None else given) != 0  # noqa: B009
+        return (getattr(self, SIGMA) if given is None else given) != 0
 
     def coefficient(self, grid: Discretisation, others: Others) -> float:
         """The model's own coefficient, given or from sigma: measured in the default liquid, else nominal."""
-        given, sigma = getattr(self, self.coefficient_name), getattr(self, "surface_tension")  # noqa: B009
+        given, sigma = getattr(self, self.coefficient_name), getattr(self, SIGMA)
         if given is not None:
             return given
         return sigma / self.unit_tension(grid, others) / self.share_of_nominal(grid, others) if sigma else 0.0
@@ -181,17 +185,42 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
         found = [np.interp(math.log(stiffness), *np.array([(math.log(s), share) for s, share in d]).T) for d in drops]
         return float(np.interp(grid.support_radius / grid.spacing, supports, found))
 
+    def keeps_drops(self) -> bool:
+        return bool(self.measured) and self == self._plain()
+
+    def _plain(self) -> Effect:
+        """The model with nothing but its tension given, as in the drops that were measured."""
+        return type(self)(**{SIGMA: getattr(self, SIGMA)})
+
+    def _as_measured(self, others: Others) -> bool:
+        """Whether model and kernels are those of the drops that were measured."""
+        plain = self._plain()
+        plain = plain.with_scene_defaults(others) if isinstance(plain, FollowsScene) else plain
+        return self == plain and liquid_of(others).kernels == "wendland"
+
     def _measured_at(self, grid: Discretisation, others: Others) -> float | None:
         """S = sigma/(rho0 c^2 d), where the coefficient follows from measured drops."""
-        liquid, sigma = liquid_of(others), getattr(self, "surface_tension")  # noqa: B009
-        if not (sigma and liquid.advances() and shifted(others) and grid.dim in self.measured):
+        liquid, sigma = liquid_of(others), getattr(self, SIGMA)
+        if not (
+            sigma and density_complete_at_surface(others) and grid.dim in self.measured and self._as_measured(others)
+        ):
             return None
         return sigma / (liquid.rest_density * liquid.sound_speed**2 * grid.spacing)
 
     def _beyond_measured(self, grid: Discretisation, others: Others) -> Iterator[str]:
-        """Notes on a support or an S, by a tenth, that no measured drop had."""
+        """Notes on a tension that no drop of the default liquid has shown, and on one in a setting of no such drop.
+
+        An S is beyond those of the drops by more than a tenth.
+        """
+        if not (getattr(self, SIGMA) and density_complete_at_surface(others)):
+            return
         stiffness, support = self._measured_at(grid, others), grid.support_radius / grid.spacing
         if stiffness is None:
+            words = "no drops of this liquid were measured with it"
+            if grid.dim in self.shown and self._as_measured(others):
+                jump, frequency = self.shown[grid.dim]
+                words = f"drops of this liquid have {jump} of it by their pressure jump, {frequency} by their frequency"
+            yield f"{self.name}: surface_tension is nominal: {words}"
             return
         supports, drops = zip(*self.measured[grid.dim], strict=True)
         begin = f"{self.name}: surface_tension is that of drops measured with"
@@ -358,10 +387,11 @@ def spreading_note(name: str, term: str) -> str:
 def angular_momentum_note(name: str, term: str, others: Others, direction: str = "") -> str:
     """Note if a term that is not parallel to e_ij alone changes the angular momentum of a free liquid; else "".
 
-    With viscosity J(11), which changes it far more, the note of weakly_compressible says so instead.
+    With viscosity J(11), which changes it far more, the note of weakly_compressible says so instead; nor do shifts keep
+    it.
     """
     fluid = liquid_of(others)
-    if direction == "axial" or (fluid.dynamic_viscosity > 0 and not fluid.central()):
+    if direction == "axial" or shifted(others) or (fluid.dynamic_viscosity > 0 and not fluid.central()):
         return ""
     remedy = "take area_direction = 'axial', or leave the term out" if direction else "leave the term out"
     how = "with this viscosity" if fluid.central() else "without viscosity"

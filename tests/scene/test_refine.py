@@ -183,8 +183,9 @@ TENSIONS = (
     rs.Akinci2013(surface_tension=0.1), rs.JiangZhu2023(surface_tension=0.1), rs.CsfWang2019(surface_tension=0.1),
     rs.He2014(surface_tension=0.1), rs.NormalDifference2014(area_acceleration=1.0),
 )  # fmt: skip
+OF_DROPS = ("continuity", "summation", "continuity", "summation", "summation")
 LEFT_OUT = [
-    *((tension, None, "summation") for tension in TENSIONS),
+    *((tension, None, density) for tension, density in zip(TENSIONS, OF_DROPS, strict=True)),
     *((tension, "continuity", "continuity") for tension in TENSIONS),
     (rs.ImplicitPressure(), None, "summation"), (rs.Gravity(acceleration=(0.0, -9.81, 0.0)), None, "continuity"),
 ]  # fmt: skip

@@ -93,15 +93,9 @@ def test_every_field_says_what_it_is():
         assert set(describe(owner)) == {f.name for f in msgspec.structs.fields(owner)}, owner.__name__
 
 
-NOTED = {"water_drop": "the area term does not act along the pair"}  # `calibrate` maps the paper's direction alone
-
-
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_an_example_plans_without_a_note(path):
-    """But for the drop of water, whose coefficients are those of `calibrate`, and of which the note is true."""
-    notes = make_plan(load_scene(path)).notes
-    assert [note for note in notes if NOTED.get(path.stem, "any") not in note] == []
-    assert len(notes) == (path.stem in NOTED)
+    assert make_plan(load_scene(path)).notes == ()
 
 
 def test_the_schema_has_units_and_knows_the_examples():

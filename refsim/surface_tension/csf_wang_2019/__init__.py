@@ -109,6 +109,10 @@ class CsfWang2019(Effect, KnowsLimits, HasErrata, FollowsScene, PullsParticles, 
         )
         return msgspec.structs.replace(self, density_correction=corrects)
 
+    def keeps_drops(self) -> bool:
+        given = {name: getattr(self, name) for name in ("surface_tension", "tension_gradient")}
+        return self == type(self)(**given)
+
     def check(self, grid: Discretisation, others: Others) -> None:
         self.printed()
 

@@ -75,6 +75,7 @@ class Dong2016(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=True)
     paper: ClassVar[Mapping[str, Any]] = {"solver": "hu_adams", "balance_pressure": False}
     in_papers: ClassVar[Mapping[str, Any]] = {"filter_density": True}
     lattice: ClassVar[bool] = True
+    shown: ClassVar[Mapping[int, tuple[str, str]]] = {3: ("0.5", "0.9")}
     with_spacing: ClassVar[tuple[str, ...]] = ("rest_distance",)
 
     surface_tension: NotNegative | None = None

@@ -5,7 +5,7 @@ The terms are independent of each other. A term whose coefficient is zero is not
 
 import functools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -94,6 +94,7 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
     name: ClassVar[str] = "he_2014"
     potential: ClassVar[bool] = False  # both terms depend on the densities
     scales: ClassVar[tuple[str, ...]] = ("surface_tension", "kappa", "air_pressure")
+    shown: ClassVar[Mapping[int, tuple[str, str]]] = {2: ("none", "0.4 to 1.0"), 3: ("none", "0.9 to 2.7")}
 
     surface_tension: NotNegative | None = None
     kappa: NotNegative | None = None

@@ -5,6 +5,7 @@ s cos(3 pi r/(2 h)) e_ij: it repels below h/3 and tends to s as r -> 0.
 """
 
 import math
+from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -38,6 +39,7 @@ class TartakovskyMeakin2005(PairCohesion, frozen=True, kw_only=True):
     name: ClassVar[str] = "tartakovsky_meakin_2005"
     scales: ClassVar[tuple[str, ...]] = ("surface_tension", "strength")
     coefficient_name: ClassVar[str] = "strength"
+    shown: ClassVar[Mapping[int, tuple[str, str]]] = {2: ("0.3 to 0.7", "1.3 to 31"), 3: ("0.3 to 0.4", "0.8 to 2.9")}
 
     surface_tension: NotNegative | None = None
     strength: NotNegative | None = None
