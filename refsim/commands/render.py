@@ -16,7 +16,8 @@ DESCRIPTION = (
 
 @command("render", "draw pictures and films of a run", DESCRIPTION)
 @takes("run", metavar="RUN", help="folder that `refsim run` has written")
-@takes("--frames", metavar="LIST", help="such as 0,5,-1 or 0:100:10, or all (the last one; of a film all)")
+@takes("--frames", metavar="LIST",
+       help="such as 0,5,-1 or 0:100:10, or all (the last one; of a film those in which something moves)")  # fmt: skip
 @takes("--film", metavar="FILE.mp4", help="write a film")
 @takes("-o", "--output", metavar="FILE.png", help="picture to write, .png, .webp or .jpg (RUN.png)")
 @takes("--gauges", action="store_true", help="plot what the gauges have measured (RUN_gauges.png)")

@@ -17,6 +17,7 @@ from refsim.core.terminal import say
 from refsim.engine.driver import RunReport, simulate
 from refsim.engine.progress import Progress, compiling_bar
 from refsim.engine.simulation import Simulation
+from refsim.io.results import of_ledger
 from refsim.scene.files import load_scene
 from refsim.study.observables import Watching, observable_of
 
@@ -158,8 +159,11 @@ def _text(report: RunReport) -> str:
     for effect, account in end.get("effects", {}).items():
         for name, value in account.items():
             before = start["effects"][effect][name]
-            share = f" ({(value - before) / abs(before):+.3g} of it)" if before else ""
-            lines.append(f"{effect}, {name}: {before:.9g} -> {value:.9g}{share}")
+            said = [f"{(value - before) / abs(before):+.3g} of it"] if before else []
+            unit, expected = of_ledger(f"{effect}.{name}", report.dim)
+            told = f"{effect}, {name}: {before:.9g} -> {value:.9g} {unit.removesuffix('-')}".rstrip()
+            said += [expected] if expected else []
+            lines.append(f"{told} ({'; '.join(said)})" if said else told)
     lines += [f"{name}: {path}" for name, path in report.files.items()]
     if "report" in report.files:
         lines.append(f"next: refsim view {shlex.quote(os.path.dirname(report.files['report']))}")

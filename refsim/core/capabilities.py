@@ -333,6 +333,7 @@ class KeepsLedger:
     """Counts a quantity for the report of a run."""
 
     ledger_units: ClassVar[Mapping[str, str]] = {}  # of the quantities, in 3D
+    ledger_expected: ClassVar[Mapping[str, str]] = {}  # what becomes of them in a right run
 
     def ledger(self, field: Callable[[str], np.ndarray]) -> dict[str, float]:
         """Quantities by name, in `ledger_units`; `field` gives a field's values by name."""

@@ -112,6 +112,9 @@ class HeatConduction(
     periodic: ClassVar[bool] = True
     removed: ClassVar[Mapping[str, str]] = dict.fromkeys(("single_pass", "nonlinear_jacobi"), "implicit")
     ledger_units: ClassVar[Mapping[str, str]] = {"heat": "J"}
+    ledger_expected: ClassVar[Mapping[str, str]] = {
+        "heat": "conduction keeps it to rounding; reservoirs and a melt that changes its mass do not"
+    }
     balanced: ClassVar[str] = "heat"
     stops_as: ClassVar[str] = "heat_lost"
     remedy: ClassVar[str] = "take another scheme, a shorter step or float64, or raise largest_drift"

@@ -180,9 +180,9 @@ class Run(Shown):
         before, after = (dict(_flat({n: v for n, v in stock.items() if n != "effects"})) for stock in stocks)
         rows = []
         for name, end in after.items():
-            unit, start = _unit_of(name), before.get(name)
+            start = before.get(name)
             change = end - start if isinstance(start, int | float) and isinstance(end, int | float) else None
-            rows.append((name, f"{unit} per m" if per_depth and unit not in INTENSIVE else unit, start, end, change))
+            rows.append((name, of_ledger(name, 2 if per_depth else 3)[0], start, end, change))
         return Table("ledger", ("quantity", "unit", "start", "end", "change"), rows)
 
     @property
@@ -290,10 +290,11 @@ def _flat(tables: Mapping[str, Any], place: str = "") -> list[tuple[str, Any]]:
     return rows
 
 
-def _unit_of(quantity: str) -> str:
-    """The unit of a row of the ledger in 3D; "" where no effect states it."""
+def of_ledger(quantity: str, dim: int) -> tuple[str, str]:
+    """Unit of a row of the ledger, in 2D per metre of depth, and what becomes of it in a right run; "" if unknown."""
     name, _, rest = quantity.partition(".")
     effect = EFFECTS.get(name)
+    unit, expected = UNITS.get(name, ""), ""
     if effect is not None and issubclass(effect, KeepsLedger):
-        return effect.ledger_units.get(rest, "")
-    return UNITS.get(name, "")
+        unit, expected = effect.ledger_units.get(rest, ""), effect.ledger_expected.get(rest, "")
+    return f"{unit} per m" if dim == 2 and unit and unit not in INTENSIVE else unit, expected

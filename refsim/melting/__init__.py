@@ -46,6 +46,9 @@ class Melting(Effect, KeepsLedger, SumsDensity, FollowsScene, frozen=True, kw_on
     name: ClassVar[str] = "melting"
     says_why: ClassVar[tuple[str, ...]] = ("bookkeeping",)
     ledger_units: ClassVar[Mapping[str, str]] = {"solid_particles": "-", "solid_mass": "kg", "rest_volume": "m^3"}
+    ledger_expected: ClassVar[Mapping[str, str]] = {
+        "solid_particles": "falls as solids melt", "solid_mass": "falls as solids melt", "rest_volume": "stays",
+    }  # fmt: skip
     in_papers: ClassVar[Mapping[str, str]] = {"bookkeeping": "immiscible"}
     needed: ClassVar[tuple[str, ...]] = ("shape_matching", "two_way_coupling", "heat_conduction")
 

@@ -5,7 +5,7 @@ import logging
 import os
 import shutil
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,11 +28,25 @@ from refsim.core.writing import (
 from refsim.io.frames import Frame
 from refsim.render import looks
 from refsim.render.plane import add_area, add_discs, add_line
-from refsim.render.saved_run import SavedRun, chosen_frames, open_run, usual_range
-from refsim.render.space import BOTTOM, FLAT, MILD, SHADED, SIDES, TOP, Body, Stage, bar_length, cut_closed, smoothed
+from refsim.render.saved_run import USUAL, SavedRun, chosen_frames, open_run, usual_range
+from refsim.render.space import (
+    BOTTOM,
+    FLAT,
+    MILD,
+    SHADED,
+    SIDES,
+    SUPERSAMPLING,
+    TOP,
+    Body,
+    Stage,
+    bar_length,
+    cut_closed,
+    smoothed,
+)
 from refsim.render.surfaces import CELL, SurfaceMesh, surface_around
 
 SIZE = (1280, 960)
+STILL = 0.02  # spacings
 PER_SECOND = 25  # pictures of a film
 LEAST_FREE = 1 << 20  # bytes of a disk below which it counts as full
 FORMATS = {".png": "png", ".webp": "webp", ".jpg": "jpeg"}
@@ -74,10 +88,12 @@ class Look:
 class Series:
     """Pictures of some frames of a run: one camera, one ground, one range of colours.
 
+    per_second  pictures of a second of film, whose pace the label of the time tells; None for single pictures
+
     Raises InputError for a look that does not exist or that the run cannot have.
     """
 
-    def __init__(self, run: SavedRun, look: Look, chosen: Sequence[int]) -> None:
+    def __init__(self, run: SavedRun, look: Look, chosen: Sequence[int], per_second: float | None = None) -> None:
         look.check()
         self.run, self.look, self.chosen = run, look, list(chosen)
         self.camera = looks.camera_of(look.camera)
@@ -89,6 +105,9 @@ class Series:
         self.limits = look.limits
         if look.colour is not None and look.limits is None:
             self.limits = self._limits(look.colour)
+        apart = np.diff([run.times[k] for k in self.chosen])
+        self.pace = "" if per_second is None or not len(apart) else pace(per_second * float(np.median(apart)))
+        self.stage = self._stage(SUPERSAMPLING if per_second is None else 1)
 
     def _limits(self, colour: str) -> tuple[float, float]:
         ends = usual_range(self.run.values(f, colour) for f in self.run.frames(self.chosen, self.fields))
@@ -99,12 +118,15 @@ class Series:
 
     def __iter__(self) -> Iterator[tuple[int, NDArray[np.uint8]]]:
         """(number of the frame, picture (height, width, 3)), one after another."""
-        for number, frame in zip(self.chosen, self.run.frames(self.chosen, self.fields)):
-            yield number, self.picture(frame)
+        with nullcontext() if self.run.dim == 2 else self.stage.kept():
+            for number, frame in zip(self.chosen, self.run.frames(self.chosen, self.fields)):
+                yield number, self.picture(frame)
 
     def picture(self, frame: Frame) -> NDArray[np.uint8]:
         """The picture (height, width, 3) of one frame."""
-        return self._in_plane(frame) if self.run.dim == 2 else self._in_space(frame)
+        if self.run.dim == 2:
+            return self._in_plane(frame)
+        return self._labelled(self.stage.draw(list(self._bodies(frame))), frame)
 
     # What is seen
 
@@ -187,24 +209,21 @@ class Series:
 
     # Drawing
 
-    def _in_space(self, frame: Frame) -> NDArray[np.uint8]:
-        run = self.run
+    def _stage(self, finer: int) -> Stage:
+        """What pictures in 3D share."""
+        run, box = self.run, self.run.box
         corners = np.array([np.where(pick, self.high, self.low) for pick in np.ndindex(2, 2, 2)])
-        box = run.box
         tank = None if box is None else (np.maximum(box[0], self.low), np.minimum(box[1], self.high))
-        stage = Stage(
+        return Stage(
             self.low, self.high, run.up, self.camera, self.look.size, ground=float((corners @ run.up).min()), box=tank,
-            softness=2.5 * run.spacing, background=BACKGROUNDS[self.look.style],
+            softness=2.5 * run.spacing, background=BACKGROUNDS[self.look.style], finer=finer,
         )  # fmt: skip
-        bodies = list(self._bodies(frame))
-        image = stage.draw(bodies)
-        return self._labelled(image, frame, stage.metres_a_pixel())
 
-    def _labelled(self, image: NDArray, frame: Frame, metres: float) -> NDArray[np.uint8]:
+    def _labelled(self, image: NDArray, frame: Frame) -> NDArray[np.uint8]:
         """The image with time, scale bar and colour bar on it."""
         figure, axes = self._sheet()
         figure.patch.set_alpha(0.0)
-        self._labels(figure, axes, frame, metres)
+        self._labels(figure, axes, frame, self.stage.metres_a_pixel())
         figure.canvas.draw()
         over = np.asarray(figure.canvas.buffer_rgba())
         at = over[..., 3] > 0
@@ -301,7 +320,7 @@ class Series:
         x, y, long = 0.04 * width, 0.04 * height, length / metres
         axes.plot([x, x + long], [y, y], color=INK, linewidth=3.0, solid_capstyle="butt")
         axes.text(x + 0.5 * long, y + 0.012 * height, _metric(length), color=INK, ha="center", va="bottom", fontsize=13)
-        axes.text(x, 0.97 * height, f"t = {frame.time:.4g} s", color=INK, ha="left", va="top", fontsize=14)
+        axes.text(x, 0.97 * height, f"t = {frame.time:.4g} s{self.pace}", color=INK, ha="left", va="top", fontsize=14)
         axes.set(xlim=(0, width), ylim=(0, height))
         if self.look.colour is None or self.limits is None:
             return
@@ -317,6 +336,26 @@ class Series:
         bar.outline.set_visible(False)
         bar.ax.tick_params(labelsize=13, colors=INK)
         bar.ax.set_title(words, fontsize=14, color=INK, pad=5)
+
+
+def pace(seconds: float) -> str:
+    """What a label of the time says of a film that shows so many simulated seconds in one; "" at their own pace."""
+    slower = max(seconds, 1 / seconds)
+    return f", {slower:.2g} times {'faster' if seconds > 1 else 'slower'}" if slower > 1.05 else ""
+
+
+def moving(run: SavedRun, chosen: Sequence[int]) -> list[int]:
+    """The chosen frames without those in which, since the last one that is kept, at most 0.5 % of the particles moved
+    by a share STILL of their spacing; the first one is kept, and so is the last if nothing moves at all.
+    """
+    kept: list[int] = []
+    last = np.zeros(0)
+    for number, frame in zip(chosen, run.frames(chosen, ())):
+        x = frame.position[np.argsort(frame.fields["identity"], kind="stable")]
+        if last.shape != x.shape or np.quantile(((x - last) ** 2).sum(1), USUAL[1]) > (STILL * run.spacing) ** 2:
+            kept.append(number)
+            last = x
+    return kept if len(kept) > 1 else [chosen[0], chosen[-1]]
 
 
 def _metric(length: float) -> str:
@@ -369,7 +408,7 @@ def write_film(
     run: str | os.PathLike[str], look: Look, frames: str | None = None, output: str | os.PathLike[str] = "film.mp4",
     per_second: float = PER_SECOND, progress: bool | None = None,
 ) -> Path:  # fmt: skip
-    """Write a film (H.264) of the chosen frames, all by default, `per_second` of them a second.
+    """Write a film (H.264) of the chosen frames, by default of those in which something moves, `per_second` a second.
 
     progress  True shows a bar, False none; None shows it on a terminal and in Jupyter
 
@@ -386,7 +425,8 @@ def write_film(
         raise InputError('films need imageio-ffmpeg, which is not installed; `pip install "refsim[view]"`.') from None
     saved = open_run(run)
     width, height = (n - n % 2 for n in look.size)
-    series = Series(saved, look, chosen_frames(frames or "all", len(saved.times)))
+    every = chosen_frames(frames or "all", len(saved.times))
+    series = Series(saved, look, every if frames else moving(saved, every), per_second)
     remove_stale_temporaries(path.parent, path.name)
     beside = temporary_path(path)
     with writing("film", path, "what was there is untouched"), ExitStack() as at_the_end:

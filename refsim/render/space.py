@@ -1,7 +1,8 @@
 """Pictures in 3D by PyVista, off screen: surfaces or particles on a ground with a soft shadow."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +14,7 @@ from refsim.core.stopping import held_back
 from refsim.render.looks import Camera, Cut, level_axes
 
 SUPERSAMPLING = 2  # pixels along a pixel's edge that are drawn and averaged
+SAMPLES = 4  # of a pixel, where none are averaged
 BOTTOM, TOP, SIDES = 0.13, 0.09, 0.04  # shares of a picture that are left to its labels
 SHADOW = 0.42  # darkness of the ground under a thick body
 LIGHT = (-0.45, 0.35, 0.82)  # towards the light: right of the viewer, away from him on the ground, up
@@ -69,6 +71,8 @@ class Stage:
     box        corners of a tank whose edges are drawn
     softness   of shadows [m]
     half_height  half of what the picture shows from top to bottom [m]; if None, all that is seen, and space for labels
+    finer      pixels along a pixel's edge that are drawn and averaged; 1 is faster, and a ball's edge is less smooth
+    window     PyVista's, within `kept`
     """
 
     low: NDArray
@@ -81,6 +85,8 @@ class Stage:
     softness: float = 0.0
     background: str = "white"
     half_height: float | None = None
+    finer: int = SUPERSAMPLING
+    window: Any = None
 
     def frame(self) -> tuple[NDArray[np.float64], float]:
         """Middle of the picture [m] and half of its height [m]."""
@@ -113,16 +119,26 @@ class Stage:
         colour = np.divide(on_white - passed, opacity, out=np.zeros_like(on_white), where=opacity > 0)
         return np.concatenate([colour.clip(0.0, 1.0), opacity], axis=2)
 
+    @contextmanager
+    def kept(self) -> Iterator["Stage"]:
+        """Keep the window for the pictures that are drawn inside."""
+        width, height = (self.finer * n for n in self.size)
+        self.window = pyvista().Plotter(off_screen=True, window_size=(width, height), lighting="none")
+        self.window.render_window.SetMultiSamples(SAMPLES if self.finer == 1 else 0)  # else edges are averaged
+        try:
+            self._lights(pyvista(), self.window)
+            yield self
+        finally:
+            self.window.close()
+            self.window = None
+
     def _images(self, bodies: Sequence[Body], *backgrounds: str) -> list[NDArray[np.uint8]]:
         """The picture (height, width, 3) of the bodies on each background."""
-        pv = pyvista()
-        width, height = (SUPERSAMPLING * n for n in self.size)
-        plotter = pv.Plotter(off_screen=True, window_size=(width, height), lighting="none")
-        plotter.render_window.SetMultiSamples(0)  # edges are smooth by the averaging
-        if any(body.water for body in bodies):
-            plotter.enable_depth_peeling(LAYERS)
-        try:
-            self._lights(pv, plotter)
+        with nullcontext() if self.window else self.kept():
+            pv, plotter = pyvista(), self.window
+            if any(body.water for body in bodies):
+                plotter.enable_depth_peeling(LAYERS)
+            plotter.clear_actors()
             self._surroundings(pv, plotter, bodies)
             for body in bodies:
                 self._add(pv, plotter, body)
@@ -138,11 +154,9 @@ class Stage:
             images = []
             for background in backgrounds:
                 plotter.set_background(background)
-                plotter.render()
-                images.append(_averaged(np.asarray(plotter.screenshot(return_img=True))[..., :3], SUPERSAMPLING))
+                plotter.render_window.Render()
+                images.append(_averaged(_pixels(plotter.render_window), self.finer))
             return images
-        finally:
-            plotter.close()
 
     def _lights(self, pv: Any, plotter: Any) -> None:
         right, _, towards = self.camera.axes(self.up)
@@ -166,7 +180,7 @@ class Stage:
         if self.box is not None:
             low, high = self.box
             edges = pv.Box(bounds=np.stack([low, high], 1).ravel()).extract_all_edges()
-            plotter.add_mesh(edges, color="#8a8f94", line_width=1.2 * SUPERSAMPLING, lighting=False)
+            plotter.add_mesh(edges, color="#8a8f94", line_width=1.2 * self.finer, lighting=False, render=False)
         if self.ground is None or not any(len(body.points) for body in bodies):
             return
         east, north = level_axes(self.up)
@@ -185,7 +199,7 @@ class Stage:
         pixels = back * (1.0 - dark[..., None]) + np.array([0.18, 0.2, 0.24]) * dark[..., None]
         texture = pv.numpy_to_texture((255 * pixels[::-1]).round().astype(np.uint8))
         texture.interpolate = True
-        plotter.add_mesh(plane, color="white", texture=texture, lighting=False)
+        plotter.add_mesh(plane, color="white", texture=texture, lighting=False, render=False)
 
     def _shadow(
         self, bodies: Sequence[Body], middle: NDArray, east: NDArray, north: NDArray, reach: float
@@ -218,7 +232,7 @@ class Stage:
         plotter.add_mesh(
             mesh, scalars="colour", rgb=True, smooth_shading=True, ambient=body.light[0], diffuse=body.light[1],
             specular=body.gloss, specular_power=35.0, show_scalar_bar=False,
-            opacity=OPACITY if body.water else 1.0, culling="back" if body.water else None,
+            opacity=OPACITY if body.water else 1.0, culling="back" if body.water else None, render=False,
         )  # fmt: skip
 
     def _add_balls(self, pv: Any, plotter: Any, body: Body, colours: NDArray) -> None:
@@ -240,7 +254,7 @@ class Stage:
         look.SetDiffuse(body.light[1])
         look.SetSpecular(body.gloss)
         look.SetSpecularPower(35.0)
-        plotter.add_actor(actor)
+        plotter.add_actor(actor, render=False)
 
 
 def _with_normals(pv: Any, body: Body) -> Any:
@@ -274,6 +288,17 @@ def cut_closed(points: NDArray, facets: NDArray, cut: Cut, fineness: float) -> t
         return np.zeros((0, 3)), np.zeros((0, 3), int)
     mesh = mesh.subdivide_adaptive(max_edge_len=fineness, max_n_passes=8)
     return np.asarray(mesh.points), np.asarray(mesh.regular_faces)
+
+
+def _pixels(window: Any) -> NDArray[np.uint8]:
+    """(height, width, 3) of what a window of VTK has drawn, from above."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
+
+    width, height = window.GetSize()
+    data = vtkUnsignedCharArray()
+    window.GetPixelData(0, 0, width - 1, height - 1, 0, data, 0)
+    return np.asarray(vtk_to_numpy(data)).reshape(height, width, 3)[::-1]
 
 
 def _averaged(image: NDArray, by: int) -> NDArray[np.uint8]:

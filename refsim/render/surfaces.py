@@ -24,6 +24,7 @@ CONTACT_RANGE = 1.2  # spacings from the solid at which it is not moved
 MIRRORED = 3.0  # spacings from a plane up to which particles are mirrored in it
 SUNK = 0.08  # spacings by which it reaches into the solid, so that no gap is seen
 MOST_NODES = 300_000_000
+AT_ONCE = 50_000  # nodes whose distance from a solid is computed
 
 
 class SurfaceMesh(NamedTuple):
@@ -71,15 +72,14 @@ def surface_around(
         return corner
 
     if wall is not None:
-        near = np.argwhere(np.abs(phi) < 1.5 * spacing)
-        places = place(near)
-        off, planes = wall(places), np.inf if box is None else np.minimum(places - box[0], box[1] - places).min(1)
-        share = np.where(off < planes, np.clip(1.0 - off / (CONTACT_RANGE * spacing), 0.0, 1.0), 0.0)
-        at = tuple(near.T)
-        phi[at] -= CONTACT * spacing * share * held[at]
-        inside = np.argwhere(phi < spacing)
-        at = tuple(inside.T)
-        phi[at] = np.maximum(phi[at], -wall(place(inside)) - SUNK * spacing)
+        for near in _parts(np.abs(phi) < 1.5 * spacing):
+            places, at = place(near), tuple(near.T)
+            off, planes = wall(places), np.inf if box is None else depth(places, *box)
+            share = np.where(off < planes, np.clip(1.0 - off / (CONTACT_RANGE * spacing), 0.0, 1.0), 0.0)
+            phi[at] -= CONTACT * spacing * share * held[at]
+        for inside in _parts(phi < spacing):
+            at = tuple(inside.T)
+            phi[at] = np.maximum(phi[at], -wall(place(inside)) - SUNK * spacing)
     nodes = _band(phi < 0)
     coordinates = np.zeros((len(nodes), 3), np.int64)
     coordinates[:, :dim] = nodes + first
@@ -134,6 +134,17 @@ def distances(
     phi = np.sqrt(squared) * size - RADIUS * spacing * held
     phi[~there] = spacing
     return low, phi, held
+
+
+def depth(points: NDArray, low: NDArray, high: NDArray) -> NDArray[np.float64]:
+    """(k,) distance [m] of points (k, 3) inside of a box from its nearest face."""
+    return np.minimum.reduce([part for x, a, b in zip(points.T, low, high) for part in (x - a, b - x)])
+
+
+def _parts(chosen: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
+    """(k, dim) nodes that are chosen, some at a time."""
+    nodes = np.argwhere(chosen)
+    return np.array_split(nodes, 1 + len(nodes) // AT_ONCE)
 
 
 def _band(inside: NDArray[np.bool_]) -> NDArray[np.int64]:

@@ -17,10 +17,10 @@ from PIL import Image
 from refsim import Box, BoxWalls, Gravity, InputError, Scene, Simulation, WeaklyCompressible, simulate
 from refsim.__main__ import main
 from refsim.core.stopping import handling_signals
-from refsim.io.frames import ParticleWriter, origin_of
+from refsim.io.frames import Frame, ParticleWriter, origin_of
 from refsim.render import space
 from refsim.render.looks import Camera, camera_of, cut_of, level_axes
-from refsim.render.pictures import Look, Series, write_film, write_pictures
+from refsim.render.pictures import Look, Series, moving, pace, write_film, write_pictures
 from refsim.render.plane import loops
 from refsim.render.saved_run import SavedRun, chosen_frames, open_run
 from refsim.render.space import Body, Stage
@@ -197,6 +197,22 @@ def test_what_is_no_run_is_refused(tmp_path, place):
     (tmp_path / "file.txt").write_text("no run")
     with pytest.raises(InputError, match="there is no run"):
         open_run(tmp_path / place)
+
+
+# Films
+@pytest.mark.parametrize("seconds, words", [(1.0, ""), (0.02, ", 50 times slower"), (60.0, ", 60 times faster")])
+def test_a_film_tells_its_pace(seconds, words):
+    assert pace(seconds) == words
+
+
+def test_frames_in_which_nothing_moves_are_left_out(in_plane, monkeypatch):
+    run = open_run(in_plane)
+    first, *others = run.frames(range(4))
+    still = first.fields["identity"].argsort()[::-1]  # in another order, which is no motion
+    mixed = Frame(time=0.0, position=first.position[still], fields={"identity": first.fields["identity"][still]})
+    for frames, kept in (((first, mixed, others[2], others[2]), [0, 2]), ((first, mixed, mixed, mixed), [0, 3])):
+        monkeypatch.setattr(type(run), "frames", lambda *_, frames=frames: iter(frames))
+        assert moving(run, range(4)) == kept
 
 
 # Pictures

@@ -84,6 +84,7 @@ class MeshBoundary(
 
     name: ClassVar[str] = "mesh_boundary"
     ledger_units: ClassVar[Mapping[str, str]] = {"corrections": "-", "corrected_particles": "-"}
+    ledger_expected: ClassVar[Mapping[str, str]] = {"corrections": "0 where pressure alone keeps the liquid out"}
     source: ClassVar[str] = "patent"
     errata: ClassVar[tuple[str, ...]] = ("E27", "E30")
     improvements: ClassVar[tuple[str, ...]] = errata
