@@ -173,6 +173,45 @@ def test_the_page_shows_plays_colours_and_clips(browser, in_plane, in_space, tmp
 
 
 @needs_chromium
+def test_the_range_of_colours_is_written_by_the_user(browser, in_space, tmp_path):
+    browser.open(view(in_space, "2", ["velocity.z"]).save(tmp_path / "run.html"), READY)
+    first, low, high = shown(browser), *map(float, browser.value("['low', 'high'].map(e => element(e).value)"))
+    assert differ(first, shown(browser, setting("high", low + 10 * (high - low), "change"))) > 500
+    assert differ(first, shown(browser, setting("high", high, "change"))) < 250
+    assert differ(first, shown(browser, setting("high", low - 1, "change"))) < 250  # no range: as before
+
+
+@needs_chromium
+@pytest.mark.parametrize("width, scheme", [(1000, "light"), (390, "dark")])
+def test_the_page_has_a_scale_axes_and_targets_for_fingers(browser, in_plane, tmp_path, width, scheme):
+    """The scale bar is as long as it says; on a phone the panel lies beside the picture."""
+    browser.size(width, 700)
+    browser.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
+    try:
+        browser.open(view(in_plane).save(tmp_path / "run.html"), READY)
+        image = shown(browser)
+        assert (image[-1, -1].mean() > 128) == (scheme == "light")
+        assert (
+            browser.value("""[...document.querySelectorAll('button, select, input, summary')].map(one =>
+            one.getBoundingClientRect()).filter(box => box.width && Math.min(box.width, box.height) < 24).length""")
+            == 0
+        )
+        bottom, top = browser.value("['picture', 'panel'].map((e, k) =>"
+                                    " element(e).getBoundingClientRect()[k ? 'top' : 'bottom'])")  # fmt: skip
+        assert (top >= bottom) == (width == 390)
+        words = browser.value("[...document.querySelectorAll('#measures text')].map(one => one.textContent)")
+        assert words[:2] == ["x", "y"]
+        metres = float(words[2].split()[0]) / {"m": 1, "cm": 100, "mm": 1000}[words[2].split()[1]]
+        length = browser.value("document.querySelector('#measures line:last-of-type').getBoundingClientRect().width")
+        tank = np.abs(image[: int(bottom) - 60] - image[5, 5]).max(2) > 40
+        walls = np.flatnonzero(tank.sum(0) > 100)  # the tank, 0.4 m wide
+        assert (np.ptp(walls) / 0.4) == pytest.approx(length / metres, rel=0.03)
+    finally:
+        browser.size(900, 700)
+        browser.call("Emulation.setEmulatedMedia", features=[])
+
+
+@needs_chromium
 def test_a_damaged_page_says_so(browser, in_plane, tmp_path):
     page = tmp_path / "run.html"
     page.write_text(view(in_plane).html.replace('<script id="places" type="text/plain">', '<script id="places">//'))
