@@ -34,6 +34,11 @@ NAVIGATION = {
     "Guarantees": ("guarantees", "public_names"),
 }  # fmt: skip
 
+SEARCHED = {  # words for which the search has a page first, though it says them less often than others
+    "first_scene": "!tutorial, !own scene", "scene_files": "!restart, !resume, !units", "guarantees": "!GPU, !CUDA",
+    "index": "!install", "results": "!film",
+}  # fmt: skip
+
 
 def as_on_the_site(app: Any, page: str, source: list[str]) -> None:
     """Sphinx's event `source-read`: the text of a page as the site has it."""
@@ -67,6 +72,9 @@ def as_on_the_site(app: Any, page: str, source: list[str]) -> None:
         text = lesson(page.removeprefix("lessons/"))
     pieces = CODE.split(text)
     text = "".join(piece if piece.startswith("```") else _linked(piece) for piece in pieces)
+    if page in SEARCHED:
+        head, rest = text.split("\n", 1)
+        text = f"{head}\n\n```{{index}} {SEARCHED[page]}\n```\n{rest}"
     if page == "index":
         text += "\n".join(navigation())
     if page == "lessons":

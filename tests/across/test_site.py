@@ -5,6 +5,7 @@ import os
 import pathlib
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -33,6 +34,12 @@ PICTURES = """(async () => {
 })()"""
 BROKEN_CODE = """[...document.querySelectorAll('.docutils :is(td, th) .pre')]
   .filter(word => word.getClientRects().length > 1).map(word => word.textContent)"""
+
+
+FIRST = {
+    "tutorial": "first_scene", "own scene": "first_scene", "restart": "scene_files", "units": "scene_files",
+    "GPU": "guarantees",
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -106,3 +113,18 @@ def test_the_page_of_checks_filters_its_rows(site, tmp_path):
     finally:
         browser.close()
     assert counts[0] > counts[1] > counts[2] > counts[3] == 0
+
+
+@pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
+def test_the_search_has_pages_first_where_a_word_belongs(site, tmp_path):
+    first = "(document.querySelector('#search-results li a') || {href: ''}).href"
+    browser = Browser(tmp_path, 1280, 900)
+    try:
+        for words, page in FIRST.items():
+            browser.call("Page.navigate", url=f"{(site / 'search.html').as_uri()}?q={words.replace(' ', '+')}")
+            end = time.monotonic() + 30
+            while not (found := browser.value(first)) and time.monotonic() < end:
+                time.sleep(0.1)
+            assert f"/{page}.html" in found, (words, found)
+    finally:
+        browser.close()
