@@ -39,6 +39,21 @@ SEARCHED = {  # words for which the search has a page first, though it says them
     "index": "!install", "results": "!film",
 }  # fmt: skip
 
+PAPERS = {  # addresses, for the first mention on a page
+    "Jiang & Zhu 2023": "10.3969/j.issn.1003-5060.2023.03.023", "Akinci et al. 2012": "10.1145/2185520.2185558",
+    "Dong, Zhang & Chen 2016": "10.11996/JG.j.2095-302X.2016030302",
+    "Shao & Song 2017": "10.16182/j.issn1004731x.joss.201703005",
+    "Akinci, Akinci & Teschner 2013": "10.1145/2508363.2508395", "Adami, Hu & Adams 2012": "10.1016/j.jcp.2012.05.005",
+    "Tartakovsky & Meakin 2005": "10.1103/PhysRevE.72.026301", "Ihmsen et al. 2014": "10.1109/TVCG.2013.105",
+    "Sun et al. 2017": "10.1016/j.cma.2016.10.028", "Colagrossi & Landrini 2003": "10.1016/S0021-9991(03)00324-3",
+    "Molteni & Colagrossi 2009": "10.1016/j.cpc.2008.12.004", "Morris, Fox & Zhu 1997": "10.1006/jcph.1997.5776",
+    "Zhu & Bridson 2005": "10.1145/1073204.1073298", "Lorensen & Cline 1987": "10.1145/37402.37422",
+}  # fmt: skip
+NAMED = re.compile(
+    r"(^[#<].*$|\[[^\]]*\]\([^)]*\)|`[^`]*`|\$[^$]*\$)|\bDOI\s+(10\.\d+/[^\s)]*[^\s).,;])|"
+    + "|".join(map(re.escape, PAPERS)), re.MULTILINE,
+)  # fmt: skip
+
 
 def as_on_the_site(app: Any, page: str, source: list[str]) -> None:
     """Sphinx's event `source-read`: the text of a page as the site has it."""
@@ -71,7 +86,8 @@ def as_on_the_site(app: Any, page: str, source: list[str]) -> None:
     if page.startswith("lessons/") and not page.endswith(IN_THE_BROWSER):
         text = lesson(page.removeprefix("lessons/"))
     pieces = CODE.split(text)
-    text = "".join(piece if piece.startswith("```") else _linked(piece) for piece in pieces)
+    named: set[str] = set()
+    text = "".join(piece if piece.startswith("```") else _cited(_linked(piece), named) for piece in pieces)
     if page in SEARCHED:
         head, rest = text.split("\n", 1)
         text = f"{head}\n\n```{{index}} {SEARCHED[page]}\n```\n{rest}"
@@ -102,6 +118,19 @@ def _linked(text: str) -> str:
         return f"{words} (`{path.removeprefix('../') if path.startswith('../') else 'docs/' + path}`)"
 
     return LINK.sub(replaced, text)
+
+
+def _cited(text: str, named: set[str]) -> str:
+    """The text with each DOI, and the first mention of each of PAPERS that is not in `named`, as a link."""
+
+    def replaced(found: re.Match[str]) -> str:
+        words, doi = found[0], found[2] or PAPERS.get(found[0], "")
+        if not doi or doi in named:
+            return words
+        named.add(doi)
+        return f"[{words}](<https://doi.org/{doi}>)"
+
+    return NAMED.sub(replaced, text)
 
 
 def navigation() -> Iterator[str]:
