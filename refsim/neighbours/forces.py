@@ -63,11 +63,12 @@ def force(
 
 
 def together(
-    first: Callable, second: Callable, walled: Callable, names: Mapping[str, str] | None = None,
-    per_volume: bool = False,
+    name: str, first: Callable, second: Callable, walled: Callable | None = None,
+    names: Mapping[str, str] | None = None, per_volume: bool = False,
 ) -> tuple[Callable, Kernel]:  # fmt: skip
     """(pair function, kernel) of `first`, a force per volume, and `second`, one per mass, or with `per_volume` as well.
 
+    name   of the kernel; the pair function's ends in "_pair"
     names  what the sum calls parameters of `second`, or values of them; `first` takes `gradient_smoothing`
     """
     share, unit = ("", "N/m^3") if per_volume else (" * inverse_density", "m/s^2")
@@ -79,7 +80,7 @@ def together(
     )
     taken = [name for name in (*of_first, *of_second, *given) if name.isidentifier() and name != "None"]
     lines = [
-        *_call("def fused_pair(", taken, "):"),
+        *_call(f"def {name}_pair(", taken, "):"),
         f'    """Terms of `{_called(first, second)}` and `{_called(second)}` [{unit}]."""',
         *_call(f"    p = {_called(first, second)}(", of_first, ")"),
         *_call(f"    t = {_called(second)}(", of_second, ")"),
@@ -87,7 +88,7 @@ def together(
     ]
     both = pair(_made(second, lines, first))
     divided = "density" if per_volume else ""
-    return both, force(both, "tension_and_momentum", divided=divided, walled=walled, given=given)
+    return both, force(both, divided=divided, walled=walled, given=given)
 
 
 def _called(function: Callable, beside: Callable | None = None) -> str:

@@ -364,15 +364,15 @@ class WeaklyCompressible(
         viscous = self.dynamic_viscosity > 0
         names = {"smoothing": "gradient_smoothing"}
         friction = Pass("sph.central_viscosity", updates=("acceleration",), names=names)
-        extrapolated = any(effect.extrapolates() for effect in effects_with(others, BringsWalls))
+        walls = [effect.extrapolates() for effect in effects_with(others, BringsWalls)]
         replaced = any("sph.pressure" in effect.replaces() for effect in others.values())
         before = (*self._density_passes(others), Pass("sph.state", writes=("pressure",)))
-        if self.advances() and self.central() and not (replaced or self.controls()):
+        if self.central() and all(walls) and not (replaced or self.controls()):
             return (*before, Pass("sph.central_momentum", updates=("acceleration",), names=names))
         plain = Pass(
             "sph.momentum" if viscous and not self.central() else "sph.pressure",
             updates=("acceleration",),
-            names=names | ({"walls": None} if extrapolated else {}),
+            names=names | ({"walls": None} if any(walls) else {}),
         )
         return (
             *before,

@@ -18,14 +18,21 @@ _WARMTH = "temperature temperature_range exchange_rate"
 _CROWDING = "density rest_density density_bounds"
 
 
-def fused_with_momentum(*variants, smoothing="smoothing"):
-    """A tension's program for CUDA: one loop sums it and pressure and viscosity, whose kernel is `smoothing`."""
-    return {
-        "cuda:fused": Program(
-            "kernels", "tension_and_momentum", packed="fused_pair", also=("sph.momentum",),
-            names={smoothing: "gradient_smoothing"}, variants=variants,
-        )
-    }  # fmt: skip
+def fused_with_momentum(*variants, own_smoothing=False):
+    """Programs of a tension that one loop sums with `sph.momentum`, or with `sph.central_momentum`, which has no walls.
+
+    variants       of the former, each the names that it leaves out, or those and what it overrides
+    own_smoothing  whether the tension's `smoothing` is another than theirs
+    """
+    walled = tuple(without(variant) if isinstance(variant, str) else variant for variant in variants)
+    wall_less = tuple({name: value for name, value in variant.items() if name != "walls"} for variant in walled)
+    programs = {}
+    for name, part, tried in (("fused", "momentum", walled), ("central", "central_momentum", wall_less)):
+        names = {f"sph.{part}.smoothing" if own_smoothing else "smoothing": "gradient_smoothing"}
+        of = {"function": f"tension_and_{part}", "also": (f"sph.{part}",), "names": names, "variants": tried}
+        programs[f"cpu:{name}"] = Program("kernels", **of)
+        programs[f"cuda:{name}"] = Program("kernels", **of, packed=f"tension_and_{part}_pair")
+    return programs
 
 
 def moving(walls, wall_motion):

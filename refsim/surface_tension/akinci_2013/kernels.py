@@ -6,7 +6,7 @@ from refsim.neighbours.forces import force, together
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector
 from refsim.smoothing.formulas import safe_distance
-from refsim.sph.kernels import momentum_pair, wall_pressure
+from refsim.sph.kernels import central_momentum_pair, momentum_pair, wall_pressure
 from refsim.surface_normal.formulas import axial_part
 from refsim.surface_tension.akinci_2013 import formulas
 
@@ -35,8 +35,12 @@ def tension_pair(
 tension = force(tension_pair)
 
 
-fused_pair, tension_and_momentum = together(
-    momentum_pair, tension_pair, wall_pressure, {"smoothing": "gradient_smoothing"}
+NAMES = {"smoothing": "gradient_smoothing"}
+tension_and_momentum_pair, tension_and_momentum = together(
+    "tension_and_momentum", momentum_pair, tension_pair, wall_pressure, NAMES
+)
+tension_and_central_momentum_pair, tension_and_central_momentum = together(
+    "tension_and_central_momentum", central_momentum_pair, tension_pair, names=NAMES
 )
 
 

@@ -46,7 +46,7 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
     reason="one rounding in each of distance, powers, kernel, quotients, product and sum",
     invariants=f"{SYMMETRY} linear_momentum angular_momentum", broken={1: "angular_momentum", 2: "angular_momentum"},
     programs=fused_with_momentum(
-        "period", "normal_correction surface_normal walls period", smoothing="sph.momentum.smoothing"
+        "period", "normal_correction surface_normal walls period", own_smoothing=True
     ),
     packed="tension_pair",
 )  # fmt: skip

@@ -5,7 +5,7 @@ from refsim.neighbours.forces import force, together
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import first_lane
 from refsim.smoothing.formulas import kernel_slope, kernel_value, safe_distance
-from refsim.sph.kernels import momentum_pair, own_share, wall_pressure, wall_sum
+from refsim.sph.kernels import central_momentum_pair, momentum_pair, own_share, wall_pressure, wall_sum
 
 
 @pair
@@ -68,4 +68,9 @@ def tension_pair(
 tension = force(tension_pair, divided="density")
 
 
-fused_pair, tension_and_momentum = together(momentum_pair, tension_pair, wall_pressure, per_volume=True)
+tension_and_momentum_pair, tension_and_momentum = together(
+    "tension_and_momentum", momentum_pair, tension_pair, wall_pressure, per_volume=True
+)
+tension_and_central_momentum_pair, tension_and_central_momentum = together(
+    "tension_and_central_momentum", central_momentum_pair, tension_pair, per_volume=True
+)

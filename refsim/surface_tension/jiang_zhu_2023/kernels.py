@@ -8,7 +8,7 @@ from refsim.neighbours.forces import together
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, first_lane
 from refsim.smoothing.formulas import kernel_value, safe_distance
-from refsim.sph.kernels import momentum_pair, own_share, wall_pressure, wall_sum
+from refsim.sph.kernels import central_momentum_pair, momentum_pair, own_share, wall_pressure, wall_sum
 from refsim.surface_normal.formulas import axial_part
 from refsim.surface_tension.jiang_zhu_2023 import formulas
 
@@ -96,11 +96,16 @@ def tension(
         add_vector(acceleration, i, lane, a)
 
 
-fused_pair, tension_and_momentum = together(  # cohesion between all pairs
-    momentum_pair, tension_pair, wall_pressure,
-    {"smoothing": "gradient_smoothing", "surface_weight_j": "None", "surface_j": "None", "base": "type(r)(1)",
-     "slope": "type(r)(0)"},
-)  # fmt: skip
+BETWEEN_ALL = {
+    "smoothing": "gradient_smoothing", "surface_weight_j": "None", "surface_j": "None", "base": "type(r)(1)",
+    "slope": "type(r)(0)",
+}  # fmt: skip
+tension_and_momentum_pair, tension_and_momentum = together(
+    "tension_and_momentum", momentum_pair, tension_pair, wall_pressure, BETWEEN_ALL
+)
+tension_and_central_momentum_pair, tension_and_central_momentum = together(
+    "tension_and_central_momentum", central_momentum_pair, tension_pair, names=BETWEEN_ALL
+)
 
 
 @pair
