@@ -100,7 +100,7 @@ def load_checkpoint(path: str | os.PathLike[str]) -> SavedRun:
             raise wrong(f"its {name} is {has}, and a run of its scene has {dtype} {shape}")
     gauges = {gauge.name: saved.arrays.get(f"gauge.{gauge.name}") for gauge in plan.scene.gauge}
     for gauge in plan.scene.gauge:
-        table, columns = gauges[gauge.name], 1 + len(gauge.columns(plan.grid.dim))
+        table, columns = gauges[gauge.name], 1 + len(gauge.does.columns(plan.grid.dim))
         if table is None or table.shape[1:] != (columns,):
             raise wrong(f"what the gauge {gauge.name} has measured is no table of {columns} columns")
     return SavedRun(file, plan, clock, state, arrays["build_position"], gauges, notes)  # type: ignore[arg-type]

@@ -4,6 +4,7 @@ A value belongs to the state between two steps. What it follows from is computed
 the sums that make a number of it are added on the host in float64, in the order of the particles.
 """
 
+import math
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
@@ -67,7 +68,7 @@ class Gauges:
         """Measure what is due."""
         wanted = [
             k for k, gauge in enumerate(self.gauges)
-            if due(gauge.every, run.time, self.rows[k][-1][0] if self.rows[k] else None)
+            if due(gauge.read_every, run.time, self.rows[k][-1][0] if self.rows[k] else None)
         ]  # fmt: skip
         if wanted:
             with run.timings.of_host("gauges"):
@@ -91,7 +92,38 @@ class Gauges:
                 values = self._body(run, gauge) if k in bodies else self._wall(run, k)
             else:
                 values = gauge.does.read(self.points[k], Sampled(pressure[own], fill[own], flow[own]))
+                if gauge.does.needs == "pressure":
+                    self._note_pressure(run, gauge, values[0])
             self.rows[k].append([run.time, *values])
+
+    def _note_pressure(self, run: State, gauge: Gauge, pressure: float) -> None:
+        """Add a note to the run where a gauge reads a pressure [Pa] that no liquid with a surface has at a wall.
+
+        Below zero by more than the weight of a support radius of liquid and than rho0 c^2/10^4 (1 % of rho0 g H at
+        c = 10 sqrt(g H)); above that of an impact, rho0 c v with the speed v of the fastest particle, and twice the
+        weight of the liquid.
+        """
+        plan = run.plan
+        liquid, pull = liquid_of(plan.effects), np.array(acceleration_of(plan.effects))
+        if getattr(plan.effects.get("particle_shifting"), "surface", "") == "none":
+            return  # without a surface the zero of the pressure is the start's
+        density, sound, weight = liquid.rest_density, liquid.sound_speed, float(np.linalg.norm(pull))
+        tall = float(np.ptp(plan.state.position @ pull)) + weight * plan.grid.spacing
+        least = -density * max(weight * plan.grid.support_radius, 1e-4 * sound**2)
+        speed = math.sqrt(float(run.backend.host(run.extremes)[0]))
+        most = density * (sound * speed + 2 * tall + 1e-4 * sound**2)
+        if least <= pressure <= most:
+            return
+        what = f"below zero by more than {-least:.3g} Pa, so that liquid pulls there"
+        if pressure > most:
+            what = f"above the {most:.3g} Pa of rho0 c v, v = {speed:.3g} m/s of the fastest particle, and twice the"
+            what += " weight"
+        advice = f"take {gauge.columns(self.dim)[0][0]}_mean" if gauge.instants else "give it instants, and take means"
+        run.add_note(
+            f"gauge {gauge.name}",
+            f"gauge {gauge.name}: at {run.time:.6g} s it reads {pressure:.4g} Pa, {what}:"
+            f" {advice}, or a smaller spacing",
+        )
 
     # At points
 
@@ -227,7 +259,8 @@ class Gauges:
         if name not in names:
             raise InputError(f"gauge: the scene has no gauge {name!r}; {suggestion(name, names)}")
         k = names.index(name)
-        gauge, table = self.gauges[k], self.table(k)
+        gauge = self.gauges[k]
+        table = gauge.values(self.table(k))
         columns, units = zip(*gauge.columns(self.dim))
         return GaugeSeries(name, gauge.kind, table[:, 0], table[:, 1:], columns, units)
 
@@ -236,12 +269,12 @@ class Gauges:
         return [self.series(gauge.name) for gauge in self.gauges]
 
     def table(self, k: int) -> NDArray[np.float64]:
-        """Time and values of gauge `k`, (rows, 1 + columns)."""
-        width = 1 + len(self.gauges[k].columns(self.dim))
+        """Times and values at which gauge `k` was read, (rows, 1 + columns)."""
+        width = 1 + len(self.gauges[k].does.columns(self.dim))
         return np.array(self.rows[k], dtype=float).reshape(-1, width)
 
     def tables(self) -> dict[str, NDArray[np.float64]]:
-        """Time and values of every gauge, by its name."""
+        """Times and values at which every gauge was read, by its name."""
         return {gauge.name: self.table(k) for k, gauge in enumerate(self.gauges)}
 
     def restore(self, tables: dict[str, NDArray[np.float64]]) -> None:

@@ -11,8 +11,9 @@ import os
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,6 +37,8 @@ class Gauge(Checked, frozen=True, kw_only=True):
     kind          "force" (on a wall or a solid, with its torque), "pressure" (at a point, or the mean over a patch),
                   "level" (height of the liquid on a line) or "flux" (volume per second through a patch)
     every         simulated time between two values [s]; 0 for every step
+    instants      from one value to the next, equally far apart, at which it is read, too; their mean and scatter stand
+                  beside the value, in columns with _mean and _scatter; 0 for none
     on            what a force acts on: a face of box_walls ("-y"), "box_walls", "mesh_boundary" or "solid 1", which is
                   the first [[solid]]
     about         point about which the torque is taken [m]; left out, the origin, or the centre of mass of a solid
@@ -46,6 +49,7 @@ class Gauge(Checked, frozen=True, kw_only=True):
     name: str
     kind: Literal["force", "pressure", "level", "flux"]
     every: NotNegative = 0.0
+    instants: Annotated[int, msgspec.Meta(ge=0)] = 0
     on: str = ""
     about: Vector | None = None
     at: Vector | None = None
@@ -63,6 +67,8 @@ class Gauge(Checked, frozen=True, kw_only=True):
         if ("lower" in given) != ("upper" in given):
             lacking = "upper" if "lower" in given else "lower"
             raise InputError(f"{owner}: {lacking!r} is missing; give both corners.")
+        if self.instants and not self.every:
+            raise InputError(f"{owner}: instants lie between two values; give every [s], or leave them out.")
         if not any(set(choice) <= set(given) for choice in self.does.choices) or {"at", "lower"} <= set(given):
             raise InputError(f"{owner}: {self.does.lacks}.")
 
@@ -73,7 +79,25 @@ class Gauge(Checked, frozen=True, kw_only=True):
 
     def columns(self, dim: int) -> tuple[tuple[str, str], ...]:
         """(name, unit) of each of its values in `dim` dimensions."""
-        return self.does.columns(dim)
+        read = self.does.columns(dim)
+        kinds = ("", "_mean", "_scatter") if self.instants else ("",)
+        return tuple((f"{name}{kind}", unit) for kind in kinds for name, unit in read)
+
+    @property
+    def read_every(self) -> float:
+        """Time between two instants at which it is read [s]."""
+        return self.every / max(1, self.instants)
+
+    def values(self, table: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(k, 1 + columns) times and values of what was read, (m, 1 + read): with instants those, and their mean and
+        standard deviation since the value before."""
+        if not self.instants or not len(table):
+            return table
+        interval = np.array([number(self.every, time) for time in table[:, 0]])
+        last = np.flatnonzero(np.diff(interval, prepend=-1) > 0)  # rows that are values
+        parts = [table[start + 1 : end + 1, 1:] for start, end in zip([-1, *last], last)]
+        means, scatters = (np.array([function(part, 0) for part in parts]) for function in (np.mean, np.std))
+        return np.hstack([table[last], means, scatters])
 
     def points(self, grid: Discretisation) -> Points:
         """The points at which it reads. Raises InputError where its corners make no patch or line."""

@@ -270,3 +270,50 @@ def test_due_once_on_each_multiple():
     assert len(found) == 1 + int(times[-1] / 0.05)
     assert due(0.0, 1.0, 0.5)
     assert not due(0.0, 1.0, 1.0)
+
+
+def test_means_and_scatters_are_of_the_instants_between_two_values(tmp_path):
+    """As of a gauge that reads in every step; a restart goes on with them."""
+    every = 0.05
+    gauges = (
+        Gauge(name="each", kind="pressure", at=(0.0, 0.0, 0.0)),
+        Gauge(name="point", kind="pressure", at=(0.0, 0.0, 0.0), every=every, instants=10**6),
+        Gauge(name="few", kind="force", on="-x", every=every, instants=4),
+    )
+    run = run_to(Simulation(tank(5, gauges), "numpy"), 2.5 * every)
+    run.checkpoint(tmp_path / "here")
+    for simulation in (run, Simulation.resume(tmp_path / "here", backend="numpy")):
+        run_to(simulation, 4.5 * every)
+        each, point, few = (simulation.gauge(gauge.name) for gauge in gauges)
+        assert point.columns == ("pressure", "pressure_mean", "pressure_scatter")
+        assert few.columns == tuple(f"{name}{kind}" for kind in ("", "_mean", "_scatter")
+                                    for name in ("force_x", "force_y", "torque_z"))  # fmt: skip
+        assert len(point) == len(few) == 5
+        for k in range(1, 5):
+            since = (each.time > point.time[k - 1]) & (each.time <= point.time[k])
+            read = each["pressure"][since]
+            assert since.sum() > 3
+            assert point.values[k] == pytest.approx([read[-1], read.mean(), read.std()], rel=1e-12)
+        assert (few["force_x_scatter"][1:] > 0).all()
+        assert (np.abs(few["force_x_mean"][1:] / few["force_x"][1:] - 1) < 0.2).all()
+
+
+def test_instants_without_an_interval_are_refused():
+    with pytest.raises(InputError, match="gauge few: instants lie between two values; give every"):
+        make_plan(tank(5, (Gauge(name="few", kind="force", on="-x", instants=4),)))
+
+
+@pytest.mark.parametrize(("pressure", "words"), [
+    (-6e3, "below zero by more than 5.89e+03 Pa"), (-5.8e3, ""), (1.9e4, ""),
+    (2e4, "above the 1.97e+04 Pa of rho0 c v, v = 0 m/s of the fastest particle, and twice"),
+])  # fmt: skip
+def test_a_pressure_that_no_liquid_has_at_a_wall_has_a_note(pressure, words):
+    """Water at rest, 1 m deep, h = 0.6 m; none in a box that liquid fills, where the zero is the start's."""
+    gauge = Gauge(name="point", kind="pressure", at=(0.0, 0.0, 0.0))
+    full = tank(5, (gauge,)).with_(box_walls__upper=(DEPTH, DEPTH, 0.0), box_walls__open_faces=())
+    for scene, expected in ((tank(5, (gauge,)), words), (full.with_(weakly_compressible__density=None), "")):
+        simulation = Simulation(scene, "numpy")
+        simulation.gauges._note_pressure(simulation, gauge, pressure)
+        own = [note for note in simulation.notes if note.startswith("gauge point: at 0 s")]
+        assert len(own) == bool(expected)
+        assert all(expected in note for note in own)
