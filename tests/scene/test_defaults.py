@@ -60,7 +60,8 @@ def test_what_is_left_open_follows_the_scene(made, expected):
     (scene(walls={}, literal=("E24",)), False), (scene(rs.Akinci2013(surface_tension=0.1), walls={}), True),
     (scene(rs.Akinci2013(surface_tension=0.1)), True), (scene(rs.CsfWang2019(surface_tension=0.1)), True),
     (scene(rs.Akinci2013(surface_tension=0.1, area_acceleration=1.0)), False), (scene(rs.Akinci2013(gamma=0.1)), False),
-    (scene(rs.Dong2016(surface_tension=0.1)), False),
+    (scene(rs.Dong2016(surface_tension=0.1)), True), (scene(rs.Dong2016(surface_tension=0.1, correction=1.0)), False),
+    (scene(rs.JiangZhu2023(surface_tension=0.1)), False),
 ])  # fmt: skip
 def test_shifting_joins_a_liquid_that_names_no_density_and_has_none_summed(made, joins):
     plan = make_plan(made)
@@ -74,7 +75,7 @@ def test_shifting_joins_a_liquid_that_names_no_density_and_has_none_summed(made,
     (rs.Gravity(), "continuity"), (rs.Gravity(acceleration=(0.0, 0.0, 0.0)), "summation"),
 ])  # fmt: skip
 def test_a_tank_with_tension_is_known_before_its_dimension(gravity, density):
-    liquid, walls, tension = scene(walls={}).effects[1], rs.BoxWalls(**BOX), rs.Dong2016(surface_tension=0.1)
+    liquid, walls, tension = scene(walls={}).effects[1], rs.BoxWalls(**BOX), rs.JiangZhu2023(surface_tension=0.1)
     assert with_scene_defaults((liquid, walls, gravity, tension))["weakly_compressible"].density == density
 
 

@@ -88,6 +88,7 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
         (2.6, ((0.00049, 3.13), (0.0015, 2.91), (0.0038, 2.45), (0.0116, 2.23), (0.028, 1.80))),
         (3.0, ((0.0015, 4.24), (0.0042, 3.86), (0.0123, 3.37))),
     )}  # fmt: skip
+    beyond: ClassVar[str] = ", about 1.2 times as much at 3.2 spacings"
     shown: ClassVar[Mapping[int, tuple[str, str]]] = {2: ("0.6 to 0.9", "0.7 to 1.6")}
     source: ClassVar[str] = "Akinci et al."
     errata: ClassVar[tuple[str, ...]] = ("gamma",)

@@ -21,12 +21,19 @@ from refsim.core.fields import Field
 from refsim.core.scalars import int32
 from refsim.sph import liquid_of
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
-from refsim.surface_tension.cohesion import PairCohesion, angular_momentum_note, density_complete_at_surface
+from refsim.surface_tension.cohesion import (
+    Measured,
+    PairCohesion,
+    angular_momentum_note,
+    density_complete_at_surface,
+)
 from refsim.surface_tension.dong_2016 import operations as operations
 from refsim.surface_tension.dong_2016.reference import force_function
 from refsim.surface_tension.jiang_zhu_2023 import CORRECTED_DENSITY
 
-CORRECTION_RATIO = 3.0  # default of lambda rho0 d/sigma, with which drops become round and come to rest
+# lambda rho0 d/sigma of the nominal sigma by default: drops become round and come to rest; in the default liquid
+# they have one tension by jump and by frequency (docs/liquid.md)
+CORRECTION_RATIO, MEASURED_RATIO = 3.0, 24.0
 # Values of it up to which drops come to rest at their density, and from which on they fly apart (docs/dong_2016.md).
 LARGEST_CORRECTION, SHATTERING_CORRECTION = 24.0, 96.0
 
@@ -50,10 +57,11 @@ class NormalCorrection(NamedTuple):
 class Dong2016(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=True):
     """Surface tension of a free liquid surface by a Lennard-Jones-like pair force.
 
-    surface_tension   sigma [N/m]; nominal: turned into k by a sum over the neighbours on the lattice
+    surface_tension   sigma [N/m]: that of measured drops in the default liquid in 3D; else nominal, turned into k by a
+                      sum over the neighbours on the lattice
     stiffness         k of D(7) [N/kg^2], instead of sigma
     rest_distance     d0 of D(7) [m]; left out, the spacing
-    correction        lambda of D(9) [m^2/s^2]; left out, 3 sigma/(rho0 d)
+    correction        lambda of D(9) [m^2/s^2]; left out, 3 sigma/(rho0 d) with the nominal sigma, 24 in measured drops
     filter_density    one Shepard filter of all densities in every step, as in the paper; not without tension. Left out,
                       it is on but for the default liquid, whose density a surface leaves whole
     solver            "shared" (density, pressure and viscosity of weakly_compressible, so that the models differ by
@@ -75,7 +83,8 @@ class Dong2016(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=True)
     paper: ClassVar[Mapping[str, Any]] = {"solver": "hu_adams", "balance_pressure": False}
     in_papers: ClassVar[Mapping[str, Any]] = {"filter_density": True}
     lattice: ClassVar[bool] = True
-    shown: ClassVar[Mapping[int, tuple[str, str]]] = {3: ("0.5", "0.9")}
+    measured: ClassVar[Measured] = {3: ((3.0, ((0.0010, 3.35), (0.0031, 3.09), (0.0080, 2.68), (0.020, 2.00))),)}
+    beyond: ClassVar[str] = ", by the pressure jump about 0.9 times as much at 2.6 spacings"
     with_spacing: ClassVar[tuple[str, ...]] = ("rest_distance",)
 
     surface_tension: NotNegative | None = None
@@ -111,7 +120,8 @@ class Dong2016(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=True)
         if self.correction is not None:
             return self.correction
         sigma = max(0.0, self.nominal_tension(grid, others))
-        return CORRECTION_RATIO * sigma / (liquid_of(others).rest_density * grid.spacing)
+        ratio = CORRECTION_RATIO if self._measured_at(grid, others) is None else MEASURED_RATIO
+        return ratio * sigma / (liquid_of(others).rest_density * grid.spacing)
 
     def force_of(self, coefficient: float, r: NDArray, grid: Discretisation, others: Others) -> NDArray:
         """L(r) [N/kg^2] of D(7)."""
