@@ -226,8 +226,10 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
         supports, drops = zip(*self.measured[grid.dim], strict=True)
         begin = f"{self.name}: surface_tension is that of drops measured with"
         if not supports[0] - 0.01 <= support <= supports[-1] + 0.01:
-            known = " to ".join(f"{edge:g}" for edge in dict.fromkeys((supports[0], supports[-1])))
-            yield f"{begin} a support_radius of {known} spacings; with {support:.3g} another tension acts{self.beyond}"
+            yield (
+                f"{begin} a support_radius of {supports[0]:g} to {supports[-1]:g} spacings; with {support:.3g} another"
+                f" tension acts{self.beyond}"
+            )
         least, most = (float(np.interp(support, supports, [d[k][0] for d in drops])) for k in (0, -1))
         if not least / 1.1 <= stiffness <= most * 1.1:
             yield (

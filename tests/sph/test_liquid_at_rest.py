@@ -143,7 +143,10 @@ def test_shifting_beside_a_surface_brings_the_slow_return():
         assert with_scene_defaults((liquid, *effects))["weakly_compressible"].restoring == rate, (given, effects)
 
 
-@pytest.mark.parametrize("kind", [rs.Akinci2013, rs.CsfWang2019, rs.Dong2016, rs.JiangZhu2023])
+@pytest.mark.parametrize("kind", [
+    rs.Akinci2013, rs.BeckerTeschner2007, rs.CsfWang2019, rs.Dong2016, rs.He2014, rs.JiangZhu2023,
+    rs.TartakovskyMeakin2005,
+])  # fmt: skip
 def test_a_tank_with_a_tension_that_cannot_matter_is_the_tank_without(kind):
     """Bond number 1e5: level, pressure and weight, and no particle in the planes.
 

@@ -83,7 +83,9 @@ class Dong2016(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=True)
     paper: ClassVar[Mapping[str, Any]] = {"solver": "hu_adams", "balance_pressure": False}
     in_papers: ClassVar[Mapping[str, Any]] = {"filter_density": True}
     lattice: ClassVar[bool] = True
-    measured: ClassVar[Measured] = {3: ((3.0, ((0.0010, 3.35), (0.0031, 3.09), (0.0080, 2.68), (0.020, 2.00))),)}
+    measured: ClassVar[Measured] = {3: (
+        (3.0, ((0.0010, 3.35), (0.0031, 3.09), (0.0080, 2.68), (0.020, 2.00))), (3.3, ((0.0034, 3.40), (0.012, 2.38))),
+    )}  # fmt: skip
     beyond: ClassVar[str] = ", by the pressure jump about 0.9 times as much at 2.6 spacings"
     with_spacing: ClassVar[tuple[str, ...]] = ("rest_distance",)
 
