@@ -133,6 +133,12 @@ def write() -> list[Path]:
 # Pictures
 
 
+METHODS = {  # in a legend
+    "R1": "each particle\nby itself (R1)", "R3": "both of a pair (R3)", "CG": "conjugate gradients",
+    "RKL2": "Runge-Kutta-\nLegendre",
+}  # fmt: skip
+
+
 def picture(of: Panel) -> Any:
     """Error that each setting keeps against its seconds: a line through the best settings of each method."""
     import matplotlib.pyplot as plt
@@ -147,7 +153,8 @@ def picture(of: Panel) -> Any:
                 methods.setdefault(name, {}).setdefault(kind, []).append((100 * bound, price(p)))
     for k, (name, kinds) in enumerate(methods.items()):
         look = {"color": COLOURS[k % len(COLOURS)], "marker": MARKERS[k % len(MARKERS)]}
-        axes.plot([], [], label=name, ls="", **look)
+        numbered = f"{str(of.about.method).replace('_', ' ')} {name}" if name[0].isdigit() else name
+        axes.plot([], [], label=METHODS.get(name, numbered), ls="", **look)
         for kind, points in kinds.items():
             best = [(e, t) for e, t in points if not any(a <= e and b < t for a, b in points)]
             fill = "white" if kind == "gpu" else look["color"]
@@ -183,12 +190,14 @@ def overview() -> Any:
     for (name, words), colour in zip(SYSTEMS.items(), COLOURS):
         for kind, line, fill in (("cpu", "-", colour), ("gpu", "--", "white")):
             spent = [_seconds(panel(name), error, kind) for error in errors]
-            axes.plot(100 * errors, spent, line, color=colour, label=words if kind == "cpu" else None)
+            axes.plot(
+                100 * errors, spent, line, color=colour, drawstyle="steps-post", label=words if kind == "cpu" else None
+            )
             axes.plot(100 * WANTED, _seconds(panel(name), WANTED, kind), "o", color=colour, mfc=fill, ms=7)
     axes.plot([], [], "--", color=GREY, label="dashed: on a GPU")
     axes.axvline(100 * WANTED, color=GREY, ls=":", lw=1.2)
     axes.set(xscale="log", yscale="log", xlabel="relative error [%]", ylabel="seconds of the run")
-    axes.set_xlim(10, 0.1)
+    axes.set_xlim(0.1, 10)
     reach = sum(math.isfinite(_seconds(panel(name), WANTED, "cpu")) for name in SYSTEMS)
     _finished(figure, axes, f"What an error costs: {reach} of {len(SYSTEMS)} systems reach 1 %")
     return figure

@@ -7,6 +7,7 @@ import contextlib
 import functools
 import importlib.util
 import io
+import re
 import sys
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -60,6 +61,7 @@ def save_picture(figure: Any, path: Path) -> None:
     """
     from PIL import Image
 
+    write_signs(figure)
     enlarge_words(figure)
     drawn = made_by(figure.savefig, format="png", dpi=DOTS_PER_INCH)
     image = Image.open(io.BytesIO(drawn)).convert("RGB")
@@ -77,6 +79,29 @@ def save_picture(figure: Any, path: Path) -> None:
     raise ValueError(
         f"{path.name} takes {len(coded)} bytes, more than {LARGEST_PICTURE}: draw less, or mark it shaded."
     )
+
+
+SIGNS = {
+    "rho0": "\N{GREEK SMALL LETTER RHO}\N{SUBSCRIPT ZERO}", "rho": "\N{GREEK SMALL LETTER RHO}",
+    "sigma": "\N{GREEK SMALL LETTER SIGMA}", "gamma": "\N{GREEK SMALL LETTER GAMMA}",
+    "lambda": "\N{GREEK SMALL LETTER LAMDA}", "mu": "\N{GREEK SMALL LETTER MU}", "nu": "\N{GREEK SMALL LETTER NU}",
+    "eps": "\N{GREEK SMALL LETTER EPSILON}", "pi": "\N{GREEK SMALL LETTER PI}", "^2": "\N{SUPERSCRIPT TWO}",
+    "^3": "\N{SUPERSCRIPT THREE}",
+}  # fmt: skip
+SPELT = re.compile("|".join(rf"\b{word}(?![A-Za-z])" if word.isalnum() else re.escape(word) for word in SIGNS))
+
+
+def write_signs(figure: Any) -> None:
+    """Write signs in all words of a figure but those of its ticks, which the axes write themselves."""
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        text.set_text(signs(text.get_text()))
+
+
+def signs(words: str) -> str:
+    """Words with Greek letters and superscripts in place of their names, if they hold no formula."""
+    return words if "$" in words else SPELT.sub(lambda spelt: SIGNS[spelt[0]], words)
 
 
 def shortened(value: Any) -> Any:

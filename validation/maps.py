@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from validation.checks import FAIL, HARD_CASE, PASS, Check, number
-from validation.drawing import BLACK, BLUE, GREY, VERMILION, headline
+from validation.drawing import BLACK, BLUE, GREY, VERMILION, headline, signs
 from validation.experiment import Picture, Results
 from validation.results import Result, real
 from validation.tables import Table
@@ -67,6 +67,7 @@ _CELL = ("largest", "failing", "why", "runner", "tried")
 def draw_map(data: Mapping[str, Any]) -> Any:
     """A heat map: in each cell the largest stable value, two digits, and the runner's own limit; the colour is their
     ratio."""
+    import matplotlib
     import matplotlib.pyplot as plt
     from matplotlib.colors import LogNorm
     from matplotlib.patches import Rectangle
@@ -75,10 +76,11 @@ def draw_map(data: Mapping[str, Any]) -> Any:
     columns = list(dict.fromkeys(cell["column"] for cell in data["cells"]))
     if len(columns) == 1:
         return draw_column(data)
-    heads = [textwrap.fill(column, 19) for column in columns]
+    heads = [signs(textwrap.fill(column, 19)) for column in columns]
     lines = max(head.count("\n") for head in heads) + 1
     figure, axes = plt.subplots(figsize=(2.6 + max(1.45 * len(columns), 4.4), 1.5 + 0.18 * lines + 0.52 * len(rows)))
     margins = np.full((len(rows), len(columns)), np.nan)
+    colours = matplotlib.colormaps["RdYlBu"]
     norm = LogNorm(1 / WIDEST_MARGIN, WIDEST_MARGIN, clip=True)
     for cell in data["cells"]:
         largest, runner, failing = (real(cell[k]) for k in ("largest", "runner", "failing"))
@@ -91,12 +93,12 @@ def draw_map(data: Mapping[str, Any]) -> Any:
             )
         said = f"{'at least ' * (not failing < float('inf'))}{two_digits(largest)}" if largest > 0 else "none"
         limit = f"runner: {two_digits(runner)}" if runner > 0 else "runner: none"
-        dark = runner > 0 and not 0.25 < margins[there] < 4.5
+        dark = runner > 0 and np.dot(colours(norm(margins[there]))[:3], (0.3, 0.59, 0.11)) < 0.5
         axes.text(there[1], there[0] - 0.14, said, ha="center", va="center", fontsize=9, fontweight="bold",
                   color="white" if dark else BLACK)  # fmt: skip
         axes.text(there[1], there[0] + 0.24, limit, ha="center", va="center", fontsize=7,
                   color="white" if dark else BLACK)  # fmt: skip
-    axes.imshow(margins, cmap="RdYlBu", norm=norm, aspect="auto")
+    axes.imshow(margins, cmap=colours, norm=norm, aspect="auto")
     axes.set_xticks(range(len(columns)), heads, fontsize=8)
     axes.set_yticks(range(len(rows)), [textwrap.fill(row, 30) for row in rows], fontsize=8)
     axes.xaxis.tick_top()
@@ -152,7 +154,7 @@ def draw_column(data: Mapping[str, Any]) -> Any:
 
 
 NO_LIMIT = "#d9d9d9"
-WIDEST_MARGIN = 8.0  # ratio of the largest stable value to the runner's limit at which the colour saturates
+WIDEST_MARGIN = 64.0  # ratio of the largest stable value to the runner's limit at which the colour saturates
 
 
 def two_digits(value: float) -> str:

@@ -8,6 +8,7 @@ from refsim import Box, InputError, JiangZhu2023, RunStopped, Scene, WeaklyCompr
 from refsim.scene.plan import make_plan
 from validation import judging, perform
 from validation.__main__ import main
+from validation.drawing import signs
 from validation.experiment import Experiment, Options
 from validation.results import Result
 from validation.running import Context
@@ -112,3 +113,9 @@ def test_nothing_is_said_of_what_holds():
     assert braked_alone(make_plan(scene(effects=(off,))).notes)
     made = silent_up_to(lambda x: scene(effects=(JiangZhu2023(surface_tension=0.05, area_ratio=x),)), 1e-3, 1.0)
     assert 0.0055 < made <= 0.006
+
+
+def test_names_of_letters_become_letters_and_words_that_hold_them_do_not():
+    assert signs("S = sigma/(rho0 c^2 d)") == "S = σ/(ρ₀ c² d)"
+    assert signs("c h/nu, lambda rho0, minus a number, $rho$") == "c h/nu, lambda rho0, minus a number, $rho$"
+    assert signs("nu and a number minus eps_r") == "ν and a number minus ε_r"

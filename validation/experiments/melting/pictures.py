@@ -191,7 +191,7 @@ def time_picture(data: Mapping[str, Any]) -> Any:
     labels = []
     ends = drawing.stacked_bars(axes, [row["stages"] for row in rows], COLOURS)
     for k, (row, left) in enumerate(zip(rows, ends)):
-        axes.text(left, k, f"  {row['milliseconds']:.0f} ms", va="center", fontsize=8.5)
+        axes.text(left, k, f"  {left:.0f} ms", va="center", fontsize=8.5)
         axes.plot([row["paper"]] * 2, [k - 0.42, k + 0.42], color="black", linewidth=2)
         labels.append(f"{row['liquid'] / 1e3:.1f}k + {row['solid'] / 1e3:.1f}k")
     axes.plot([], [], color="black", linewidth=2, label="paper, GTX 690")
