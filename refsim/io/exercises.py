@@ -1,7 +1,7 @@
 """Exercises of the lessons: an answer is judged by code that stands in the lesson, and a wrong one is told why.
 
 A block fenced as `{judge} N` stands below exercise N. It knows the lesson's names, `answer`, and `HELPERS` of this
-module. It raises `Wrong`, or sets `right`, the words for a right answer. Notebooks and pages do not show it.
+module. It raises `WrongAnswer`, or sets `right`, the words for a right answer. Notebooks and pages do not show it.
 """
 
 import functools
@@ -185,7 +185,7 @@ def called(answer: Any, *given: Any) -> Any:
 def compare(
     value: Any, right: Any, wrong: Mapping[str, Any], within: float = 1e-6, hint: str = "look at the formula once more."
 ) -> None:
-    """Raise Wrong unless `value` is `right` within a relative error.
+    """Raise WrongAnswer unless `value` is `right` within a relative error.
 
     wrong  values that a mistake gives, by what is said of it; `about(value, error)` has a relative error of its own
     hint   what is said where the mistake is not known
