@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import inspect
+import json
 import re
 from collections import Counter
 from collections.abc import Iterator
@@ -147,9 +148,14 @@ def lesson(name: str) -> str:
     """A lesson as a page: its text, code and pictures; `scripts/lessons.py --pictures figures/lessons` draws these."""
     from refsim.io.lessons import cells, lessons
 
+    stored = json.loads((ROOT / "docs" / "lessons" / f"{name}.ipynb").read_text(encoding="utf-8"))
+    outputs = iter([cell["outputs"] for cell in stored["cells"] if cell["cell_type"] == "code"][1:])
     parts, drawn = [], 0
     for kind, words in cells(lessons()[name]):
         parts.append(words if kind == "markdown" else f"```python\n{words}```\n")
+        for output in next(outputs) if kind != "markdown" else ():
+            if not output["text"].startswith("Exercise"):
+                parts.append(f"\n```text\n{output['text']}```\n")
         for _ in range(words.count("plt.show()") if kind == "code" else 0):
             drawn += 1
             parts.append(f"\n![What the cell draws](../../figures/lessons/{name}_{drawn}.png)\n")

@@ -1,9 +1,10 @@
 """Run the lessons of `refsim example --lessons`: every code cell, the folded answers' code too, each lesson by itself.
 
-    python scripts/lessons.py                          # all lessons
+    python scripts/lessons.py                          # all lessons, held to what the site's notebooks print
     python scripts/lessons.py 1_surface_particles      # one of them
     python scripts/lessons.py --pictures figures/lessons   # and write the pictures that the site shows
-    python scripts/lessons.py --notebooks docs/lessons     # write the notebooks that the site offers, and run nothing
+    python scripts/lessons.py --notebooks docs/lessons     # and write the notebooks that the site offers, with what
+                                                           # the cells print
     python scripts/lessons.py --warm                       # each twice; the second run may take 60 s
 
 A picture of a folded answer is drawn and not written. Exit code: 0 if every lesson ran to its end and its judges took
@@ -14,10 +15,13 @@ from __future__ import annotations
 
 import argparse
 import io
+import json
+import re
 import sys
 import time
 import traceback
 from collections.abc import Sequence
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -32,13 +36,15 @@ from validation.experiment import chosen  # noqa: E402
 from validation.perform import EXIT_FAILED, EXIT_FINE  # noqa: E402
 
 DPI = 128
+NUMBER = re.compile(r"[-+]?[\d.,]+(?:e[-+]?\d+)?|\binf\b|\bnan\b")
 MOST_SECONDS = 60.0  # of a lesson whose kernels are compiled
 
 
-def run_lesson(name: str, text: str, pictures: Path | None = None) -> dict[str, Any]:
+def run_lesson(name: str, text: str, pictures: Path | None = None, printed: list[str] | None = None) -> dict[str, Any]:
     """Execute the cells of a lesson in a fresh namespace and return it.
 
     pictures  folder for NAME_1.png, NAME_2.png, ...: one for each `plt.show()` outside of the answers
+    printed   takes what each cell of code prints
 
     Raises ValueError where a judge does not take the worked answer.
     """
@@ -70,7 +76,10 @@ def run_lesson(name: str, text: str, pictures: Path | None = None) -> dict[str, 
             if kind == "markdown":
                 continue
             inside = kind
-            exec(compile(code, f"{name}, cell {number} ({kind})", "exec"), namespace)
+            with redirect_stdout(io.StringIO()) as said:
+                exec(compile(code, f"{name}, cell {number} ({kind})", "exec"), namespace)
+            if printed is not None:
+                printed.append(said.getvalue())
     finally:
         pyplot.show = shown
         pyplot.close("all")
@@ -78,6 +87,16 @@ def run_lesson(name: str, text: str, pictures: Path | None = None) -> dict[str, 
         if not namespace["check"].verdicts[exercise].right:
             raise ValueError(f"exercise {exercise} of {name}: {namespace['check'].verdicts[exercise].words}")
     return namespace
+
+
+def hold_to_stored(name: str, printed: Sequence[str]) -> None:
+    """Raise ValueError where a cell prints other words than in the notebook of the site; numbers may differ."""
+    made = json.loads((ROOT / "docs" / "lessons" / f"{name}.ipynb").read_text(encoding="utf-8"))
+    cells_of_code = (cell for cell in made["cells"] if cell["cell_type"] == "code")
+    stored = ["".join(output["text"] for output in cell["outputs"]) for cell in cells_of_code]
+    for number, (now, then) in enumerate(zip(printed, stored, strict=True)):
+        if NUMBER.sub("#", now) != NUMBER.sub("#", then):
+            raise ValueError(f"{name}: cell {number} printed {then!r} and prints {now!r}: write the notebooks anew")
 
 
 @any_letter()
@@ -99,13 +118,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         folder.mkdir(parents=True, exist_ok=True)
     failed = []
     for name in given.names or known:
-        if given.notebooks is not None:
-            write_file(given.notebooks / f"{name}.ipynb", notebook(known[name]))
-            continue
         try:
             for _ in range(1 + given.warm):
-                began = time.monotonic()
-                run_lesson(name, known[name], given.pictures)
+                began, printed = time.monotonic(), [""]  # of the cell that installs refsim
+                run_lesson(name, known[name], given.pictures, printed)
+            if given.notebooks is None:
+                hold_to_stored(name, printed)
+            else:
+                write_file(given.notebooks / f"{name}.ipynb", notebook(known[name], printed))
             if given.warm and time.monotonic() - began > MOST_SECONDS:
                 raise TimeoutError(f"{name} took more than {MOST_SECONDS:g} s")
         except Exception:

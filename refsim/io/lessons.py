@@ -8,6 +8,7 @@ Blocks fenced as `python` stand in folded answers (`<details>`); they are folded
 import importlib.resources
 import json
 import re
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 HEADER = re.compile(r"\A---\n.*?\n---\n", re.DOTALL)
@@ -65,8 +66,11 @@ def cells(text: str) -> list[Cell]:
     return [cell for cell in found if cell.text.strip()]
 
 
-def notebook(text: str) -> str:
-    """A lesson as a Jupyter notebook: JSON of nbformat 4.5, without outputs; code of answers is in folded cells."""
+def notebook(text: str, printed: Sequence[str] = ()) -> str:
+    """A lesson as a Jupyter notebook: JSON of nbformat 4.5; code of answers is in folded cells.
+
+    printed  what each cell of code has printed, in their order
+    """
     pieces, inside = [Cell("answer", INSTALL)], False
     for kind, words in cells(text):
         if kind == "markdown":  # what a fold holds besides code is folded by itself
@@ -77,12 +81,16 @@ def notebook(text: str) -> str:
             words = "# @title Worked answer: run it, or unfold and read it\n" + words
         pieces.append(Cell(kind, words))
     made: list[dict[str, Any]] = []
+    said = iter(printed)
     for number, (kind, words) in enumerate((piece for piece in pieces if piece.text.strip()), 1):
         cell: dict[str, Any] = {"cell_type": "code", "id": f"cell-{number}", "metadata": {}, "source": words.strip()}
         if kind == "markdown":
             made.append(cell | {"cell_type": "markdown"})
         else:
-            made.append(cell | {"metadata": FOLDED if kind == "answer" else {}, "execution_count": None, "outputs": []})
+            words = next(said, "")
+            output = [{"name": "stdout", "output_type": "stream", "text": words}] if words else []
+            more = {"metadata": FOLDED if kind == "answer" else {}, "execution_count": None, "outputs": output}
+            made.append(cell | more)
     about = {"kernelspec": KERNEL, "language_info": {"name": "python"}}
     return json.dumps({"cells": made, "metadata": about, "nbformat": 4, "nbformat_minor": 5}, indent=1) + "\n"
 

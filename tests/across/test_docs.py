@@ -35,6 +35,7 @@ LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s#]+)[^)\s]*\)")
 LARGEST_FOLDER = 12_000_000  # bytes of all pictures and their data
 pages = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 ERRATA = ROOT / "docs" / "errata.md"
+QUESTIONS = tomllib.loads((pathlib.Path(__file__).parent / "questions.toml").read_text(encoding="utf-8"))
 SWITCH = re.compile(r'`"(\w+)"` on ((?:`\w+`(?:, )?)+)')
 
 
@@ -222,3 +223,16 @@ def test_the_night_on_a_server_runs_sessions_that_there_are():
     assert set(tasks) <= set(re.findall(r'^    "(\w+)": \(', sessions, re.M))
     named = {name.partition("-")[0] for name in environments}
     assert named == {"environments", "lowest", "newest"} <= set(re.findall(r"^def (\w+)\(session", sessions, re.M))
+
+
+@pytest.mark.parametrize("page", QUESTIONS)
+def test_questions_on_a_tutorial_are_answered_on_its_page_and_not_by_the_question(page):
+    """The words with the answer stand on the page; the question gives neither the answer nor four words of them."""
+    text = " ".join((ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8").split())
+    asked = QUESTIONS[page]["questions"]
+    assert len({question for question, _, _ in asked}) == 10
+    for question, key, words in asked:
+        assert " ".join(words.split()) in text, words
+        parts = words.lower().split()
+        named = [" ".join(parts[k : k + 4]) for k in range(max(1, len(parts) - 3))]
+        assert not any(part in question.lower() for part in (key.lower(), *named)), question

@@ -128,3 +128,26 @@ def test_the_search_has_pages_first_where_a_word_belongs(site, tmp_path):
             assert f"/{page}.html" in found, (words, found)
     finally:
         browser.close()
+
+
+@pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
+def test_each_card_of_the_gallery_leads_to_its_recipe(site, tmp_path):
+    """A recipe shows its picture, a scene file and the command that runs it."""
+    links = "[...document.querySelectorAll('.gallery.scenes .card a')].map(link => link.href)"
+    browser = Browser(tmp_path, 390, 900)
+    try:
+        browser.open(site / "gallery.html")
+        found = [link for link in browser.value(links) if "cookbook.html#" in link]
+        assert len(found) == len(set(found)) >= 15
+        for link in found:
+            browser.call("Page.navigate", url=link)
+            place = f"document.getElementById({link.partition('#')[2]!r})"
+            end = time.monotonic() + 30
+            while not browser.value(f"document.readyState === 'complete' && {place} !== null"):
+                assert time.monotonic() < end, link
+                time.sleep(0.05)
+            recipe = f"{place}.closest('section')"
+            assert browser.value(f"Math.min(...['img', 'pre'].map(kind => {recipe}.querySelectorAll(kind).length))") > 0
+            assert "refsim run" in browser.value(f"{recipe}.textContent"), link
+    finally:
+        browser.close()

@@ -1,6 +1,9 @@
 """Exercises of the lessons: wrong answers, three and more to each, are told what is wrong with them."""
 
+import ast
+import builtins
 import functools
+import json
 import pathlib
 import re
 import tomllib
@@ -80,6 +83,25 @@ def test_each_exercise_has_a_cell_a_judge_and_a_worked_answer(name):
     assert all(len(wrong) >= 3 for wrong in MISTAKES[name].values())
 
 
+@every
+def test_judges_use_names_that_there_are(name):
+    """Each is assigned in the lesson or the judge, a helper, or built in; slow lessons' judges run at night only."""
+
+    def used(code, kind):
+        tree = list(ast.walk(ast.parse(code)))
+        found = {node.id for node in tree if isinstance(node, ast.Name) and isinstance(node.ctx, kind)}
+        if kind is ast.Store:
+            found |= {getattr(node, "name", None) for node in tree} | {n.arg for n in tree if isinstance(n, ast.arg)}
+            found |= {alias.asname or alias.name for n in tree if hasattr(n, "names") for alias in n.names if
+                      isinstance(alias, ast.alias)}  # fmt: skip
+        return found
+
+    known = set().union(*(used(code, ast.Store) for kind, code in cells(LESSONS[name]) if kind == "code"))
+    for exercise, code in judges(LESSONS[name]).items():
+        there = known | used(code, ast.Store) | set(HELPERS) | set(dir(builtins)) | {"answer"}
+        assert used(code, ast.Load) <= there, (exercise, used(code, ast.Load) - there)
+
+
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n[0] in SLOW else n for n in LESSONS])
 def test_wrong_answers_are_told_what_is_wrong(name):
     known = taught(name)
@@ -136,8 +158,14 @@ def test_lesson_0_sums_as_refsim_does():
 
 @every
 def test_the_notebook_that_the_site_offers_is_the_lesson(name):
-    """Written by `python scripts/lessons.py --notebooks docs/lessons`."""
-    assert (ROOT / "docs" / "lessons" / f"{name}.ipynb").read_text(encoding="utf-8") == notebook(LESSONS[name])
+    """Written by `python scripts/lessons.py --notebooks docs/lessons`; cells that print have printed."""
+    stored = (ROOT / "docs" / "lessons" / f"{name}.ipynb").read_text(encoding="utf-8")
+    code = [cell for cell in json.loads(stored)["cells"] if cell["cell_type"] == "code"]
+    printed = ["".join(output["text"] for output in cell["outputs"]) for cell in code]
+    assert stored == notebook(LESSONS[name], printed)
+    for cell, words in zip(code, printed):
+        assert bool(words) >= ("print(" in cell["source"] or "check(" in cell["source"].partition("Exercises(")[2])
+        assert len(words) < 4000
 
 
 def test_check_prints_the_verdict(capsys):
