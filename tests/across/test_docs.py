@@ -3,6 +3,7 @@
 import contextlib
 import functools
 import io
+import itertools
 import json
 import pathlib
 import re
@@ -223,6 +224,13 @@ def test_the_night_on_a_server_runs_sessions_that_there_are():
     assert set(tasks) <= set(re.findall(r'^    "(\w+)": \(', sessions, re.M))
     named = {name.partition("-")[0] for name in environments}
     assert named == {"environments", "lowest", "newest"} <= set(re.findall(r"^def (\w+)\(session", sessions, re.M))
+
+
+@pages
+def test_no_line_of_a_paragraph_begins_with_the_mark_of_a_number(page):
+    """Markdown ends the paragraph there."""
+    lines = BLOCK.sub("", page.read_text(encoding="utf-8")).split("\n")
+    assert [b for a, b in itertools.pairwise(lines) if a.strip() and a[0] != "<" and re.match(r"<!-- \{", b)] == []
 
 
 @pytest.mark.parametrize("page", QUESTIONS)
