@@ -39,10 +39,16 @@ RADII = {2: (11.0, 16.0, 24.0), 3: (8.5, 10.0, 12.0)}  # in spacings
 SUPPORTS = (2.3, 3.0)  # h in spacings, beside 2.6
 # S, beside 0.01; of water in a scene of one's own 0.001: 0.072 N/m, d = 1 mm, c = 8.5 m/s
 STIFFNESSES = (0.0003, 0.001, 0.003, 0.03)
-# (R, h, S, seed) of further drops in 3D, with other sizes and seeds than the first ones
-FURTHER: dict[str, tuple[tuple[float, float, float, int], ...]] = {
-    "akinci": ((7.0, 2.6, 0.005, 1),), "csf": ((7.0, 2.6, 0.005, 2),),
-    "dong": (
+# (R, h, S, seed) of further drops, with other sizes and seeds than the first ones
+FURTHER: dict[tuple[str, int], tuple[tuple[float, float, float, int], ...]] = {
+    ("akinci", 3): ((7.0, 2.6, 0.005, 1),), ("csf", 3): ((7.0, 2.6, 0.005, 2),),
+    ("dong", 2): (
+        (11.0, 3.3, 0.001, 1), (11.0, 3.3, 0.003, 1), (16.0, 3.3, 0.0007, 3), (16.0, 3.3, 0.003, 2),
+        (11.0, 3.6, 0.0003, 1), (11.0, 3.6, 0.001, 1), (11.0, 3.6, 0.003, 1), (16.0, 3.6, 0.0007, 3),
+        (16.0, 3.6, 0.002, 2), (11.0, 4.0, 0.0003, 1), (11.0, 4.0, 0.001, 1), (11.0, 4.0, 0.003, 1),
+        (16.0, 4.0, 0.0015, 2),
+    ),
+    ("dong", 3): (
         (7.0, 3.0, 0.0003, 2), (7.0, 3.0, 0.001, 1), (7.0, 3.0, 0.003, 2), (8.5, 3.0, 0.003, 3), (10.0, 3.0, 0.005, 2),
         (7.0, 3.3, 0.001, 1), (7.0, 3.3, 0.005, 1), (10.0, 2.6, 0.003, 2),
     ),
@@ -72,7 +78,7 @@ def points(models: tuple[str, ...] = tuple(MODELS), dims: tuple[int, ...] = (2, 
         for support, stiffness in itertools.product((2.6, *SUPPORTS), (0.01, *STIFFNESSES)):
             if (support, stiffness) != (2.6, 0.01):
                 yield Point(model, dim, radius=first, support=support, stiffness=stiffness)
-        for radius, support, stiffness, seed in FURTHER.get(model, ()) if dim == 3 else ():
+        for radius, support, stiffness, seed in FURTHER.get((model, dim), ()):
             yield Point(model, dim, radius=radius, support=support, stiffness=stiffness, seed=seed)
 
 

@@ -33,7 +33,7 @@ from refsim.surface_tension.jiang_zhu_2023 import CORRECTED_DENSITY
 
 # lambda rho0 d/sigma of the nominal sigma by default: drops become round and come to rest; in the default liquid
 # they have one tension by jump and by frequency (docs/liquid.md)
-CORRECTION_RATIO, MEASURED_RATIO = 3.0, 24.0
+CORRECTION_RATIO, MEASURED_RATIO = 3.0, {2: 60.0, 3: 24.0}
 # Values of it up to which drops come to rest at their density, and from which on they fly apart (docs/dong_2016.md).
 LARGEST_CORRECTION, SHATTERING_CORRECTION = 24.0, 96.0
 
@@ -57,11 +57,12 @@ class NormalCorrection(NamedTuple):
 class Dong2016(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=True):
     """Surface tension of a free liquid surface by a Lennard-Jones-like pair force.
 
-    surface_tension   sigma [N/m]: that of measured drops in the default liquid in 3D; else nominal, turned into k by a
-                      sum over the neighbours on the lattice
+    surface_tension   sigma [N/m]: that of measured drops in the default liquid; else nominal, turned into k by a sum
+                      over the neighbours on the lattice
     stiffness         k of D(7) [N/kg^2], instead of sigma
     rest_distance     d0 of D(7) [m]; left out, the spacing
-    correction        lambda of D(9) [m^2/s^2]; left out, 3 sigma/(rho0 d) with the nominal sigma, 24 in measured drops
+    correction        lambda of D(9) [m^2/s^2]; left out, 3 sigma/(rho0 d) with the nominal sigma; with that of
+                      measured drops 24, in 2D 60 times
     filter_density    one Shepard filter of all densities in every step, as in the paper; not without tension. Left out,
                       it is on but for the default liquid, whose density a surface leaves whole
     solver            "shared" (density, pressure and viscosity of weakly_compressible, so that the models differ by
@@ -83,10 +84,16 @@ class Dong2016(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=True)
     paper: ClassVar[Mapping[str, Any]] = {"solver": "hu_adams", "balance_pressure": False}
     in_papers: ClassVar[Mapping[str, Any]] = {"filter_density": True}
     lattice: ClassVar[bool] = True
-    measured: ClassVar[Measured] = {3: (
-        (3.0, ((0.0010, 3.35), (0.0031, 3.09), (0.0080, 2.68), (0.020, 2.00))), (3.3, ((0.0034, 3.40), (0.012, 2.38))),
-    )}  # fmt: skip
-    beyond: ClassVar[str] = ", by the pressure jump about 0.9 times as much at 2.6 spacings"
+    measured: ClassVar[Measured] = {
+        2: (
+            (3.6, ((0.0028, 9.40), (0.0069, 6.91), (0.016, 5.30))),
+            (4.0, ((0.0030, 10.1), (0.0071, 7.06), (0.010, 6.71))),
+        ),
+        3: (
+            (3.0, ((0.0010, 3.35), (0.0031, 3.09), (0.0080, 2.68), (0.020, 2.00))),
+            (3.3, ((0.0034, 3.40), (0.012, 2.38))),
+        ),
+    }
     with_spacing: ClassVar[tuple[str, ...]] = ("rest_distance",)
 
     surface_tension: NotNegative | None = None
@@ -122,7 +129,7 @@ class Dong2016(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=True)
         if self.correction is not None:
             return self.correction
         sigma = max(0.0, self.nominal_tension(grid, others))
-        ratio = CORRECTION_RATIO if self._measured_at(grid, others) is None else MEASURED_RATIO
+        ratio = CORRECTION_RATIO if self._measured_at(grid, others) is None else MEASURED_RATIO[grid.dim]
         return ratio * sigma / (liquid_of(others).rest_density * grid.spacing)
 
     def force_of(self, coefficient: float, r: NDArray, grid: Discretisation, others: Others) -> NDArray:
@@ -200,7 +207,8 @@ class Dong2016(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=True)
                 " initial kinetic energy"
             )
             yield Margin("support_radius/spacing", share, math.sqrt(3), least=True, beyond=words)
-        if self._corrects() and self.coheres() and (sigma := self.nominal_tension(grid, others)) > 0:
+        unmeasured = self._corrects() and self.coheres() and self._measured_at(grid, others) is None
+        if unmeasured and (sigma := self.nominal_tension(grid, others)) > 0:
             value = self.correction_coefficient(grid, others) * liquid_of(others).rest_density * grid.spacing / sigma
             fate = "fly apart" if value >= SHATTERING_CORRECTION else "swell"
             words = (
