@@ -87,8 +87,8 @@ def test_a_plan_lists_gauges_and_motions():
     sway = rs.Motion(of="gravity", kind="sway", direction=(1.0, 0.0, 0.0), amplitude=0.01, period=0.5)
     changed = made.with_(gauge=(gauge,), motion=(sway,))
     told = describe_plan(make_plan(changed), "cpu")
-    assert told["gauges"] == [{"name": "floor", "kind": "force", "every": 0.01, "on": "-y"}]
+    assert told["gauges"] == [{"name": "floor", "kind": "force", "every": 0.01, "instants": 0, "on": "-y"}]
     assert told["motions"][0]["amplitude"] == 0.01
-    assert re.search(r"Gauges\n.*\n.*\n? *floor +force +0.01 +-y", _text(told))
+    assert re.search(r"Gauges\n.*\n.*\n? *floor +force +0.01 +0 +-y", _text(told))
     assert re.search(r"Motions\n.*\n.*\n? *gravity +sway +1, 0, 0 +0.01 +0.5", _text(told))
     assert "Gauges" not in _text(describe_plan(make_plan(made), "cpu"))
