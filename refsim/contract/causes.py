@@ -1,36 +1,37 @@
 """Why answers are wrong: a sign of each wrong answer, and a vote over all trials of an operation.
 
-A sign is what the values show, what other calls of the program show, or what the oracle answers to altered inputs, with
-an amount that is fitted. Traits are what wrong rows and trials have alone. Where most wrong answers share no sign, the
-cause says what differs and nothing else.
+A sign is what values and further calls show, or a guess of what the program computes, with an amount that is fitted.
+Traits are what wrong rows and trials have alone. Where most wrong answers share no sign, it is said what differs alone.
 """
 
-import collections
 import contextlib
 import functools
 import re
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from refsim.contract.bounds import errors, oracle, size, takes_neighbours
 from refsim.contract.inputs import Inputs, distances, period_of, subset, without_walls
-from refsim.contract.parameters import KERNELS, groups_of, kernel_of, scaled, shape_acts, with_kernel
-from refsim.contract.target import MOST_SEEKING, MOST_SOUGHT, Judged, Outcome, Target, named_worst, on_one_core, worst
+from refsim.contract.parameters import kernel_of, scaled, shape_acts, with_kernel
+from refsim.contract.target import RACE, REPEATS, Judged, Outcome, Target, named_worst, on_one_core, worst
 from refsim.core.errors import InputError
 from refsim.smoothing import SHAPES
 from refsim.smoothing.shapes import NORMALISATION
 
-CLOSE = 1e-6  # share of its effect by which an answer may differ from what a sign predicts
-MOST_PARTICLES = 400  # of inputs for which oracle and program are called again
-REPEATS = 6  # calls with the same inputs
+CLOSE = 1e-6  # share of its effect by which an answer may differ from a guess
 CAPACITY = 8  # neighbours, rows or particles, from which on their number may spoil an answer
-MOST_PAIRS = 80  # neighbours of a row whose shares are computed
-STARTS = 0.0, 2.0, 0.7, 1.3, 1.001  # amounts from which one is fitted; 1 is right
+STARTS = 0.0, 2.0, 0.5, 1.3, 1.001  # amounts from which one is fitted; 1 is right
 REFUSED = (ArithmeticError, TypeError, ValueError, LookupError, AttributeError, InputError)  # of altered inputs
-NUMBER = re.compile(r"\d[\d.,]*(?:e[+-]\d+)?")
+Signs = Iterator[tuple[str, Any]]  # words, # for an amount; inputs or answer by amount and row, None where it is so
+SAID = {  # {words of an amount: better ones}
+    r"(gives \w+) -1 times as large as right": r"\1 with the opposite sign",
+    r"counts the particle itself 0 times": "leaves out the particle itself",
+    r"the part of (\w+) is 0 times .*": r"the answer is that without \1",
+    r"has -1 times ": "has -",
+}
 
 
 def judgement(target: Target, judged: Judged) -> Outcome:
@@ -40,45 +41,39 @@ def judgement(target: Target, judged: Judged) -> Outcome:
         traits = traits_of(target, judged)
         if not error <= 1 and not target.faults:
             began, sought, wrong = time.process_time(), target.sought, Wrong(target, judged)
-            most = MOST_SOUGHT if len(judged.inputs["position"]) >= CAPACITY else 3  # few particles say less
-            traits["sought"] = sought.answers < most and sought.seconds < MOST_SEEKING
-            sign = wrong.sign(traits["sought"])
-            told = sign or f"your program gives a wrong {wrong.name} in {wrong.wrong.sum()} of {len(wrong.wrong)} rows"
-            more = {"sign": sign, "values": wrong.values()}
+            traits["sought"] = sought.wanted(len(judged.inputs["position"]))
+            more = {"sign": wrong.sign(traits["sought"]), "values": wrong.values()}
+            told = more["sign"] or f"{wrong.name} is wrong in {wrong.wrong.sum()} of {len(wrong.wrong)} rows"
             sought.answers, sought.seconds = sought.answers + 1, sought.seconds + time.process_time() - began
     return target.outcome(error, told, telling=judged.telling, traits=traits, **more)
 
 
 def traits_of(target: Target, judged: Judged) -> dict[str, Any]:
-    """{what may decide whether a row is wrong: (some values of right rows, least of a wrong one or None)}."""
+    """{trait: (share of right rows that have it, whether all wrong ones do); of a number, #: (its most, its least)}."""
     inputs, operation, x = judged.inputs, target.operation, judged.inputs["position"]
     rows = np.arange(len(x)) if judged.rows is None else judged.rows
-    wrong, telling, numbers = np.zeros(len(rows), bool), np.zeros(len(rows), bool), dict[str, Any]()
-    for name, ratio in judged.ratios.items():
-        if 0 < len(rows) == len(ratio) == len(judged.answer[name][0]):
-            wrong |= ~(columns(ratio) <= 1).all(1)
-            telling |= np.any(columns(judged.answer[name][0]) != 0, axis=1)
+    wrong, telling, taken = np.zeros(len(rows), bool), np.zeros(len(rows), bool), operation.arguments("numpy")
+    for name in (n for n, r in judged.ratios.items() if inputs.per_particle(n) and 0 < len(r) == len(rows)):
+        wrong |= ~(columns(judged.ratios[name]) <= 1).all(1)
+        telling |= (columns(judged.answer[name][0]) != 0).any(1)
+    of_rows: dict[str, Any] = {}
     if takes_neighbours(operation) and len(rows):
-        period = period_of(operation, inputs)
-        near = within(operation, inputs, x, rows, period)
-        numbers["with up to # neighbours"] = near.sum(1) - 1
-        numbers["with particles' numbers up to #"] = len(x) - 1 - np.argmax(near[:, ::-1], 1)
-        if "walls" in operation.arguments("numpy") and inputs["walls"] is not None:
-            numbers["near walls"] = within(operation, inputs, inputs["walls"].position, rows, period).sum(1)
-        if period is not None:
-            numbers["with neighbours across a border"] = (near & ~within(operation, inputs, x, rows)).sum(1)
-    numbers |= {"up to row #": rows, "in odd rows": rows % 2, "at negative coordinates": (x[rows] < 0).any(1)}
-    shapes = [int(inputs[name].shape) for name in KERNELS if name in shape_acts(operation)]
-    given = [n for n in operation.optional if n in operation.arguments("numpy") and inputs[n] is not None]
-    whole = {f"with {n}": 1 for n in given if n != "walls" or len(inputs[n].position)}
-    whole |= {f"with the kernel {name}": 1 for name, number in SHAPES.items() if number in shapes}
-    whole |= {f"in {inputs.case.dim} dimensions": 1, f"in {target.dtype}": 1, "with up to # particles": len(x)}
+        near = within(operation, inputs, x, rows)
+        of_rows["with up to # neighbours"] = near.sum(1) - 1
+        of_rows["with particles' numbers up to #"] = len(x) - 1 - np.argmax(near[:, ::-1], 1)
+        if period_of(operation, inputs) is not None:
+            of_rows["with neighbours across a border"] = (near & ~within(operation, inputs, x, rows, False)).any(1)
+        if "walls" in taken and inputs["walls"] is not None:
+            of_rows["near walls"] = within(operation, inputs, inputs["walls"].position, rows).any(1)
+    of_rows |= {"up to row #": rows, "in odd rows": rows % 2}
+    there = [f"with {n}" for n in operation.optional if n in taken and inputs[n] is not None]
+    there += [*(f"with the kernel {name}" for name in target.kernel.split()), f"in {inputs.case.dim} dimensions"]
+    of_all = dict.fromkeys([*there, f"in {target.dtype}"], 1) | {"with up to # particles": len(x)}
     found: dict[str, Any] = {}
-    for name, values in numbers.items():
-        right = np.sort(values[telling & ~wrong])[::-1]
-        some = right[:: max(1, len(right) // 10)].tolist()
-        found[name] = some, float(values[wrong].min()) if wrong.any() else None
-    return found | {name: ([n], None) if worst(judged.ratios) <= 1 else ([], n) for name, n in whole.items()}
+    for key, values in of_rows.items():
+        most, right, bad = np.max if "#" in key else np.mean, values[telling & ~wrong], values[wrong]
+        found[key] = float(most(right)) if len(right) else None, float(bad.min()) if len(bad) else None
+    return found | {key: (v, None) if worst(judged.ratios) <= 1 else (None, v) for key, v in of_all.items()}
 
 
 def first_cause(outcomes: Sequence[Outcome]) -> str:
@@ -86,46 +81,28 @@ def first_cause(outcomes: Sequence[Outcome]) -> str:
     failed = [o for o in outcomes if not (o.passed or o.not_judged)]
     wrong = [o for o in failed if o.traits]
     voting = [o for o in wrong or failed if o.traits.get("sought", not o.values)] or wrong or failed
-    said = [o.sign or ("" if o.values else o.words) for o in voting]
-    votes = collections.Counter(NUMBER.sub("#", words) for words in said if words)
-    best = max(votes, key=lambda words: votes[words], default="")
-    first = next((words for words in said if NUMBER.sub("#", words) == best), "")
-    if votes[best] <= 0.45 * len(voting):
-        told = sum(not o.not_judged for o in outcomes)
-        first = f"{len(failed)} of {told} trials {'is' if len(failed) == 1 else 'are'} wrong"
+    said = [words for o in voting if (words := o.sign or ("" if o.values else o.words))]
+    kinds = [re.sub(r"\d[\d.,]*(e[+-]\d+)?", "#", words) for words in said]
+    best = max(kinds, key=kinds.count, default="")
+    first = f"wrong in {len(failed)} of {sum(not o.not_judged for o in outcomes)} trials"
+    first = said[kinds.index(best)] if kinds.count(best) > 0.45 * len(voting) else first
     return "; ".join([first, *conditions(outcomes, wrong)]) if failed else ""
 
 
-def conditions(outcomes: Sequence[Outcome], wrong: Sequence[Outcome]) -> list[str]:
-    """From which number of neighbours, rows or particles on answers are wrong, or with what alone, and from which."""
-    told = [o for o in outcomes if o.traits and (o.telling or not o.passed)]
-    words = numbered(told, wrong)
-    if words or len(wrong) < 3:  # fewer have much alone
-        return words
-    found = {key: apart(key, told, wrong) for key in wrong[0].traits if key != "sought" and "#" not in key}
-    alone = sorted((share, key) for key, (_, _, share, without) in found.items() if without > 1)
-    keys = [key for share, key in alone[:2] if share <= 2 * alone[0][0] + 0.1]
-    words = numbered([o for o in told if all(key in o.traits for key in keys)], wrong)
-    return [*(f"wrong only {key}" for key in keys), *words]
-
-
-def numbered(told: Sequence[Outcome], wrong: Sequence[Outcome]) -> list[str]:
-    """Words of the number from which on answers are wrong."""
-    for key in (key for key in wrong[0].traits if "#" in key) if wrong else ():
-        most, least, *_ = apart(key, told, wrong)
-        if CAPACITY <= most < least:
-            words = f"right {key.replace('#', f'{most:,.0f}')}, wrong from {least:,.0f} on"
-            return [f"{words}: is a list, a block or an index too short?"]
-    return []
-
-
-def apart(key: str, told: Sequence[Outcome], wrong: Sequence[Outcome]) -> tuple[float, float, float, int]:
-    """(largest of right rows, least of wrong ones, share of right rows not below, trials with rows below it)."""
-    least = min(o.traits.get(key, ((), None))[1] or 0 for o in wrong)
-    right = [np.asarray(o.traits.get(key, ([0.0],))[0]) for o in told]
-    below = [float((values < least).mean()) for values in right if len(values)]
-    most = max((float(values.max(initial=0)) for values in right), default=0.0)
-    return most, least, 1 - sum(below) / max(len(below), 1), sum(share > 0 for share in below)
+def conditions(outcomes: Sequence[Outcome], wrong: Sequence[Outcome], alone: Sequence[str] = ()) -> list[str]:
+    """What wrong rows have alone, and from which number of neighbours, rows or particles on they are wrong."""
+    told, shares = [o for o in outcomes if o.traits.keys() > {*alone} and (o.telling or not o.passed)], []
+    for key in (key for key in wrong[0].traits if key != "sought") if wrong else ():
+        least = min(o.traits.get(key, (0, 0))[1] or 0 for o in wrong)
+        right = [most for o in told if (most := o.traits.get(key, (0, 0))[0]) is not None]
+        if "#" in key and CAPACITY <= max(right, default=0) < least:
+            words = f"right {key.replace('#', f'{max(right):,.0f}')}, wrong from {least:,.0f} on"
+            return [*(f"wrong only {k}" for k in alone), f"{words}: is a list, a block or an index too short?"]
+        if "#" not in key and least == 1 and sum(share < 1 for share in right) > 1:
+            shares.append((sum(right) / len(right), key))
+    first = sorted(shares)[: 2 if len(wrong) > 2 and not alone else 0]  # fewer have much alone
+    keys = [key for share, key in first if share <= 2 * first[0][0] + 0.1]
+    return conditions(outcomes, wrong, keys) if keys else [f"wrong only {key}" for key in alone]
 
 
 class Wrong:
@@ -133,260 +110,191 @@ class Wrong:
 
     def __init__(self, target: Target, judged: Judged) -> None:
         self.target, self.judged, self.inputs, self.operation = target, judged, judged.inputs, target.operation
+        self.alone = functools.partial(subset, self.operation, without_walls(self.inputs))
         self.name = max(judged.ratios, key=lambda n: float(np.max(judged.ratios[n], initial=0.0)))
         self.ratio, self.per_particle = columns(judged.ratios[self.name]).max(1), self.inputs.per_particle(self.name)
         self.sums = self.per_particle and takes_neighbours(self.operation)
-        sampled = self.per_particle and judged.rows is not None
-        self.number = np.asarray(judged.rows) if sampled else np.arange(len(self.ratio))
+        self.number = np.arange(len(self.ratio)) if judged.rows is None or not self.per_particle else judged.rows
         self.before, self.after = (columns(given[self.name])[self.number] for given in (judged.before, judged.after))
         self.right, self.adds = columns(judged.answer[self.name][0]), self.name in self.operation.adds
         self.off = self.after - self.right - (self.before if self.adds else 0)
         self.wrong, self.error = ~(self.ratio <= 1), size(self.off)
         bound = self.error / np.where(self.ratio > 0, self.ratio, np.nan)
         self.bound = np.where(np.isfinite(bound), bound, np.nanmedian(bound) if np.isfinite(bound).any() else 0.0)
+        self.order = np.argsort(np.where(self.wrong, -self.error, np.inf), kind="stable")[: self.wrong.sum()]
 
     def sign(self, deep: bool) -> str:
-        """The first sign that there is, or ""; with `deep` oracle and program are called."""
-        deep = self.per_particle and deep and len(self.inputs["position"]) <= MOST_PARTICLES
-        for seek, calls in SIGNS.items():
+        """The words of the first sign that there is, or ""; with `deep` oracle and program are called."""
+        for seek, most in SIGNS.items():
             with contextlib.suppress(*REFUSED):
-                if (deep or not calls) and (words := next(seek(self), "")):
-                    return words
+                for words, made in seek(self) if not most or (deep and self.per_particle) else ():
+                    with contextlib.suppress(*REFUSED):
+                        if made is None or (words := self.told(words, made, most or len(self.order))):
+                            return words
         return ""
 
-    def agrees(self, answer: Any, rows: Any = slice(None)) -> bool:
-        """Whether an answer for some rows is the program's, and differs in the wrong ones from the right one."""
-        change, wrong = answer - self.right[rows], self.wrong[rows]
-        close = size(self.off[rows] - change) <= np.maximum(8 * self.bound[rows], CLOSE * size(change))
-        return bool(close.all()) and (size(change) > 16 * self.bound[rows])[wrong].sum() >= min(2, wrong.sum())
+    def told(self, words: str, made: Any, most: int) -> str:
+        """The words of a guess that holds in three wrong rows, then in so many, its amount by the secant; else ""."""
 
-    def fitted(self, answer: Callable[[float], Any], rows: Any = slice(None)) -> float | None:
-        """The amount, not 1, with which an answer is the program's in some rows, by the secant from several."""
-        right, off, wrong = self.right[rows], self.off[rows], self.wrong[rows]
-        for amount in STARTS:
-            before, last = 1.0, np.zeros_like(right)
-            for _ in range(8):
-                found = answer(amount)
-                if abs(amount - 1) > 1e-6 and self.agrees(found, rows):
-                    return amount
-                slope, missed = ((found - right - last) / (amount - before))[wrong], (right + off - found)[wrong]
-                step = float((missed * slope).sum() / (slope**2).sum()) if missed.size > 2 else 0.0
-                nearer = ((missed - step * slope) ** 2).sum() <= 0.9 * (off[wrong] ** 2).sum()
-                if not (nearer and 1e-9 < abs(step) < 10):  # of two numbers or one any amount would
+        def tried(s: float, rows: np.ndarray) -> tuple[np.ndarray, bool]:
+            """By how much a guess differs from the right answer, and whether it does as the program does."""
+            guesses, bound = ((made(s, k), self.number[k]) for k in rows), self.bound[rows]
+            answer = np.array([self.answer(v, i) if isinstance(v, Inputs) else v for v, i in guesses])
+            change = answer - self.right[rows]
+            close = size(self.off[rows] - change) <= np.maximum(8 * bound, CLOSE * size(change))
+            return change, bool(close.all()) and (size(change) > 16 * bound).sum() >= min(2, len(rows))
+
+        rows, fits = np.unique(self.order[[0, len(self.order) > 1, len(self.order) // 2]]), "#" in words
+        off, others = self.off[rows], self.order[:: 1 + len(self.order) // most]
+        for amount in STARTS[: 1 if not fits else 0 if off.size < 3 else None]:  # of two numbers any amount would
+            before, last = 1.0, 0 * off
+            for _ in range(8 if fits else 1):
+                change, same = tried(amount, rows)
+                if abs(amount - 1) > 1e-6 and same:
+                    words = words.replace("#", f"{amount:.5g}") if tried(amount, others)[1] else ""
+                    return functools.reduce(lambda words, usual: re.sub(usual, SAID[usual], words), SAID, words)
+                slope, missed = (change - last) / (amount - before), off - change
+                step = float((missed * slope).sum() / (slope**2).sum())
+                if not (((missed - step * slope) ** 2).sum() <= 0.9 * (off**2).sum() and 1e-9 < abs(step) < 10):
                     break
-                before, last, amount = amount, found - right, amount + step
-        return None
+                before, last, amount = amount, change, amount + step
+        return ""
 
-    def answer(self, inputs: Inputs, rows: Any) -> np.ndarray:
-        """The oracle's answer to altered inputs in some rows."""
-        return columns(oracle(self.operation, inputs, np.atleast_1d(rows))[self.name][0])
+    def answer(self, inputs: Inputs, row: Any) -> np.ndarray:
+        """The oracle's answer to altered inputs in a row."""
+        return columns(oracle(self.operation, inputs, np.array([row]))[self.name][0])[0]
 
-    def some(self, keep: Any) -> Inputs:
-        """The inputs with some of the particles."""
-        return subset(self.operation, self.inputs, np.array(keep, dtype=int))
-
-    def right_on(self, keep: Any, rows: Any = None) -> bool:
+    def right_on(self, *keep: int, rows: Any = None) -> bool:
         """Whether the program is right for some of the particles, in all rows or in some."""
-        quiet, inputs = self.target.quiet(), self.some(keep)
+        quiet, inputs = self.target.quiet(), subset(self.operation, self.inputs, np.array(keep))
         before, after = quiet.launch(inputs, complete=False)
         answer = {self.name: oracle(self.operation, inputs, rows)[self.name]}
         return bool(worst(errors(self.operation, inputs, before, after, rows, answer)) <= 1) and not quiet.faults
 
     def near(self, i: int, share: float = 1.0) -> np.ndarray:
         """Numbers of the other particles within `share` of the support radius of particle i."""
-        x, period = self.inputs["position"], period_of(self.operation, self.inputs)
-        found = np.flatnonzero(within(self.operation, self.inputs, x, np.array([i]), period, share))
-        return found[found != i]
+        near = within(self.operation, self.inputs, self.inputs["position"], np.array([i]), share=share)
+        return np.setdiff1d(np.flatnonzero(near), i)
 
     def values(self) -> dict[str, Any]:
         """The worst row in numbers."""
         k = int(np.argmax(self.ratio))
-        i, right = int(self.number[k]), self.right[k]
-        got, expected = (v.tolist() if len(v) > 1 else float(v[0]) for v in (right + self.off[k], right))
-        bound = float(self.error[k] / self.ratio[k]) if np.isfinite(self.ratio[k]) else None
-        told = {"output": self.name, "row": i, "got": got, "expected": expected, "error": float(self.error[k])}
-        return told | {"bound": bound, "neighbours": len(self.near(i)) if self.sums else 0}
+        both = np.array([self.right[k] + self.off[k], self.right[k]])
+        got, expected = (both if both.shape[1] > 1 else both[:, 0]).tolist()
+        told = {"output": self.name, "row": int(self.number[k]), "got": got, "expected": expected}
+        near = len(self.near(self.number[k])) if self.sums else 0
+        return told | {"error": float(self.error[k]), "bound": float(self.bound[k]), "neighbours": near}
 
 
-def unwritten(w: Wrong) -> Iterator[str]:
-    """An output that is not written, not finite, overwritten, or wrong in its last rows."""
-    broken, first = ~np.isfinite(w.off).all(1), int(np.argmax(w.wrong))
-    if np.array_equal(w.before, w.after, equal_nan=True):
-        yield f"your program {'adds nothing to' if w.adds else 'does not change'} {w.name}"
-    elif broken.any():
-        yield f"your program gives {w.name} that is NaN or infinite ({broken.sum()} of {broken.size} rows)"
-    elif w.adds and np.any(w.before) and w.agrees(w.right - w.before):
-        yield f"your program overwrites {w.name}; it must add to what stands there"
-    elif w.judged.rows is None and 2 * first > len(w.wrong) > CAPACITY and w.wrong[first:].all():
-        yield f"the last rows of {w.name} are wrong, from row {first} on"
-
-
-def unsteady(w: Wrong) -> Iterator[str]:
+def unsteady(w: Wrong) -> Signs:
     """Other values in another call: with the same inputs, or after a call with others."""
     for number in range(REPEATS):
         with on_one_core(number % 2 == 0):
             other = columns(w.target.quiet().launch(w.inputs, before=w.judged.before)[1][w.name])[w.number]
         if (size(other - w.after) > w.bound).any():
-            words = f"your program gives other values of {w.name} for the same inputs: a race between threads,"
-            w.target.sought.unsteady = f"{words} or memory that is read before it is written"
-            yield w.target.sought.unsteady
-            return
-    fewer = np.arange(len(w.inputs["position"]) - 3 - w.target.sought.answers)  # a number that was not yet there
-    if w.sums and len(fewer) > 4 and w.right_on(fewer) and not w.right_on(fewer[::-1]):
-        yield f"{w.name} depends on the calls before: is a list of neighbours kept from other positions?"
+            w.target.sought.unsteady = f"your program gives other values of {w.name} for the same inputs: {RACE}"
+            yield w.target.sought.unsteady, None
+    fewer = range(len(w.inputs["position"]) - 3 - w.target.sought.answers)  # a number that was not yet there
+    if w.sums and len(fewer) > 4 and w.right_on(*fewer) and not w.right_on(*fewer[::-1]):
+        yield f"{w.name} depends on the calls before: is a list of neighbours kept from other positions?", None
 
 
-def shown(w: Wrong) -> Iterator[str]:
-    """One factor, one amount, other rows, one component."""
+def shown(w: Wrong) -> Signs:
+    """What the values say: nothing, no numbers, one factor, one amount, other rows, the last rows, one component."""
+    broken, first, gives = ~np.isfinite(w.off).all(1), int(np.argmax(w.wrong)), f"your program gives {w.name}"
+    rows, bad = "all rows" if w.wrong.all() else "the wrong rows", (np.abs(w.off) > w.bound[:, None]).any(0)
+    if np.array_equal(w.before, w.after, equal_nan=True):
+        yield f"your program {'adds nothing to' if w.adds else 'does not change'} {w.name}", None
+    if broken.any():
+        yield f"{gives} that is NaN or infinite ({broken.sum()} of {broken.size} rows)", None
+    if w.judged.rows is None and 2 * first > len(w.wrong) > CAPACITY and w.wrong[first:].all():
+        yield f"the last rows of {w.name} are wrong, from row {first} on", None
     if w.name in w.operation.exact or (np.abs(w.right) > 1e-3 * np.abs(w.right).max()).sum() < 2:
         return
-    kernel, dim, gives = kernel_of(w.operation, w.inputs), w.inputs.case.dim, f"your program gives {w.name}"
-    norms = NORMALISATION[int(kernel.shape)] if kernel else {2: -1.0, 3: 1.0}
-    known = {norms[5 - dim] / norms[dim]: f"with the kernel's normalisation for {5 - dim} dimensions"}
-    factor = w.fitted(lambda s: np.where(w.wrong, s, 1)[:, None] * w.right)
-    order, bad = np.argsort(np.argsort(w.right + w.off, 0), 0), (np.abs(w.off) > w.bound[:, None]).any(0)
-    if factor is not None:
-        words = said("# times as large as right", {-1.0: "with the opposite sign"} | known)(factor)
-        yield f"{gives} {words}, in {'all' if w.wrong.all() else 'the wrong'} rows"
-    elif w.agrees(w.right + np.median(w.off, 0)):
-        yield f"{gives} with the same amount too much or too little in all rows"
-    elif w.agrees(np.take_along_axis(np.sort(w.right, 0), order, 0)):
-        yield f"your program gives the right values of {w.name} in other rows"
-    elif len(bad) == 3 and (~bad & np.any(w.right, axis=0)).any():
-        yield f"{w.name} is wrong in {', '.join('xyz'[c] for c in np.flatnonzero(bad))} alone"
+    if w.adds and np.any(w.before):
+        yield f"your program overwrites {w.name}; it must add to it", lambda _, k: w.right[k] - w.before[k]
+    if kernel := kernel_of(w.operation, w.inputs):
+        norms, dim = NORMALISATION[int(kernel.shape)], 5 - w.inputs.case.dim
+        words = f"{gives} with the kernel's normalisation for {dim} dimensions, in {rows}"
+        yield words, lambda _, k: norms[dim] / norms[5 - dim] * w.right[k]
+    yield f"{gives} # times as large as right, in {rows}", lambda s, k: s * w.right[k]
+    more, rank = np.median(w.off, 0), np.argsort(np.argsort(w.right + w.off, 0), 0)
+    yield f"{gives} with the same amount too much or too little in {rows}", lambda _, k: w.right[k] + more
+    other = np.take_along_axis(np.sort(w.right, 0), rank, 0)
+    yield f"your program gives the right values of {w.name} in other rows", lambda _, k: other[k]
+    if len(bad) == 3 and (~bad & np.any(w.right, axis=0)).any():
+        yield f"{w.name} is wrong in {', '.join('xyz'[c] for c in np.flatnonzero(bad))} alone", None
 
 
-def altered(w: Wrong, find: Callable[[Wrong], Iterator[tuple[Any, Any]]], most: int = 40) -> Iterator[str]:
-    """Alterations that give the program's answer in three wrong rows, then in `most`."""
-    order = np.argsort(-w.error, kind="stable")[: w.wrong.sum()]
-    rows = np.unique(order[[0, min(1, len(order) - 1), len(order) // 2]])
-    others = order[:: 1 + len(order) // most] if most > len(rows) else rows
-    for say, made in find(w):
-        with contextlib.suppress(*REFUSED):
-            answer = lambda s, k=rows, made=made: np.array([made(s, int(n)).ravel() for n in k])  # noqa: E731
-            amount = w.fitted(answer, rows) if callable(say) else 0.0 if w.agrees(answer(0.0), rows) else None
-            if amount is not None and w.agrees(answer(amount, others), others):
-                yield say(amount) if callable(say) else say
-
-
-def alterations(w: Wrong) -> Iterator[tuple[Any, Any]]:
-    """(words, or words of an amount; the answer of an amount in the k-th row); 1 is right."""
+def altered(w: Wrong) -> Signs:
+    """Another kernel, part or field, or the particle itself."""
     operation, inputs, other, taken = w.operation, w.inputs, w.inputs.replaced, w.operation.arguments("numpy")
 
-    def of(made: Callable[..., Inputs]) -> Callable[..., np.ndarray]:
-        return lambda s, k: w.answer(made(s), w.number[k])
+    def put(n: str, kept: bool | None, value: Callable[..., Any]) -> Callable[[float, int], Inputs]:
+        """Inputs with another field n, but in the particle itself or in the others, where it is kept."""
+        v, i = inputs[n].T, np.arange(len(inputs[n]))
+        return lambda s, k: other(**{n: np.where((i == w.number[k]) != kept, value(v, s, k), v).T})
 
-    def put(n: str, own: int, others: int, value: Callable[..., Any]) -> Callable[..., np.ndarray]:
-        """Answers with a value of amount and particle in place of its own field n, of the others' or of both."""
-
-        def made(s: float, i: int) -> Inputs:
-            place = np.where(np.arange(len(inputs[n])) == i, own, others).reshape(-1, *[1] * (inputs[n].ndim - 1))
-            return other(**{n: np.where(place, value(s, i), inputs[n]).astype(inputs[n].dtype)})
-
-        return lambda s, k: w.answer(made(s, int(w.number[k])), w.number[k])
-
-    if any(name in taken for name in KERNELS):
-        yield lambda s: in_place_of("h")(2 ** (s - 1)), of(lambda s: scaled(operation, inputs, 2 ** (s - 1)))
-        for shape in (n for n in SHAPES if shape_acts(operation) and SHAPES[n] != kernel_of(operation, inputs).shape):
-            yield f"the answer is that of the kernel {shape}", of(lambda _, n=shape: with_kernel(operation, inputs, n))
+    yield "the answer has # times h in place of h", lambda s, _: scaled(operation, inputs, abs(s) + 1e-9)
+    for n in SHAPES if shape_acts(operation) else ():
+        yield f"the answer is that of the kernel {n}", lambda s, _, n=n: with_kernel(operation, inputs, n)
     for n in (n for n in operation.optional if n in taken and inputs[n] is not None):
-        less = of(lambda _, n=n: without_walls(inputs) if n == "walls" else other(**{n: None}))
-        say = said(f"the part of {n} is # times as large as right", {0: f"the answer is that without {n}"})
-        yield say, lambda s, k, less=less: s * w.right[k] + (1 - s) * less(0, k)
-    for n, group in groups_of(operation, inputs).items():
-        for m, v in group._asdict().items() if n not in (*KERNELS, "period") else ():
-            changed = lambda s, g=group, m=m, v=v: g._replace(**{m: type(v)(s * v)})  # noqa: E731
-            yield in_place_of(f"{n}.{m}"), of(lambda s, n=n, changed=changed: other(**{n: changed(s)}))
-    yield "the answer is that in the plane z = 0", of(lambda _: other(position=inputs["position"] * [1, 1, 0]))
+        part = lambda s, k, n=n: s * w.right[k] + (1 - s) * w.answer(other(**{n: None}), w.number[k])  # noqa: E731
+        yield f"the part of {n} is # times as large as right", part
+    yield "the answer is that in the plane z = 0", lambda *_: other(position=inputs["position"] * [1, 1, 0])
     for axis, turn in zip("xyz", 1 - 2 * np.eye(3)) if "walls" in taken and inputs["walls"] is not None else ():
         walls = inputs["walls"]._replace(position=(inputs["walls"].position * turn).astype(inputs.dtype))
-        yield f"the wall particles are mirrored: {axis} has the wrong sign", of(lambda _, b=walls: other(walls=b))
-    for words, p in {"m_j/rho_j in place of m_j": -1.0, "m_j in place of m_j/rho_j": 1.0}.items():
-        if "mass" in taken and "density" in taken:
-            yield f"the answer has {words}", of(lambda _, p=p: other(mass=inputs["mass"] * inputs["density"] ** p))
-    if w.sums:
-        say = said(
-            "your program counts the particle itself # times", {0: "your program leaves out the particle itself"}
-        )
-        yield say, lambda s, k: w.right[k] + (s - 1) * w.answer(without_walls(w.some([w.number[k]])), 0)
-    fields = (n for n in taken if n != "position" and inputs.per_particle(n) and inputs[n] is not None)
-    for n, v in ((n, inputs[n]) for n in fields if inputs[n].dtype.kind == "f"):
-        before, behind = (f"{n} of the particle {word}" for word in ("before", "behind"))
-        changes = {"1": v**0, "the square": v**2, before: np.roll(v, 1, 0), behind: np.roll(v, -1, 0)}
-        yield f"the answer has {n}_i in place of {n}_j", put(n, 0, 1, lambda _, i, v=v: v[i])
-        for name, own, others in ((n, 1, 1), (f"{n}_j", 0, 1), (f"{n}_i", 1, 0))[: 3 if w.sums else 1]:
-            yield in_place_of(name), put(n, own, others, lambda s, _, v=v: s * v)
-            for word, x in changes.items():
-                yield f"the answer has {word} in place of {name}", put(n, own, others, lambda *_, x=x: x)
+        yield f"the wall particles are mirrored: {axis} has the wrong sign", lambda *_, walls=walls: other(walls=walls)
+    own = lambda s, k: w.right[k] + (s - 1) * w.answer(w.alone(w.number[k : k + 1]), 0)  # noqa: E731
+    yield "your program counts the particle itself # times", own
+    for n in (n for n in taken if n != "position" and inputs.per_particle(n) and inputs[n] is not None):
+        yield f"the answer has {n}_i in place of {n}_j", put(n, True, lambda v, _, k: (0 * v.T + v.T[w.number[k]]).T)
+        for name, kept in ((n, None), (f"{n}_j", True), (f"{n}_i", False))[: 3 if w.sums else 1]:
+            before, words = put(n, kept, lambda v, *_: np.roll(v, 1, -1)), f"in place of {name}"
+            yield f"the answer has # times {name} {words}", put(n, kept, lambda v, s, _: s * v)
+            yield f"the answer has {n} of the particle before {words}", before
+            for p, word in ((0, "1"), (2, "the square")):
+                yield f"the answer has {word} {words}", put(n, kept, lambda v, *_, p=p: v**p)
 
 
-def recounts(w: Wrong) -> Iterator[tuple[Any, Any]]:
-    """The same of sums in which neighbours count another number of times."""
+def recounted(w: Wrong) -> Signs:
+    """Rounding in float32, neighbours that count another number of times, particles beyond the support radius."""
 
     @functools.cache
     def shares(k: int) -> tuple[np.ndarray, np.ndarray]:
         """Numbers of neighbours of the k-th row relative to its own, and what each brings."""
-        i = w.number[k]
-        near = w.near(i)[:MOST_PAIRS]
-        pairs = [w.answer(without_walls(w.some(keep)), 0) for keep in ([i], *([i, j] for j in near))]
-        return near - i, np.concatenate(pairs[1:]) - pairs[0]
+        i, near = w.number[k], w.near(w.number[k])
+        own, *pairs = (w.answer(w.alone(np.array([i, *j])), 0) for j in ((), *zip(near)))
+        return near - i, np.array(pairs) - own
 
-    for word, t in (("is missing", -1), ("is counted twice", 1)) if w.sums else ():
-        nearest = lambda k, t=t: np.argmin(np.abs(w.off[k] - t * shares(k)[1]).sum(1))  # noqa: E731
-        words = f"off by one: in each wrong row one neighbour {word}"
-        yield words, lambda s, k, t=t, f=nearest: w.right[k] + t * shares(k)[1][f(k)]
-    for word, t in (("lower", -1), ("higher", 1)) if w.sums else ():
-        say = said(f"your program counts neighbours of {word} numbers # times", {})
-        yield say, lambda s, k, t=t: w.right[k] + (s - 1) * shares(k)[1][t * shares(k)[0] > 0].sum(0)
-
-
-def rounding(w: Wrong) -> Iterator[str]:
-    """Errors of the size of single precision, or, in it, of the rounding of a sum over all particles."""
     terms = np.maximum(np.maximum(size(columns(w.judged.answer[w.name][1]) + 0 * w.right), size(w.right)), 1e-300)
     share, mixed = np.quantile((w.error / terms)[w.wrong], 0.9), 0.2 < (w.off[w.wrong, 0] > 0).mean() < 0.8
-    least, most = (1e-13, 3e-6) if mixed else (4e-9, 2e-6)
+    single = 1e-13 < share < 3e-6 if mixed else 4e-9 < share < 2e-6
     summed = mixed and w.error.max() <= 8 * terms.mean() * len(w.inputs["position"]) * np.finfo("f4").eps
-    if least < share < most if w.target.dtype == "float64" else summed:
-        yield f"the error of {w.name} has the size of rounding in float32: is something summed in single precision?"
-
-
-def beyond(w: Wrong) -> Iterator[str]:
-    """Whether the program counts particles that the list has, and the support radius has not."""
+    if single if w.target.dtype == "float64" else summed:
+        yield f"the error of {w.name} has the size of rounding in float32: a sum in single precision?", None
+    for t, word, some in ((-1, "is missing", "lower"), (1, "is counted twice", "higher")) if w.sums else ():
+        nearest = lambda k, t=t: min(t * shares(k)[1], key=lambda v: np.abs(w.off[k] - v).sum())  # noqa: E731
+        yield f"off by one: one neighbour {word} in each wrong row", lambda _, k, f=nearest: w.right[k] + f(k)
+        part = lambda s, k, t=t: w.right[k] + (s - 1) * shares(k)[1][t * shares(k)[0] > 0].sum(0)  # noqa: E731
+        yield f"your program counts neighbours of {some} numbers # times", part
     i = int(w.number[np.argmax(w.ratio)])
     further = np.setdiff1d(w.near(i, 1 + w.inputs.case.skin), w.near(i))
-    if w.right_on([i], [0]) and not all(w.right_on([i, j], [0]) for j in further[:2]):
-        yield f"{w.name} counts particles beyond the support radius: there is no cut at r = h"
+    if w.right_on(i, rows=[0]) and not all(w.right_on(i, j, rows=[0]) for j in further[:2]):
+        yield f"{w.name} counts particles beyond the support radius: there is no cut at r = h", None
 
 
-SIGNS: dict[Callable[[Wrong], Iterator[str]], bool] = {  # in this order; True: it calls program or oracle
-    unwritten: False,
-    unsteady: True,
-    shown: False,
-    lambda w: altered(w, alterations): True,
-    rounding: False,
-    lambda w: altered(w, recounts, 3): True,
-    beyond: True,
-}
-
-
-def said(words: str, known: Mapping[float, str]) -> Callable[[float], str]:
-    """Words of an amount, #, with others for some amounts."""
-    return lambda s: next((w for amount, w in known.items() if abs(s - amount) < 1e-3), words.replace("#", f"{s:.5g}"))
-
-
-def in_place_of(n: str) -> Callable[[float], str]:
-    """Words of a quantity that is so many times as large as right."""
-    zero, minus = (f"the answer has {word} in place of {n}" for word in ("0", f"-{n}"))
-    return said(f"the answer has # times {n} in place of {n}", {0: zero, -1: minus})
+# In this order; behind each the wrong rows in which a guess must hold, 0 for all, where nothing is called
+SIGNS = {unsteady: 1, shown: 0, altered: 40, recounted: 3}
 
 
 def columns(values: Any) -> np.ndarray:
     """Numbers with a row for each particle or entry, or one row."""
-    values = np.asarray(values, float)
-    return values.reshape(len(values) if values.ndim else 1, -1)
+    return np.reshape(np.asarray(values, float), (*(np.shape(values)[:1] or (1,)), -1))
 
 
-def within(operation: Any, inputs: Inputs, source: Any, rows: Any, period: Any = None, share: float = 1) -> np.ndarray:
-    """Whether sources are within `share` of the support radius of the particles `rows`."""
+def within(operation: Any, inputs: Inputs, source: Any, rows: Any, images: bool = True, share: float = 1) -> np.ndarray:
+    """Whether sources, or their nearest images, are within `share` of the support radius of the particles `rows`."""
     reach = share * float(getattr(kernel_of(operation, inputs), "support_radius", inputs.case.list_radius))
+    period = period_of(operation, inputs) if images else None
     return np.concatenate([d < reach for _, d in distances(inputs["position"], source, rows, period)])

@@ -10,7 +10,7 @@ from refsim.backends.arrays import on_threads, threads_of
 from refsim.contract.answers import CLOUDS, LARGE
 from refsim.contract.bounds import errors, neighbour_counts, oracle, size
 from refsim.contract.inputs import Inputs, distances, period_of, subset, unwritten, without_walls
-from refsim.contract.target import Outcome, Target, Trial, named_worst, on_one_core, worst
+from refsim.contract.target import RACE, REPEATS, Outcome, Target, Trial, named_worst, on_one_core, worst
 from refsim.core import cases
 from refsim.core.operation import Operation
 from refsim.neighbours.reference import nearest_image
@@ -21,7 +21,6 @@ TURNS = {
 }
 GRID = 2.0**-12  # positions on this grid are shifted without rounding
 RANKS = (2, 4)  # that share the particles of a program that takes ghosts
-REPEATS = 6  # calls of other programs with the same inputs
 
 # T4: what holds whatever the numbers are
 
@@ -306,7 +305,7 @@ def _repeated(target: Target, case: str, counts: tuple[int | None, ...]) -> Outc
     if not rounding:
         words = (
             f"your program gives other values of {name} for the same inputs ({rows} rows, by {share:.2g} of the"
-            " largest): a race between threads, or memory that is read before it is written"
+            f" largest): {RACE}"
         )
     return target.outcome(np.inf, words)
 

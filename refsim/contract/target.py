@@ -34,6 +34,9 @@ Answer = Mapping[str, tuple[Any, Any]]
 LISTED = {"neighbours", "walls", "liquid_near_walls"}  # arguments with lists of the neighbour search
 MOST_SOUGHT = 12  # wrong answers of one operation whose signs are sought by further calls
 MOST_SEEKING = 5.0  # s of the processor for which they are
+FEW, MANY = 8, 400  # particles: fewer say less, with more a call takes long
+REPEATS = 6  # calls of other programs with the same inputs
+RACE = "a race between threads, or memory that is read before it is written"
 
 
 class ProgramFailed(Exception):
@@ -57,6 +60,11 @@ class Sought:
     seconds: float = 0.0
     smallest: Any = None  # drawn input that fails: its trial's name, and what `refsim.contract.drawn` makes again
     unsteady: str = ""
+
+    def wanted(self, particles: int) -> bool:
+        """Whether the sign of one more wrong answer is sought."""
+        most = 3 if particles < FEW else MOST_SOUGHT
+        return particles <= MANY and self.answers < most and self.seconds < MOST_SEEKING
 
 
 @dataclass(frozen=True)
@@ -240,7 +248,8 @@ class Target:
 
         For a program that reads no list none is made, and the particles are in a random order.
         """
-        period = period_of(self.operation, self.varied(Inputs(cases.CASES[case](), self.dtype)))
+        given = with_variant(Inputs(cases.CASES[case](), self.dtype), self.operation.variants[self.variant])
+        period = period_of(self.operation, given)
         lists = lists if self.listed else "none"
         made, neighbours, walls = prepared(case, self.place.name, self.dtype, lists, period)
         return self.varied(made), neighbours, walls

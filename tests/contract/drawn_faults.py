@@ -55,9 +55,11 @@ class Fault:
         """Whether a first cause names the fault: what or where, in words that belong to it."""
         if self.when:
             return bool(re.search(WHEN[self.when], cause))
-        name, number = PLACES[self.operation][self.place], re.escape(f"{self.amount:.4g}")
+        name, number = PLACES[self.operation][self.place], re.escape(f"{self.amount:g}")
         factors = {-1.0: f"-{name}|opposite sign", 0.0: f"0 in place of {name}|without {name}|leaves out {name}"}
         times = rf"{number}\d* times ({name}|as large)|{name}.* {number}\d* times"
+        if self.place == "rho_i" and self.amount:  # by which all is divided
+            times += f"|{1 / self.amount:.5g} times as large"
         words = {
             "factor": "|".join(filter(None, (factors.get(self.amount), times))),
             "single precision": "single precision|float32",
@@ -67,7 +69,8 @@ class Fault:
             "rolled": "in other rows", "offset": "same amount", "z missing": "in z alone|z = 0",
             "lower": "of (lower|higher) numbers",
         }  # fmt: skip
-        return bool(re.search(words[self.kind], cause))
+        same = "|without viscosity" if (self.place, self.kind) == ("v_j", "swapped") else ""  # v_i - v_i
+        return bool(re.search(words[self.kind] + same, cause))
 
 
 def draw(seed):
