@@ -7,13 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backends.compile import ANY_ORDER, Kernel
-from refsim.backends.reductions import Reduction
 from refsim.backends.written import NotPlain, class_text, kind_of, literal, wrapped, written
 from refsim.contract import bindings
 from refsim.core.errors import RefsimError
 from refsim.core.operation import Operation, backend_of
-from refsim.neighbours.rows import NeighbourColumns, NeighbourRows
 from refsim.smoothing.shapes import Smoothing
 
 COUNT, CASE = 100, "cloud_3d"
@@ -49,8 +46,11 @@ if __name__ == "__main__":
 '''
 
 
-def kernel_of(operation: Operation, program: str) -> Kernel | None:
+def kernel_of(operation: Operation, program: str) -> Any:
     """The kernel that a program is; None where it is a function that launches kernels, or reduces rows."""
+    from refsim.backends.compile import Kernel  # which loads Numba, as no other command needs it
+    from refsim.backends.reductions import Reduction
+
     entry = operation.entry(program)
     found = getattr(
         importlib.import_module(f"{entry.folder or operation.folder}.{entry.module}"),
@@ -61,6 +61,8 @@ def kernel_of(operation: Operation, program: str) -> Kernel | None:
 
 def printed(operation: Operation, program: str) -> str | None:
     """The text of the file; None where the program has none. Without an example where random particles are no input."""
+    from refsim.backends.compile import ANY_ORDER
+
     kernel, backend = kernel_of(operation, program), backend_of(program)
     if kernel is None:
         return None
@@ -80,6 +82,8 @@ def printed(operation: Operation, program: str) -> str | None:
 
 def _plainly(value: Any, backend: str) -> Any:
     """A value with a known smoothing kernel, and the GPU's list in place of a CPU's."""
+    from refsim.neighbours.rows import NeighbourColumns, NeighbourRows
+
     if isinstance(value, Smoothing):
         return value.fixed()
     if backend == "cuda" and isinstance(value, NeighbourRows):
@@ -87,7 +91,7 @@ def _plainly(value: Any, backend: str) -> Any:
     return value
 
 
-def _example(operation: Operation, kernel: Kernel, given: Mapping[str, Any], backend: str) -> str:
+def _example(operation: Operation, kernel: Any, given: Mapping[str, Any], backend: str) -> str:
     """What makes the arguments, and runs the kernel. Raises NotPlain where random particles are no input."""
     taken = {name: value for name, value in given.items() if value is not None}
     if kernel.rows not in taken:

@@ -38,8 +38,8 @@ from refsim.mpm import (
     WallNodes,
     operations,
 )  # fmt: skip
-from refsim.mpm.formulas import IMAGED_ROWS
 from refsim.mpm.grid import SLACK, Background, MpmGrid
+from refsim.mpm.limits import IMAGED_ROWS
 from refsim.sparse_grid import PointList
 from refsim.sparse_grid.reference import node_table
 from refsim.surface_energy import Tension, surface_term

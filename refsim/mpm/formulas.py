@@ -7,11 +7,10 @@ import math
 
 from refsim.backends.compile import formula
 from refsim.backends.tuples import entrywise
-from refsim.mpm.limits import FARTHEST
+from refsim.mpm.limits import FARTHEST, IMAGED_ROWS
 
 STICKY, SLIP, SEPARATING = 1, 2, 3
 CLUSTER, CORRECTED = 1, 3  # readings of the embedding; 0 is none, 2 the thesis's
-IMAGED_ROWS = 3  # of nodes behind a mirror that the liquid may reach
 NOWHERE = 1 << 30
 FAR = 2.0 * FARTHEST
 

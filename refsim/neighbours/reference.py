@@ -1,8 +1,8 @@
-"""NumPy oracle of the neighbour search: all pairs, in blocks of rows of at most 64 MB."""
+"""NumPy oracle of the neighbour search: all pairs, in blocks of rows."""
 
 import numpy as np
 
-BLOCK_BYTES = 64 * 2**20
+BLOCK_BYTES = 2 * 2**20  # stays in the cache
 
 
 def nearest_image(separation, period):

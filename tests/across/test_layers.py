@@ -10,6 +10,8 @@ import functools
 import graphlib
 import pathlib
 import re
+import subprocess
+import sys
 
 import pytest
 
@@ -111,6 +113,15 @@ def writes_of_their_own(source):
         by_name = name in WRITES or function == "np.save" or (function.endswith(".export") and node.args)
         if by_name or (opened and not re.search("os.(devnull|dup)", words)):  # which are no files
             yield words
+
+
+def test_package_commands_and_cases_load_no_numba():
+    """It takes longer to load than most commands take; only what compiles or runs kernels does."""
+    code = (
+        "import sys; sys.modules['numba'] = None; import refsim.contract.report; from refsim.commands import discover;"
+        " from refsim.core import cases; discover(); cases.discover()"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_every_file_is_written_through_one_module():
