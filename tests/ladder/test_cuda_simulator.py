@@ -185,7 +185,7 @@ def test_walls_near_each_particle(cuda):
     static = search.static_set(walls)
     assert np.array_equal(cuda.host(static.position), walls[static.order])
     near = search.build_against(cuda.asarray(ordered), static)
-    (_, _, distance), *_ = pair_blocks(ordered, walls[static.order])
+    distance = np.concatenate([block for _, _, block in pair_blocks(ordered, walls[static.order])])
     for own, true in zip(columns(cuda, near), distance, strict=True):
         assert sorted(own) == list(np.flatnonzero(true < RADIUS * (1 + SKIN)))
     around = search.build_around(search.programs.lists["own"].position, static)

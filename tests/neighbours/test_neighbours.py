@@ -129,7 +129,7 @@ def test_list_of_a_periodic_box_holds_all_pairs(lengths, dtype):
     near = search.build_against(position, static)
     eps = 64 * np.finfo(dtype).eps
     for source, found, others in ((position, listed, True), (static.position, near, False)):
-        (_, _, distance), *_ = pair_blocks(position, source, period=lengths)
+        distance = np.concatenate([block for _, _, block in pair_blocks(position, source, period=lengths)])
         table = listings(found, len(source))
         for i, row in enumerate(rows(found)):
             assert (row == found.entries[found.start[i] : found.start[i] + found.count[i]]).all()  # in their order
