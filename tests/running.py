@@ -1,4 +1,6 @@
-"""Runs that go on for some steps or to a time."""
+"""Runs that go on for some steps or to a time, and what other processes are waited for."""
+
+from time import monotonic, sleep
 
 
 def advanced(simulation, steps):
@@ -13,3 +15,13 @@ def run_to(simulation, time):
     while simulation.time < time:
         simulation.step()
     return simulation
+
+
+def awaited(condition, process, within=120):
+    """Waits until a condition holds; a process that ends before is a failure, and one that takes too long is ended."""
+    until = monotonic() + within
+    while not condition():
+        if monotonic() > until:
+            process.kill()
+        assert process.poll() is None, process.communicate()
+        sleep(0.02)

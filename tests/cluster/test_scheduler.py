@@ -4,7 +4,6 @@ import os
 import re
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -16,6 +15,7 @@ from refsim.cluster.tasks import Task
 from refsim.core.errors import InputError, RunStopped
 from refsim.sweep import sweep
 from tests.cluster import cluster_tasks as there
+from tests.running import awaited
 from tests.sweep.small_sweep import files, killed_task, same_bits
 
 WORKERS = 3
@@ -66,11 +66,7 @@ class Cluster:
         words = ["-m", f"distributed.cli.{program}", "--scheduler-file", str(self.file), "--no-dashboard", *options]
         process = subprocess.Popen([sys.executable, *words], env=self.environment, stdout=self.log, stderr=self.log)
         self.processes.append(process)
-        until = time.monotonic() + 120
-        while not self.file.exists():
-            assert process.poll() is None
-            assert time.monotonic() < until
-            time.sleep(0.1)
+        awaited(self.file.exists, process)
         return process
 
     def worker(self, k):

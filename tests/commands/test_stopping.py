@@ -13,7 +13,9 @@ import weakref
 
 import pytest
 
+from refsim import Simulation
 from refsim.core.stopping import handling_signals
+from tests.running import awaited
 from tests.tank_file import tank
 
 ROOT = pathlib.Path(__file__).parents[2]
@@ -56,11 +58,7 @@ def sweeping(tmp_path):
     process = start(
         tmp_path, "sweep", "sounds.toml", "--jobs", "1", "--output", "kept", "--quiet", "--checkpoint-every", "0.1"
     )
-    until = time.monotonic() + 60
-    while not list(tmp_path.glob("kept/running/*/checkpoint.h5")):
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() < until
-        time.sleep(0.05)
+    awaited(lambda: list(tmp_path.glob("kept/running/*/checkpoint.h5")), process)
     return process
 
 
@@ -110,23 +108,24 @@ def test_a_signal_during_the_imports_ends_with_the_exit_code_of_a_stop(tmp_path,
     assert "Traceback" not in err
 
 
-@pytest.mark.parametrize("times", [1, 2, 20])
-def test_a_batch_system_may_ask_more_than_once(tmp_path, times):
-    """The first SIGTERM ends the run with a checkpoint; no other one disturbs that, until the process is gone."""
+@pytest.mark.parametrize("name, times", [("SIGINT", 1), ("SIGTERM", 1), ("SIGTERM", 2), ("SIGTERM", 20)])
+def test_a_batch_system_may_ask_more_than_once(tmp_path, name, times):
+    """The first signal ends the run with a checkpoint; no other one disturbs that, until the process is gone."""
     (tmp_path / "tank.toml").write_text(SCENE)
-    process = start(tmp_path, "run", "tank.toml", "--backend", "numpy", "--quiet")
-    until = time.monotonic() + 60
-    while not (tmp_path / "tank_run" / "report.json").exists():
-        assert time.monotonic() < until
-        time.sleep(0.05)
+    process = start(tmp_path, "run", "tank.toml", "--backend", "numpy", "--quiet", "--checkpoint-every", "0.1")
+    awaited((tmp_path / "tank_run" / "report.json").exists, process)
     while times > 0 and process.poll() is None:
-        process.send_signal(signal.SIGTERM)
+        process.send_signal(getattr(signal, name))
         time.sleep(0.01)
         times -= 1
-    _, err = ended(process, 30)
-    assert process.returncode == 3
+    out, err = ended(process, 60)
+    assert (process.returncode, out) == (3, "")
     assert "The run was interrupted after step" in err
     assert "go on with: refsim run --resume tank_run" in err
+    assert "[interrupted]" in err
+    assert "Traceback" not in err
+    report = json.loads((tmp_path / "tank_run" / "report.json").read_text())
+    assert (report["reason"], Simulation.resume(tmp_path / "tank_run").steps) == ("interrupted", report["steps"])
 
 
 WHOLE = {
@@ -149,11 +148,7 @@ def test_experiments_that_are_asked_to_stop_end_with_their_processes(tmp_path, w
         cwd=tmp_path, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True,
     )  # fmt: skip
     children = pathlib.Path(f"/proc/{process.pid}/task/{process.pid}/children")
-    until = time.monotonic() + 60
-    while b"spawn_main" not in b"".join(map(command_line, children.read_text().split())):
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() < until
-        time.sleep(0.02)
+    awaited(lambda: b"spawn_main" in b"".join(map(command_line, children.read_text().split())), process)
     time.sleep(0.3)
     if name == "SIGINT":
         os.killpg(process.pid, signal.SIGINT)

@@ -4,10 +4,6 @@ import json
 import math
 import os
 import pathlib
-import signal
-import subprocess
-import sys
-import time
 
 import msgspec
 import numpy as np
@@ -22,6 +18,8 @@ from refsim.engine.conserved_totals import check_particles
 from refsim.io.checkpoint import read_checkpoint, whole_checkpoint, write_checkpoint
 from refsim.io.frames import read_particles
 from refsim.scene.files import scene_to_toml
+from tests.commands.test_stopping import start
+from tests.running import awaited
 
 ROOT = pathlib.Path(__file__).parents[2]
 STEPS = 60
@@ -514,38 +512,16 @@ def test_reasons_are_those_of_the_list():
         rs.RunStopped("bored", "x")
 
 
-# -- kills
-posix = pytest.mark.skipif(os.name != "posix", reason="signals")
-
-
-def start(path, out, *more):
-    command = [sys.executable, "-m", "refsim", "run", path, "--output", out, "--until", "100", "--quiet", *more]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    process = subprocess.Popen(
-        [*map(str, command)], stderr=subprocess.PIPE, stdout=subprocess.PIPE, env=environment,
-        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),  # which nohup ignores
-    )  # fmt: skip
-    ends = time.monotonic() + 120
-    while time.monotonic() < ends and process.poll() is None:
-        try:
-            if json.loads((out / "report.json").read_text())["steps"] >= 20:
-                return process
-        except (OSError, ValueError):
-            pass
-        time.sleep(0.02)
-    process.kill()
-    raise AssertionError(process.communicate()[1].decode())
-
-
-@posix
+@pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_a_killed_run_loses_at_most_the_interval(tmp_path):
     """SIGKILL in the middle; the resumed run ends bit for bit where one that was never killed ends."""
-    path, out = tmp_path / "tank.toml", tmp_path / "out"
-    path.write_text(scene_to_toml(tank()))
-    process = start(path, out, "--checkpoint-every", "0")
-    process.send_signal(signal.SIGKILL)
+    out, report = tmp_path / "tank_run", tmp_path / "tank_run" / "report.json"
+    (tmp_path / "tank.toml").write_text(scene_to_toml(tank()))
+    process = start(tmp_path, "run", "tank.toml", "--until", "100", "--quiet", "--checkpoint-every", "0")
+    awaited(lambda: report.exists() and json.loads(report.read_text())["steps"] >= 20, process)
+    process.kill()
     process.communicate()
-    known = json.loads((out / "report.json").read_text())["steps"]
+    known = json.loads(report.read_text())["steps"]
     resumed = rs.Simulation.resume(out)
     assert resumed.steps >= known
     end = resumed.time + 0.005
@@ -556,20 +532,3 @@ def test_a_killed_run_loses_at_most_the_interval(tmp_path):
     assert_same_run(whole, final)
     times = [frame.time for frame in read_particles(out / "particles.pvd")]
     assert times == sorted(set(times))
-
-
-@posix
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
-def test_a_run_that_is_asked_to_stop_ends_between_two_steps_with_a_checkpoint(tmp_path, name):
-    path, out = tmp_path / "tank.toml", tmp_path / "out"
-    path.write_text(scene_to_toml(tank()))
-    process = start(path, out, "--checkpoint-every", "0.1")
-    process.send_signal(getattr(signal, name))
-    stdout, stderr = process.communicate(timeout=60)
-    assert process.returncode == 3
-    assert b"Traceback" not in stderr
-    assert b"[interrupted]" in stderr
-    assert f"refsim run --resume {out}".encode() in stderr
-    assert stdout == b""
-    report = json.loads((out / "report.json").read_text())
-    assert (report["reason"], rs.Simulation.resume(out).steps) == ("interrupted", report["steps"])
