@@ -1,5 +1,8 @@
 """Runs that go on for some steps or to a time, and what other processes are waited for."""
 
+import os
+import subprocess
+import sys
 from time import monotonic, sleep
 
 
@@ -25,3 +28,18 @@ def awaited(condition, process, within=120):
             process.kill()
         assert process.poll() is None, process.communicate()
         sleep(0.02)
+
+
+def python(*words, folder=None, code=0, given=None, seconds=None, **environment):
+    """What a Python of its own has written, which finds the modules that this one finds; `code` is its exit code."""
+    done = subprocess.run(
+        [sys.executable, *map(str, words)],
+        cwd=folder,
+        input=given,
+        timeout=seconds,
+        capture_output=True,
+        text=not isinstance(given, bytes),
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)} | environment,
+    )
+    assert done.returncode == code, done.stderr[-3000:]
+    return done

@@ -1,11 +1,7 @@
 """A scene costs what its effects cost: an absent effect has no field, no launch, no byte, and changes no bit."""
 
 import json
-import os
-import pathlib
 import pickle
-import subprocess
-import sys
 import tracemalloc
 
 import msgspec
@@ -22,6 +18,7 @@ from refsim.core.operation import REGISTRY
 from refsim.mpm.memory import grid_bytes
 from refsim.study.memory import bytes_of
 from tests import running
+from tests.running import python
 from validation import pairs
 
 LIQUID = rs.WeaklyCompressible(sound_speed=12.0, clamp_pressure=False, density="summation")  # pulled together: it moves
@@ -163,13 +160,8 @@ def test_runs_hold_and_launch_what_the_plan_says():
         "placed = pickle.load(sys.stdin.buffer); refsim.MeshBoundary.placed = lambda effect, grid: placed;"
         "print(json.dumps([len(t.SCENES), [line for name in t.SCENES for line in t.differences(name)]]))"
     )
-    root = str(pathlib.Path(__file__).parents[2])
-    environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": root}
-    done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", program], capture_output=True, env=environment, cwd=root,
-        input=pickle.dumps(MESH.placed(make_plan(scene(LIQUID)).grid)),
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr.decode()
+    placed = pickle.dumps(MESH.placed(make_plan(scene(LIQUID)).grid))
+    done = python("-W", "ignore", "-c", program, given=placed, NUMBA_DISABLE_JIT="1")
     assert json.loads(done.stdout.splitlines()[-1]) == [len(SCENES), []]
 
 

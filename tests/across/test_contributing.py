@@ -5,13 +5,12 @@ example's effect.
 """
 
 import importlib.util
-import os
 import pathlib
 import re
-import subprocess
-import sys
 
 import pytest
+
+from tests.running import python
 
 ROOT = pathlib.Path(__file__).parents[2]
 FILE = re.compile(r"^```python\n# file: (refsim/\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -191,12 +190,7 @@ def of_a_tension(example, folder, changed):
 
 
 def run(example, program, *arguments, **environment):
-    done = subprocess.run(
-        [sys.executable, "-c", FOUND_BESIDE + program, example, *arguments], capture_output=True, text=True,
-        cwd=example, env=dict(os.environ, PYTHONPATH=str(ROOT), **environment),
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    return python("-c", FOUND_BESIDE + program, example, *arguments, folder=example, **environment).stdout
 
 
 def test_the_page_has_every_file_of_a_method(page):

@@ -6,15 +6,13 @@ scenes have in the same place, comes with boundary particles that compiled kerne
 
 import itertools
 import json
-import os
 import pickle
-import subprocess
-import sys
 
 import pytest
 
 from refsim import InputError, make_plan
 from refsim.core.effect import EFFECTS
+from tests.running import python
 from validation import pairs
 
 RUN = """
@@ -37,11 +35,10 @@ def test_backends_agree_on_pairs(some):
     """A third of them, with every effect, and at night all; `validation.pairs.compare` states the bound."""
     chosen = list(pairs.pairs())[some]
     assert {name for pair in chosen for name in pair} == set(pairs.EFFECTS)
-    environment = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
     plan = make_plan(pairs.scene("weakly_compressible", "mesh_boundary"))
     placed = pickle.dumps(pairs.EFFECTS["mesh_boundary"].placed(plan.grid))
-    command = [sys.executable, "-W", "ignore", "-c", RUN.replace("PAIRS", str(chosen))]
-    done = subprocess.run(command, input=placed, capture_output=True, env=environment, check=True)
+    program = RUN.replace("PAIRS", str(chosen))
+    done = python("-W", "ignore", "-c", program, given=placed, NUMBA_DISABLE_JIT="1")
     found = json.loads(done.stdout.splitlines()[-1])
     assert list(found) == list(map(" ".join, chosen))
     assert all(len(parts) >= 5 for parts in found.values())

@@ -3,8 +3,6 @@
 import os
 import pathlib
 import shutil
-import subprocess
-import sys
 
 import pytest
 
@@ -13,6 +11,7 @@ from refsim.backends.cache_files import refuse_foreign
 from refsim.commands import doctor
 from refsim.core.errors import InputError
 from tests.backends.launched import launch
+from tests.running import python
 
 FILES = {
     "__init__.py": "",
@@ -185,11 +184,8 @@ def test_copies_of_refsim_share_their_kernels(tmp_path, monkeypatch):
 )
 def test_the_process_that_compiles_computes_the_same_bits(tmp_path, name, output):
     """Sums may be taken in any order, but in the same one before and after a resume; the second has a long formula."""
-    environment = os.environ | {"REFSIM_CACHE_DIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)}
-    command = [sys.executable, "-c", SUMS, name, output]
     (first, compiled), (second, loaded) = (
-        subprocess.run(command, capture_output=True, text=True, env=environment, check=True).stdout.split()
-        for _ in range(2)
+        python("-c", SUMS, name, output, REFSIM_CACHE_DIR=str(tmp_path)).stdout.split() for _ in range(2)
     )
     assert ((compiled, loaded), first) == (("0", "1"), second)
 

@@ -1,9 +1,6 @@
 """A body is written once: the loops around it, their files in the cache folder, and the line that an error names."""
 
-import os
 import pathlib
-import subprocess
-import sys
 import textwrap
 
 import numba
@@ -14,6 +11,7 @@ from refsim.backends.arrays import Backend
 from refsim.backends.compile import kernel
 from refsim.sph import kernels
 from tests.backends.launched import launch
+from tests.running import python
 
 BODY = """
 from refsim.backends.compile import kernel
@@ -102,6 +100,4 @@ def test_running_sums_of_bytes_pass_256_where_kernels_are_python():
     script = (
         "import numpy as np; from refsim.backends.sums import running_sum as s; print(s(np.full(200, 200, 'u1'))[-1])"
     )
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONWARNINGS": "error"}
-    run = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True)
-    assert run.stdout.strip() == "40000", run.stderr
+    assert python("-c", script, NUMBA_DISABLE_JIT="1", PYTHONWARNINGS="error").stdout.strip() == "40000"

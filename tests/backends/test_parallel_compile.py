@@ -2,14 +2,11 @@
 
 import functools
 import json
-import os
-import pathlib
-import subprocess
-import sys
 
 import pytest
 
 import refsim
+from tests.running import python
 
 PROGRAM = """
 import json, os
@@ -41,14 +38,9 @@ NAMES[LIQUID] = ("sph.continuity", "sph.momentum", *NAMES[FALL])
 @pytest.fixture
 def run(tmp_path):
     def with_cores(cores, cache, effects=LIQUID):
-        environment = dict(
-            os.environ, REFSIM_CACHE_DIR=str(cache), PYTHONPATH=str(pathlib.Path(refsim.__file__).parents[1])
-        )
         given = {"CORES": cores, "EFFECTS": effects, "NAMES": NAMES[effects]}
         program = functools.reduce(lambda text, name: text.replace(name, str(given[name])), given, PROGRAM)
-        done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-        return json.loads(done.stdout.splitlines()[-1])
+        return json.loads(python("-c", program, REFSIM_CACHE_DIR=str(cache)).stdout.splitlines()[-1])
 
     return with_cores
 

@@ -1,10 +1,7 @@
 """The plain road on a CPU: every operation's loops as `refsim show` prints them, against the references."""
 
 import json
-import os
 import re
-import subprocess
-import sys
 
 import numpy as np
 
@@ -13,6 +10,7 @@ from refsim.backends.written import kind_of
 from refsim.commands.printed import printed
 from refsim.core.operation import REGISTRY
 from refsim.sph.kernels import gravity
+from tests.running import python
 
 CASE = "two_particles"
 PROGRAM = """
@@ -44,11 +42,7 @@ worker.close()
 
 def outcomes(*operations, **around):
     """What the contract says of the operations on the plain road."""
-    run = subprocess.run(
-        [sys.executable, "-c", PROGRAM, CASE, *operations], capture_output=True, text=True,
-        env={**os.environ, "PYTHONPATH": ":".join(sys.path), "REFSIM_PLAIN": "1", **around},
-    )  # fmt: skip
-    assert run.returncode == 0, run.stderr[-2000:]
+    run = python("-c", PROGRAM, CASE, *operations, REFSIM_PLAIN="1", **around)
     kind, answers = json.loads(run.stdout.splitlines()[-1])
     assert kind == "PlainKernel"
     return answers
@@ -61,8 +55,7 @@ def test_every_operation_keeps_the_contract_as_python():
 
 
 def test_a_plain_loop_is_compiled_ahead(tmp_path):
-    around = {"REFSIM_PLAIN": "1", "REFSIM_CACHE_DIR": str(tmp_path), "PYTHONPATH": ":".join(sys.path)}
-    run = subprocess.run([sys.executable, "-c", AHEAD], capture_output=True, text=True, env={**os.environ, **around})
+    run = python("-c", AHEAD, REFSIM_PLAIN="1", REFSIM_CACHE_DIR=str(tmp_path))
     assert run.stdout.split() == ["b'.'", "[]"], run.stderr[-2000:]
 
 

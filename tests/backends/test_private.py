@@ -2,14 +2,12 @@
 
 import importlib.util
 import json
-import os
-import subprocess
-import sys
 
 import pytest
 
 from refsim.backends.fast import private
 from refsim.backends.fast.private import FEATURES
+from tests.running import python
 
 # Density over a list of all pairs.
 PROGRAM = """
@@ -33,11 +31,7 @@ def told(tmp_path_factory):
     cache = tmp_path_factory.mktemp("cache")
 
     def tell(feature):
-        answer = subprocess.run(
-            [sys.executable, "-c", PROGRAM, feature], capture_output=True, text=True,
-            env={**os.environ, "REFSIM_CACHE_DIR": str(cache / feature), "PYTHONPATH": ":".join(sys.path)},
-        )  # fmt: skip
-        assert answer.returncode == 0, answer.stderr[-2000:]
+        answer = python("-c", PROGRAM, feature, REFSIM_CACHE_DIR=str(cache / feature))
         return json.loads(answer.stdout.splitlines()[-1]) | {"warned": answer.stderr}
 
     return tell

@@ -12,7 +12,7 @@ import pytest
 from refsim import Cloud, Scene, Simulation, WeaklyCompressible
 from refsim.backends import threads
 from refsim.core.errors import InputError
-from tests.running import advanced
+from tests.running import advanced, python
 
 ROOT = Path(__file__).parents[2]
 STARTS = {
@@ -92,7 +92,7 @@ free[0] = mask[-1:]
 assert look(len(mask)) == free, "another program has chosen its place"
 assert sorted(os.sched_getaffinity(0)) == mask
 """
-    subprocess.run([sys.executable, "-c", program], check=True, timeout=100)
+    python("-c", program, seconds=100)
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity") or threads.cores() < 2, reason="one core, or none to choose")
@@ -158,7 +158,7 @@ for number in (None, len(os.sched_getaffinity(0))):
             raise AssertionError(kind)
     assert any(pinned) == (number is not None)
 """
-    subprocess.run([sys.executable, "-W", "default", "-c", program], check=True, timeout=100)
+    python("-W", "default", "-c", program, seconds=100)
 
 
 @pytest.mark.parametrize("command, variable, value, words", [
@@ -167,11 +167,7 @@ for number in (None, len(os.sched_getaffinity(0))):
     ("-m validation list", "NUMBA_THREADING_LAYER", "x", "there is no such layer; choose one of workqueue, omp"),
 ])  # fmt: skip
 def test_threads_that_numba_cannot_have_are_told_in_one_sentence(command, variable, value, words):
-    environment = os.environ | {variable: value}
-    found = subprocess.run(
-        [sys.executable, *command.split()], cwd=ROOT, env=environment, capture_output=True, text=True
-    )
-    assert found.returncode == 2
+    found = python(*command.split(), folder=ROOT, code=2, **{variable: value})
     assert words in found.stderr
     assert "Traceback" not in found.stderr
 

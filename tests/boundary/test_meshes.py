@@ -3,8 +3,6 @@
 import json
 import os
 import random
-import subprocess
-import sys
 import time
 
 import numpy as np
@@ -23,6 +21,7 @@ from refsim.scene.overlaps import winding
 from refsim.scene.solids import SolidMesh
 from refsim.winding_number.reference import solid_angles
 from tests.boundary import damaged_meshes
+from tests.running import python
 
 BOX = trimesh.creation.box((1.0, 1.0, 1.0))
 BALL = trimesh.creation.icosphere(3)
@@ -481,8 +480,7 @@ for turned in ([3], [0, 4, 7], list(range(12)), [0, 1, 2, 3, 4, 5]):
 
 def test_faces_are_wound_alike_without_packages_that_nothing_requires():
     """One face, three, all or six of a box, alone and beside a whole one, where networkx cannot be imported."""
-    done = subprocess.run([sys.executable, "-c", WINDS], capture_output=True, text=True, timeout=120)
-    assert not done.returncode, done.stderr
+    python("-c", WINDS, seconds=120)
 
 
 def test_a_campaign_of_damaged_meshes_tells_what_went_wrong(monkeypatch, capsys):

@@ -1,8 +1,5 @@
 """Tasks in processes of this machine: values, errors, killed processes, memory, devices."""
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -11,6 +8,7 @@ from refsim.cluster import perform, pool
 from refsim.cluster.tasks import ATTEMPTS, Task
 from refsim.core.errors import InputError, RunStopped
 from tests.cluster import cluster_tasks as there
+from tests.running import python
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -80,9 +78,7 @@ if __name__ == "__main__":
 def test_a_process_has_one_thread_where_the_main_module_has_loaded_numba(tmp_path):
     script = tmp_path / "main.py"
     script.write_text(MAIN_WITH_NUMBA)
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "NUMBA_NUM_THREADS": "2"}
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, env=environment)
-    assert done.stdout.strip() == "threads 1 None", done.stderr
+    assert python(script, NUMBA_NUM_THREADS="2").stdout.strip() == "threads 1 None"
 
 
 def test_jobs_are_at_least_one():

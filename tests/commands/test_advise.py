@@ -2,8 +2,6 @@
 
 import json
 import os
-import subprocess
-import sys
 
 import pytest
 
@@ -13,6 +11,7 @@ from refsim.scene.files import load_scene, parse_scene
 from refsim.study import advice
 from refsim.study.panels import abouts, panel
 from refsim.study.panels.scenes import scene_of
+from tests.running import python
 
 
 def advise(*words):
@@ -81,10 +80,7 @@ def test_an_answer_takes_two_seconds_of_the_processor(folder):
     spent = []
     for _ in range(2):
         before = os.times()
-        done = subprocess.run(
-            [sys.executable, "-m", "refsim", "advise", "contact_angle", "--error", "0.05"], capture_output=True,
-            text=True, check=True,
-        )  # fmt: skip
+        done = python("-m", "refsim", "advise", "contact_angle", "--error", "0.05")
         after = os.times()
         spent.append(sum(after[2:4]) - sum(before[2:4]))  # user and system of children
     assert done.stdout.endswith("refsim run contact_angle.toml --observable panel:contact_angle\n")

@@ -19,6 +19,7 @@ from refsim.core.effect import EFFECTS
 from refsim.core.operation import BACKENDS, REGISTRY
 from refsim.scene import solids
 from refsim.scene.files import load_scene
+from tests.running import python
 
 ROOT = pathlib.Path(__file__).parents[2]
 SCENE = """
@@ -227,10 +228,7 @@ def test_what_never_ends_is_not_read(tmp_path, make):
     head, liquid = "spacing = 0.1\nsupport_radius = 0.2\n", "\n[effects.weakly_compressible]\nsound_speed = 1.0\n"
     box = '[[fluid]]\nshape = "box"\ncells = [2, 2, 2]\n'
     given = [[words, head + ("" if "[[fluid]]" in part else box) + part + liquid] for words, part in ENDLESS]
-    done = subprocess.run(
-        [sys.executable, "-c", READER], input=json.dumps(given), capture_output=True, text=True, timeout=60,
-        cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
+    done = python("-c", READER, given=json.dumps(given), folder=tmp_path, seconds=60)
     told = list(map(json.loads, done.stdout.splitlines()))
     assert [words for words, _, _ in told] == [words for words, _ in ENDLESS], done.stderr
     for _, code, err in told:

@@ -2,15 +2,13 @@
 
 import importlib.util
 import json
-import os
 import re
-import subprocess
-import sys
 from importlib import resources
 
 import pytest
 
 from refsim.backends.arrays import unavailable
+from tests.running import python
 
 GUIDE = resources.files("refsim.contract").joinpath("guide.md").read_text(encoding="utf-8")
 FILES = dict(re.findall(r"^```\w+\n# file: (\S+)\n(.*?)^```$", GUIDE, re.MULTILINE | re.DOTALL))
@@ -59,21 +57,10 @@ def installed(tmp_path_factory):
     return folder
 
 
-def python(folder, *arguments, **more):
-    path = os.pathsep.join([str(folder), *filter(None, sys.path)])
-    command = [sys.executable, *arguments]
-    return subprocess.run(
-        command, cwd=folder, env=os.environ | {"PYTHONPATH": path} | more, capture_output=True, text=True
-    )
-
-
 def test_scenes_and_commands_find_it(installed):
-    done = python(installed, "-W", "error", "-c", RUN)
-    assert done.stdout == "Drag\n", done.stderr
+    assert python("-W", "error", "-c", RUN, folder=installed).stdout == "Drag\n"
     for words, said in (("list drag", "refsim_drag.drag"), ("plan scene.toml", "refsim_drag.drag")):
-        done = python(installed, "-m", "refsim", *words.split())
-        assert done.returncode == 0, done.stderr
-        assert said in done.stdout
+        assert said in python("-m", "refsim", *words.split(), folder=installed).stdout
 
 
 @pytest.mark.parametrize("backend", ["numpy", "cpu", "cuda"])
@@ -83,10 +70,8 @@ def test_its_programs_hold(backend, installed):
         if importlib.util.find_spec("numba_cuda") is None:
             pytest.skip("numba-cuda is not installed")
         more = {"NUMBA_ENABLE_CUDASIM": "1", "NUMBA_DISABLE_JIT": "1"}
-    done = python(
-        installed, "-m", "refsim", "contract", backend, "refsim_drag.drag", "--dtype", "float64", "--json", **more
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
+    words = ["contract", backend, "refsim_drag.drag", "--dtype", "float64", "--json"]
+    done = python("-m", "refsim", *words, folder=installed, **more)
     (told,) = json.loads(done.stdout)["operations"].values()
     assert told["trials"] > (2 if backend == "numpy" else 20)
 
@@ -96,6 +81,5 @@ def test_a_package_that_cannot_be_imported_is_warned_of(installed, tmp_path):
     known.mkdir()
     (known / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1.0\n")
     (known / "entry_points.txt").write_text("[refsim.operations]\nbroken = no_such_module_of_anyone\n")
-    done = python(tmp_path, "-c", "import refsim")
-    assert done.returncode == 0
+    done = python("-c", "import refsim", folder=tmp_path)
     assert "the entry point broken of refsim.operations cannot be imported" in done.stderr

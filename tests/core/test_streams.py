@@ -5,7 +5,6 @@ import io
 import json
 import os
 import pathlib
-import subprocess
 import sys
 
 import pytest
@@ -14,6 +13,7 @@ import refsim
 import validation.__main__
 from refsim.__main__ import main
 from refsim.core.streams import any_letter
+from tests.running import python
 from tests.tank_file import tank
 
 ROOT = pathlib.Path(__file__).parents[2]
@@ -64,10 +64,9 @@ def test_pages_are_told_in_any_pipe(encoding):
 @pytest.mark.skipif(os.name != "posix", reason="the locale is chosen by POSIX's variables")
 def test_a_run_in_a_process_without_other_letters(folder):
     """Without Python's UTF-8 mode the C locale has names of files and streams in ASCII."""
-    environment = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "PYTHONPATH": str(ROOT)}
-    words = [sys.executable, "-m", "refsim", "run", f"{NAME}.toml", "--backend", "numpy", "--output", f"{NAME} out"]
-    done = subprocess.run(words, env=os.environ | environment, capture_output=True, check=False)
-    assert done.returncode == 0, done.stderr
+    environment = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    words = ["-m", "refsim", "run", f"{NAME}.toml", "--backend", "numpy", "--output", f"{NAME} out"]
+    done = python(*words, **environment)
     assert done.stdout.isascii()
     assert done.stderr.isascii()
     assert (folder / f"{NAME} out" / "particles.pvd").exists()

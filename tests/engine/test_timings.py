@@ -3,8 +3,6 @@
 import json
 import os
 import pathlib
-import subprocess
-import sys
 import time
 
 import pytest
@@ -13,6 +11,7 @@ import refsim.backends.parallel_compile
 from refsim import Simulation, simulate
 from refsim.engine.timings import Timings
 from refsim.scene.files import parse_scene
+from tests.running import python
 from tests.tank_file import tank
 
 ROOT = pathlib.Path(__file__).parents[2]
@@ -64,10 +63,8 @@ def test_the_parts_of_a_process(tmp_path):
     import resource
 
     (tmp_path / "tank.toml").write_text(tank(0.002))
-    words = [sys.executable, "-m", "refsim", "run", "tank.toml", "--backend", "numpy", "--quiet"]
     began, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
-    told = subprocess.run(words, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)}, check=True, text=True,
-                          capture_output=True).stdout  # fmt: skip
+    told = python("-m", "refsim", "run", "tank.toml", "--backend", "numpy", "--quiet", folder=tmp_path).stdout
     wall, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
     used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     seconds = json.loads((tmp_path / "tank_run" / "report.json").read_bytes())["seconds"]

@@ -4,10 +4,6 @@ A kernel is compiled for every combination of optional terms and every precision
 any, in single precision, and the other combinations run as Python; the references run in double. The rest is `slow`.
 """
 
-import os
-import subprocess
-import sys
-
 import numba
 import numpy as np
 import pytest
@@ -19,6 +15,7 @@ from refsim.contract.answers import typed
 from refsim.core import cases
 from refsim.core.operation import REGISTRY, backend_of
 from refsim.neighbours.rows import NeighbourRows
+from tests.running import python
 from validation import pairs
 
 
@@ -66,9 +63,7 @@ for operation in REGISTRY.values():
                 outcome = contract.run(operation, program, "float64", case, variant)
                 print(outcome.passed, outcome)
 """
-    environment = dict(os.environ, NUMBA_DISABLE_JIT="1")
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=environment, check=True)
-    lines = done.stdout.splitlines()
+    lines = python("-c", program, NUMBA_DISABLE_JIT="1").stdout.splitlines()
     assert len(lines) > 400
     assert [line for line in lines if not line.startswith("True")] == []
 
@@ -82,11 +77,9 @@ for operation in REGISTRY.values():
     for outcome in contract.climb(contract.Target(operation, "cpu", "float32"), ("T6",)):
         print(outcome.passed, outcome)
 """
-    environment = dict(os.environ, NUMBA_NUM_THREADS="8")
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=environment, check=True)
-    lines = done.stdout.splitlines()
+    lines = python("-c", program, NUMBA_NUM_THREADS="8").stdout.splitlines()
     assert len(lines) == len(REGISTRY)
-    assert all(line.startswith("True") and "1, 2, 8" in line for line in lines), done.stdout
+    assert all(line.startswith("True") and "1, 2, 8" in line for line in lines), lines
 
 
 # T8

@@ -1,11 +1,9 @@
 """Attacks: what they once found does not come back, a campaign runs, and one that finds something says so."""
 
-import subprocess
-import sys
-
 import pytest
 from hypothesis import strategies as st
 
+from tests.running import python
 from validation import attack
 from validation.__main__ import main
 from validation.attack import Damage, plan, reached, resume
@@ -51,9 +49,7 @@ def test_what_was_found_does_not_come_back(name, tmp_path):
 @pytest.mark.slow
 def test_a_campaign_ends_without_a_finding(tmp_path):
     words = ["--minutes", "0.01", "--seed", "2", "--out", str(tmp_path)]
-    command = [sys.executable, "-m", "validation", "attack", *words]  # a process of its own, whose memory is limited
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    done = python("-m", "validation", "attack", *words)  # a process of its own, whose memory is limited
     assert [line.split(",")[0] for line in done.stdout.splitlines()] == ["scenes", "files", "stops"]
 
 

@@ -1,11 +1,10 @@
 """What a stored result depends on, and where it says it comes from."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
+from tests.running import python
 from validation import results
 from validation.experiments.dam_break import runs as dam_claims
 from validation.experiments.droplet import runs as droplet_runs
@@ -61,10 +60,7 @@ def test_what_a_run_loads_counts(tmp_path):
     """Every module that is loaded only when a step is run is behind every run."""
     file = tmp_path / "run.py"
     file.write_text(PROGRAM)
-    found = subprocess.run(
-        [sys.executable, file], capture_output=True, text=True, check=True, cwd=ROOT,
-        env={"PYTHONPATH": str(ROOT), "NUMBA_DISABLE_JIT": "1", "REFSIM_CACHE_DIR": str(tmp_path)},
-    )  # fmt: skip
+    found = python(file, NUMBA_DISABLE_JIT="1", REFSIM_CACHE_DIR=str(tmp_path))
     loaded = {Path(line) for line in found.stdout.split("\n") if line and not line.startswith(str(tmp_path))}
     assert ROOT / "refsim" / "surface_tension" / "akinci_2013" / "kernels.py" in loaded
     assert loaded <= set(results.modules_behind(file))

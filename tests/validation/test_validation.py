@@ -5,14 +5,12 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from refsim.core.errors import InputError, RunStopped
+from tests.running import python
 from validation import __main__ as command
 from validation import judging, results, running
 from validation import perform as performing
@@ -286,6 +284,4 @@ def test_the_main_job_needs_no_package_of_the_tests():
         "import sys; sys.modules['hypothesis'] = None; import scripts.reproduce; from validation.__main__ import main;"
         " sys.exit(main(['attack']))"
     )
-    done = subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parents[2], capture_output=True, text=True)
-    assert done.returncode == 2
-    assert "Hypothesis is not installed" in done.stderr
+    assert "Hypothesis is not installed" in python("-c", code, code=2).stderr
