@@ -136,11 +136,12 @@ def differences(name):
     runner |= {"sorting"} if effects_with(plan.effects, NeedsCellOrder) else set()
     stepped = set(simulation.timings.first_calls)
     simulation.evaluate()
+    joined = {p.operation for _, p in plan.passes} - {p.operation for _, p in simulation.force_passes}
     sound = any(isinstance(effect, (rs.WeaklyCompressible, rs.MpmLiquid)) for effect in effects)
     compared = {
         "fields": (set(simulation.fields), set(plan.fields)), "bytes": (held, sum(plan.bytes_of_fields().values())),
-        "launches of a step": (stepped, {*plan.launches(), *runner}),
-        "all launches": (set(simulation.timings.first_calls), {*plan.launches(True), *runner}),
+        "launches of a step": (stepped, {*plan.launches(), *runner} - joined),
+        "all launches": (set(simulation.timings.first_calls), {*plan.launches(True), *runner} - joined),
         "capillary limit": ("capillary" in limits, bool(CAPILLARY & set(plan.effects))),
         "viscous limit": ("viscous" in limits, any(getattr(effect, "dynamic_viscosity", 0) > 0 for effect in effects)),
         "acoustic limit": ("acoustic" in limits, sound and "iisph" not in plan.effects),
