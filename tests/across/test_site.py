@@ -151,3 +151,26 @@ def test_each_card_of_the_gallery_leads_to_its_recipe(site, tmp_path):
             assert "refsim run" in browser.value(f"{recipe}.textContent"), link
     finally:
         browser.close()
+
+
+CONTRAST = """(words => { const light = colour => {
+    const [r, g, b] = colour.match(/[\\d.]+/g).slice(0, 3).map(n => n / 255)
+      .map(c => c <= 0.03928 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4);
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b + 0.05; };
+  const paper = light(getComputedStyle(document.body).backgroundColor);
+  return words.map(name => { const one = document.querySelector(`#checks .${name}`);
+    const ink = one && light(getComputedStyle(one).color);
+    return one ? Math.max(ink / paper, paper / ink) : 21; }); })(['refuted', 'fails', 'missed', 'confirmed', 'pass'])"""
+
+
+@pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
+def test_words_of_verdicts_are_legible_on_light_and_dark_pages(site, tmp_path):
+    browser = Browser(tmp_path, 1280, 900)
+    try:
+        for scheme in ("light", "dark"):
+            browser.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
+            browser.open(site / "checks.html")
+            assert min(browser.value(CONTRAST)) >= 4.5, scheme
+            assert 21 not in browser.value(CONTRAST)[:1]
+    finally:
+        browser.close()
