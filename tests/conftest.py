@@ -74,6 +74,14 @@ def pytest_sessionfinish():
 
 
 @pytest.fixture
+def recorded(request):
+    """What the test's numbers were: `tests.recorded.Recorded`."""
+    from tests.recorded import Recorded
+
+    return Recorded(pathlib.Path(request.node.path).stem.removeprefix("test_"), request.node.name)
+
+
+@pytest.fixture
 def coarse_pictures(monkeypatch):
     """Experiments draw few dots, for tests that look at the data and the names of their pictures."""
     from validation import drawing

@@ -1,0 +1,229 @@
+"""Lists, stops, post-mortems and reports of small runs, in numbers."""
+
+import dataclasses
+import json
+import types
+
+import numpy as np
+import pytest
+
+from refsim import InputError, RunStopped, Simulation, make_plan
+from refsim.core.effect import Extremes
+from refsim.engine import counting, stepping
+from refsim.engine.conserved_totals import conserved_totals
+from refsim.engine.driver import simulate
+from refsim.engine.gauges import _row
+from refsim.engine.motions import Drive, turned
+from refsim.engine.postmortem import examine
+from refsim.engine.watching import watch
+from refsim.scene.files import parse_scene
+from tests.across.test_recorded_scenes import SCENES
+
+SEARCH = ("squared_displacement", "margin", "step_displacement", "shifted", "length", "ahead", "gained", "rate")
+
+
+def run_of(name, *changes, backend="numpy", steps=0):
+    text = SCENES[name]
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    made = Simulation(make_plan(parse_scene(text, name)), backend, 1)
+    for _ in range(steps):
+        made.step()
+    return made
+
+
+def test_lists_of_a_tank_are_kept_and_built_as_ever(recorded):
+    """Forty steps on the CPU, with a skin that is used up several times; the fields are those of all pairs."""
+    thin = "end_time = 0.05", "end_time = 0.05\nskin = 0.03"
+    run, other = (run_of("tank", thin, backend=backend) for backend in ("cpu", "numpy"))
+    rows = []
+    for _ in range(40):
+        expected, kept = run.lists.expects_look(), run.search.log.rebuilds
+        done = run.step()
+        other.step()
+        rows.append([getattr(run.lists, name) for name in SEARCH])
+        rows[-1] += [expected, run.search.log.rebuilds - kept, done.length, run.lists.needs_no_look()]
+        assert run.limiters[done.limiter] > 0
+    assert sum(run.limiters.values()) == 40
+    for name in ("position", "velocity", "density"):
+        assert run.field(name) == pytest.approx(other.field(name), rel=1e-7, abs=1e-9)
+    limiters = dict(sorted(run.limiters.items()))
+    recorded({"steps": np.array(rows, float)[::4].tolist(), "log": run.search.log, "limiters": limiters})
+
+
+@pytest.mark.parametrize("name", ["tank", "bodies", "material points", "a cloud far away"])
+def test_post_mortems_name_the_worst_particle(name, recorded):
+    run, found, worst, states = run_of(name, steps=1), {}, {}, {}
+    stops = ["diverged", "step_too_small", "energy_gained", "missed_neighbours", "compressed", "collapsed"]
+    stops.append("miscounted")
+    if "temperature" in run.fields:
+        stops.append("temperature_out_of_range")
+    random = np.random.default_rng(5)
+    for reason in stops:
+        if reason == "temperature_out_of_range":
+            values = np.asarray(run.fields["temperature"])
+            low, high = run.host("temperature_range")
+            values[7], values[9] = low - 3, high + 2
+        fields = ("velocity", "acceleration", "density", "volume_ratio")  # as the stop finds them
+        states[reason] = {field: np.array(run.host(field), float) for field in fields if field in run.fields}
+        told, near = examine(run, RunStopped(reason, "words."))
+        found[reason] = {key: told[key] for key in ("cause", "bad_particles", "step", "time", "limits_now")}
+        if told["particle"] is None:
+            assert near == {}
+            continue
+        worst[reason], place = told["particle"], run.field("position").astype(float)
+        apart = np.linalg.norm(place - worst[reason]["position"], axis=1)  # in scenes without a period
+        around = np.flatnonzero(apart <= 2 * run.plan.grid.support_radius)
+        assert sorted(near["identity"]) == around.tolist()
+        assert (np.diff(np.linalg.norm(near["position"] - worst[reason]["position"], axis=1)) > -1e-9).all()
+    for reason, field in (("diverged", "velocity"), ("step_too_small", "acceleration")):
+        sizes = np.linalg.norm(states[reason][field], axis=1)
+        assert np.linalg.norm(worst[reason][field]) == pytest.approx(sizes.max())
+    field, most = ("density", np.max) if "density" in run.fields else ("volume_ratio", np.min)
+    assert worst["compressed"][field] == most(states["compressed"][field])
+    if "temperature" in run.fields:
+        assert worst["temperature_out_of_range"]["identity"] == run.host("identity")[7]
+    for field in ("mass", "velocity", "position"):
+        values = np.asarray(run.fields[field])
+        rows = random.permutation(len(values))[:3]
+        values[rows] = np.nan
+        told, near = examine(run, RunStopped("non_finite", "words."))
+        found[f"{field} lost"] = told["cause"], told["bad_particles"], len(near["identity"])
+        assert told["particle"]["identity"] == rows.min()
+    recorded(found)
+
+
+@pytest.mark.parametrize("name", ["tank", "bodies"])
+def test_extremes_stop_a_run_at_their_bounds(name, recorded):
+    run, found = run_of(name, steps=1), {}
+    most, crowd = run.greatest_speed, stepping.most_dense(run)
+    for broken, extremes in (
+        (0, Extremes(most, 1.0)),
+        (0, Extremes(most * 1.001, 1.0)),
+        (2, Extremes(0.0, 0.0)),
+        (0, Extremes(0.0, 0.0, 0.0, 0.0, 0.0, crowd)),
+        (0, Extremes(0.0, 0.0, 0.0, 0.0, 0.0, crowd + 1)),
+        *([(0, Extremes(0.0, 0.0, 0.0, 0.25))] if name == "bodies" else []),
+    ):
+        try:
+            stepping.check_extremes(run, broken, extremes)
+            found[f"{broken} {extremes}"] = "taken"
+        except RunStopped as stop:
+            found[f"{broken} {extremes}"] = str(stop)
+    with pytest.raises(RunStopped) as caught:
+        stepping._too_small(run, "a limit", 1e-12)
+    outcome = stepping._advanced(run, 2e-3, "a limit", {}, Extremes(3.0, 5.0, 0.0, 0.0, 7.0), 0.25, 2.0)
+    gained = 0.5 * (run.previous_length + 2e-3) * 5.0
+    assert outcome.velocity_change == pytest.approx(gained)
+    assert outcome.step_displacement == pytest.approx((3.0 + gained) * 2e-3 + outcome.shifted)
+    recorded(found | {"too small": str(caught.value), "outcome": dataclasses.asdict(outcome)})
+
+
+def test_stops_at_walls_and_dense_particles_are_noted_at_their_bounds(recorded):
+    """What a step did is looked at; by counts of particles that a plane stopped, and that are too dense."""
+    found = {}
+    large = [("cells = [8, 6, 1]", "cells = [16, 8, 1]"), ("upper = [0.8, 2.0", "upper = [1.6, 2.0")]
+    run = run_of("tank", *large, steps=1)
+    count = run.count
+    assert count > 100
+    for stopped, dense, steps in (
+        (0, 0, 300), (0.0019, 0, 300), (0.0021, 0, 300), (0.0021, 0, 99), (0.31, 0, 100), (0.29, 0, 100), (0, 1, 5),
+        (0, 30, 5), (0.31, 2, 99),
+    ):  # fmt: skip
+        run = run_of("tank", *large, steps=1)
+        run.steps, run.stopped_at_walls, words = steps, round(stopped * steps * count), []
+        done = types.SimpleNamespace(dense=dense, length=1e-3, squared_displacement=1.0)
+        for _ in range(2):
+            try:
+                watch(run, done, run.host)
+            except RunStopped as stop:
+                words.append(str(stop))
+        found[f"{stopped} {dense} {steps}"] = words, list(run.notes)
+    with pytest.raises(RunStopped, match="not finite"):
+        watch(run, types.SimpleNamespace(squared_displacement=float("nan")), run.host)
+    recorded(found)
+
+
+def test_a_report_and_frames_are_as_ever(tmp_path, recorded):
+    run = run_of("tank")
+    report = simulate(run, 0.02, output=tmp_path / "out", every=0.004, checkpoint_every=0.0, progress=False)
+    told = json.loads((tmp_path / "out" / "report.json").read_text())
+    left = ("seconds", "versions", "files", "message", "profile", "notes")
+    frames = (tmp_path / "out" / "particles.pvd").read_text()
+    assert report.checkpoints == report.steps + 2  # at the start, after every step, and at the end
+    assert report.frames == 6
+    times = [line.partition("timestep=")[2].split('"')[1] for line in frames.splitlines() if "timestep=" in line]
+    recorded({key: value for key, value in told.items() if key not in left} | {"frames": times})
+    again = Simulation.resume(tmp_path / "out", "numpy")
+    assert again.steps == report.steps
+    for bad in ({"until": -1.0}, {"until": float("nan")}, {"every": 0.0}, {"checkpoint_every": -1.0}):
+        with pytest.raises(InputError, match="is not possible"):
+            simulate(run_of("tank"), **{"progress": False} | bad)
+
+
+@pytest.mark.parametrize("period", [0.0, 2.4])
+def test_counted_densities_of_stretched_places_are_as_ever(period, recorded):
+    if period:
+        changes = [("period = [1.2", "period = [2.4"), ("upper = [0.9, 0.5", "upper = [2.1, 2.0")]
+        run = run_of("a period", ("cells = [12, 5, 1]", "cells = [24, 20, 1]"), *changes)
+    else:
+        changes = [("upper = [0.8, 2.0", "upper = [2.4, 3.0"), ("center = [0.4, 1.0", "center = [1.2, 2.5")]
+        run = run_of("tank", ("cells = [8, 6, 1]", "cells = [24, 20, 1]"), *changes)
+    found = {"lattice": counting.counted(run)}
+    place = np.asarray(run.fields["position"])
+    middle = place.mean(0)
+    for factor in (0.97, 1.04):
+        kept = place.copy()
+        place[:, 1] = middle[1] + factor * (place[:, 1] - middle[1])
+        found[str(factor)] = counting.counted(run), run.counting.judged(run), run.counting.report()
+        place[:] = kept
+    place[:, 1] *= 0.6
+    with pytest.raises(RunStopped) as caught:
+        run.counting.judged(run)
+    recorded(found | {"stops": str(caught.value)})
+
+
+def test_totals_are_those_of_the_particles():
+    for name in ("tank", "bodies", "a cloud far away"):
+        run = run_of(name, steps=2)
+        found, mass = conserved_totals(run), run.field("mass").astype(float)
+        place, velocity = (run.field(n).astype(float) for n in ("position", "velocity"))
+        assert found["mass"] == pytest.approx(mass.sum())
+        assert found["momentum"] == pytest.approx((mass[:, None] * velocity).sum(0))
+        turning = sum(m * np.cross(x, v) for m, x, v in zip(mass, place, velocity))
+        assert found["angular_momentum"] == pytest.approx(turning)
+        assert found["kinetic_energy"] == pytest.approx(sum(0.5 * m * v @ v for m, v in zip(mass, velocity)))
+        assert found["greatest_speed"] == pytest.approx(np.linalg.norm(velocity, axis=1).max())
+        assert found["particles"] == run.count
+
+
+def test_frames_that_turn_have_euler_and_centrifugal_accelerations():
+    """By differences of the place of a free particle as a turning frame sees it."""
+    random = np.random.default_rng(4)
+    axis = random.normal(size=3)
+    axis /= np.linalg.norm(axis)
+    vector, place, pivot = random.normal(size=(3, 3))
+    for angle in (0.3, -1.2):
+        found = turned(vector, axis, angle)
+        assert found @ axis == pytest.approx(vector @ axis)
+        assert np.linalg.norm(found) == pytest.approx(np.linalg.norm(vector))
+        across, after = (v - axis * (axis @ v) for v in (vector, found))
+        assert across @ after == pytest.approx(np.cos(angle) * (across @ across))
+        assert np.cross(across, after) @ axis == pytest.approx(np.sin(angle) * (across @ across))
+    rate, change, step = 0.7, 0.4, 1e-4
+
+    def seen(time):  # of a particle that rests in the frame at time 0, and flies straight
+        arm = place - pivot + np.cross(rate * axis, place - pivot) * time
+        return turned(arm, axis, -(rate * time + 0.5 * change * time**2))
+
+    pull = (seen(step) - 2 * seen(0.0) + seen(-step)) / step**2
+    drive = Drive(np.array([0.1, 0.2, 0.3]), rate * axis, change * axis, pivot)
+    assert drive.at(place[None])[0] - [0.1, 0.2, 0.3] == pytest.approx(pull, rel=1e-5)
+
+
+def test_rows_of_forces_have_torques_about_the_place_given():
+    push, arm = np.random.default_rng(2).normal(size=(2, 5, 3))
+    torque = sum(np.cross(a, p) for a, p in zip(arm, push))
+    assert _row(push, arm, 3) == pytest.approx([*push.sum(0), *torque])
+    assert _row(push, arm, 2) == pytest.approx([*push.sum(0)[:2], torque[2]])

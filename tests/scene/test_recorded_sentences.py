@@ -1,0 +1,404 @@
+"""What scenes are refused for or noted on, in numbers; motions and gauges drawn at random; parts of solids."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from refsim import Ball, Box, Gauge, InputError, Motion, SolidBall, SolidBox, SolidMesh, make_plan
+from refsim.core.effect import Discretisation
+from refsim.gauges import checks as gauge_checks
+from refsim.gauges import due, places
+from refsim.gauges.places import crossing
+from refsim.motion import pace
+from refsim.motion.expression import Jet, parsed
+from refsim.scene import solids
+from refsim.scene.counting import Cells, _numbered
+from refsim.scene.files import parse_scene, scene_from_dict, scene_to_dict
+from refsim.scene.particles import fitting_share
+from refsim.scene.refine import _cells, fitting, misfit, notes, refined, resting_step, spaced
+from refsim.scene.scene import Scene
+from tests.across.test_recorded_scenes import EXAMPLES, SCENES, of_plan
+
+CHANGES = {
+    "tank": [
+        ("spacing = 0.1", "spacing = 0.3"), ("support_radius = 0.26", "support_radius = 0.1"),
+        ("support_radius = 0.26", "support_radius = 0.105"), ("support_radius = 0.26", "support_radius = 0.14"),
+        ("support_radius = 0.26", "support_radius = 9.0"), ("end_time = 0.05", "end_time = 1e-40"),
+        ("end_time = 0.05", "step = 0.02"), ("end_time = 0.05", "step = 0.0055"),
+        ("end_time = 0.05", "step = 0.005"), ("end_time = 0.05", "period = [0.0, 0.0, 1.0]"),
+        ("end_time = 0.05", "skin = 0.99"), ("cells = [8, 6, 1]", "cells = [8, 6, 2]"),
+        ("cells = [8, 6, 1]", "cells = [8, 0, 1]"),
+        ("cells = [8, 6, 1]", "cells = [8, 6, 1]\nsize = [0.9, 0.6, 0.1]"),
+        ("cells = [8, 6, 1]", "cells = [8, 6, 1]\nsize = [0.85, 0.65, 0.1]"),
+        ("cells = [8, 6, 1]", "cells = [8, 11, 1]"), ("cells = [8, 6, 1]", "cells = [8, 30, 1]"),
+        ("cells = [8, 6, 1]", "cells = [9, 6, 1]"), ("center = [0.4, 1.0, 0.0]", "center = [0.4, 0.5, 0.0]"),
+        ("center = [0.4, 1.0, 0.0]", "center = [0.45, 0.85, 0.0]"), ("radius = 0.21", "radius = 0.21\nmass = 200.0"),
+        ("radius = 0.21", "radius = 0.21\nmass = 110.0"),
+        ("velocity = [0.3, -0.1, 0.0]", "velocity = [0.3, 0.0, 0.7]"),
+        ("velocity = [0.3, -0.1, 0.0]", "velocity = [1e200, 0.0, 0.0]"),
+        ("at = [0.4, 0.15, 0.0]", "at = [0.4, 2.5, 0.0]"), ("at = [0.4, 0.15, 0.0]", "at = [-0.0000002, 0.15, 0.0]"),
+        ("at = [0.4, 0.15, 0.0]", "at = [-0.00001, 0.1, 0.0]"),
+        ("upper = [0.4, 0.9, 0.0]", "upper = [0.5, 0.9, 0.0]"),
+        ("upper = [0.4, 0.9, 0.0]", "upper = [0.4, -0.9, 0.0]"),
+        ("upper = [0.4, 0.6, 0.0]", "upper = [0.4, 0.0, 0.0]"), ('on = "-x"', 'on = "+y"'),
+        ('on = "-x"', 'on = "-z"'), ('on = "-x"', 'on = "solid 1"'), ('name = "left"', 'name = "low"'),
+        ('name = "left"', 'name = "a b"'), ("amplitude = 0.1", "amplitude = 9.0"),
+        ("direction = [3.0, 0.0, 0.0]", "direction = [0.0, 0.0, 1.0]"),
+        ("direction = [3.0, 0.0, 0.0]", "direction = [0.0, 0.0, 0.0]"),
+        ("sound_speed = 30.0", "sound_speed = 1e-25"), ("sound_speed = 30.0", "sound_speed = 3.0"),
+        ("dynamic_viscosity = 20.0", "dynamic_viscosity = 1e31"),
+        ("upper = [0.8, 2.0, 0.0]", "upper = [0.05, 2.0, 0.0]"),
+        ("upper = [0.8, 2.0, 0.0]", "upper = [0.8, 0.4, 0.0]"),
+        ("upper = [0.8, 2.0, 0.0]", "upper = [9e17, 2.0, 0.0]"), ("every = 2", "every = 2\nbound = 1e-200"),
+        ('open_faces = ["+y"]', 'open_faces = ["-x", "+x", "-y", "+y"]'), ("[effects.gravity]", "[effects.melting]"),
+        ("[effects.gravity]", "[effects.weakly_compressible]"), ("[effects.gravity]", "[effects.gravty]"),
+    ],
+    "faces that move": [
+        ("times = [0.0, 0.02, 0.05]", "times = [0.0, 0.05]"),
+        ("times = [0.0, 0.02, 0.05]", "times = [0.0, 0.02, 0.02]"),
+        ("direction = [0.0, 1.0, 0.0]", "direction = [1.0, 1.0, 0.0]"), ('moving_faces = ["+x"]', ""),
+        ("velocity = [0.0, 0.2, 0.0]", "velocity = [0.1, 0.2, 0.0]"),
+        ("values = [0.0, 0.002, 0.001]", "values = [0.0, 9.0, 0.0]"),
+        ("size = [0.7, 0.63, 0.1]", "size = [0.7, 0.7, 0.1]"), ("no_slip = true", "no_slip = false"),
+    ],
+    "a tank that turns": [
+        ("pivot = [0.3, 0.1, 0.2]", ""), ('of = "gravity"', 'of = "turn"'), ("exp(t)", "1/(t - 0.025)"),
+        ("upper = [0.6, 0.6, 0.3]", "upper = [0.6, 0.6, 0.4]"),
+        ("lower = [0.3, 0.2, 0.3]", "lower = [0.3, 0.7, 0.3]"),
+    ],
+    "bodies": [
+        ("upper = [0.3, 0.4, 0.4]", "upper = [0.1, 0.4, 0.4]"),
+        ("upper = [0.3, 0.4, 0.4]", "upper = [0.14, 0.4, 0.4]"),
+        ("upper = [0.3, 0.4, 0.4]", "upper = [0.3, 0.4, 0.81]"),
+        ("center = [0.5, 0.5, 0.75]", "center = [0.9, 0.5, 0.75]"), ("mass = 9.0", "mass = 90.0"),
+        ("mass = 9.0", "mass = 3.0"), ("axis = [0.0, 1.0, 1.0]", "axis = [0.0, 0.0, 0.0]"),
+        ("[2, 7, 7]]", "[1, 6, 7]]"), ("[2, 7, 7]]", "[2, 7]]"), ("[2, 7, 7]]", "[2, 7, 1048576]]"),
+        ("lower = [0.1, 0.1, 0.2]", "lower = [0.1, 0.1, 0.1]"), ('on = "solid 2"', 'on = "solid 5"'),
+        ("[effects.shape_matching]", ""), ("cells = [8, 8, 2]", "cells = [8, 8, 2]\nlower = [0.0, 0.0, 1e9]"),
+        ("temperature = [5.0, 8.0, 9.0, 9.9, 60.0]", "temperature = [5.0, 8.0]"),
+    ],
+    "a period": [
+        ("period = [1.2, 0.0, 0.0]", "period = [0.5, 0.0, 0.0]"),
+        ("period = [1.2, 0.0, 0.0]", "period = [1.1, 0.0, 0.0]"),
+        ("period = [1.2, 0.0, 0.0]", "period = [1.2, 0.5, 0.0]"),
+        ('open_faces = ["-x", "+x"]', 'open_faces = ["+x"]'),
+        ("period_lower = [-0.3, 0.0, 0.0]", "period_lower = [-0.2, 0.0, 0.0]"),
+        ("upper = [0.2, 0.5, 0.0]", "upper = [1.2, 0.5, 0.0]"),
+        ("[effects.gravity]", "[effects.surface_detection]\n[effects.gravity]"),
+    ],
+    "a cloud far away": [
+        ("[5000.2, 3.05]", "[5000.1, 3.1]"), ("[5000.2, 3.05]", "[5000.1, 3.1000001]"), ("12.0]", "-12.0]"),
+        ("12.0]", "1200.0]"), ("[5000.2, 3.05]", "[-5000.2, 3.05]"), ("[5000.2, 3.05]", "[5000.2]"),
+        ("12.0]", "12.0, 1.0]"), ("[5000.2, 3.05]", "[1e30, 3.05]"), ("[5000.2, 3.05]", "[5000.15, 3.05]"),
+        ("[5000.2, 3.05]", "[5000.05, 3.05]"),
+    ],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_changed_scenes_are_refused_or_noted_on_with_the_same_numbers(name, recorded):
+    found = {}
+    for old, new in CHANGES[name]:
+        key = f"{old} -> {new}"
+        text = SCENES[name].replace(old, new, 1)
+        assert text != SCENES[name], old
+        try:
+            plan = make_plan(parse_scene(text, "scene"))
+            found[key] = "taken", plan.notes, plan.grid.count, of_plan(plan)["step"]
+        except InputError as error:
+            found[key] = str(error)
+    recorded(found)
+
+
+def test_scenes_written_out_come_back():
+    for name, text in SCENES.items():
+        scene = parse_scene(text, name)
+        again = scene_from_dict(scene_to_dict(scene), name)
+        assert repr(scene_to_dict(again)) == repr(scene_to_dict(scene))
+
+
+# Shapes and solids
+@pytest.mark.parametrize("dim", [2, 3])
+def test_places_are_those_of_the_lattice(dim):
+    """Every centre of a cell of the lattice within the shape, counted one by one."""
+    random, grid = np.random.default_rng(dim), Discretisation(dim, "float64", 0.1, 0.26, 0)
+    for _ in range(6):
+        radius = float(random.uniform(0.05, 0.4))
+        known = [
+            0.1 * (np.array(cell) + 0.5)
+            for cell in itertools.product(range(-6, 6), repeat=dim)
+            if ((0.1 * (np.array(cell) + 0.5)) ** 2).sum() <= radius**2
+        ]
+        found = Ball(center=(0.3, -0.2, 0.0), radius=radius).positions(grid) - [0.3, -0.2, 0.0]
+        assert sorted(map(tuple, found[:, :dim].round(9))) == sorted(tuple(x.round(9)) for x in known)
+        assert (found[:, dim:] == 0).all()
+    cells = (3, 2, 4 if dim == 3 else 1)
+    box = Box(lower=(0.5, 0.7, 0.9), cells=cells, size=(0.31, 0.19, 0.42))
+    known = [
+        [low + (k + 0.5) * size / n for k, low, size, n in zip(cell, box.lower, box.size, cells)][:dim]
+        for cell in itertools.product(*map(range, cells[:dim]))
+    ]
+    assert box.positions(grid)[:, :dim] == pytest.approx(np.array(known))
+    assert box.shares(grid) == pytest.approx([0.31 / 0.3, 0.19 / 0.2, 0.42 / 0.4][:dim])
+
+
+def test_bodies_reach_as_far_as_they_say(recorded):
+    bodies = [
+        SolidBox(lower=(0.1, 0.2, 0.3), upper=(0.5, 0.7, 0.4)), SolidBall(center=(1.0, 2.0, 3.0), radius=0.25),
+        SolidMesh(file=str(EXAMPLES / "cube.obj"), center=(1.0, 2.0, 3.0), size=0.5, rotation=(0.0, 0.0, 45.0)),
+        SolidMesh(file=str(EXAMPLES / "pebble.obj"), center=(-1.0, 0.3, 0.0), size=0.7),
+    ]  # fmt: skip
+    random = np.random.default_rng(1)
+    for body in bodies:
+        low, high = body.extent()
+        points = random.uniform(low - 0.2, high + 0.2, (4000, 3))
+        within = points[body.inside(points)]
+        assert (within >= low).all()
+        assert (within <= high).all()
+        assert within.min(0) == pytest.approx(low, abs=0.25 * (high - low).max())
+        assert within.max(0) == pytest.approx(high, abs=0.25 * (high - low).max())
+    assert bodies[2].extent()[1] == pytest.approx([1.25, 2.25, 3.0 + 0.25 / math.sqrt(2)])
+    recorded({str(k): (solids.body_cells(body, "it", 0.1), body.extent()) for k, body in enumerate(bodies)})
+
+
+def test_numbers_that_memory_or_indices_do_not_hold_are_refused_at_their_bound(monkeypatch, recorded):
+    grid, found = Discretisation(2, "float64", 0.1, 0.26, 0), {}
+    for total, cells, each in (
+        (None, 2**31 - 1, 1), (None, 2**31, 1), (1000, 10, 100), (1000, 11, 100), (1000, math.inf, 100),
+    ):  # fmt: skip
+        monkeypatch.setattr(solids, "host_memory", lambda total=total: {"total": total})
+        for of in (None, grid):
+            try:
+                solids.countable("it", [1.0, cells], each, grid=of)
+                found[f"{total} {cells} {of is None}"] = "taken"
+            except InputError as error:
+                found[f"{total} {cells} {of is None}"] = str(error)
+    for mass in (2.999999, 3.000001, 0.33333, 0.33334):
+        try:
+            found[f"share {mass}"] = fitting_share("it", mass, 1.0)
+        except InputError as error:
+            found[f"share {mass}"] = str(error)
+    assert fitting_share("it", 5.0, 0.0) == 1.0
+    recorded(found)
+
+
+# Other spacings
+def test_other_spacings_of_drawn_scenes_are_as_ever(recorded):
+    random, found = np.random.default_rng(8), {}
+    effects = parse_scene(SCENES["tank"], "tank").effects
+    for k in range(12):
+        cells = tuple(int(n) for n in random.integers(2, 40, 2))
+        second = Box(lower=(5.0, 0.0, 0.0), cells=(int(random.integers(1, 9)), 4, 1))
+        parts = [Box(cells=(*cells, 1)), second][: 1 + k % 2]
+        if k % 3 == 2:
+            parts.append(Ball(center=(9.0, 9.0, 0.0), radius=0.3))
+        scene = Scene(
+            name="drawn", dim=2, spacing=0.1, support_radius=0.26, fluid=tuple(parts), end_time=0.1,
+            effects=effects[:1], step=0.001 * (k % 2),
+        )  # fmt: skip
+        for count, finer, ratio in ((3, 1, 1.5), (2, 0, 2.0), (3, 2, 1.2), (1, 1, 1.5), (2, 1, 1.05), (2, 1, 4.2)):
+            key = f"{k} {count} {finer} {ratio}"
+            try:
+                factors = spaced(scene, count, finer, ratio)
+                made = [refined(scene, f, ["effects.weakly_compressible.dynamic_viscosity"]) for f in factors]
+                found[key] = factors, notes(scene, factors), [(s.spacing, s.step, s.fluid, s.effects) for s in made]
+            except InputError as error:
+                found[key] = str(error)
+        found[f"fitting {k}"] = [(fitting(scene, w), misfit(scene, w)) for w in (0.4, 0.77, 1.31, 2.2)]
+        found[f"resting {k}"] = resting_step(scene, 0.07, 0.2)
+    recorded(found)
+    for low, high, spacing in (
+        (0.0, 1.0, 0.1), (0.05, 0.35, 0.1), (0.051, 0.349, 0.1), (-0.2, -0.1, 0.3), (0.0, 0.7, 0.2),
+    ):  # fmt: skip
+        centres = spacing * (np.arange(-50, 50) + 0.5)
+        within = ((centres > low + 1e-9) & (centres < high - 1e-9)).sum()
+        assert _cells(low, high, spacing) == max(1, within), (low, high, spacing)
+
+
+# How full places are
+@pytest.mark.parametrize("dim, period", [(2, 0.0), (3, 0.0), (2, 1.2), (3, 0.9)])
+def test_a_lattice_fills_its_cells_with_1_and_sums_are_those_of_splines(dim, period):
+    grid = Discretisation(dim, "float64", 0.1, 0.26, 0, 0.0, None, (period, 0.0, 0.0))
+    axes = [0.1 * (np.arange(n) + 0.5) for n in (round(10 * period) or 17, 17, 17)[:dim]]
+    place = np.pad(np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, dim), ((0, 0), (0, 3 - dim)))
+    cells, volume = Cells(place, grid), np.full(len(place), 0.1**dim)
+    found = cells.at_particles(cells.filled(volume), len(place))
+    middle = (np.abs(place[:, 1:dim] - place[:, 1:dim].mean(0)) < 0.06).all(1)
+    middle &= (np.abs(place[:, 0] - place[:, 0].mean()) < 0.06) | (period > 0)
+    assert middle.any()
+    assert cells.wide[0] == pytest.approx(period / round(period / 0.2) if period else 0.2)
+    if period != 0.9:  # nine spacings are four cells and a half
+        assert found[middle] == pytest.approx(1, abs=1e-9)
+    random = np.random.default_rng(3)
+    few = random.uniform(0, 0.9, (12, 3)) * ([1.0] * dim + [0.0] * (3 - dim))
+    sparse, own = Cells(few, grid), random.uniform(1, 2, 12) * 0.1**dim
+
+    def spline(x):
+        x = abs(x)
+        return 0.75 - x * x if x < 0.5 else 0.5 * (1.5 - x) ** 2 if x < 1.5 else 0.0
+
+    images = [(-1, 0, 1) if period else (0,), (0,), (0,)]
+
+    def weight(x, cell):
+        return math.prod(
+            sum(spline((x[a] + k * (period if a == 0 else 0)) / w - cell[a]) for k in images[a])
+            for a, w in enumerate(sparse.wide)
+        )
+
+    numbers = [range(round(period / sparse.wide[0])) if a == 0 and period else range(-2, 8) for a in range(dim)]
+    every = list(itertools.product(*numbers))
+    full = [sum(v * weight(x, cell) for x, v in zip(few, own)) / math.prod(sparse.wide) for cell in every]
+    known = [sum(weight(x, cell) * f for cell, f in zip(every, full)) for x in few]
+    assert sparse.at_particles(sparse.filled(own), 12) == pytest.approx(known, rel=1e-9)
+    last = [sum(v * weight(x, cell) for x, v in zip(few[4:], own[4:])) / math.prod(sparse.wide) for cell in every]
+    known = [sum(weight(x, cell) * f for cell, f in zip(every, last)) for x in few[:5]]
+    assert sparse.at_particles(sparse.filled(own[4:], 4), 5) == pytest.approx(known, rel=1e-9)
+
+
+def test_cells_inside_a_liquid_are_as_ever(recorded):
+    random, found = np.random.default_rng(2), {}
+    for dim in (2, 3):
+        grid = Discretisation(dim, "float64", 0.1, 0.26, 0)
+        axes = [0.1 * (np.arange(n) + 0.5) for n in (16, 14, 12)[:dim]]
+        place = np.pad(np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, dim), ((0, 0), (0, 3 - dim)))
+        for k in range(4):
+            kept = place[~(((place - random.uniform(0, 1.4, 3)) ** 2)[:, :dim].sum(1) < 0.09 * (k > 0))]
+            cells = Cells(kept, grid)
+            solid = (np.arange(cells.near.shape[1]) % 17 == 3) & (k % 2 == 1)
+            found[f"{dim} {k}"] = cells.inside(np.arange(len(kept)), solid), cells.near, cells.cell_of
+    given = (([0, 1, 500, 501], 0), ([3, 9, -1], 5), ([7, 8, 9], 0))
+    gaps = [_numbered(np.array(values), around) for values, around in given]
+    recorded(found | {"numbers": gaps})
+
+
+# Motions and gauges
+FORMULAS = ("sin(3*t) + 2", "cos(t)*exp(-t)", "tan(t/2) - t", "log(1 + t)**2", "sqrt(2 + t)/(1 + t**3)", "tanh(2*t)",
+            "(1 + t)**(0.5*t)", "-t**3 + 4*t**2 - pi", "+t**0", "t**1 - (2 - t)**-2", "2**t")  # fmt: skip
+
+
+@pytest.mark.parametrize("motion", [
+    *(Motion(of="gravity", kind="formula", direction=(1.0, 2.0, 0.0), formula=f) for f in FORMULAS),
+    Motion(of="turn", kind="sway", direction=(0.0, 0.0, 1.0), amplitude=0.2, period=0.7),
+    Motion(of="gravity", kind="sway", direction=(0.0, 3.0, 0.0), amplitude=0.2, period=0.7, ramp=0.9),
+    Motion(of="gravity", kind="table", direction=(0.0, 3.0, 4.0), times=(0.1, 0.4, 0.5, 0.9),
+           values=(0.1, 0.3, 0.2, 0.4)),
+], ids=lambda motion: motion.formula or motion.kind)  # fmt: skip
+def test_motions_have_the_derivatives_of_their_path(motion):
+    """By central differences at many times; the pace is the largest speed over the largest acceleration."""
+    step, bends = 1e-4, np.array([0.1, 0.4, 0.5, 0.9])
+    times = [t for t in np.linspace(0.013, 0.977, 40) if np.abs(bends - t).min() > 2e-3]
+    speeds, pulls = [], []
+    for time in times:
+        before, now, after = (motion.at(time + d).place for d in (-step, 0.0, step))
+        found = motion.at(time)
+        assert found.velocity == pytest.approx((after - before) / (2 * step), rel=1e-5, abs=1e-5)
+        assert found.acceleration == pytest.approx((after - 2 * now + before) / step**2, rel=1e-3, abs=1e-3)
+        speeds.append(abs(found.velocity))
+        pulls.append(abs(found.acceleration))
+    if max(pulls) > 0:
+        assert pace(motion, 1.0) == pytest.approx(max(speeds) / max(pulls), rel=0.3)
+    assert np.linalg.norm(motion.unit()) == pytest.approx(1)
+    assert np.cross(motion.unit(), motion.direction) == pytest.approx(0)
+
+
+def test_formulas_are_what_python_makes_of_them():
+    names = {name: getattr(math, name) for name in ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "pi")}
+    for formula in FORMULAS:
+        for time in (0.2, 0.9):
+            known = eval(formula, {"__builtins__": {}}, names | {"t": time})
+            assert parsed(formula, "it")(Jet.of_time(time)).value == pytest.approx(known, rel=1e-14)
+    assert parsed("t" + " " * 999, "it")
+    with pytest.raises(InputError, match="1001 characters; give at most 1000"):
+        parsed("t" + " " * 1000, "it")
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_points_of_gauges_are_as_ever_and_lie_in_their_patch(dim, recorded):
+    random, grid, found = np.random.default_rng(dim), Discretisation(dim, "float64", 0.1, 0.26, 0), {}
+    for k in range(8):
+        low, high = np.sort(random.uniform(-1, 1, (2, 3)), axis=0)
+        across = int(random.integers(0, dim))
+        patch = tuple(np.where(np.arange(3) == across, low, high))
+        made = places.patch("it", (None, tuple(low), patch), grid)
+        area = math.prod(high[a] - low[a] for a in range(dim) if a != across)
+        assert made.area * len(made.place) == pytest.approx(area)
+        middle = 0.5 * (low + patch) * (np.arange(3) < dim)
+        assert made.place.mean(0) == pytest.approx(middle)
+        line = places.line("it", (None, tuple(low), tuple(np.where(np.arange(3) == across, high, low))), grid)
+        steps = np.diff(line.place[:, across])
+        assert (line.axis, made.axis) == (across, across)
+        assert steps == pytest.approx(steps[0])
+        assert 0.1 / 4 * 0.5 <= steps[0] <= 0.1 / 4 + 1e-12
+        assert (line.place[0, across], line.place[-1, across]) == pytest.approx((low[across], high[across]))
+        found[str(k)] = made, line
+    for upper in ((0.0, 0.0, 0.0), (1.0, -1.0, 0.0), (1e9, 0.0, 0.0), (1.0, 1.0, 1.0), (0.0, 9e4, 9e4)):
+        for make in (places.patch, places.line):
+            try:
+                found[f"{make.__name__} {upper}"] = len(make("it", (None, (0.0, 0.0, 0.0), upper), grid).place)
+            except InputError as error:
+                found[f"{make.__name__} {upper}"] = str(error)
+    recorded(found)
+
+
+def test_the_highest_crossing_of_half_is_found():
+    height = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
+    for fill, known in (
+        ([0.4, 0.3, 0.2, 0.1, 0.0], 0.0), ([0.5, 0.3, 0.2, 0.1, 0.0], 0.0), ([1.0, 0.2, 0.9, 0.4, 0.0], 2.8),
+        ([1.0, 1.0, 1.0, 1.0, 0.5], 4.0), ([1.0, 0.75, 0.25, 0.3, 0.1], 1.5),
+    ):  # fmt: skip
+        assert crossing(height, np.array(fill)) == pytest.approx(known)
+
+
+def test_gauges_are_due_once_on_each_multiple():
+    for every in (0.0, 0.01, 0.3):
+        times = np.random.default_rng(1).uniform(0, 0.02, 400).cumsum()
+        last, read = None, []
+        for time in times:
+            if due(every, time, last):
+                read.append(time)
+                last = time
+        if every == 0:
+            assert read == list(times)
+        else:
+            assert len(read) == len({math.floor(t / every) for t in times})
+    assert not due(0.0, 1.0, 1.0)
+    assert due(0.1, 0.3, 0.2)  # 0.3/0.1 is less than 3
+    assert not due(0.1, 0.29, 0.2)
+
+
+def test_shares_of_faces_add_up_and_bear_the_weight(recorded):
+    from refsim import BoxWalls
+    from refsim.boundary.akinci_2012 import box_layers
+
+    found = {}
+    for dim, gravity, opened in (
+        (2, (0.0, -9.8, 0.0), ("+y",)), (3, (0.0, 0.0, 9.8), ("-x",)), (2, (1.0, 0.0, 0.0), ("+x",)),
+        (3, (0.0, 0.0, 0.0), ()), (3, (1.0, -1.0, 2.0), ("+z", "-y")),
+    ):  # fmt: skip
+        grid = Discretisation(dim, "float64", 0.1, 0.26, 0)
+        box = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.5, 0.4, 0.3), open_faces=opened)
+        place = box_layers(box.lower, box.upper, 0.1, dim, 3, opened)
+        faces = gauge_checks.walled_faces(box, grid)
+        assert faces == [f for f in ("-x", "+x", "-y", "+y", "-z", "+z")[: 2 * dim] if f not in opened]
+        both = gauge_checks.shares_of_faces(box, place, gravity, grid)
+        for shares in both:
+            assert sum(shares.values()) == pytest.approx(1)
+            assert all((s >= 0).all() for s in shares.values())
+        low, high = np.array(box.lower), np.array(box.upper)
+        for axis in range(dim):
+            for face, beyond in (("-", place[:, axis] < low[axis]), ("+", place[:, axis] > high[axis])):
+                name = face + "xyz"[axis]
+                if name in faces:
+                    assert (both[0][name][beyond, axis] == 1).all()
+        found[f"{dim} {gravity}"] = [*both[0].values(), *both[1].values()]
+    recorded(found)
+
+
+def test_a_level_reads_as_many_columns_as_it_says():
+    corners = {"lower": (0.0, 0.0, 0.0), "upper": (0.0, 1.0, 0.0)}
+    for dim in (2, 3):
+        assert len(Gauge(name="a", kind="force", on="-y").columns(dim)) == {2: 3, 3: 6}[dim]
+        assert len(Gauge(name="a", kind="level", **corners).columns(dim)) == 1
+        assert Gauge(name="a", kind="flux", **corners).columns(dim) == (("flux", f"m^{dim}/s"),)

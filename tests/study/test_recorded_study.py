@@ -1,0 +1,310 @@
+"""Studies of made readings, their pictures, orders and clocks, and what observables and reports say in numbers."""
+
+import json
+import math
+import types
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pytest
+
+import refsim as rs
+from refsim import Simulation, make_plan
+from refsim.commands.plan import describe_plan
+from refsim.core import clock as clocks
+from refsim.core import errors
+from refsim.engine import timings
+from refsim.scene.refine import refined
+from refsim.study import cost, runs
+from refsim.study.convergence import Convergence, Reference, converge
+from refsim.study.observables import observable_of
+from refsim.study.panels import drops, measured, panel, virial
+from refsim.study.result import Study
+from refsim.study.runs import Reading, Setting
+from tests.study.test_cost import tank
+
+KINDS = ("spacing", "spacing", "spacing", "spacing", "support", "step", "precision", "tolerance", "backend", "effect")
+
+
+def reading(random, value, seconds=None, **more):
+    given = {
+        "value": value, "seconds": float(random.uniform(0.5, 90)) if seconds is None else seconds,
+        "wall": float(random.uniform(1, 200)), "bytes": int(random.integers(1e6, 1e9)),
+        "particles": int(random.integers(100, 1e6)), "steps": int(random.integers(10, 1e5)), "time": 0.1,
+        "mass": float(random.uniform(1, 1000)),
+    }  # fmt: skip
+    return Reading(**(given | more))
+
+
+def study(seed):
+    """A study of drawn readings: with and without an order, failures, a reference, other precisions."""
+    random, scene = np.random.default_rng(seed), tank(dtype=("float32", "float64")[seed % 2])
+    order, limit, made = (1.0, 1.7, 2.6, 0.2)[seed % 4], (4.0, -2.0, 0.5)[seed % 3], []
+    for k, kind in enumerate(KINDS[seed % 5 == 4 :]):
+        factor = (0.5, 1.0, 2.0, 3.0)[k] if kind == "spacing" else 1.0
+        size = 1e-3 if seed % 7 == 3 else 0.1
+        value = limit + size * factor**-order * (-1) ** (k * (seed % 6 == 5))
+        value += 0.0 if kind == "spacing" else float(random.normal()) * size * 0.3
+        at = refined(scene, factor) if factor != 1 else scene
+        if kind == "precision":
+            at = msgspec.structs.replace(scene, dtype=("float64", "float32")[seed % 2])
+        of = reading(random, value, 3.0 * factor**3)
+        if kind == "step" and seed % 3 == 1:
+            of = replace(of, failed="In step 7 it stopped.", value=math.nan)
+        if kind == "support" and seed % 2:
+            of = replace(of, unsettled="its two fastest of 6 runs differ by 12 %")
+        made.append((Setting(kind, f"{kind} {k}", factor, at, "cuda" if kind == "backend" else "cpu"), of))
+    worked = [(s.scene.spacing, r.value) for s, r in made if s.kind == "spacing" and not r.failed]
+    given = Reference(limit * 1.01, (abs(limit), 2.5)[seed % 2], (0.0, 0.02)[seed % 4 // 2], "a solution")
+    reference = given if seed % 3 == 2 else None
+    found = converge(*zip(*worked)) if worked else None
+    found = replace(found, scale=reference.scale) if reference else found
+    return Study(
+        scene, "front", ("m", "")[seed % 2], tuple(made), found, (0.05, 0.3, 0.004)[seed % 3], ("a note",), "here",
+        1 + seed % 2, ("one thing left out",), reference,
+    )  # fmt: skip
+
+
+def drawn(figure):
+    """The numbers of a picture: of its lines, bars, texts, axes and legends."""
+    figure.draw_without_rendering()
+    found = {}
+    for number, axes in enumerate(figure.axes):
+        found[f"lines {number}"] = [np.array(line.get_xydata()) for line in axes.lines]
+        found[f"bars {number}"] = [bar.get_bbox().bounds for bar in axes.patches]
+        found[f"areas {number}"] = [path.vertices for area in axes.collections for path in area.get_paths()]
+        found[f"texts {number}"] = [(text.get_text(), text.get_position()[1]) for text in axes.texts]
+        legend = axes.get_legend()
+        found[f"words {number}"] = [
+            axes.get_title(), axes.get_xlabel(), axes.get_ylabel(), axes.get_xscale() == "linear",
+            axes.get_yscale() == "log", axes.get_xlim(), axes.get_ylim(),
+            [tick.get_text() for tick in (*axes.get_xticklabels(), *axes.get_yticklabels())],
+            [] if legend is None else [text.get_text() for text in legend.get_texts()],
+        ]  # fmt: skip
+    return found
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_study_of_made_readings_says_and_draws_as_ever(seed, recorded):
+    made = study(seed)
+    found = {"text": made.text(), "data": made.data(), "rows": made.rows(), "picture": drawn(made.plot())}
+    found |= {f"cheapest for {error}": made.cheapest(error) for error in (1e-4, 0.01, 0.1, 0.5)}
+    recorded(found)
+
+
+def test_orders_of_drawn_values_are_as_ever(recorded):
+    random, found = np.random.default_rng(2), {}
+    for k in range(60):
+        count, order = int(random.integers(1, 6)), random.uniform(0.2, 3.5)
+        h = np.sort(random.uniform(0.5, 4.0, count))
+        q = random.normal() + random.normal() * h**order + (k % 3 == 0) * 0.02 * random.normal(size=count)
+        made = converge(h, q)
+        made = replace(made, scale=float(k % 2) * 0.7)
+        found[str(k)] = (made, made.bound(float(q[-1])), made.error(0.3), made.relative)
+    assert Convergence(0.0, 1.0, 1.0, True, "").error(0.1) == math.inf
+    assert Convergence(0.0, 1.0, 1.0, True, "").error(0.0) == 0
+    recorded(found)
+
+
+# Clocks, which a test sets
+class Clock:
+    """Time that passes only where it is told to."""
+
+    def __init__(self):
+        self.wall, self.processor = 100.0, 7.0
+
+    def __call__(self, wall, processor=0.0):
+        self.wall, self.processor = self.wall + wall, self.processor + processor
+
+    def set_in(self, monkeypatch, *modules):
+        own = types.SimpleNamespace(perf_counter=lambda: self.wall, process_time=lambda: self.processor)
+        for module in modules:
+            monkeypatch.setattr(module, "time", own)
+
+
+@pytest.mark.parametrize("gpu", [False, True])
+def test_seconds_of_a_study_are_those_of_steps_without_what_first_calls_take(tmp_path, monkeypatch, gpu):
+    """Ten steps of 3 s of the clock and 2 s of the processor, of which the first spends a third of it on compiling."""
+    clock, calls, done = Clock(), {"old": 50.0}, []
+
+    def step():
+        clock(3.0, 2.0)
+        if not done:
+            calls["new"] = 1.0
+        done.append(run.time)
+        run.time += 0.1
+        run.steps += 1
+
+    scene = types.SimpleNamespace(end_time=1.0)
+    run = types.SimpleNamespace(
+        step=step, steps=0, time=0.0, plan=types.SimpleNamespace(scene=scene),
+        backend=types.SimpleNamespace(name="cuda" if gpu else "cpu"), timings=types.SimpleNamespace(first_calls=calls),
+        checkpoint=lambda path: path.write_bytes(b""),
+    )  # fmt: skip
+    clock.set_in(monkeypatch, runs)
+    seen, kept = [], tmp_path / "kept"
+    timed = runs._Clock(run, seen.append, kept, 10.0)
+    for k in range(10):
+        timed.step()
+        assert kept.is_dir() == (k >= 3)  # at 12 s, as the fourth step ends
+    assert (timed.wall, timed.seconds) == pytest.approx((29.0, 29.0 if gpu else 20 - 2 / 3))
+    assert seen == [run] * 10
+    assert timed.kept_at == pytest.approx(100.0 + 24.0)  # nor at the end
+    again = runs._Clock(run, None, kept, 10.0)
+    assert (again.seconds, again.wall) == pytest.approx((23.0 if gpu else 16 - 2 / 3, 23.0))
+    run.steps = 0
+    assert runs._Clock(run, None, kept, 10.0).wall == 0  # of a run that begins anew
+    run.step = lambda: None
+    timed.step()
+    assert timed.wall == pytest.approx(29.0)  # where the clock did not go on
+
+
+def test_what_a_scene_costs_leaves_out_what_first_calls_take(monkeypatch):
+    """Of ten timed steps of 2 s of the processor, 4 s by the clock, one calls a stage first, for 4 s."""
+    clock, plan, steps = Clock(), make_plan(tank()), []
+
+    def some(simulation, count):
+        steps.append(count)
+        simulation.timings.first_calls[f"stage {len(steps)}"] = 4.0
+        simulation.last = types.SimpleNamespace(length=0.0125)
+        clock(4.0 * count, 2.0 * count)
+
+    clock.set_in(monkeypatch, cost)
+    monkeypatch.setattr(cost, "_steps", some)
+    found = cost.measured(plan, "numpy")
+    assert steps == [2, 10]
+    assert (found.start, found.each, found.ratio) == pytest.approx((8.0, 2.0 * 0.9, 2.0))
+    assert (found.steps, found.length) == (8, 0.0125)
+    assert (found.processor, found.wall) == pytest.approx((14.4, 28.8))
+    assert (found.bytes, found.particles) == (describe_plan(plan, "numpy")["bytes"]["total"], plan.grid.count)
+
+
+def test_every_second_of_a_run_is_counted_once(monkeypatch):
+    """Of stages that are called three times, 0.5 s are waited for each time; one of the host holds another one."""
+    clock = Clock()
+    clock.set_in(monkeypatch, clocks, timings)
+    of = timings.Timings()
+    of.wait = lambda: clock(0.5, 0.1)
+    clock(4.0, 1.0)
+    of.begin_steps()
+    for k in range(3):
+        of.run("density", lambda first=not k: clock(2.0 + 8 * first, 1.0))
+        with of.of_host("frames"):
+            clock(1.0, 0.5)
+            of.run("forces", lambda: clock(3.0, 2.0))
+        clock(0.25, 0.25)
+        of.begin_steps()
+    assert of.stages == pytest.approx({"density": 5.0, "forces": 7.0, "frames": 3.0})
+    assert of.first_calls == pytest.approx({"density": 10.5, "forces": 3.5})
+    assert of.launches == {"density": 3, "frames": 3, "forces": 3}
+    assert of.counted == pytest.approx(5.0 + 7.0 + 3.0 + 14.0)
+    costs = of.costs(40.0)
+    assert [cost.stage for cost in costs] == ["other", "forces", "density", "frames"]
+    assert [cost.seconds for cost in costs] == pytest.approx([11.0, 7.0, 5.0, 3.0])
+    assert [cost.share for cost in costs] == pytest.approx([11 / 26, 7 / 26, 5 / 26, 3 / 26])
+    assert [(cost.launches, cost.first) for cost in costs] == [(0, 0.0), (3, 3.5), (3, 10.5), (3, 0.0)]
+    assert of.costs(1.0)[-1][:2] == ("other", 0.0)
+    found = of.account()
+    wall, processor = (4.0, 14.0, 5.75, 10.0, 33.75), (1.0, 3.2, 2.95, 5.7, 12.85)
+    names = ("start", "compiling", "steps", "writing", "total")
+    assert {name: found[name] for name in names} == pytest.approx(dict(zip(names, wall)))
+    assert found["processor"] == pytest.approx(dict(zip(names, processor)))
+
+
+# Observables and panels
+def test_observables_of_a_started_tank_are_as_ever(recorded):
+    gauges = (rs.Gauge(name="floor", kind="force", on="-y"), rs.Gauge(name="at", kind="pressure", at=(0.05, 0.05, 0)))
+    effects = (*tank().effects[:2], rs.BoxWalls(lower=(0, 0, 0), upper=(0.1, 0.4, 0)))
+    scene = tank(6, gauge=gauges, dtype="float64", effects=effects)
+    run, found = Simulation(scene, "numpy"), {}
+    for _ in range(3):
+        run.step()
+    for name in (
+        "front", "front:-x", "front:+y", "front:-y", "kinetic_energy", "field:density@0.05,0.05", "field:pressure@max",
+        "field:velocity.y@min", "field:velocity.x@mean", "field:velocity.y@0.02,0.03,0", "gauge:floor.force_y",
+        "gauge:floor.force_y@max", "gauge:floor.torque_z@mean", "gauge:at", "gauge:at.pressure@min", "front:z",
+        "front:++x", "field:densty@max", "field:density.x@max", "field:velocity@max", "field:density@1,2,3,4",
+        "field:density@9,9", "field:density@nan,1", "gauge:none", "gauge:floor", "gauge:at@median", "other",
+    ):  # fmt: skip
+        try:
+            observable = observable_of(name, run.plan)
+            found[name] = (observable(run), observable.unit)
+        except errors.InputError as error:
+            found[name] = str(error)
+    found["bytes held"] = runs.held_bytes(run)
+    recorded(found)
+
+
+def test_panels_that_are_measured_anew_are_told_as_ever(recorded):
+    stored, random = panel("implicit_pressure"), np.random.default_rng(3)
+    own = [key for key, point in stored.points.items() if point.program == "refsim" and not point.gpu][:4]
+    value, scale, _ = stored.reference()
+    place = types.SimpleNamespace(words="here")
+
+    def read(point, number):
+        if point.key == own[1] and number == 1:
+            return Reading(math.nan, 1.0, 1.0, 0, 5, 6, 0.1, failed="In step 7 it stopped.")
+        if point.key == own[2]:
+            return Reading(math.nan, 0.0, 0.0, 0, 0, 0, 0.0, failed="missing: a program")
+        return reading(random, value + scale * 0.01 * float(random.normal()), particles=100, steps=7)
+
+    said = []
+    found = measured.measured(stored, own, readings=4, read=read, place=place, say=said.append)
+    known = ("key", "setting", "failed", "value", "value_mad", "error", "seconds", "bytes", "particles", "steps")
+    rows = [{name: row[name] for name in known} for row in measured.rows(stored, found)]
+    points = [[getattr(p, name) for name in ("place", "error_mad", "value_mad")] for p in found.points.values()]
+    both = measured.merged(stored, found)
+    assert {key: p for key, p in both.points.items() if key not in found.points} == {
+        key: p for key, p in stored.points.items() if key not in found.points
+    }
+    lines = measured.text(stored, found).splitlines()
+    counts = {"count of lines": len(lines), "failed": lines[-1], "count of lines said": len(said)}
+    recorded({"rows": rows, "points": points, **counts})
+
+
+def test_a_scene_that_cannot_be_planned_gives_a_reading_without_seconds():
+    stored = panel("implicit_pressure")
+    point = next(p for p in stored.points.values() if p.program == "refsim" and not p.gpu)
+    scene = tank(support_radius=1e-9)
+    found = measured.reading_of(stored, point, scene)
+    assert found.failed
+    assert [found.seconds, found.wall, found.bytes, found.particles, found.steps, found.time] == [0] * 6
+    setting = Setting("spacing", "", 1.0, scene, "numpy")
+    assert runs._run(setting, None, None, None, None, None, 1.0) == replace(found, failed=found.failed)
+
+
+def test_swings_and_lines_through_balls_are_as_ever(recorded):
+    random, found = np.random.default_rng(7), {}
+    for k in range(6):
+        times = np.linspace(0, (2, 3.5)[k % 2], 60)
+        omega, beta = random.uniform(6, 11), random.uniform(0, 1)
+        values = random.normal() + 0.1 * random.normal() * times
+        values = values + 0.3 * np.exp(-beta * times) * np.sin(omega * times + k) + 1e-3 * random.normal(size=60)
+        fit = drops.fit_oscillation(times, values, 8.0)
+        assert fit[0] == pytest.approx(omega, rel=0.02)
+        assert fit[1] == pytest.approx(beta, abs=0.05)
+        assert fit[3] == pytest.approx(0.3, rel=0.05)
+        found[str(k)] = fit
+    recorded(found)
+    first, second = random.normal(size=(2, 300, 3))
+    share = np.linspace(0, 1, 20001)[:, None, None]
+    within = (((first + share * (second - first)) ** 2).sum(2) < 0.9**2).mean(0)
+    assert virial.share_inside(first, second, 0.9) == pytest.approx(within, abs=2e-4)
+
+
+def test_kept_readings_are_those_that_were_kept(tmp_path):
+    setting = Setting("spacing", "a", 1.0, tank(), "cpu")
+    made = reading(np.random.default_rng(1), 3.25)
+    assert runs.kept(None, "key") is None
+    runs.keep(None, "key", setting, made)
+    runs.keep(tmp_path / "there", "key", setting, made)
+    assert runs.kept(tmp_path / "there", "key") == made
+    failed = replace(made, value=math.nan, failed="It stopped.")
+    runs.keep(tmp_path / "there", "other", setting, failed)
+    assert repr(runs.kept(tmp_path / "there", "other")) == repr(failed)
+    notes = []
+    runs.keep(tmp_path / "there", "third", setting, replace(made, value=math.nan))
+    assert runs.kept(tmp_path / "there", "third", notes) is None
+    assert len(notes) == 1
+    assert json.loads((tmp_path / "there" / "key.json").read_text())["label"] == "a"
