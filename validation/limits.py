@@ -30,7 +30,7 @@ import numpy as np
 from refsim import Simulation, make_plan
 from refsim.backends import runtime
 from validation.peers import warp_sph
-from validation.timed import fixed_step, spinning, spinning_cube, started
+from validation.timed import begun, fixed_step, spinning, spinning_cube, started
 
 TURNS = 3  # of refsim and Warp
 WARP_STEPS = {39: 300, 100: 120, 200: 40}  # of refsim and of Warp in a turn by the cube's edge, after WARM others
@@ -107,8 +107,8 @@ def disturbed_difference(edge: int, device: str, backend: str = "cuda") -> float
     """
     plan = make_plan(spinning_cube(edge, step=fixed_step(edge)))
     moved = np.random.default_rng(1).uniform(-0.2, 0.2, plan.state.position.shape) * plan.grid.spacing
-    plan.state.position[:] = (plan.state.position + moved).astype(np.float32)
-    plan.state.velocity[:] = spinning(plan.state.position).astype(np.float32)
+    position = (plan.state.position + moved).astype(np.float32).astype(float)
+    plan = begun(plan, position=position, velocity=spinning(position).astype(np.float32).astype(float))
     peer = warp_sph.run(plan, fixed_step(edge), 1, 1, 1, device, accelerations=True)
     if "missing" in peer:
         raise RuntimeError(peer["missing"])

@@ -10,7 +10,7 @@ import functools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ import refsim
 from refsim.backends import runtime
 from refsim.engine.binding import step_launches
 from refsim.engine.launching import ready
-from refsim.scene.plan import make_plan
+from refsim.scene.plan import Plan, make_plan
 from refsim.study.memory import bytes_of
 from validation.running import take_steps
 
@@ -198,11 +198,15 @@ def fixed_step(edge: int) -> float:
     return 0.4 * (2 / edge) / (SOUND + 1.0)
 
 
+def begun(plan: Plan, **state: np.ndarray) -> Plan:
+    """The plan with another start: `position` or `velocity` (n, 3) of its particles."""
+    return replace(plan, state=replace(plan.state, **state))
+
+
 def started(edge: int, backend: str = "cuda", warm: int = 60) -> refsim.Simulation:
     """The turning cube with steps of fixed length, after `warm` steps."""
     plan = make_plan(spinning_cube(edge, step=fixed_step(edge)))
-    plan.state.velocity[:] = spinning(plan.state.position)
-    simulation = refsim.Simulation(plan, backend)
+    simulation = refsim.Simulation(begun(plan, velocity=spinning(plan.state.position)), backend)
     take_steps(simulation, warm)
     return simulation
 

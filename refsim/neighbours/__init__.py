@@ -215,6 +215,17 @@ class StaticSet:
 
 def coincident_pairs(position: np.ndarray) -> list[tuple[int, int]]:
     """Pairs of particles at exactly the same place; position (n, 3) [m]."""
-    order = np.lexsort(position.T)
+    words = np.uint32 if position.dtype.itemsize == 4 else np.uint64
+    key = np.zeros(len(position), np.uint64)  # equal where places are, and rarely elsewhere
+    for axis in range(3):
+        key *= np.uint64(0x9E3779B97F4A7C15)
+        key ^= (position[:, axis] + 0.0).view(words)  # without -0
+        key ^= key >> np.uint64(29)
+    ordered = np.sort(key)
+    twice = ordered[1:][ordered[1:] == ordered[:-1]]
+    if not len(twice):
+        return []
+    rows = np.flatnonzero(np.isin(key, twice))
+    order = rows[np.lexsort(position[rows].T)]
     same = (np.diff(position[order], axis=0) == 0).all(1)
     return [(int(min(a, b)), int(max(a, b))) for a, b in zip(order[:-1][same], order[1:][same])]

@@ -334,7 +334,7 @@ def check_particles(position: np.ndarray, velocity: np.ndarray, mass: np.ndarray
 def check_values(place: str, name: str, values: np.ndarray, dim: int, dtype: str) -> None:
     """Raise InputError, beginning with `place`, for values of a particle field that no scene can have."""
     with np.errstate(over="ignore"):  # reported below
-        rounded = values.astype(dtype)
+        rounded = values.astype(dtype, copy=False)
         most = LONGEST if name == "position" else GREATEST
         bad = np.flatnonzero(~(np.abs(rounded) <= most).reshape(len(values), -1).all(1))
     if len(bad):

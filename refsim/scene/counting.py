@@ -14,7 +14,8 @@ from refsim.core.effect import Discretisation
 
 WIDTH = 2.0  # of a cell [spacings]
 REACH = 2  # cells around one inside the liquid that are full, too: its sums reach one and a half
-AT_ONCE = 1 << 20  # particles whose weights are held in one array
+AT_ONCE = 1 << 18  # particles whose weights are held in one array
+MANY = 1 << 20  # cells of which a table is made, however few particles there are
 
 
 class Cells:
@@ -34,25 +35,43 @@ class Cells:
                 self.wide[axis] = length / around[axis]
         self.volume = float(self.wide.prod())
         self.place = position[:, : grid.dim]
-        number = np.rint(self.place / self.wide).astype(np.int64)
-        count = []
+        count, key = [], np.zeros(len(position), np.int64)
         for axis, periodic in enumerate(around.tolist()):
-            number[:, axis], n = _numbered(number[:, axis], periodic)
+            number, n = _numbered(np.rint(self.place[:, axis] / self.wide[axis]).astype(np.int64), periodic)
             count.append(n)
+            key *= n
+            key += number
         stride = [math.prod(count[axis + 1 :]) for axis in range(grid.dim)]
-        key, inverse = np.unique(number @ stride, return_inverse=True)
         self.offsets = list(itertools.product((-1, 0, 1), repeat=grid.dim))
 
         def beside(key: np.ndarray, offset: tuple[int, ...]) -> np.ndarray:
             return np.sum([(key // s + o) % n * s for s, n, o in zip(stride, count, offset)], axis=0)
 
-        cells = np.unique(np.concatenate([beside(key, offset) for offset in self.offsets]))
-        self.cell_of = np.searchsorted(cells, key)[inverse]
-        self.near = np.empty((len(self.offsets), len(cells)), np.int64)
+        if math.prod(count) <= max(MANY, 2 * len(position)):  # a table of all cells in the box of the particles
+            table = np.zeros(math.prod(count), np.int32)
+            table[key] = 1
+            held = np.flatnonzero(table)
+            for offset in self.offsets:
+                table[beside(held, offset)] = 1
+            cells = np.flatnonzero(table)
+            table[:] = len(cells)
+            table[cells] = np.arange(len(cells))
+
+            def at(key: np.ndarray) -> np.ndarray:
+                return table[key]
+
+        else:
+            held = np.unique(key)
+            cells = np.unique(np.concatenate([beside(held, offset) for offset in self.offsets]))
+
+            def at(key: np.ndarray) -> np.ndarray:
+                found = np.minimum(np.searchsorted(cells, key), len(cells) - 1)
+                return np.where(cells[found] == key, found, len(cells))
+
+        self.cell_of = at(key)
+        self.near = np.empty((len(self.offsets), len(cells)), np.int32)
         for near, offset in zip(self.near, self.offsets):
-            wanted = beside(cells, offset)
-            at = np.minimum(np.searchsorted(cells, wanted), len(cells) - 1)
-            near[:] = np.where(cells[at] == wanted, at, len(cells))
+            near[:] = at(beside(cells, offset))
 
     def filled(self, volume: np.ndarray, first: int = 0) -> np.ndarray:
         """Share of each cell that the particles from `first` on fill, of these volumes [m^dim]; dimensionless."""

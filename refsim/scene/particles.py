@@ -71,7 +71,8 @@ def _initial_state(
         countable("scene: its parts together", [sum(map(len, positions))])
     if not sum(map(len, positions)):
         raise InputError("scene: there are no particles; add a fluid box, ball or cloud, or a solid.")
-    position, velocity, mass = map(np.concatenate, (positions, velocities, masses))
+    parts = (positions, velocities, masses)  # of one part the arrays themselves, in which equal values may stand once
+    position, velocity, mass = (each[0] if len(each) == 1 else np.concatenate(each) for each in parts)
     check_particles(position, velocity, mass, scene)
     bodies = [] if solids is None else np.diff(solids.lattice.first)
     sizes = (*map(int, bodies), *map(len, positions[solids is not None :]))

@@ -2,7 +2,9 @@
 
 import itertools
 import math
+import tracemalloc
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -13,7 +15,8 @@ from refsim.gauges import due, places
 from refsim.gauges.places import crossing
 from refsim.motion import pace
 from refsim.motion.expression import Jet, parsed
-from refsim.scene import solids
+from refsim.neighbours import coincident_pairs
+from refsim.scene import counting, solids
 from refsim.scene.counting import Cells, _numbered
 from refsim.scene.files import parse_scene, scene_from_dict, scene_to_dict
 from refsim.scene.particles import fitting_share
@@ -218,8 +221,10 @@ def test_other_spacings_of_drawn_scenes_are_as_ever(recorded):
 
 
 # How full places are
+@pytest.mark.parametrize("many", [counting.MANY, 0])
 @pytest.mark.parametrize("dim, period", [(2, 0.0), (3, 0.0), (2, 1.2), (3, 0.9)])
-def test_a_lattice_fills_its_cells_with_1_and_sums_are_those_of_splines(dim, period):
+def test_a_lattice_fills_its_cells_with_1_and_sums_are_those_of_splines(dim, period, many, monkeypatch):
+    monkeypatch.setattr(counting, "MANY", many)  # with 0 few particles make no table of cells
     grid = Discretisation(dim, "float64", 0.1, 0.26, 0, 0.0, None, (period, 0.0, 0.0))
     axes = [0.1 * (np.arange(n) + 0.5) for n in (round(10 * period) or 17, 17, 17)[:dim]]
     place = np.pad(np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, dim), ((0, 0), (0, 3 - dim)))
@@ -255,6 +260,32 @@ def test_a_lattice_fills_its_cells_with_1_and_sums_are_those_of_splines(dim, per
     last = [sum(v * weight(x, cell) for x, v in zip(few[4:], own[4:])) / math.prod(sparse.wide) for cell in every]
     known = [sum(weight(x, cell) * f for cell, f in zip(every, last)) for x in few[:5]]
     assert sparse.at_particles(sparse.filled(own[4:], 4), 5) == pytest.approx(known, rel=1e-9)
+
+
+def test_places_that_stand_twice_are_found_in_both_precisions():
+    random = np.random.default_rng(5)
+    for dtype in ("float32", "float64"):
+        place = random.integers(0, 7, (150, 3)).astype(dtype) - 3
+        place[place == 0] *= random.choice([-1.0, 1.0], (place == 0).sum()).astype(dtype)  # 0 and -0 are one place
+        found = coincident_pairs(place)
+        groups: dict[tuple, list] = {}
+        for k, x in enumerate(place):
+            groups.setdefault(tuple(x + 0.0), []).append(k)
+        assert len(found) == sum(len(group) - 1 for group in groups.values()) > 10
+        assert all(a < b and (place[a] == place[b]).all() for a, b in found)
+        assert coincident_pairs(np.unique(place, axis=0)) == []
+
+
+def test_a_plan_takes_few_bytes_a_particle():
+    """Beside what it returns a plan holds little at once: 10 million particles are planned in 1.5 GiB."""
+    text = SCENES["a tank that turns"].partition("[[motion]]")[0].replace("[5, 4, 4]", "[90, 90, 90]")
+    scene = parse_scene(f"{text}[effects.weakly_compressible]\nsound_speed = 30.0\n[effects.gravity]\n", "block")
+    make_plan(msgspec.structs.replace(scene, fluid=(Box(cells=(4, 4, 4)),)))  # loads what it needs
+    tracemalloc.start()
+    plan = make_plan(scene)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak / plan.grid.count < 260
 
 
 def test_cells_inside_a_liquid_are_as_ever(recorded):
