@@ -20,7 +20,7 @@ from refsim.core.tables import table as table
 from refsim.core.writing import replace_file, writing
 from refsim.scene.plan import Plan, make_plan
 from refsim.scene.scene import Scene
-from refsim.study.memory import check_memory
+from refsim.study.memory import check_boxes, check_memory
 
 
 @dataclass(frozen=True)
@@ -95,6 +95,7 @@ def discover() -> None:
 def planned(scene: Scene, source: str, backend: str = "cpu") -> Plan:
     """The plan of a scene whose run the machine can hold; an error names the file it comes from."""
     try:
+        check_boxes(scene, backend)
         plan = make_plan(scene)
         check_memory(plan, backend)
         return plan

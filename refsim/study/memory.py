@@ -1,15 +1,22 @@
 """Memory of a scene on a backend, from its plan, before anything is allocated."""
 
+import dataclasses
 import math
 from typing import Any
 
 import numpy as np
 
 from refsim.core.capabilities import HoldsOtherMemory, effects_with
+from refsim.core.errors import InputError
 from refsim.engine.binding import fused
 from refsim.neighbours.limits import NEIGHBOUR_CAPACITY, PARTICLES_PER_CELL, WALL_CAPACITY, with_margin
-from refsim.scene.plan import Plan
-from refsim.scene.solids import countable
+from refsim.scene.plan import Plan, make_plan
+from refsim.scene.refine import refined
+from refsim.scene.scene import Scene
+from refsim.scene.shapes import Box
+from refsim.scene.solids import LAID_OUT, countable
+
+MANY, FEW = 5_000_000, 20_000  # particles in boxes from which on they are counted first, by a plan of about so many
 
 
 def bytes_of(plan: Plan, backend: str) -> dict[str, int]:
@@ -42,6 +49,23 @@ def check_memory(plan: Plan, backend: str) -> None:
     found = bytes_of(plan, backend)
     each = (found["fields"] if backend == "cuda" else found["total"]) / plan.grid.count
     countable("scene: a run of it", [plan.grid.count], each, "particles", grid=plan.grid)
+
+
+def check_boxes(scene: Scene, backend: str) -> None:
+    """`check_memory` of a scene of many particles in boxes, before it is laid out: by a plan with a larger spacing."""
+    boxes = [part for part in scene.fluid if isinstance(part, Box)]
+    count = sum(math.prod(box.cells) for box in boxes)
+    if count < MANY:
+        return
+    try:
+        plan = make_plan(refined(scene, (FEW / count) ** (1 / scene.dim)))
+    except InputError:  # which the scene's own plan has, or no other has
+        return
+    listed, each = neighbour_list(plan, backend), float(sum(plan.field_bytes().values()))
+    if backend != "cuda":
+        each += 3 * np.dtype(scene.dtype).itemsize + (listed["bytes"] / plan.grid.count if listed else 0.0)
+    grid = dataclasses.replace(plan.grid, spacing=scene.spacing)
+    countable("scene: a run of it", [count], max(each, LAID_OUT), "particles", grid=grid)
 
 
 def neighbour_list(plan: Plan, backend: str) -> dict[str, Any] | None:

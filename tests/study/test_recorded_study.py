@@ -15,8 +15,9 @@ from refsim.commands.plan import describe_plan
 from refsim.core import clock as clocks
 from refsim.core import errors
 from refsim.engine import timings
+from refsim.scene import solids
 from refsim.scene.refine import refined
-from refsim.study import cost, runs
+from refsim.study import cost, memory, runs
 from refsim.study.convergence import Convergence, Reference, converge
 from refsim.study.observables import observable_of
 from refsim.study.panels import drops, measured, panel, virial
@@ -308,3 +309,27 @@ def test_kept_readings_are_those_that_were_kept(tmp_path):
     assert runs.kept(tmp_path / "there", "third", notes) is None
     assert len(notes) == 1
     assert json.loads((tmp_path / "there" / "key.json").read_text())["label"] == "a"
+
+
+@pytest.mark.parametrize("backend", ["cpu", "cuda"])
+def test_boxes_of_many_particles_are_counted_before_they_are_laid_out(backend, monkeypatch):
+    """What a particle takes in the plan of the scene itself decides, and that a plan lays it out in 280 bytes."""
+    scene = tank(20)
+    plan = make_plan(scene)
+    found = describe_plan(plan, backend)["bytes"]
+    of_walls = (f for f in plan.fields.values() if f.rows)
+    held = found["fields"] - sum(f.rows * f.components * f.numpy_dtype("float32").itemsize for f in of_walls)
+    held += found["positions_at_list_build"] if backend == "cpu" else 0
+    held += found["neighbour_list"] if backend == "cpu" else 0
+    least = max(held, 280 * plan.grid.count)
+    monkeypatch.setattr(memory, "MANY", plan.grid.count)
+    monkeypatch.setattr(memory, "FEW", plan.grid.count // 4)
+    for total, fits in ((least * 1.001, True), (least * 0.999, False)):
+        monkeypatch.setattr(solids, "host_memory", lambda total=total: {"total": total})
+        if fits:
+            memory.check_boxes(scene, backend)
+        else:
+            with pytest.raises(errors.InputError, match=r"a run of it makes 800 .* a spacing of 0.0053 m fits"):
+                memory.check_boxes(scene, backend)
+    monkeypatch.setattr(memory, "MANY", plan.grid.count + 1)
+    memory.check_boxes(scene, backend)  # fewer are laid out at once
