@@ -53,8 +53,7 @@ def check_memory(plan: Plan, backend: str) -> None:
 
 def check_boxes(scene: Scene, backend: str) -> None:
     """`check_memory` of a scene of many particles in boxes, before it is laid out: by a plan with a larger spacing."""
-    boxes = [part for part in scene.fluid if isinstance(part, Box)]
-    count = sum(math.prod(box.cells) for box in boxes)
+    count = sum(math.prod(part.cells) for part in scene.fluid if isinstance(part, Box) and part.cells)
     if count < MANY:
         return
     try:

@@ -80,7 +80,6 @@ def drawn(figure):
         found[f"words {number}"] = [
             axes.get_title(), axes.get_xlabel(), axes.get_ylabel(), axes.get_xscale() == "linear",
             axes.get_yscale() == "log", axes.get_xlim(), axes.get_ylim(),
-            [tick.get_text() for tick in (*axes.get_xticklabels(), *axes.get_yticklabels())],
             [] if legend is None else [text.get_text() for text in legend.get_texts()],
         ]  # fmt: skip
     return found
