@@ -17,10 +17,26 @@ def state_pressure(density, fluid):
     power = ratio
     for _ in range(1, fluid.exponent):
         power *= ratio
-    pressure = fluid.stiffness * (power - real(1)) + fluid.internal_pressure * ratio * ratio
+    pressure = fluid.stiffness * (power - real(1)) + cohesive_part(density, fluid)
     if fluid.clamp and pressure < real(0):
         return real(0)
     return pressure
+
+
+@formula
+def cohesive_part(density, fluid):
+    """p_c = P_int (rho/rho0)^2 [Pa], the part of the pressure that balances the cohesion of the bulk."""
+    ratio = density / fluid.rest_density
+    return fluid.internal_pressure * ratio * ratio
+
+
+@formula
+def borne_pressure(pressure, density, fluid):
+    """p_b = p - P_int (rho/rho0)^2 [Pa], which walls bear: they exert no cohesion that the rest would balance."""
+    borne = pressure - cohesive_part(density, fluid)
+    if fluid.clamp and borne < type(borne)(0):
+        return type(borne)(0)
+    return borne
 
 
 @formula

@@ -157,3 +157,31 @@ def test_a_coefficient_on_an_advanced_density_is_noted_and_its_density_restored(
         plan = make_plan(beside_akinci(fluid))
         assert plan.effects["weakly_compressible"].restoring == restoring
         assert len(notes_with(plan, "calibrate(..., density = 'continuity')")) == noted
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("model", COHESIVE)
+def test_walls_bear_the_weight_and_not_what_balances_cohesion(model, dim):
+    """Of liquid that starts at rest: forces and pressures on walls are those without tension, to rounding."""
+    pull = (0.0, -9.81, 0.0) if dim == 2 else (0.0, 0.0, -9.81)
+    gauges = (
+        rs.Gauge(name="walls", kind="force", on="box_walls"),
+        rs.Gauge(name="floor", kind="pressure", at=(0, 0, 0)),
+    )
+    found = []
+    for tension in ((), (model(surface_tension=0.072),)):
+        simulation = rs.Simulation(
+            rs.Scene(
+                dim=dim, spacing=1e-3, support_radius=2.6e-3, dtype="float64", gauge=gauges,
+                fluid=(rs.Box(cells=(6, 6, 5) if dim == 3 else (6, 5, 1)),),
+                effects=(
+                    rs.WeaklyCompressible(sound_speed=10.0), rs.Gravity(acceleration=pull),
+                    rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.006, 0.02 if dim == 2 else 0.006, 0.02)), *tension,
+                ),
+            ),
+            "numpy",
+        )  # fmt: skip
+        simulation.gauges.begin(simulation)
+        found.append(np.concatenate([simulation.gauge(gauge.name).values[0] for gauge in gauges]))
+    assert simulation.plan.shared["fluid"].internal_pressure > 10.0  # Pa, of 49 at the floor
+    assert found[1] == pytest.approx(found[0], rel=1e-9, abs=1e-12)

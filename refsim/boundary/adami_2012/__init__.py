@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import msgspec
 
 from refsim.boundary.adami_2012 import operations as operations
-from refsim.core.capabilities import BringsWalls, FollowsScene, SumsDensity, effects_with
+from refsim.core.capabilities import BalancesCohesion, BringsWalls, FollowsScene, SumsDensity, effects_with
 from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
@@ -97,7 +97,11 @@ class ParticleWalls(Effect, BringsWalls, FollowsScene, SumsDensity, frozen=True,
 def account(others: Others) -> EnergyAccount | None:
     """Walls at rest do no work inside of an advanced density, which takes their strain; None beside a summed one."""
     liquid = liquid_of(others)
-    return EnergyAccount(uncounted=("the walls' pressure at the surface",)) if liquid.advances() else None
+    if not liquid.advances():
+        return None
+    cohesive = any(effect.passes(others) for effect in effects_with(others, BalancesCohesion))  # type: ignore[attr-defined]
+    lacking = ["the walls' lack of cohesion"] if cohesive else []
+    return EnergyAccount(uncounted=("the walls' pressure at the surface", *lacking))
 
 
 def layers(grid: Discretisation) -> int:

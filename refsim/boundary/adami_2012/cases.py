@@ -9,7 +9,8 @@ from refsim.smoothing.cases import for_each_kernel
 from refsim.sph import Fluid, WallFrameGravity
 
 takes("adami_2012.strain", fluid="rest_density")
-takes("adami_2012.extrapolation", fluid="rest_density")
+takes("adami_2012.extrapolation", fluid="rest_density clamp internal_pressure")
+takes("adami_2012.wall_force", fluid="clamp internal_pressure")
 example(BoxWalls(lower=(-0.03, -0.03, -0.5), upper=(0.8, 0.8, 0.8)))
 
 
@@ -36,13 +37,13 @@ def _beside(wall_position):
     return at("beside_walls", position, wall_position)
 
 
-def _extrapolated(phase, wanted, wet=(0.0, 0.0)):
+def _extrapolated(phase, wanted, wet=(0.0, 0.0), **cohesion):
     """Wall particles 1 m from both particles and far away."""
     place = np.array([[0.0, 1.0, 0.0], [0.0, 9.0, 0.0]])
     inputs = {
         "density": [1000.0, 500.0], "pressure": [300.0, 500.0], "lean": WallFrameGravity(2.0, -9.0, 1.5),
-        "walls": WallParticles(place, np.full(2, 0.5)), "period": None, "phase": np.array(phase, np.int32),
-        "wet": np.array(wet), "fluid": Fluid(2000.0, 4e5, 1, 0),
+        "walls": WallParticles(place, np.full(2, 0.5)), "period": None, "phase": phase and np.array(phase, np.int32),
+        "wet": phase and np.array(wet), "fluid": Fluid(2000.0, 4e5, 1, 0, **cohesion),
     }  # fmt: skip
     return Exact(_beside(place), inputs, {"wall_pressure": [wanted, 0.0]})
 
@@ -51,6 +52,10 @@ for_each_kernel(
     "adami_2012.extrapolation",
     # mean of p_1 + rho_1 g.(0, 1, 0) and p_2 - rho_2 g.(0, 1, 0); that of the liquid alone where a solid is as near
     mean_of_two=lambda w: _extrapolated([0, 0], 0.5 * (300.0 + 1000.0 * -9.0 + 500.0 - 500.0 * -9.0)),
+    # without P_int (rho/rho0)^2 of each, 200 Pa (1/4 and 1/16)
+    cohesive_liquid=lambda w: _extrapolated(
+        None, 0.5 * (250.0 + 1000.0 * -9.0 + 487.5 - 500.0 * -9.0), internal_pressure=200.0
+    ),
     beside_a_solid=lambda w: _extrapolated([0, 1], 300.0 + 1000.0 * -9.0),
     # p_1 + rho_1 g.(0, 1, 0) of liquid, and with 1/1000 of the weight a film of p_2 - rho0 g.(0, 1, 0)
     beside_a_film=lambda w: _extrapolated([0, 1], (300.0 - 9000.0 + 1e-3 * (500.0 + 18000.0)) / 1.001, wet=[0.0, 1.0]),
@@ -72,13 +77,27 @@ def strained_by_one(w):
 
 
 @for_each_kernel("adami_2012.wall_force")
+def cohesive_liquid_pushed_by_its_wall(w):
+    """p_i without P_int (rho/rho0)^2, 200 Pa (1 and 1/4)."""
+    place = np.array([[0.0, 1.0, 0.0]])
+    push = 0.25 * np.array([(100.0 + 200.0) / 1000.0, (450.0 + 200.0) / 500.0]) * w.slope
+    inputs = {
+        "density": [1000.0, 500.0], "pressure": [300.0, 500.0], "walls": WallParticles(place, np.array([0.25])),
+        "fluid": Fluid(1000.0, 4e5, 1, 0, internal_pressure=200.0), "wall_pressure": [200.0],
+        "correction_diagonal": None, "correction_mixed": None,
+    }  # fmt: skip
+    return Exact(_beside(place), inputs, {"acceleration": [[0.0, -push[0], 0.0], [0.0, push[1], 0.0]]})
+
+
+@for_each_kernel("adami_2012.wall_force")
 def pushed_by_its_wall(w):
     """a = V_w (p_i + p_w) |W'(h/2)|/rho_i away from the wall particle, on both sides of it; B_2 turns it."""
     place = np.array([[0.0, 1.0, 0.0]])
     push = 0.25 * np.array([(300.0 + 200.0) / 1000.0, (500.0 + 200.0) / 500.0]) * w.slope
     inputs = {
         "density": [1000.0, 500.0], "pressure": [300.0, 500.0], "walls": WallParticles(place, np.array([0.25])),
-        "wall_pressure": [200.0], "correction_diagonal": [[9.0, 1.0, 9.0], [9.0, 3.0, 9.0]],
+        "fluid": Fluid(1000.0, 4e5, 1, 0), "wall_pressure": [200.0],
+        "correction_diagonal": [[9.0, 1.0, 9.0], [9.0, 3.0, 9.0]],
         "correction_mixed": [[0.0, 9.0, 0.0], [0.5, 9.0, -0.25]],
     }  # fmt: skip
     return Exact(

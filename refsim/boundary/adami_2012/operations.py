@@ -4,7 +4,7 @@ import numpy as np
 
 from refsim.boundary.adami_2012 import reference as ref
 from refsim.core.operation import SYMMETRY, operations
-from refsim.core.terms import Terms, where
+from refsim.core.terms import Terms, maximum, where
 from refsim.neighbours.sums import Fields, neighbours, wall_particles
 from refsim.sph.operations import symmetric
 
@@ -19,6 +19,13 @@ def _mean(around, term, share, **given):
     return Terms(average.value, (1 + count.value) * average.size)
 
 
+def _borne(pressure, density, fluid):
+    """Pressure [Pa] that walls bear."""
+    i = Fields(pressure=pressure, density=density)
+    p = ref.borne(i, float(fluid.internal_pressure), float(fluid.rest_density))
+    return maximum(p, 0) if fluid.clamp else p
+
+
 @operation(
     "(27)", outputs="wall_pressure", entrywise=True, optional="phase wet period",
     variants=("phase wet period", "phase wet", "phase period", "period"), tolerance=16.0,
@@ -28,8 +35,9 @@ def extrapolation(position, density, pressure, phase, wet, walls, smoothing, lea
     """Pressure of each wall particle [Pa]; 0 where neither liquid nor a wet solid is within reach."""
     liquid = np.ones(len(pressure), bool) if phase is None else np.asarray(phase) == 0
     film = 0.0 if wet is None else 1e-3 * np.asarray(wet, dtype=float)
+    borne = pressure if phase is not None else _borne(pressure, density, fluid)
     j = Fields(
-        position=position, pressure=pressure, liquid=liquid, share=np.where(liquid, 1.0, film),
+        position=position, pressure=borne, liquid=liquid, share=np.where(liquid, 1.0, film),
         heavy=np.where(liquid, np.asarray(density, dtype=float), float(fluid.rest_density)),
     )  # fmt: skip
     around = neighbours(wall_particles(walls), j, smoothing, period=period)
@@ -57,11 +65,11 @@ def strain(position, velocity, mass, advanced_excess, phase, walls, smoothing, f
     invariants=SYMMETRY, broken={1: "rotation", 2: "rotation"},
 )  # fmt: skip
 def wall_force(
-    position, density, pressure, wall_pressure, correction_diagonal, correction_mixed, walls, smoothing, period=None,
-    rows=None,
+    position, density, pressure, wall_pressure, correction_diagonal, correction_mixed, walls, smoothing, fluid,
+    period=None, rows=None,
 ):  # fmt: skip
     """Acceleration [m/s^2] of liquid and solids; without a correction B = I."""
-    i = Fields(position=position, density=density, pressure=pressure)
+    i = Fields(position=position, density=density, pressure=_borne(pressure, density, fluid))
     w = wall_particles(walls, pressure=wall_pressure)
     a = neighbours(i, w, smoothing, period=period, rows=rows)(ref.wall_force)
     if correction_diagonal is not None:

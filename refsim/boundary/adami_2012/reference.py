@@ -1,6 +1,7 @@
 """Walls after Adami, Hu & Adams 2012: the term of one pair in each sum."""
 
 from refsim.core.terms import maximum, where
+from refsim.sph.reference import internal_pressure
 
 
 def share(w, j, wj):
@@ -9,6 +10,11 @@ def share(w, j, wj):
     Where no liquid is within reach of a wall, a film of melt carries the pressure of solids.
     """
     return j.share * wj.W
+
+
+def borne(i, p_int, rest):
+    """p_b = p - P_int (rho/rho0)^2 [Pa]: walls do not bear the part that balances cohesion, as they exert none."""
+    return i.pressure - internal_pressure(i, p_int, rest)
 
 
 def wall_pressure(w, j, wj, lean):

@@ -228,6 +228,7 @@ def pushed(simulation: Simulation) -> NDArray:
     plan, operation = simulation.plan, REGISTRY["adami_2012.wall_force"]
     given: dict[str, Any] = {n: simulation.field(n) for n in ("position", "density", "pressure", "wall_pressure")}
     given |= {"walls": plan.walls, "smoothing": plan.shared["gradient_smoothing"], "period": None}
+    given["fluid"] = plan.shared["fluid"]
     given |= {n: simulation.field(n) if n in plan.fields else None for n in CORRECTION}
     push, _ = operation.program("numpy")(*(given[name] for name in operation.arguments("numpy")))["acceleration"]
     return simulation.field("mass") @ push
