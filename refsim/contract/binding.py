@@ -1,7 +1,7 @@
 """Programs called by name: a program's parameters are found in the operation's arguments, its answer is checked."""
 
 import inspect
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -45,7 +45,7 @@ def by_name(
     def call(*values: Any, owned: int | None = None) -> None:
         given = dict(zip(names, (*values, owned)))
         try:
-            taken = given if convert is None else converted(given, {*ordered, *named}, convert)
+            taken = given if convert is None else {n: converted(given[n], convert) for n in (*ordered, *named)}
             returned = program(*[taken[n] for n in ordered], **{n: taken[n] for n in named})
         except KeyboardInterrupt:
             raise
@@ -141,13 +141,9 @@ def to_numpy(values: Any) -> np.ndarray | None:
     return None
 
 
-def converted(given: Mapping[str, Any], names: Collection[str], convert: Callable[[Any], Any]) -> dict[str, Any]:
-    """The arguments of these names with `convert` applied to each array in them, those of groups included."""
-    return {name: _converted(given[name], convert) for name in names}
-
-
-def _converted(value: Any, convert: Callable[[Any], Any]) -> Any:
+def converted(value: Any, convert: Convert) -> Any:
+    """An argument with `convert` applied to each array in it, those of groups included."""
     if isinstance(value, tuple) and hasattr(value, "_fields"):
-        return type(value)(*(_converted(part, convert) for part in value))
+        return type(value)(*(converted(part, convert) for part in value))
     of_numpy = isinstance(value, np.ndarray) and value.ndim > 0
     return convert(value) if of_numpy or hasattr(value, "copy_to_host") else value

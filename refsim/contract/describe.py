@@ -146,7 +146,7 @@ def template(names: Sequence[str], arrays: str = "cpu") -> str:
     """A Python file with a program for each of the operations, whose computation is missing."""
     found = [REGISTRY[name] for name in names]
     functions = "\n\n".join(_function(operation, arrays) for operation in found)
-    entries = "".join(f'        "{operation.name}": {_identifier(operation)},\n' for operation in found)
+    entries = "".join(f'        "{operation.name}": {function_of(operation)},\n' for operation in found)
     optional = sorted({name for operation in found for name in operation.optional} - {"walls"})
     names_left_out = "".join(f'"{name}", ' for name in optional).strip()
     without = f"    # without=({names_left_out}),  # optional arguments that are not done\n"
@@ -167,7 +167,8 @@ def template(names: Sequence[str], arrays: str = "cpu") -> str:
     )
 
 
-def _identifier(operation: Operation) -> str:
+def function_of(operation: Operation) -> str:
+    """The name of the function that computes an operation in another's code."""
     return operation.name.replace(".", "_")
 
 
@@ -185,9 +186,9 @@ def _function(operation: Operation, arrays: str) -> str:
     outputs = ", ".join(operation.outputs)
     words = "add to" if operation.adds else "assign"
     taken = ", ".join(row.name for row in rows if row.role)
-    signature = f"def {_identifier(operation)}({taken}):"
+    signature = f"def {function_of(operation)}({taken}):"
     if len(signature) > 110:
-        signature = f"def {_identifier(operation)}(\n" + textwrap.indent(textwrap.fill(taken, 100), "    ") + ",\n):"
+        signature = f"def {function_of(operation)}(\n" + textwrap.indent(textwrap.fill(taken, 100), "    ") + ",\n):"
     body = f'"""{operation.name}: {operation.paper}, {operation.equation}.\n\n{said}\n\n' + "\n".join(told) + '\n"""'
     body = body.replace("\\", "\\\\")
     missing = f"# The computation is missing: {words} {outputs} in place."

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.contract.describe import Argument, arguments
+from refsim.contract.describe import Argument, arguments, function_of
 from refsim.contract.programs import Programs
 from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY, Operation
@@ -121,11 +121,6 @@ def in_fortran(kind: str) -> str:
     """The type in Fortran of the numbers of a kind."""
     name = split(kind)[0]
     return FORTRAN.get(name, f"integer(c_{name.removeprefix('u')}_t)")
-
-
-def function_of(operation: Operation) -> str:
-    """The function's name."""
-    return operation.name.replace(".", "_")
 
 
 def library(file: str, names: Sequence[str], **declared: Any) -> Programs:
