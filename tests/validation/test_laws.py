@@ -1,17 +1,21 @@
 """Laws of scenes drawn at random: they read units, find planted faults, and hold where nothing is planted."""
 
+from collections import Counter
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, given, seed, settings
 
 from refsim import BoxWalls, MeshBoundary, Scene, SolidBox, sph
 from refsim.core.effect import EFFECTS
+from refsim.core.errors import RunStopped
 from refsim.scene.files import describe, unit_of
+from refsim.scene.shapes import Box
 from validation.__main__ import main
 from validation.laws import command, laws
 from validation.laws.command import campaign, table
 from validation.laws.places import hexahedron, turned
-from validation.laws.scenes import drawn
+from validation.laws.scenes import Drawn, drawn
 from validation.laws.units import SYMBOLS, Unit, scaled, unit
 
 PHASES = (Phase.generate,)
@@ -63,6 +67,26 @@ def test_a_planted_fault_is_found(name, monkeypatch):
     monkeypatch.setattr(*FAULTS[name])
     monkeypatch.setattr(command, "SMALLER", 2)
     assert campaign([name], [where], 3.0, 3, "numpy", until_first=True).breaks
+
+
+def test_a_note_excuses_only_what_it_says_and_a_stop_only_that_of_the_drawn_scene():
+    liquid = sph.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=50.0, density="continuity", restoring=0.3)
+    walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.5, 1.0, 0.0))
+    effects = (liquid, walls, sph.Gravity(acceleration=(0.0, -1.0, 0.0)))
+    scene = Scene(dim=2, spacing=0.1, support_radius=0.262, fluid=(Box(cells=(5, 5, 1)),), effects=effects)
+    case, refusals = Drawn(scene, 0, (5, 5), True), Counter()
+
+    def breaks(drawn, backend):
+        return laws.Found(1.0, 0.0)
+
+    def stops(drawn, backend):
+        raise RunStopped("diverged", "It stopped.")
+
+    assert [command.judged(name, breaks, case, "numpy", refusals)[0] for name in ("rest", "units")] == [
+        "noted",
+        "broken",
+    ]
+    assert command.judged("units", stops, case, "numpy", refusals)[0] == "broken"
 
 
 def test_scenes_of_every_kind_are_drawn():

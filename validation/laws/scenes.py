@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import random
 import types
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import msgspec
@@ -24,6 +25,7 @@ from validation.laws.places import hexahedron
 from validation.laws.units import Unit, unit, units_of
 
 Draw = Callable[[st.SearchStrategy[Any]], Any]
+Effects = dict[str, Effect]
 LIQUID = "weakly_compressible"
 LIQUIDS = (LIQUID, LIQUID, LIQUID, LIQUID, "mpm_liquid")
 # What a scene is built around is chosen with its shape; the other effects are drawn.
@@ -81,15 +83,31 @@ def powers(low: float, high: float) -> st.SearchStrategy[float]:
     return st.integers(round(10 * low), round(10 * high)).map(lambda k: 10.0 ** (k / 10))
 
 
+class Alike(NamedTuple):
+    """Draws numbers anew, and what kernels are compiled for by a generator of its own: scenes of one combination."""
+
+    draw: Draw
+    chosen: random.Random
+
+    def __call__(self, strategy: st.SearchStrategy[Any]) -> Any:
+        return self.draw(strategy)
+
+
+def choose(draw: Draw, options: Sequence[Any]) -> Any:
+    """One of what kernels are compiled for."""
+    return draw.chosen.choice(options) if isinstance(draw, Alike) else draw(st.sampled_from(options))
+
+
 @st.composite
-def drawn(draw: Draw, effect: str | None = None, most: int = FEW) -> Drawn:
-    """A scene; with `effect` that effect is in it. Runs of more particles take longer: `most` bounds their number."""
+def drawn(draw: Draw, effect: str | None = None, most: int = FEW, alike: int | None = None) -> Drawn:
+    """A scene of `most` particles at most; with `effect` that effect is in it; `alike` numbers a combination."""
+    draw = draw if alike is None else Alike(draw, random.Random(alike))
     spacing, speed, density = draw(powers(-4, 1)), draw(powers(-1, 2)), draw(powers(0, 4))
     scale = Unit(spacing, spacing / speed, density * spacing**3, 1.0)
     kind: Any = EFFECTS.get(effect or "", Effect)
     wet = LIQUID in kind.needed or effect in BUILT
-    liquid = "mpm_liquid" if effect in OF_MPM else LIQUID if wet else draw(st.sampled_from(LIQUIDS))
-    around = draw(st.sampled_from(SURROUNDINGS))
+    liquid = "mpm_liquid" if effect in OF_MPM else LIQUID if wet else choose(draw, LIQUIDS)
+    around = choose(draw, SURROUNDINGS)
     if liquid == "mpm_liquid":
         around = "box" if around != "free" or effect == "mpm_walls" else "free"
     elif effect in ("box_walls", "mesh_boundary") and around != "both":
@@ -98,10 +116,11 @@ def drawn(draw: Draw, effect: str | None = None, most: int = FEW) -> Drawn:
         around = "box"
     elif around == "period" and effect and not kind.periodic:
         around = "free"
-    bodies = "one" if effect in OF_BODIES else draw(st.sampled_from(BODY))
-    if liquid != LIQUID or around in ("period", "mesh", "both") or issubclass(kind, PullsParticles):
+    bodies = "one" if effect in OF_BODIES else choose(draw, BODY)
+    alone = issubclass(kind, PullsParticles) or (kind.replaced and effect not in OF_BODIES)
+    if liquid != LIQUID or around in ("period", "mesh", "both") or alone:
         bodies = ""
-    dim = 3 if bodies or around in ("mesh", "both") else draw(st.sampled_from((2, 3)))
+    dim = 3 if bodies or around in ("mesh", "both") else choose(draw, (2, 3))
     large = most > FEW and draw(st.integers(0, 4)) == 4
     widest = (12, 5) if not large else (int(most ** (1 / 2)), int(most ** (1 / 3)))
     cells = tuple(draw(st.integers(7 if dim == 2 else 4, widest[dim - 2])) for _ in range(dim))
@@ -109,14 +128,14 @@ def drawn(draw: Draw, effect: str | None = None, most: int = FEW) -> Drawn:
         cells = tuple(max(n, 8) if axis == 0 or dim == 2 else n for axis, n in enumerate(cells))
     frame = Frame(dim, cells, around, scale, 2 if around in ("mesh", "both") else 0)
     effects: dict[str, Effect] = {liquid: _liquid(draw, liquid, frame, bool(bodies))}
-    if draw(st.booleans()) or effect == "gravity":
+    if choose(draw, (False, True)) or effect == "gravity":
         pull = [0.0, 0.0, 0.0]
         pull[dim - 1] = -(speed**2) / (400 * cells[dim - 1] * spacing)  # c = 10 sqrt(2 g H), H = the box's height
         effects["gravity"] = EFFECTS["gravity"](acceleration=tuple(pull))
     motion = _walls(draw, effects, frame, liquid)
     solid, taken = _bodies(draw, effects, frame, bodies, effect)
     pool = [name for name in sorted(set(EFFECTS) - BUILT) if _fits(name, effects, around)]
-    chosen = draw(st.lists(st.sampled_from(pool), max_size=2, unique=True))
+    chosen = [choose(draw, pool) for _ in range(choose(draw, (0, 1, 1, 2)))]
     if effect in pool:
         chosen = [effect, *chosen[:1]]
     for name in chosen:
@@ -133,11 +152,11 @@ def drawn(draw: Draw, effect: str | None = None, most: int = FEW) -> Drawn:
 
 def _clouds(seed: int, frame: Frame, shape: str, taken: np.ndarray) -> tuple[Cloud, ...]:
     """The liquid: particles near a lattice, in a shape, without the cells that bodies take."""
-    random, dim, d = np.random.default_rng(seed), frame.dim, frame.scale.length
+    drawing, dim, d = np.random.default_rng(seed), frame.dim, frame.scale.length
     grid = np.stack(np.meshgrid(*map(np.arange, frame.cells), indexing="ij"), -1).reshape(-1, dim)
     x, v = np.zeros((2, len(grid), 3))
-    x[:, :dim] = d * (grid + 0.5 + LARGEST_SHIFT * random.uniform(-1, 1, grid.shape))
-    v[:, :dim] = 0.02 * d / frame.scale.time * random.uniform(-1, 1, grid.shape)
+    x[:, :dim] = d * (grid + 0.5 + LARGEST_SHIFT * drawing.uniform(-1, 1, grid.shape))
+    v[:, :dim] = 0.02 * d / frame.scale.time * drawing.uniform(-1, 1, grid.shape)
     middle = (np.array(frame.cells) - 1) / 2
     kept = np.ones(len(grid), bool)
     if shape == "ball":
@@ -151,7 +170,7 @@ def _clouds(seed: int, frame: Frame, shape: str, taken: np.ndarray) -> tuple[Clo
     return tuple(Cloud(position=x[part], velocity=v[part]) for part in parts if part.any())
 
 
-def _walls(draw: Draw, effects: dict[str, Effect], frame: Frame, liquid: str) -> tuple[Motion, ...]:
+def _walls(draw: Draw, effects: Effects, frame: Frame, liquid: str) -> tuple[Motion, ...]:
     """Walls of a box twice as high as the liquid, a flat or sloped mesh below it, and what moves."""
     dim, cells, d = frame.dim, np.array(frame.cells), frame.scale.length
     top = cells * np.where(np.arange(dim) == dim - 1, 2, 1)
@@ -159,37 +178,38 @@ def _walls(draw: Draw, effects: dict[str, Effect], frame: Frame, liquid: str) ->
     moving: dict[str, Any] = {}
     if frame.around in ("box", "both") and liquid == "mpm_liquid":
         low, high = frame.corners(np.full(dim, -4), top + 4)
-        effects["mpm_walls"] = make_effect(draw, EFFECTS["mpm_walls"], frame, lower=low, upper=high)
+        effects["mpm_walls"] = make_effect(draw, "mpm_walls", frame, lower=low, upper=high)
     elif frame.around in ("box", "both"):
         low, high = frame.corners(below, top)
-        if draw(st.integers(0, 3)) == 3:
+        if choose(draw, (0, 0, 0, 1)):
             moving = {"moving_faces": ("+x",), "velocity": (0.0, 0.05 * d / frame.scale.time, 0.0)}
         if frame.around == "both":  # the friction of a box would act at the mesh, too
             moving = {"viscosity": 0.0, "no_slip": False, "model": None}
-        opened = draw(st.sampled_from(((), (), (("+y", "+z")[dim - 2],))))
-        effects["box_walls"] = make_effect(
-            draw, EFFECTS["box_walls"], frame, lower=low, upper=high, open_faces=opened, **moving
-        )
+        opened = choose(draw, ((), (), (("+y", "+z")[dim - 2],)))
+        effects["box_walls"] = make_effect(draw, "box_walls", frame, lower=low, upper=high, open_faces=opened, **moving)
     if frame.around in ("mesh", "both"):
         file = hexahedron(*cells[:2], frame.deep, slope=draw(st.sampled_from((0.0, 0.5))))
         middle = tuple(d * np.array([cells[0] / 2, cells[1] / 2, -frame.deep / 2]))
-        effects["mesh_boundary"] = make_effect(
-            draw, EFFECTS["mesh_boundary"], frame, file=file, center=middle, size=d * float(cells[:2].max()),
-            radius=0.0, field_spacing=0.0, **({"model": None} if frame.around == "both" else {}),
-        )  # fmt: skip
-    if liquid == "mpm_liquid" or draw(st.integers(0, 4)) < 4:
+        given = {
+            "file": file,
+            "center": middle,
+            "size": d * float(cells[:2].max()),
+            "radius": 0.0,
+            "field_spacing": 0.0,
+        }
+        given |= {"model": None} if frame.around == "both" else {}
+        effects["mesh_boundary"] = make_effect(draw, "mesh_boundary", frame, **given)
+    if liquid == "mpm_liquid" or choose(draw, (1, 1, 1, 1, 0)):
         return ()
     sway = {"kind": "sway", "direction": (0.0, 1.0, 0.0), "period": 40 * frame.scale.time}
     if "moving_faces" in moving:
         return (Motion(of="moving_faces", amplitude=0.1 * d, **sway),)
-    if "gravity" in effects and draw(st.booleans()):
+    if "gravity" in effects and choose(draw, (False, True)):
         return (Motion(of="turn", pivot=(d, d, 0.0), amplitude=0.01, **sway | {"direction": (0.0, 0.0, 1.0)}),)
     return (Motion(of="gravity", amplitude=0.1 * d, **sway),) if "gravity" in effects else ()
 
 
-def _bodies(
-    draw: Draw, effects: dict[str, Effect], frame: Frame, number: str, effect: str | None
-) -> tuple[tuple[Any, ...], np.ndarray]:
+def _bodies(draw: Draw, effects: Effects, frame: Frame, number: str, effect: str | None) -> tuple[Any, np.ndarray]:
     """Solid bodies anywhere in or near the liquid, and the cells that they take (k, 3)."""
     solid, taken = [], np.zeros((0, frame.dim), int)
     reach = (0, 0, 0) if frame.around == "box" else (5, 5, 5)
@@ -202,19 +222,19 @@ def _bodies(
             continue
         taken = np.concatenate([taken, own])
         given: dict[str, Any] = {"density": unit("kg/m^3").of(frame.scale) * draw(powers(-0.5, 0.5))}
-        if draw(st.booleans()):
+        if choose(draw, (False, True)):
             given |= {"spin": (0.0, 0.0, 0.01 / frame.scale.time), "velocity": (0.02 * speed, 0.0, 0.01 * speed)}
-        if draw(st.booleans()):
+        if choose(draw, (False, True)):
             solid.append(SolidBox(lower=tuple(d * at), upper=tuple(d * (at + size)), **given))
         else:
             solid.append(SolidBall(center=tuple(d * (at + size / 2)), radius=0.51 * size * d, **given))
     if solid:
-        effects["shape_matching"] = make_effect(draw, EFFECTS["shape_matching"], frame)
-        effects["two_way_coupling"] = make_effect(draw, EFFECTS["two_way_coupling"], frame)
-        if effect == "melting" or draw(st.integers(0, 3)) == 3:
-            point = draw(st.sampled_from((0.5, -0.5)))  # of what begins at 0: all stays or all melts
-            effects["heat_conduction"] = make_effect(draw, EFFECTS["heat_conduction"], frame, melting_point=point)
-            effects["melting"] = make_effect(draw, EFFECTS["melting"], frame)
+        effects["shape_matching"] = make_effect(draw, "shape_matching", frame)
+        effects["two_way_coupling"] = make_effect(draw, "two_way_coupling", frame)
+        if effect == "melting" or choose(draw, (0, 0, 0, 1)):
+            point = choose(draw, (0.5, -0.5))  # of what begins at 0: all stays or all melts
+            effects["heat_conduction"] = make_effect(draw, "heat_conduction", frame, melting_point=point)
+            effects["melting"] = make_effect(draw, "melting", frame)
     return tuple(solid), taken
 
 
@@ -223,17 +243,18 @@ def _fits(name: str, effects: Mapping[str, Effect], around: str) -> bool:
     kind = EFFECTS[name]
     needed = kind.needed or (() if any(f.required for f in msgspec.structs.fields(kind)) else kind().needs())
     pulls = issubclass(kind, PullsParticles) and "two_way_coupling" in effects
-    return not pulls and all(n in effects or n not in BUILT for n in needed) and (around != "period" or kind.periodic)
+    taken = {operation for effect in effects.values() for operation in effect.replaced}
+    if pulls or taken & {*kind.replaced}:
+        return False
+    return all(n in effects or n not in BUILT for n in needed) and (around != "period" or kind.periodic)
 
 
 def _add(draw: Draw, effects: dict[str, Effect], name: str, frame: Frame) -> None:
     """The effect and what it needs; one tension at most."""
-    kind = EFFECTS[name]
-    if name in effects or (
-        issubclass(kind, PullsParticles) and any(isinstance(e, PullsParticles) for e in effects.values())
-    ):
+    pulls = issubclass(EFFECTS[name], PullsParticles) and any(isinstance(e, PullsParticles) for e in effects.values())
+    if name in effects or pulls:
         return
-    effects[name] = make_effect(draw, kind, frame)
+    effects[name] = make_effect(draw, name, frame)
     for other in effects[name].needs():
         if other not in BUILT:
             _add(draw, effects, other, frame)
@@ -243,26 +264,27 @@ def _liquid(draw: Draw, name: str, frame: Frame, bodies: bool) -> Effect:
     """The liquid, with a viscosity at which it is known to behave."""
     density, speed = unit("kg/m^3").of(frame.scale), unit("m/s").of(frame.scale)
     if name == "mpm_liquid":
-        return make_effect(draw, EFFECTS[name], frame, rest_density=density, bulk_modulus=density * speed**2)
+        return make_effect(draw, name, frame, rest_density=density, bulk_modulus=density * speed**2)
     given = {"rest_density": density, "sound_speed": speed, "tensile_control": "none"}
     given["dynamic_viscosity"] = density * speed * 3.0 * unit("m").of(frame.scale) / 60
-    kind = draw(st.sampled_from((None, None, "summation", "continuity")))
+    kind = choose(draw, (None, None, "summation", "continuity"))
     given["density"] = kind
     if bodies:
         given |= {"viscosity": None, "clamp_pressure": None}
     if kind != "continuity":  # what belongs to an advanced density
         given |= {"diffusion": DIFFUSION, "restoring": None}
-    return make_effect(draw, EFFECTS[name], frame, **given)
+    return make_effect(draw, name, frame, **given)
 
 
-def make_effect(draw: Draw, kind: type[Effect], frame: Frame, **given: Any) -> Effect:
+def make_effect(draw: Draw, name: str, frame: Frame, **given: Any) -> Effect:
     """An effect: what it must have, and a third of what it may have, by its schema."""
+    kind = EFFECTS[name]
     if {"no_slip", "viscosity"} <= {*kind.__struct_fields__} - {*given}:
-        held = draw(st.integers(0, 2)) == 2 or bool(given.get("moving_faces"))
+        held = choose(draw, (False, False, True)) or bool(given.get("moving_faces"))
         given |= {"no_slip": held} | ({"viscosity": 0.0} if held else {})
     for field in msgspec.structs.fields(kind):
         needed = field.required or kind.scales[:1] == (field.name,)
-        if field.name not in given and (needed or draw(st.integers(0, 2)) == 2):
+        if field.name not in given and (needed or choose(draw, (0, 0, 1))):
             value = _value(draw, kind, field, frame)
             if value is not None:
                 given[field.name] = value
@@ -271,27 +293,24 @@ def make_effect(draw: Draw, kind: type[Effect], frame: Frame, **given: Any) -> E
 
 def _value(draw: Draw, kind: type[Effect], field: Any, frame: Frame) -> Any:
     """A value of a parameter; None leaves it out."""
-    inside = [k for k in _parts(field.type) if k is not types.NoneType]
+    united = typing.get_origin(field.type) in (typing.Union, types.UnionType)
+    inside = [k for k in (typing.get_args(field.type) if united else (field.type,)) if k is not types.NoneType]
     own = units_of(kind, frame.dim).get(field.name)
     if field.type is Printed or field.name in UNDRAWN or (frame.dim == 3 and field.name in COSTLY):
         return None
     if choices := [c for k in inside if typing.get_origin(k) is typing.Literal for c in typing.get_args(k)]:
-        return draw(st.sampled_from(choices)) if not isinstance(choices[0], tuple) else None
+        return choose(draw, choices) if not isinstance(choices[0], tuple) else None
     if bool in inside:
-        return draw(st.booleans())
+        return choose(draw, (False, True))
     if field.type is Share:
         return draw(st.integers(0, 10)) / 10
     if not any(k is float or typing.get_origin(k) is typing.Annotated for k in inside) or int in inside:
         return None
-    if field.name in kind.scales[1:] or kind.name == "mpm_liquid":
-        return None  # instead of the first one; cells and bounds of MPM follow from each other
+    if kind.name == "mpm_liquid" or (field.name in kind.scales[1:] and field.name != "area_acceleration"):
+        return None  # cells and bounds of MPM follow from each other; other coefficients stand for the first one
     if own is None:  # without a unit: near the default
         usual = field.default
         return usual * draw(powers(0, 0.2)) if isinstance(usual, float) and usual else None
     if frame.dim == 2 and own.mass not in (0, 1):
         return None  # masses of the plane are those of a metre of depth
     return own.of(frame.scale) * draw(powers(-3, -1))
-
-
-def _parts(kind: Any) -> tuple[Any, ...]:
-    return typing.get_args(kind) if typing.get_origin(kind) in (typing.Union, types.UnionType) else (kind,)

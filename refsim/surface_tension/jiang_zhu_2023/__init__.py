@@ -186,7 +186,7 @@ class JiangZhu2023(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=T
     """
 
     name: ClassVar[str] = "jiang_zhu_2023"
-    scales: ClassVar[tuple[str, ...]] = ("surface_tension", "gamma")
+    scales: ClassVar[tuple[str, ...]] = ("surface_tension", "gamma", "area_acceleration", "density_correction")
     coefficient_name: ClassVar[str] = "gamma"
     source: ClassVar[str] = "Jiang & Zhu"
     errata: ClassVar[tuple[str, ...]] = ("E4", "E5", "E6", "E7", "E10", "E23")
