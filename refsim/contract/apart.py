@@ -8,6 +8,7 @@ goes on behind the trial that ended it.
 import contextlib
 import dataclasses
 import faulthandler
+import gc
 import json
 import multiprocessing
 import os
@@ -280,6 +281,7 @@ def _work(pipe: Any, request: Request, path: list[str]) -> None:
     from refsim.contract.export import write_replay
 
     os.setsid()  # what programs start ends with this process
+    gc.set_threshold(50_000)  # of the many objects that imports make few are garbage
     if request.source not in BACKENDS:  # of OpenMP, so that races show on few cores
         os.environ.setdefault("OMP_NUM_THREADS", str(max(LEAST_THREADS, os.cpu_count() or 1)))
     os.dup2(2, 1)

@@ -187,13 +187,14 @@ def load(source: str) -> Programs:
     """
     if source in BACKENDS:
         return refsim_programs(source)
-    entries = [e for e in importlib.metadata.entry_points(group=GROUP) if e.name == source]
     place, _, attribute = source.rpartition(":") if ":" in source else (source, "", "")
+    file = place.endswith(".py")
+    entries = () if file else importlib.metadata.entry_points(group=GROUP, name=source)
     try:
-        if entries:
-            found = entries[0].load()
-        elif place.endswith(".py"):
+        if file:
             found = _from_file(Path(place))
+        elif entries:
+            found = next(iter(entries)).load()
         else:
             found = importlib.import_module(place)
     except (InputError, KeyboardInterrupt):

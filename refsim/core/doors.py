@@ -8,8 +8,9 @@ GROUPS = ("refsim.effects", "refsim.operations")
 
 def open_doors() -> None:
     """Import what the entry points of installed packages name, which registers it; warn of what cannot be imported."""
+    there = importlib.metadata.entry_points()  # which reads the metadata of every package
     for group in GROUPS:
-        for entry in importlib.metadata.entry_points(group=group):
+        for entry in there.select(group=group):
             try:
                 entry.load()
             except Exception as error:  # a package of others may raise whatever it likes

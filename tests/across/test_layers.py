@@ -10,13 +10,12 @@ import functools
 import graphlib
 import pathlib
 import re
-import subprocess
-import sys
 
 import pytest
 
 import refsim
 from refsim.core.operation import REGISTRY
+from tests.running import python
 
 ROOT = pathlib.Path(refsim.__file__).parent
 VALIDATION = ROOT.parent / "validation"
@@ -121,7 +120,7 @@ def test_package_commands_and_cases_load_no_numba():
         "import sys; sys.modules['numba'] = None; import refsim.contract.report; from refsim.commands import discover;"
         " from refsim.core import cases; discover(); cases.discover()"
     )
-    subprocess.run([sys.executable, "-c", code], check=True)
+    python("-c", code)
 
 
 def test_every_file_is_written_through_one_module():
