@@ -112,7 +112,7 @@ def empty(state: State) -> Iterator[list[tuple[Any, tuple[Any, ...]]]]:
 
 def sort(state: State, search: NeighbourSearch, before_build: bool = False) -> None:
     """Put the particles into the cell order of `search` and note their positions in `build_position`."""
-    names = _sorted_fields(state)
+    names = state.plan.ordered_fields
     arrays = [state.fields[name] for name in names]
     renumbered = functools.partial(renumber, state)
     moved = search.sort(state.fields["position"], arrays, state.build_position, before_build, renumbered)
@@ -150,7 +150,7 @@ def _due(state: State) -> bool:
 
 
 def _follow(state: State, order: Any) -> None:
-    arrays, rows = [state.fields[name] for name in _sorted_fields(state)], state.order.rows
+    arrays, rows = [state.fields[name] for name in state.plan.ordered_fields], state.order.rows
     if rows is None or rows.order is not order or not rows.belongs_to(arrays):
         from refsim.backends import device
 
@@ -164,7 +164,3 @@ def renumber(state: State) -> None:
     state.outdate()
     if "place" in state.fields:
         state.backend.invert(state.fields["identity"], state.fields["place"])
-
-
-def _sorted_fields(state: State) -> list[str]:
-    return [name for name, f in state.plan.particle_fields.items() if f.state]

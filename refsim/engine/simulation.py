@@ -131,7 +131,7 @@ class Simulation(State, Shown):
         if name not in self.plan.fields:
             raise InputError(f"field: this scene has no field {name!r}; {suggestion(name, self.plan.fields)}")
         bring(self, (name,))
-        if not needed(self, name) and self.last is None and self._is_of_steps(name):
+        if not needed(self, name) and self.last is None and self.plan.is_of_steps(name):
             raise InputError(f"field: {name!r} is computed in a step, and there was none yet; call step() before.")
         return self.stored(name)
 
@@ -258,12 +258,6 @@ class Simulation(State, Shown):
             bring(self, ("density_excess",))
             self.write_field("advanced_excess", self.host("density_excess"))
             self.backend.assign(self.timestep, 0.0)
-
-    def _is_of_steps(self, name: str) -> bool:
-        """Whether only a step writes a field, which does not outlive it."""
-        first = any(name in p.written for _, p in self.plan.start)
-        in_step = any(name in p.written for _, p in (*self.plan.begin, *self.plan.motion))
-        return in_step and not first and not self.plan.fields[name].state
 
     # Stopping and going on
 

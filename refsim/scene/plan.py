@@ -81,6 +81,17 @@ class Plan(Shown):
         """Fields with a row for each particle."""
         return {name: f for name, f in self.fields.items() if f.rows is None}
 
+    def is_of_steps(self, name: str) -> bool:
+        """Whether only a step writes a field, which does not outlive it."""
+        first = any(name in p.written for _, p in self.start)
+        in_step = any(name in p.written for _, p in (*self.begin, *self.motion))
+        return in_step and not first and not self.fields[name].state
+
+    @property
+    def ordered_fields(self) -> tuple[str, ...]:
+        """Particle fields whose rows follow a new order of the particles: nothing computes them anew before a step."""
+        return tuple(name for name, f in self.particle_fields.items() if f.state or self.is_of_steps(name))
+
     def bytes_of_fields(self) -> dict[str, int]:
         """Bytes of each field."""
         n, real = self.grid.count, self.grid.dtype

@@ -100,7 +100,7 @@ def _list_bytes(plan: Plan, backend: str, each: int) -> int:
         return n * (4 * max(NEIGHBOUR_CAPACITY, each) + 12)  # entries; first entry and count of each row
     rows = 3 if plan.grid.dim == 2 else 9  # of three cells around each
     entries, cells = 4 * with_margin(each), (12 + 8 * rows) / PARTICLES_PER_CELL
-    state = [f for f in plan.particle_fields.values() if f.state]
+    state = [plan.fields[name] for name in plan.ordered_fields]
     moved = sum(f.components * f.numpy_dtype(plan.grid.dtype).itemsize for f in state)  # through spare arrays
     forces = [p for _, p in fused(plan.passes, backend) if p.algorithm == "fused"]
     launched = {p.operation for _, p in (*plan.passes, *plan.motion)}

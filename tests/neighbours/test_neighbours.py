@@ -12,7 +12,9 @@ from refsim import (
     BoxWalls,
     Cloud,
     Gravity,
+    ImplicitPressure,
     InputError,
+    ParticleShifting,
     RunStopped,
     Scene,
     Simulation,
@@ -25,7 +27,7 @@ from refsim.core.period import period_group
 from refsim.core.walls import Bounds
 from refsim.engine.limits import StepOutcome
 from refsim.engine.lists import Lists
-from refsim.engine.neighbour_lists import update
+from refsim.engine.neighbour_lists import sort, update
 from refsim.neighbours import (
     AUDIT_MARGIN,
     AUDITED_ROWS,
@@ -366,6 +368,26 @@ def test_the_next_list_reaches_as_far_as_the_steps_that_one_serves_say():
     assert [*skins(scene)] == [narrow, wide, wide, narrow, narrow]
     assert [*skins(scene.with_(skin=0.3))] == [(0.3, pytest.approx(0.015))] * 5
     assert {skin for skin, _ in skins(scene.with_(period=(1.0, 0.0, 0.0)))} == {0.1}
+
+
+@pytest.mark.parametrize("more", [ParticleShifting(), ImplicitPressure()], ids=["shift", "pressure"])
+def test_rows_of_a_new_order_follow_in_all_that_a_step_computes(more):
+    """Also what only a step writes, a shift or a pressure of IISPH, which is read after a later list is built."""
+    walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.4, 0.6, 0.0), open_faces=("+y",))
+    box = Box(cells=(8, 8, 1), velocity=(0.3, 0.1, 0.0))
+    effects = WeaklyCompressible(sound_speed=10.0), more, Gravity(), walls
+    scene = Scene(dim=2, spacing=0.05, support_radius=0.13, fluid=(box,), effects=effects)
+    simulation = Simulation(scene, "cpu")
+    advanced(simulation, 3)
+    names = [name for name in simulation.plan.particle_fields if simulation.plan.is_of_steps(name)]
+    before = {name: simulation.field(name) for name in names}
+    assert names
+    assert all(np.abs(values).max() > 0 for values in before.values())
+    turned = simulation.fields["position"][::-1].copy()
+    simulation.backend.assign(simulation.fields["position"], turned)
+    sort(simulation, simulation.search)
+    for name, values in before.items():
+        assert (simulation.stored(name) == values).all(), name
 
 
 def test_audit_looks_where_the_list_was_last_used():

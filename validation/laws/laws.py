@@ -264,8 +264,7 @@ def other_backend(drawn: Drawn, backend: str) -> Found | None:
     off = apart(places(a), places(b))
     b.evaluate()
     for name, field in b.plan.fields.items():
-        of_state = field.rows is None and not b._is_of_steps(name)  # others keep the rows that they had in the step
-        if field.dtype == "real" and of_state and name in a.fields:
+        if field.dtype == "real" and field.rows is None and name in a.fields:
             x, y = a.field(name).astype(float), b.field(name).astype(float)
             size = float(np.abs(x).max(initial=0.0))
             off = max(off, apart(x, y) / size if size > 0 and np.isfinite(size) else 0.0)
