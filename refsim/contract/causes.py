@@ -183,7 +183,7 @@ class Wrong:
         got, expected = (both if both.shape[1] > 1 else both[:, 0]).tolist()
         told = {"output": self.name, "row": int(self.number[k]), "got": got, "expected": expected}
         near = len(self.near(self.number[k])) if self.sums else 0
-        return told | {"error": float(self.error[k]), "bound": float(self.bound[k]), "neighbours": near}
+        return told | {"error": float(self.error[k]), "bound": float(self.bound[k]) or None, "neighbours": near}
 
 
 def unsteady(w: Wrong) -> Signs:

@@ -14,7 +14,7 @@ from refsim.scene.plan import Plan, make_plan
 from refsim.scene.refine import refined
 from refsim.scene.scene import Scene
 from refsim.scene.shapes import Box
-from refsim.scene.solids import LAID_OUT, countable
+from refsim.scene.solids import LAID_OUT, MOST_CELLS, countable
 
 MANY, FEW = 5_000_000, 20_000  # particles in boxes from which on they are counted first, by a plan of about so many
 
@@ -54,7 +54,7 @@ def check_memory(plan: Plan, backend: str) -> None:
 def check_boxes(scene: Scene, backend: str) -> None:
     """`check_memory` of a scene of many particles in boxes, before it is laid out: by a plan with a larger spacing."""
     count = sum(math.prod(part.cells) for part in scene.fluid if isinstance(part, Box) and part.cells)
-    if count < MANY:
+    if not MANY <= count <= MOST_CELLS:  # more is refused by the numbers alone
         return
     try:
         plan = make_plan(refined(scene, (FEW / count) ** (1 / scene.dim)))
