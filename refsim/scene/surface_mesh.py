@@ -40,6 +40,8 @@ COPLANAR = 1e-7  # fraction of the mesh's size; no grid has more than 2^21 = 1/4
 LIKE_TODAY = 4  # edges of a hole that is filled whatever its size
 SHEET = 0.25  # share of a patch, fills included, above which it counts as a sheet and is left out
 LARGEST_FILL = 0.05  # share of the surface by which larger holes may be filled
+GENERIC = np.array([0.2679, 0.3178, 0.4143])  # a place in a triangle that few other planes go through
+TIE = 1e-9  # share of a volume or a surface
 
 
 @dataclass(frozen=True)
@@ -386,19 +388,20 @@ def _turned_outwards(
 ) -> np.ndarray:  # fmt: skip
     """Patches with a negative volume are turned, unless they are cavities of others, or pockets: what such a one bounds
     lies in others."""
-    inverted = np.bincount(patch, _volumes(vertices[faces])) < 0
+    volumes = _volumes(vertices[faces])
+    inverted = np.bincount(patch, volumes) < -TIE * np.bincount(patch, np.abs(volumes))
     outwards = np.where(inverted[patch, None], faces[:, ::-1], faces)
     _, first = np.unique(patch, return_index=True)
     meets = np.zeros(len(first), bool)
     meets[patch[pairs][patch[pairs[:, 0]] != patch[pairs[:, 1]]]] = True
     corners, deep = vertices[outwards], np.zeros(len(first), bool)
-    middle, step = corners.mean(1), BESIDE * near * unit_normals(corners)
+    middle, step = np.tensordot(corners, GENERIC, (1, 0)), BESIDE * near * unit_normals(corners)
     if len(first) > 1:  # just outside of a patch the others count alone
         deep = np.round(winding((middle + step)[first], corners)) % 2 == 1
     for k in np.flatnonzero(inverted & meets).tolist():
         own = patch == k
         about = winding((middle - step)[own], vertices[faces[~own]])
-        deep[k] = np.average(about > 0.5, weights=areas(corners[own])) > 0.5
+        deep[k] = np.average(about > 0.5, weights=areas(corners[own])) > 0.5 + TIE
     if (deep & ~inverted & ~meets).any():
         raise InputError(
             f"{name} has a body inside another body, and neither is wound as a cavity; remove the"
