@@ -46,5 +46,5 @@ else:
 
     PROGRAMS = Programs(
         {"sph.density": density}, kernels=("cubic_spline",), walls=False,
-        without=("number_density", "asymmetry", "period"),
+        without=("number_density", "asymmetry", "period"), most_particles=5_000,  # it keeps all pairs
     )  # fmt: skip
