@@ -46,3 +46,4 @@ def setup(app: Any) -> None:
     app.connect("doctree-read", site_pages.readable)
     app.connect("autodoc-process-docstring", site_pages.literal_tables)
     app.connect("html-page-context", site_pages.whole_tables)
+    app.connect("build-finished", site_pages.moved)

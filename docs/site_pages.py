@@ -27,13 +27,14 @@ NAVIGATION = {
     "Solids, heat, melting": ("shape_matching", "heat", "melting"),
     "Particles and a grid": ("mpm", "surface_energy"),
     "Evidence": (
-        "equations", "errata", "claims", "checks", "solutions", "accuracy_cost", "effects_cost", "laws", "stability",
-        "energy_audit",
+        "equations", "errata", "claims", "checks", "solutions", "laws", "stability", "energy_audit",
     ),
     "Contract": ("contract", "vectors"),
     "Contributing": ("contributing", "api", "changelog"),
     "Guarantees": ("guarantees", "public_names"),
 }  # fmt: skip
+
+MOVED = {"accuracy_cost": "study.html#cheapest-setting-for-an-error", "effects_cost": "study.html#each-effect"}
 
 SEARCHED = {  # words for which the search has a page first, though it says them less often than others
     "first_scene": "!tutorial, !own scene", "scene_files": "!restart, !resume, !units", "guarantees": "!GPU, !CUDA",
@@ -54,6 +55,14 @@ NAMED = re.compile(
     r"(^[#<].*$|\[[^\]]*\]\([^)]*\)|`[^`]*`|\$[^$]*\$)|\bDOI\s+(10\.\d+/[^\s)]*[^\s).,;])|"
     + "|".join(map(re.escape, PAPERS)), re.MULTILINE,
 )  # fmt: skip
+
+
+def moved(app: Any, failure: Exception | None) -> None:
+    """Sphinx's event `build-finished`: a page of an old name leads to its new place."""
+    for name, place in MOVED.items() if failure is None and app.builder.format == "html" else ():
+        lead = f'<meta http-equiv="refresh" content="0; url={place}">'
+        words = f'<!doctype html><title>Moved</title>{lead}<a href="{place}">This page has moved.</a>\n'
+        (Path(app.outdir) / f"{name}.html").write_text(words, encoding="utf-8")
 
 
 def as_on_the_site(app: Any, page: str, source: list[str]) -> None:

@@ -82,7 +82,7 @@ def parser() -> argparse.ArgumentParser:
     part.add_argument("--backend", default="cpu", help="cpu or cuda (cpu)")
     part.add_argument("--readings", type=int, default=READINGS, metavar="N", help=f"of a setting ({READINGS})")
     part.add_argument("--peers", action="store_true", help="the settings of other programs instead")
-    part.add_argument("--write", action="store_true", help="store what was measured and renew docs/accuracy_cost.md")
+    part.add_argument("--write", action="store_true", help="store what was measured and renew docs/study.md")
     part.add_argument("--draw", action="store_true", help="page and pictures from the stored points; measures nothing")
     part.set_defaults(perform=panels)
 

@@ -1,7 +1,7 @@
 """What accuracy costs: `python -m validation accuracy [PANEL ...]`, panels measured anew beside their stored points.
 
 A panel is measured as `refsim study PANEL --points` does, on one thread; other programs have runs in this repository.
-`--write` stores what was measured and renews docs/accuracy_cost.md (`validation.accuracy_page`).
+`--write` stores what was measured and renews docs/study.md (`validation.accuracy_page`).
 """
 
 from __future__ import annotations

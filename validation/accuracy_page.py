@@ -1,4 +1,4 @@
-"""docs/accuracy_cost.md and its pictures from the stored points (`python -m validation accuracy --draw`)."""
+"""Settings on docs/study.md and their pictures, from the stored points (`python -m validation accuracy --draw`)."""
 
 from __future__ import annotations
 
@@ -15,25 +15,61 @@ from refsim.study.advice import cheapest, duration, in_words, least, percent, pr
 from refsim.study.panels import Panel, Point, abouts, panel
 from validation import own_choices
 from validation.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, save_picture, style
+from validation.filling import replaced
 
 ROOT = Path(__file__).resolve().parent.parent
-FIGURES, PAGE = ROOT / "figures", ROOT / "docs" / "accuracy_cost.md"
+FIGURES, PAGE = ROOT / "figures", ROOT / "docs" / "study.md"
 TARGETS = (0.1, 0.05, 0.01, 0.001)
 ABSENT = "\u2013"  # not measured
 COLOURS, MARKERS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY), ("o", "s", "^", "D", "v", "P", "X", "p", "*", "<")
-HEAD = [
-    "| observable | error | cheapest setting | its error, at most | CPU | GPU | best other program |",
-    "| --- | --: | --- | --: | --: | --: | --: |",
-]
+HEAD = ("observable", "error", "cheapest setting", "its error, at most", "CPU")
 
 
-def rows(of: Panel) -> list[str]:
+def places(of: Panel, *kinds: str) -> dict[tuple[str, str], list[str]]:
+    """Days and commits of the settings of these kinds by kind and machine: a GPU's name, or a processor's."""
+    found: dict[tuple[str, str], set[str]] = {}
+    for kind in kinds:
+        for _, point in settings(of, kind):
+            place = of.places[point.place]
+            words = f"{place.date}, commit {place.commit[:8]}"
+            found.setdefault((kind, _machine(of, point)), set()).add(words)
+    return {key: sorted(words) for key, words in found.items()}
+
+
+def _machine(of: Panel, point: Point) -> str:
+    """Where a point was measured."""
+    place = of.places[point.place]
+    return place.device if point.gpu else place.machine
+
+
+def tables(known: list[Panel]) -> list[str]:
+    """A table for each processor, with a column for each GPU, so that a column has the seconds of one machine.
+
+    Raises ValueError where one panel's settings were not timed on one processor.
+    """
+    by: dict[str, list[Panel]] = {}
+    for each in known:
+        machines = {machine for _, machine in places(each, "cpu", "peer")}
+        if len(machines) != 1:
+            raise ValueError(f"panel {each.name} was not timed on one processor: {', '.join(sorted(machines))}")
+        by.setdefault(machines.pop(), []).append(each)
+    lines = []
+    for machine, panels in by.items():
+        gpus = sorted({gpu for each in panels for _, gpu in places(each, "gpu")})
+        head = [*HEAD, *gpus, "best other program"]
+        lines += [f"CPU: {machine}.", "", f"| {' | '.join(head)} |"]
+        lines.append(f"| --- | --: | --- | --: |{' --: |' * (len(head) - 4)}")
+        lines += [*(line for each in panels for line in rows(each, gpus)), ""]
+    return lines
+
+
+def rows(of: Panel, gpus: list[str]) -> list[str]:
     """The panel's lines of the table: one for the errors of equal answers, without those that have no meaning."""
     about, groups = of.about, dict[tuple[str, ...], list[str]]()
     for error in sorted({*TARGETS, *about.more}, reverse=True):
         if error > of.reference()[2]:
             own = f" ({error * about.scale:.2g} {about.unit})" if about.unit and about.scale not in (1.0, 100.0) else ""
-            groups.setdefault(tuple(_cells(of, error)), []).append(percent(error) + own)
+            groups.setdefault(tuple(_cells(of, error, gpus)), []).append(percent(error) + own)
     name = f"[{about.words}]({about.page}), `{of.name}`; {about.relative}"
     lines = []
     for cells, errors in groups.items():
@@ -43,8 +79,8 @@ def rows(of: Panel) -> list[str]:
     return lines
 
 
-def _cells(of: Panel, error: float) -> list[str]:
-    """Cells behind the error: setting, its own error, seconds, seconds on a GPU, the best other program's seconds.
+def _cells(of: Panel, error: float, gpus: list[str]) -> list[str]:
+    """Cells behind the error: setting, its own error, seconds, seconds on each GPU, the best other program's seconds.
 
     The setting is a CPU's, or a GPU's where none that was measured on a CPU reaches the error.
     """
@@ -57,12 +93,14 @@ def _cells(of: Panel, error: float) -> list[str]:
     named = cpu or gpu
     if named is None:
         known = [pair for kind in ("cpu", "gpu") if (pair := least(of, kind)) is not None]
-        return ["not reached", f"at least {in_words(of, min(bound for bound, _ in known))}", "", "", peer]
-    there = duration(gpu[1].seconds) if gpu else "" if settings(of, "gpu") else ABSENT
-    if gpu and _words(gpu[1]) != _words(named[1]):
-        there += f" ({_words(gpu[1])})"
+        least_error = in_words(of, min(bound for bound, _ in known))
+        return ["not reached", f"at least {least_error}", *[""] * (1 + len(gpus)), peer]
+    there = ["" if settings(of, "gpu") else ABSENT] * len(gpus)
+    if gpu:
+        other_setting = "" if _words(gpu[1]) == _words(named[1]) else f" ({_words(gpu[1])})"
+        there[gpus.index(_machine(of, gpu[1]))] = duration(gpu[1].seconds) + other_setting
     own = duration(cpu[1].seconds) + of.threads(cpu[1]) if cpu else ABSENT
-    return [_words(named[1]), in_words(of, named[0]), own, there, peer]
+    return [_words(named[1]), in_words(of, named[0]), own, *there, peer]
 
 
 def _words(point: Point) -> str:
@@ -74,24 +112,23 @@ def _words(point: Point) -> str:
 
 
 def pictures(of: Panel) -> list[str]:
-    """The panel's picture, its reference and how well that is known."""
+    """The panel's picture, its reference and how well that is known, and where its settings were measured."""
     about, known = of.about, of.reference()[2]
     within = f", known to {percent(known)}" if known else ""
     picture = f"![{of.name}](../figures/accuracy_cost_{of.name}.png)"
-    return [picture, "", f"*Reference: {about.reference}{within}.*", ""]
+    measured = (f"{machine}, {'; '.join(when)}" for (_, machine), when in places(of, "cpu", "gpu").items())
+    said = f"`python -m validation accuracy {of.name}`: {' and '.join(measured)}."
+    return [picture, "", f"*Reference: {about.reference}{within}. {said}*", ""]
 
 
-HEADER = """# What accuracy costs
+HEADER = """### Cheapest setting for an error
 
 ![Seconds that an error of five systems costs, on a CPU and on a GPU](../figures/accuracy_cost.png)
 
-*A line ends at the smallest error that `refsim advise` offers. A program writes this page; [accuracy and
-cost](study.md#stored-answers) explains its columns and how they are measured.*
-
-## Cheapest setting for an error
+*A line ends at the smallest error that `refsim advise` offers (`python -m validation accuracy`; days and commits stand
+below the pictures).*
 """
-MIDDLE = """
-## Error against seconds
+MIDDLE = """### Error against seconds
 
 Each line joins the best settings of a method.
 
@@ -99,7 +136,7 @@ Each line joins the best settings of a method.
 """
 CHOICES = """</details>
 
-## The papers' own choices
+### The papers' own choices
 
 Where refsim improves on a paper, `literal = "paper"` takes [the paper's own choice](errata.md) instead (`python -m
 validation own`).
@@ -107,11 +144,11 @@ validation own`).
 
 
 def page() -> str:
-    """docs/accuracy_cost.md."""
+    """docs/study.md with the stored settings."""
     known = [panel(name) for name in abouts()]
-    answers = [*HEAD, *(line for each in known for line in rows(each))]
     drawn = [line for each in known for line in pictures(each)]
-    return "\n".join([HEADER, *answers, MIDDLE, *drawn, CHOICES, *own_choices.markdown()]) + "\n"
+    lines = [HEADER, *tables(known), MIDDLE, *drawn, CHOICES, *own_choices.markdown()]
+    return replaced(PAGE.read_text(encoding="utf-8"), "accuracy", lines, PAGE)
 
 
 def write() -> list[Path]:

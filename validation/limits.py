@@ -1,4 +1,4 @@
-"""How near the backend "cuda" comes to the limits of its device: docs/effects_cost.md.
+"""How near the backend "cuda" comes to the limits of its device: docs/study.md.
 
 `tests/times/bench_device.py` measures on a GPU; `validation.times` makes page and picture of what it gave.
 

@@ -1,7 +1,7 @@
 """What the papers' own choices give: `python -m validation own`, `literal = "paper"` beside refsim's defaults.
 
 One scene of each system, which the rest of validation takes, too; nothing differs but the preset. The numbers stand in
-figures/own_choices.json and, from there, on docs/accuracy_cost.md.
+figures/own_choices.json and, from there, on docs/study.md.
 """
 
 from __future__ import annotations
@@ -151,7 +151,7 @@ def _shown(found: Measured) -> str:
 
 
 def markdown() -> list[str]:
-    """The table of docs/accuracy_cost.md, from what is stored."""
+    """The table of docs/study.md, from what is stored."""
     head = ['| paper | measured | refsim\'s default | `literal = "paper"` |', "| --- | --- | --- | --- |"]
     return head + [
         f"| {ROWS[name][0]} | {ROWS[name][2]} | {_shown(row['refsim'])} | {_shown(row['paper'])} |"

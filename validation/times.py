@@ -1,7 +1,7 @@
 """Stored times and their pages: `python -m validation times [FILE ...]`.
 
 FILE is what `pytest tests/times/bench_*.py --benchmark-json FILE` wrote. Its readings go into `times.json`, and the
-tables and the picture of docs/effects_cost.md are made of what is stored there; without a file
+tables and the picture of docs/study.md are made of what is stored there; without a file
 nothing but the page is renewed. A kernel's benchmark stands on no page.
 """
 
@@ -19,6 +19,7 @@ from refsim.core.errors import InputError
 from refsim.core.writing import write_file
 from refsim.study.advice import scattered
 from validation import timed
+from validation.filling import replaced
 from validation.limits import STEP_KERNELS, Work, least
 from validation.timed import ladders
 
@@ -342,19 +343,15 @@ def limits_picture(times: Times) -> Any:
 
 # Pages
 
-PAGE = DOCS / "effects_cost.md"
+PAGE = DOCS / "study.md"
 PICTURE = FIGURES / "device_limits.png"
-EFFECTS = """# What effects and steps cost
-
-*A program writes this page; [accuracy and cost](study.md#seconds-of-a-step) explains it.*
-
-## Each effect
+EFFECTS = """### Each effect
 
 Median of 15 repeats of 50 ms or 100 steps of $2\\times10^{-5}$ s, so that the list is built once. ○: range of the
 repeats, if their interquartile range is 5 % of the median or more. Bytes are fields, walls, neighbour list and grid.
 """
 LIMITS = """
-## Limits of a GPU
+### Limits of a GPU
 
 ![Kernels below the limits of the device; refsim beside Warp](../figures/device_limits.png)
 
@@ -366,7 +363,7 @@ melting is 44, and a list in 86 % of the steps, because fast water flows among s
 with a detection of the surface, which shifting no longer needs.
 """
 THREADS = """
-## Threads of a CPU
+### Threads of a CPU
 
 One scene of each system, float32, pinned to as many cores as threads; a list serves three steps at most. The columns of
 threads give how many times faster they are than one.
@@ -374,8 +371,9 @@ threads give how many times faster they are than one.
 
 
 def page(times: Times) -> str:
-    """docs/effects_cost.md."""
-    return "\n".join([EFFECTS, *effects(times), LIMITS, *limits(times), THREADS, *scaling_table(times)]) + "\n"
+    """docs/study.md with the stored times."""
+    lines = [EFFECTS, *effects(times), LIMITS, *limits(times), THREADS, *scaling_table(times)]
+    return replaced(PAGE.read_text(encoding="utf-8"), "times", lines, PAGE)
 
 
 def perform(files: Sequence[Path]) -> list[Path]:

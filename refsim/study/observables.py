@@ -5,7 +5,7 @@ kinetic_energy                    of all particles [J; J/m in 2D], with velociti
 field:density@0.1,0.05,0          a field at a point [m], as an average weighted with a smoothing kernel
 field:velocity.x@mean             a component of a field over all particles: mean, max or min
 gauge:NAME, gauge:NAME.force_y@max  the last value of a scene's gauge, or its mean, max or min, of a column
-panel:NAME                        that of a panel of docs/accuracy_cost.md
+panel:NAME                        that of a panel of docs/study.md
 FILE.py:function                  function(simulation) -> float
 
 A function of one's own may watch the run: with the attribute `times`, a function of the scene that gives moments [s],

@@ -1,4 +1,4 @@
-"""On a GPU: its speeds, each kernel of a step alone, steps, and the surface and tables of MPM (docs/effects_cost.md).
+"""On a GPU: its speeds, each kernel of a step alone, steps, and the surface and tables of MPM (docs/study.md).
 
 Warp's steps take turns with refsim's, which pytest-benchmark cannot do: `validation.limits.beside_warp` does it within
 one reading.

@@ -1,4 +1,4 @@
-"""A step of each scene of the ladders, to which effects are added one by one (docs/effects_cost.md)."""
+"""A step of each scene of the ladders, to which effects are added one by one (docs/study.md)."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Steps of each system on 1, 2, 4, ... threads, each on a core of its own (docs/effects_cost.md).
+"""Steps of each system on 1, 2, 4, ... threads, each on a core of its own (docs/study.md).
 
 A scene is started once for all numbers of threads. A reading is three steps, before the first of which the neighbour
 list is built anew. `--edge N` gives the cube another size.

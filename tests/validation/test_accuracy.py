@@ -1,10 +1,12 @@
 """Panels in the repository: the page that their points make, their runs without a packaged scene, and readings."""
 
 import io
+import re
 import tomllib
 import zipfile
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -23,6 +25,19 @@ from validation.reading import reading
 
 def test_the_page_is_what_the_stored_points_make():
     assert accuracy_page.page() == accuracy_page.PAGE.read_text(), "python -m validation accuracy --draw"
+
+
+def test_a_column_of_seconds_has_one_machine():
+    """Panels of two processors have two tables, two GPUs have two columns; a panel of two processors is refused."""
+    known = [panel("front"), panel("vortex_decay"), panel("melt_front")]
+    text = "\n".join(accuracy_page.tables(known))
+    assert text.count("| observable |") == len(re.findall("^CPU: (.*)", text, re.MULTILINE)) == 2
+    assert text.count("| NVIDIA H100 80GB HBM3 | NVIDIA H200 |") == 1
+    row = next(line for line in text.splitlines() if "80 spacings" in line)
+    assert [cell.strip() for cell in row.split("|")][-5:-1] == ["1.21 s", "", "307 ms", ""]
+    other = [msgspec.structs.replace(place, machine=f"machine {k}") for k, place in enumerate(known[0].places)]
+    with pytest.raises(ValueError, match="front was not timed on one processor"):
+        accuracy_page.tables([replace(known[0], places=tuple(other))])
 
 
 @pytest.mark.parametrize("name", abouts())
