@@ -34,14 +34,8 @@ def pytest_xdist_auto_num_workers(config):
 
 
 def pytest_configure():
-    """A test process compiles what it comes to, since the tests fill the cores.
-
-    Numba makes many objects while it compiles, and pytest holds many: Python looks for cycles among them more rarely.
-    """
-    from refsim.backends import parallel_compile
-
+    """Have Python look for cycles more rarely: Numba makes many objects while it compiles, and pytest holds many."""
     gc.set_threshold(*CYCLES)
-    parallel_compile.cores = lambda: 1
     compare_flags_quickly()
     if os.environ.get("NUMBA_ENABLE_CUDASIM", "0") not in ("", "0"):
         from validation import simulator_threads

@@ -11,7 +11,7 @@ import pathlib
 import re
 import shutil
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numba
@@ -134,11 +134,10 @@ def _folders(folder: pathlib.Path) -> list[pathlib.Path]:
     return [folder.parent, folder, *(inside for inside in folder.iterdir() if inside.is_dir())]
 
 
-def cached(dispatcher: Any, function: Callable, origin: tuple[str, str] | None = None) -> Any:
-    """The dispatcher with refsim's cache; `origin` are module and name under which other processes find the kernel."""
+def cached(dispatcher: Any, function: Callable) -> Any:
+    """The dispatcher with refsim's cache."""
     if not hasattr(dispatcher, "enable_caching"):  # plain Python under NUMBA_DISABLE_JIT and in the simulator
         return dispatcher
-    dispatcher.__class__ = _recordable(dispatcher.__class__)
     if names("cache") is None:
         return dispatcher
     path = pathlib.Path(function.__code__.co_filename)
@@ -155,48 +154,15 @@ def cached(dispatcher: Any, function: Callable, origin: tuple[str, str] | None =
     refuse_foreign(pathlib.Path(dispatcher._cache.cache_path))
     check_files(dispatcher._cache)
     compile_here, lock = dispatcher.compile, pathlib.Path(folder, f"{function.__qualname__}.lock")
-    dispatcher.origin = origin
 
-    def store(signature: Any) -> Any:
-        """Compile in this process and store the code, unless another process has meanwhile.
+    def compile_or_load(signature: Any) -> Any:
+        """Load the code, or compile and store it; of several processes one compiles, and the others load.
 
         Numba names what it saves by what stands in the cache already: two processes that save one kernel for two types
         at once take the same name, and one of them then loads what the other compiled.
         """
-        with in_turn(lock, stays=True):
+        with contextlib.nullcontext() if is_stored(dispatcher, signature) else in_turn(lock, stays=True):
             return compile_here(signature)
 
-    def compile_or_load(signature: Any) -> Any:
-        if is_stored(dispatcher, signature):
-            return compile_here(signature)  # loads
-        return store(signature)  # loads it, if another process has stored it
-
-    dispatcher.store, dispatcher.compile = store, compile_or_load
+    dispatcher.compile = compile_or_load
     return dispatcher
-
-
-_record: list[tuple[Any, tuple]] | None = None
-
-
-@contextlib.contextmanager
-def recorded() -> Iterator[list[tuple[Any, tuple]]]:
-    """Let kernels for the CPU enter themselves and their arguments in a list instead of running."""
-    global _record
-    before, _record = _record, []
-    try:
-        yield _record
-    finally:
-        _record = before
-
-
-@functools.cache
-def _recordable(kind: type) -> type:
-    """Numba's class of a compiled function, with calls that `recorded` can catch."""
-
-    def call(self: Any, *arguments: Any) -> Any:
-        if _record is None:
-            return kind.__call__(self, *arguments)
-        _record.append((self, arguments))
-        return None
-
-    return type(f"Recordable{kind.__name__}", (kind,), {"__call__": call})

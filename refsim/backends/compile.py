@@ -129,17 +129,17 @@ def cpu_kernel(function: Callable, *, ordered: bool = False, packed: bool = Fals
     as written, for sums of small differences of large numbers, which another order would take apart. `packed` is for
     code that does the same with each of four numbers that stand side by side in memory (see `_set_compiler`).
     """
-    return _for_cpu(function, (function.__module__, function.__qualname__), ordered, packed)
+    return _for_cpu(function, function.__module__, ordered, packed)
 
 
-def _for_cpu(function: Callable, origin: tuple[str, str], ordered: bool, packed: bool) -> Any:
+def _for_cpu(function: Callable, module: str, ordered: bool, packed: bool) -> Any:
     flags = ANY_ORDER - {"reassoc"} if ordered else ANY_ORDER
     if plain.chosen():
-        return plain.PlainKernel(function, origin, flags)
+        return plain.PlainKernel(function, module, flags)
     dispatcher = njit(**supported(COMPILE_OPTIONS), fastmath=set(flags), nogil=True)(function)
     if hasattr(dispatcher, "compile"):
         _set_compiler(dispatcher, packed)
-    return cached(dispatcher, function, origin)
+    return cached(dispatcher, function)
 
 
 class CudaKernel:
@@ -298,8 +298,7 @@ class Kernel:
             if backend == "cuda":
                 self._made[backend] = cuda_kernel(function, **self.options[backend])
             else:
-                origin = (self.__module__, self.__wrapped__.__qualname__)
-                self._made[backend] = _for_cpu(function, origin, **self.options[backend])
+                self._made[backend] = _for_cpu(function, self.__module__, **self.options[backend])
         return self._made[backend]
 
     def program(self, backend: str) -> Callable:

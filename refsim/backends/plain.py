@@ -57,11 +57,11 @@ class PlainKernel:
 
     Where one thread works, it is compiled without `parallel=True`: Numba would wake that thread for each loop.
 
-    wrapper  the loop over rows; `origin` are module and name under which other processes find the kernel
+    wrapper  the loop over rows; `module` is that of the kernel
     """
 
-    def __init__(self, wrapper: Callable, origin: tuple[str, str], fast: Iterable[str]) -> None:
-        self.wrapper, self.origin, self.fast = wrapper, origin, tuple(fast)
+    def __init__(self, wrapper: Callable, module: str, fast: Iterable[str]) -> None:
+        self.wrapper, self.module, self.fast = wrapper, module, tuple(fast)
         self.__name__, self.__doc__, self.__wrapped__ = wrapper.__name__, wrapper.__doc__, wrapper
         self.__signature__ = inspect.signature(wrapper)
         self.programs: dict[Any, Any] = {}
@@ -84,13 +84,9 @@ class PlainKernel:
         """The compiled loop for arguments of these kinds, for one thread (`alone`) or several."""
         text = written(self.wrapper, dict(zip(self.__signature__.parameters, kinds)), "cpu", self.fast)
         text = text.replace("parallel=True, ", "") if alone else text
-        module = sys.modules[self.origin[0]]
-        source = pathlib.Path(getattr(module, "__file__", None) or self.wrapper.__code__.co_filename)
-        loop = function_of_text(text, self.wrapper.__name__, source, self.origin[0])
-        if hasattr(loop, "py_func"):
-            loop = cached(loop, loop.py_func, self.origin)
-            loop.written_for = kinds, alone
-        return loop
+        file = getattr(sys.modules[self.module], "__file__", None) or self.wrapper.__code__.co_filename
+        loop = function_of_text(text, self.wrapper.__name__, pathlib.Path(file), self.module)
+        return cached(loop, loop.py_func) if hasattr(loop, "py_func") else loop
 
 
 def _key(value: Any) -> Any:

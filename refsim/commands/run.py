@@ -15,7 +15,7 @@ from refsim.core.errors import InputError, RunStopped
 from refsim.core.stopping import Interrupted, handling_signals
 from refsim.core.terminal import say
 from refsim.engine.driver import RunReport, simulate
-from refsim.engine.progress import Progress, compiling_bar
+from refsim.engine.progress import Progress
 from refsim.engine.simulation import Simulation
 from refsim.io.results import of_ledger
 from refsim.scene.files import load_scene
@@ -85,16 +85,14 @@ def _watch(options: argparse.Namespace, simulation: Simulation) -> Watching | No
 
 def _begin(options: argparse.Namespace) -> tuple[Simulation, Path]:
     scene = None if options.scene is None else load_scene(options.scene)
-    compiling, source = None if options.quiet else compiling_bar, Path(options.resume or "")
     if options.resume is not None:
-        simulation = Simulation.resume(
-            options.resume, options.backend, options.threads, scene, options.profile, compiling
-        )
+        source = Path(options.resume)
+        simulation = Simulation.resume(options.resume, options.backend, options.threads, scene, options.profile)
         return simulation, Path(options.output or (source if os.path.isdir(source) else source.parent))
     if scene is None:
         raise InputError("there is nothing to run; give a scene file, or a checkpoint with --resume.")
     plan = planned(scene, options.scene, options.backend or "cpu")
-    simulation = Simulation(plan, options.backend or "cpu", options.threads, options.profile, compiling)
+    simulation = Simulation(plan, options.backend or "cpu", options.threads, options.profile)
     return simulation, Path(options.output or f"{Path(options.scene).stem}_run")
 
 

@@ -32,7 +32,7 @@ from refsim.engine.conserved_totals import check_particles, conserved_totals
 from refsim.engine.counting import LOOKED
 from refsim.engine.launching import refresh
 from refsim.engine.postmortem import AFTER_THESE, POSTMORTEM, POSTMORTEM_FIELDS, write_postmortem
-from refsim.engine.progress import Progress, compiling_bar
+from refsim.engine.progress import Progress
 from refsim.engine.simulation import Simulation
 from refsim.io.checkpoint import KEPT, previous_path
 from refsim.io.frames import OLDER, Frame, ParticleWriter, origin_of
@@ -66,9 +66,9 @@ class RunReport(Shown):
                       share of it, what is not counted; None without an audit
     ledger            particles at the start and at the end: number, mass, momentum, energy, how many behind walls
     seconds           wall seconds since the simulation was made (of `refsim run`: since the process began): start,
-                      compiling (kernels ahead of the run, and the first call of each, which loads or compiles), steps
-                      and writing, their sum total, and in `processor` those of all processors; in `stages` wall
-                      seconds of this process by stage, without first calls
+                      compiling (the first call of each kernel, which loads or compiles it), steps and writing, their
+                      sum total, and in `processor` those of all processors; in `stages` wall seconds of this process by
+                      stage, without first calls
     profile           of a run that was profiled: `note`, and in `stages` what each stage took
                       (`refsim.engine.timings.StageCost`), the longest first; else None
     """
@@ -148,7 +148,7 @@ def simulate(
     if isinstance(scene, Simulation):
         simulation = scene
     else:
-        simulation = Simulation(scene, backend, threads, profile, compiling_bar if shown else None)
+        simulation = Simulation(scene, backend, threads, profile)
     run = _Run(simulation, until, output, every, checkpoint_every, overwrite, threads)
     bar = Progress(run.until, run.folder) if shown else None
     try:

@@ -1,15 +1,12 @@
 """The passes of a run: bound to its arrays, launched in a step, and on the present state for what is read of it."""
 
-import contextlib
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator
 from typing import Any
 
 from refsim.core.effect import Effect, Pass
 from refsim.engine.binding import bind_pass
-from refsim.engine.neighbour_lists import attend, empty, update
+from refsim.engine.neighbour_lists import attend, update
 from refsim.engine.state import State
-
-Compiling = Callable[[int, int], Callable[[], Any]]
 
 
 def bind(state: State) -> None:
@@ -31,21 +28,6 @@ def _call(state: State, effects: Iterable[Effect | None], p: Pass) -> Callable[[
         groups |= {} if effect is None else state.parameters[effect.name]
     own = {name: getattr(state, name) for name in ("extremes", "displacement", "timestep", "build_position")}
     return bind_pass(p, state.backend, (groups, state.shared, state.fields, own))
-
-
-def compile_ahead(state: State, compiling: Compiling) -> None:
-    """Compile what the passes and the lists need, in processes side by side, into a CPU's cache."""
-    from refsim.backends import parallel_compile
-
-    with empty(state) as launched:
-        bind(state)
-        passes = [call for _, call in (*state.start_calls, *state.begin_calls, *state.motion_calls)]
-        passes += [call for _, _, call in state.force_calls]
-        for call in (*passes, state.extremes_call):
-            with contextlib.suppress(AttributeError, KeyError):  # a procedure, or arrays that a pass before makes
-                launched += parallel_compile.launched_by(call.func, call.args)  # type: ignore[attr-defined]
-        parallel_compile.compile_ahead(launched, compiling)
-    state.bound = False
 
 
 def start(state: State) -> None:

@@ -2,11 +2,7 @@
 
 import functools
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
-
-import numpy as np
 
 from refsim.core.errors import RunStopped
 from refsim.core.walls import liquid_with_list, with_list
@@ -86,25 +82,6 @@ def _share(state: State, near: Any, at_walls: Any, around: Any) -> None:
         state.shared["liquid_near_walls"] = liquid_with_list(state.fields["position"], around)
     if state.lists.walls is not None:
         state.shared["walls"] = with_list(*state.lists.walls, at_walls)
-
-
-@contextmanager
-def empty(state: State) -> Iterator[list[tuple[Any, tuple[Any, ...]]]]:
-    """Share lists without entries, so that passes can be bound to their types; gives what builds and audits launch.
-
-    For backend "cpu": (kernel, arguments) each.
-    """
-    before, launched, search = dict(state.shared), [], state.search
-    if search is not None:
-        from refsim.neighbours.rows import NeighbourRows  # loads Numba
-
-        none = NeighbourRows(np.empty(0, np.int64), np.empty(0, np.int32), np.empty(0, np.uint32))
-        _share(state, none, none, none)
-        given = state.build_position, state.fields.values(), state.shared.get("bounds"), state.fields.get(SHIFT.name)
-        launched = search.programs.calls(*given)
-    yield launched
-    state.shared.clear()
-    state.shared.update(before)
 
 
 # The order of the particles in memory: cell by cell, so that neighbouring threads read contiguous memory

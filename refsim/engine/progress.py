@@ -1,26 +1,10 @@
-"""Progress of a run on a terminal and in Jupyter: a bar over simulated time, and one over the kernels to compile."""
+"""Progress of a run on a terminal and in Jupyter: a bar over simulated time."""
 
-import itertools
-from collections.abc import Callable
 from pathlib import Path
 
 from refsim.core.tables import in_time
 from refsim.core.terminal import Bar, say
 from refsim.engine.state import State
-
-
-def compiling_bar(kernels: int, processes: int) -> Callable[[], None]:
-    """Begin a bar over the kernels that are compiled; what it returns is called after each."""
-    bar, number = Bar(kernels), itertools.count()
-
-    def after_each() -> None:
-        done = next(number)
-        bar.to(done, f"{done} of {kernels} kernels compiled on {processes} cores")
-        if done == kernels:
-            bar.close()
-
-    after_each()
-    return after_each
 
 
 class Progress:

@@ -19,7 +19,7 @@ from refsim.engine.balance import Balances
 from refsim.engine.checkpoints import load_checkpoint, restore, snapshot
 from refsim.engine.counting import Counting
 from refsim.engine.gauges import Gauges
-from refsim.engine.launching import Compiling, bind, bring, compile_ahead, needed, ready, refresh, replay, start
+from refsim.engine.launching import bind, bring, needed, ready, refresh, replay, start
 from refsim.engine.neighbour_lists import follow, sort_now_and_then
 from refsim.engine.state import State, StepResult
 from refsim.engine.stepping import DeviceStepper, advance, checked_extremes
@@ -59,8 +59,6 @@ class Simulation(State, Shown):
     threads  CPU threads; by default one for 1,024 particles, at most all
     profile  time every pass to its end (`timings`); on "cuda" the host then launches the passes one by one and waits
              after each, instead of launching a step as one graph. The results are the same
-    compiling  is told (kernels, processes) where a CPU's kernels are compiled before the first step, and gives what is
-             called after each
 
     Beside what is defined here it has `plan`, `time` [s], `steps`, `count` of particles, `search` (of neighbours, or
     None), `last` step, `limiters` (steps by what set their length), `stopped_at_walls` and `notes`.
@@ -70,9 +68,8 @@ class Simulation(State, Shown):
 
     @plainly
     def __init__(
-        self, scene: Scene | Plan, backend: str = "cpu", threads: int | None = None, profile: bool = False,
-        compiling: Compiling | None = None,
-    ) -> None:  # fmt: skip
+        self, scene: Scene | Plan, backend: str = "cpu", threads: int | None = None, profile: bool = False
+    ) -> None:
         plan = scene if isinstance(scene, Plan) else make_plan(scene)
         timings, chosen = Timings(), backends.choose(backend)
         self.threads = backends.threads_of(chosen, threads, plan.grid.count)
@@ -86,9 +83,6 @@ class Simulation(State, Shown):
             self.auditor = Auditor(self) if plan.scene.energy_audit is not None else None
             self.balances, self.counting = Balances(self), Counting(self)
             self.gauges = Gauges(self) if plan.scene.gauge else None
-            if chosen.name == "cpu":
-                with timings.part("compiling"):
-                    compile_ahead(self, compiling or (lambda kernels, processes: lambda: None))
             bind(self)
             self.stepper = DeviceStepper(self) if chosen.name == "cuda" else None
             start(self)
@@ -294,7 +288,6 @@ class Simulation(State, Shown):
         threads: int | None = None,
         scene: Scene | None = None,
         profile: bool = False,
-        compiling: Compiling | None = None,
     ) -> "Simulation":
         """The simulation as it was when the checkpoint was written.
 
@@ -303,13 +296,13 @@ class Simulation(State, Shown):
         backend  that of the checkpoint by default; on it the run goes on bit for bit. Another one is allowed,
                  and `notes` then says that the numbers differ by rounding
         scene    where given, it must be the checkpoint's but for end_time and name, which are taken from it
-        profile, compiling  as for a new simulation
+        profile  as for a new simulation
 
         Raises InputError where the checkpoint cannot be read or does not fit the scene.
         """
         saved = load_checkpoint(path)
         plan = saved.plan if scene is None else check_same_scene(scene, saved.plan, str(saved.file))
-        simulation = cls(plan, backend or saved.clock.backend, threads, profile, compiling)
+        simulation = cls(plan, backend or saved.clock.backend, threads, profile)
         restore(simulation, saved)
         if simulation.auditor is not None and saved.clock.energy_audit is not None:
             simulation.auditor.restore(saved.clock.energy_audit)

@@ -264,26 +264,6 @@ class CellSearch:
         self.cells = self.blocks = None
         self.missed = 0  # neighbours that audits have found missing
 
-    def calls(self, position, arrays, bounds, shift):
-        """(kernel, arguments of the types in a run) of what builds and audits of a list launch."""
-        real, keys, scalars = position.dtype.type, np.empty(0, np.int64), np.empty(0, position.dtype)
-        index, count = np.empty(0, np.uint32), np.empty(0, np.int32)
-        rows, box, before = (
-            (index, keys, count, keys),
-            (self.period, self.periodic),
-            (position, position, shift, real(0)),
-        )
-        moves = {(a.ndim, a.dtype): (reorder_scalars if a.ndim == 1 else reorder_vectors, (a, keys, a)) for a in arrays}
-        return [
-            (cell_keys, (position, 1.0, self.periodic, keys)),
-            (build_list, (position, keys, position, keys, keys, real(0), self.dim, True, *box, *rows)),
-            *moves.values(),
-            (count_missed, (*before, bounds, self.period, keys, count, index, real(0), keys, keys)),
-            (block_keys, (keys, keys)),
-            (block_boxes, (position, position, keys, keys, keys, position, position)),
-            (block_displacements, (keys, position, position, 3, scalars)),
-        ]
-
     def keys(self, position):
         keys = np.empty(len(position), np.int64)
         cell_keys(position, 1.0 / self.reach, self.periodic, keys)

@@ -13,7 +13,7 @@ from numba.core.registry import cpu_target
 
 CONTEXT = multiprocessing.get_context("forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else None)
 if CONTEXT.get_start_method() == "forkserver":
-    CONTEXT.set_forkserver_preload(["refsim.backends.compile", "refsim.backends.workers", "tests.backends.launched"])
+    CONTEXT.set_forkserver_preload(["refsim.backends.compile", "tests.backends.launched"])
 cpu_target.typing_context.refresh()  # what Numba otherwise does at the first kernel
 cpu_target.target_context.refresh()
 

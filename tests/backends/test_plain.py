@@ -27,18 +27,6 @@ program = REGISTRY["sph.density"].program("cpu")
 print(json.dumps([type(program).__name__, answers]))
 """
 
-AHEAD = """
-import numpy as np
-from refsim.backends.parallel_compile import missing
-from refsim.backends.workers import Worker
-from refsim.sph.kernels import gravity
-calls = [(gravity, (np.zeros(3, np.float32), np.zeros((4, 3), np.float32)))]
-(task,) = missing(calls)
-worker = Worker()
-print(worker.store(task), missing(calls))
-worker.close()
-"""
-
 
 def outcomes(*operations, **around):
     """What the contract says of the operations on the plain road."""
@@ -54,11 +42,6 @@ def test_every_operation_keeps_the_contract_as_python():
     assert not [answer for answer in answers.values() if not answer.startswith("pass")]
 
 
-def test_a_plain_loop_is_compiled_ahead(tmp_path):
-    run = python("-c", AHEAD, REFSIM_PLAIN="1", REFSIM_CACHE_DIR=str(tmp_path))
-    assert run.stdout.split() == ["b'.'", "[]"], run.stderr[-2000:]
-
-
 def test_functions_that_take_arrays_are_inlined():
     """A call that is not counts references to each array, for each row."""
     heads = re.findall(r"@njit\((.*)\)\ndef (\w+)\(", printed(REGISTRY["sph.density"], "cpu"))
@@ -67,6 +50,6 @@ def test_functions_that_take_arrays_are_inlined():
 
 
 def test_one_thread_needs_no_parallel_loop():
-    loops = PlainKernel(gravity.plain_wrapper("cpu"), ("refsim.sph.kernels", "gravity"), ())
+    loops = PlainKernel(gravity.plain_wrapper("cpu"), "refsim.sph.kernels", ())
     kinds = tuple(map(kind_of, (np.zeros(3), np.zeros((4, 3)))))
     assert ["parallel" in loops.of(kinds, alone).targetoptions for alone in (True, False)] == [False, True]

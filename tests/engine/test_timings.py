@@ -7,8 +7,6 @@ import time
 
 import pytest
 
-import refsim.backends.parallel_compile
-from refsim import Simulation, simulate
 from refsim.engine.timings import Timings
 from refsim.scene.files import parse_scene
 from tests.running import python
@@ -26,16 +24,6 @@ def add_up(seconds):
     for each in (seconds, seconds["processor"]):
         assert all(each[name] >= -1e-9 for name in PARTS)
         assert sum(each[name] for name in PARTS) == pytest.approx(each["total"], abs=1e-9)
-
-
-def test_kernels_that_are_compiled_ahead_are_counted(monkeypatch):
-    """Also for a simulation that is made before it is handed over, and with the bar's own sentence."""
-    monkeypatch.setattr(refsim.backends.parallel_compile, "compile_ahead", lambda launched, compiling: time.sleep(0.3))
-    simulation = Simulation(scene(), "cpu", 1)
-    assert simulation.timings.account()["compiling"] >= 0.3
-    seconds = simulate(simulation).seconds
-    add_up(seconds)
-    assert 0.3 <= seconds["compiling"] < seconds["total"]
 
 
 def test_the_parts_are_what_was_done():
