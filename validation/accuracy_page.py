@@ -138,8 +138,8 @@ CHOICES = """</details>
 
 ### The papers' own choices
 
-Where refsim improves on a paper, `literal = "paper"` takes [the paper's own choice](errata.md) instead (`python -m
-validation own`).
+Where refsim improves on a paper, `literal = "paper"` takes [the paper's own choice](errata.md) instead (`python
+-m validation own`).
 """
 
 

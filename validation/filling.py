@@ -3,6 +3,7 @@
 A page marks a number as `<!-- {TEMPLATE} -->number<!-- . -->`. A template is one of `str.format`: it names claims
 (`low`, `high`, `median`, `starts`, `keeping`, `values`) and the data of pictures (`picture[name][key]`); a number has
 `percent`, `less` (percent below 1) and `more` (percent above 1). `{own_drop_round.high.more:.1g}` is one.
+`origin[name]` is the day, commit and machine of a picture's data.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from validation.checks import CLAIM, Entry, number
-from validation.drawing import read_data
+from validation.drawing import read_data, read_origin
 
 ROOT = Path(__file__).resolve().parent.parent
 MARKED = re.compile(r"<!-- (\{[^{}]*\}) -->.*?<!-- \. -->")
@@ -85,6 +86,15 @@ class Pictures(dict[str, Any]):
         return self[name]
 
 
+class Origins(dict[str, str]):
+    """Day, commit and machine of the data of pictures by name."""
+
+    def __missing__(self, name: str) -> str:
+        found = read_origin(ROOT / "figures", name)
+        machine = found["machine"]
+        return f"{found['date']}, commit {found['commit'][:8]}, {machine.get('gpu') or machine['processor']}"
+
+
 def stored() -> dict[str, dict[str, Any]]:
     """What was measured of each claim: its values, one for each start (null is infinite), and where."""
     path = ROOT / "figures" / "claims.json"
@@ -119,7 +129,7 @@ def replaced(text: str, name: str, lines: Sequence[str], page: Path) -> str:
 
 def filled(template: str, records: Mapping[str, RecordedClaim], own: RecordedClaim | None = None) -> str:
     """A text with its numbers. Raises ValueError for a template that names what is not there."""
-    names = {**records, **({} if own is None else vars(own)), "picture": Pictures()}
+    names = {**records, **({} if own is None else vars(own)), "picture": Pictures(), "origin": Origins()}
     try:
         return template.format_map(names)
     except (KeyError, IndexError, AttributeError, TypeError, OSError) as error:

@@ -347,15 +347,17 @@ PAGE = DOCS / "study.md"
 PICTURE = FIGURES / "device_limits.png"
 EFFECTS = """### Each effect
 
-Median of 15 repeats of 50 ms or 100 steps of $2\\times10^{-5}$ s, so that the list is built once. ○: range of the
-repeats, if their interquartile range is 5 % of the median or more. Bytes are fields, walls, neighbour list and grid.
+Measured by `pytest tests/times/bench_effects.py --benchmark-json FILE`: median of 15 repeats of 50 ms or
+100 steps of $2\\times10^{-5}$ s, so that the list is built once. ○: range of the repeats,
+if their interquartile range is 5 % of the median or more. Bytes are fields, walls, neighbour list and grid.
 """
 LIMITS = """
 ### Limits of a GPU
 
 ![Kernels below the limits of the device; refsim beside Warp](../figures/device_limits.png)
 
-The cube of Jiang & Zhu's liquid has a side of 1 m, h = 2 d and turns at 1 rad/s, float32; Warp 1.19
+Measured by `pytest tests/times/bench_device.py --benchmark-json FILE`. The cube of Jiang & Zhu's liquid has
+a side of 1 m, h = 2 d and turns at 1 rad/s, float32; Warp 1.19
 (`validation/peers/warp_sph.py`) has the same particles, equations and step. Relative rates are over that of the cube of
 8,000,000 particles. The last column is the time in which the device copies the least bytes of a step, over the time of
 the step: sums over neighbours wait for the memory. MPM's surface is 52 launches, each of which waits for the last;
@@ -365,7 +367,8 @@ with a detection of the surface, which shifting no longer needs.
 THREADS = """
 ### Threads of a CPU
 
-One scene of each system, float32, pinned to as many cores as threads; a list serves three steps at most. The columns of
+Measured by `pytest tests/times/bench_scaling.py --benchmark-json FILE`: one scene of each system, float32,
+pinned to as many cores as threads; a list serves three steps at most. The columns of
 threads give how many times faster they are than one.
 """
 

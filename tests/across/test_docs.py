@@ -21,10 +21,13 @@ from refsim.core.effect import EFFECTS
 from refsim.scene.files import parse_scene
 from refsim.scene.plan import make_plan
 from refsim.sweep import Sweep
-from validation.__main__ import every_picture
+from scripts.page_numbers import WRITTEN, counted
+from scripts.page_numbers import pages as numbered_pages
+from validation.__main__ import every_picture, options_of
 from validation.__main__ import parser as validation_parser
 from validation.drawing import LARGEST_PICTURE
 from validation.experiment import discover
+from validation.judging import parts
 
 ROOT = pathlib.Path(__file__).parents[2]
 DOCS = sorted((ROOT / "docs").rglob("*.md"))
@@ -163,7 +166,7 @@ def test_examples_on_the_pages_work(page, tmp_path, monkeypatch):
 def commands(text):
     """Words of every command line in code, but for those that only stand for one (capitals, brackets, dots)."""
     fenced = [line for name, block in BLOCK.findall(text) if name == "sh" for line in block.splitlines()]
-    for line in [*fenced, *re.findall(r"`([^`\n]+)`", BLOCK.sub("", text))]:
+    for line in [*fenced, *re.findall(r"`([^`]+)`", BLOCK.sub("", text))]:
         for command in re.split(r"&&|;|\||>", line.partition("#")[0]):
             words = command.split()
             ours = words[:1] == ["refsim"] or (words[:2] == ["python", "-m"] and words[2].startswith("validation"))
@@ -191,12 +194,76 @@ def understood(words):
         return False
     if words[2:4] == ["validation", "run"]:
         return set(given.names) <= set(discover())
+    if words[0] != "refsim" and words[3] in ("check", "claims", "stability"):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(ROOT)
+            return bool(parts(given.names, given.kind, options_of(given)))
     return words[0] == "refsim" or words[2] == "validation"
 
 
 @pages
 def test_commands_on_the_pages_are_understood(page):
     assert [" ".join(words) for words in commands(page.read_text()) if not understood(words)] == []
+
+
+@pages
+def test_tests_and_scripts_that_a_page_names_are_there(page):
+    named = re.findall(r"`(?:pytest|python) ((?:tests|scripts)/[\w/.]+)", " ".join(prose(page).split()))
+    assert [name for name in named if not (ROOT / name).exists()] == []
+
+
+# Numbers have a command
+PAGE = """# A page
+
+About 12 % and 3 are {0}.
+
+## One
+
+{1}
+
+| a | 0.25 |
+
+### Two
+
+E13 in figure 12 of 2023 is `0.5`, $0.5$ and <!-- {{x}} -->0.75<!-- . -->; 1,000 m.
+"""
+
+
+@pytest.mark.parametrize(("words", "having", "lines"), [
+    (("told", "None."), 1, 3), (("given by `python -m validation run heat`", "None."), 2, 2),
+    (("told", "Given by `pytest tests/heat`."), 2, 2), (("told", "Measured by `refsim\nadvise front`."), 3, 1),
+    (("told", "```sh\nrefsim advise front\n```"), 2, 2), (("told", "`refsim` and `0.3 s`."), 1, 3),
+    (("told. Measured by `nox -s laws`", "None."), 4, 0),
+])  # fmt: skip
+def test_a_number_has_the_command_of_its_section_and_of_what_contains_it(words, having, lines):
+    every, found, without = counted(PAGE.format(*words))
+    assert (every, found, len(without)) == (4, having, lines)
+
+
+def test_the_numbers_on_the_pages_have_commands():
+    """`python scripts/page_numbers.py --without` shows those that have none."""
+    found = [counted(page.read_text(), page.relative_to(ROOT).as_posix() in WRITTEN) for page in numbered_pages()]
+    assert sum(having for _, having, _ in found) >= 0.95 * sum(every for every, _, _ in found)
+
+
+MACHINES = re.compile(r"\b(?:H100|H200|EPYC|Xeon)\b")
+
+
+def mixed_columns(text):
+    """Columns of tables whose cells name more than one machine beside times."""
+    for rows in re.findall(r"(?:^\|.*\|\n)+", text, re.MULTILINE):
+        cells = [[cell.strip() for cell in row.strip("|\n").split("|")] for row in rows.splitlines()]
+        for column in itertools.zip_longest(*cells[2:], fillvalue=""):
+            timed = [cell for cell in column if re.search(r"\d (?:s|ms|us|ns)\b", cell)]
+            if len({name for cell in timed for name in MACHINES.findall(cell)}) > 1:
+                yield column
+
+
+@pages
+def test_no_column_of_a_table_has_the_seconds_of_two_machines(page):
+    """`test_accuracy.py` holds the tables of stored settings to it, whose records have the machine."""
+    assert list(mixed_columns("| a | b |\n| --- | --- |\n| x | 3 ms (H100) |\n| y | 2 ms (H200) |\n"))
+    assert list(mixed_columns(page.read_text())) == []
 
 
 def test_the_version_is_one():
