@@ -26,15 +26,21 @@ NAVIGATION = {
     "Surface tension": ("surface_detection", "jiang_zhu_2023", "dong_2016", "models"),
     "Solids, heat, melting": ("shape_matching", "heat", "melting"),
     "Particles and a grid": ("mpm", "surface_energy"),
+    "The five papers": (
+        "errata", "paper_jiang_zhu", "paper_dong", "paper_mpm_thesis", "paper_shao_song", "paper_patent",
+    ),
     "Evidence": (
-        "equations", "errata", "claims", "checks", "solutions", "laws", "stability", "energy_audit",
+        "equations", "checks", "solutions", "laws", "stability", "energy_audit",
     ),
     "Contract": ("contract", "vectors"),
     "Contributing": ("contributing", "api", "changelog"),
     "Guarantees": ("guarantees", "public_names"),
 }  # fmt: skip
 
-MOVED = {"accuracy_cost": "study.html#cheapest-setting-for-an-error", "effects_cost": "study.html#each-effect"}
+MOVED = {  # pages of old names, and where what they said stands
+    "accuracy_cost": "study.html#cheapest-setting-for-an-error", "effects_cost": "study.html#each-effect",
+    "claims": "checks.html",
+}  # fmt: skip
 
 SEARCHED = {  # words for which the search has a page first, though it says them less often than others
     "first_scene": "!tutorial, !own scene", "scene_files": "!restart, !resume, !units", "guarantees": "!GPU, !CUDA",

@@ -17,7 +17,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-WRITTEN = {"docs/checks.md", "docs/claims.md", "docs/equations.md"}  # whole, by programs that the pages name
+WRITTEN = {"docs/checks.md", "docs/equations.md"}  # whole, by programs that the pages name
 COMMAND = r"`(?:python\s+-m\s+(?:validation|tests)\b|python\s+(?:scripts|tests)/|pytest\s|refsim\s|nox\s+-s\s)[^`]*`"
 MEASURED = re.compile(r"Measured\s+by\s+" + COMMAND)
 LINE = re.compile(r"^(?:python|pytest|refsim|nox) ", re.MULTILINE)

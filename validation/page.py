@@ -29,7 +29,7 @@ from validation.checks import (
 )
 from validation.drawing import read_origin
 from validation.experiment import COMMANDS, Experiment, discover
-from validation.filling import ROOT, filled_page, records, stored, with_reasons
+from validation.filling import ROOT, filled_page, records, replaced, stored, with_reasons
 from validation.perform import Performed
 from validation.results import finite, origin
 
@@ -81,12 +81,13 @@ def _toml(value: Any) -> str:
 
 
 def write_pages() -> None:
-    """Renew the numbers of all pages, and the page of claims."""
+    """Renew the numbers of all pages, and the rows of claims and checks."""
     for page in (ROOT / "docs").glob("*.md"):
         text = page.read_text(encoding="utf-8")
         if (new := renewed(text)) != text:
             write_file(page, new)
-    write_file(CLAIMS, claims_page())
+    for path, text in paper_pages().items():
+        write_file(path, text)
     write_file(CHECKS, checks_page())
 
 
@@ -95,46 +96,31 @@ def renewed(text: str) -> str:
     return filled_page(text, records(checks.read_all(CLAIM)))
 
 
-CHECKS, CLAIMS = ROOT / "docs" / "checks.md", ROOT / "docs" / "claims.md"
-METHODS = {
-    "Jiang and Zhu 2023": "[detection](surface_detection.md), [tension](jiang_zhu_2023.md), [rivals](models.md)",
-    "Dong, Zhang and Chen 2016": "[cohesion](dong_2016.md)",
-    "thesis on MPM": "[transfers](mpm.md), [surface and drops](surface_energy.md)",
-    "Shao and Song 2017": "[heat](heat.md), [solids and coupling](shape_matching.md), [melting](melting.md)",
-    "patent CN104318598A": "[meshes](meshes.md), [walls](walls.md), [normal differences](models.md)",
-}
-HEADER = """# What the five sources claim, and what was found
-
-*A program writes this page (`python -m validation claims --write`). [Checks](checks.md) explains the verdicts.*
-
-Each row is a sentence of a source, in the order of the source, with all claims that read it. A number is the median
-over the starts, with the least and the largest value in brackets. What a source leaves open (h, viscosity, units) is
-refsim's.
-"""
+CHECKS = ROOT / "docs" / "checks.md"
+PAPERS = {  # page of each source
+    "Jiang & Zhu 2023": "paper_jiang_zhu", "Dong, Zhang & Chen 2016": "paper_dong", "thesis on MPM": "paper_mpm_thesis",
+    "Shao & Song 2017": "paper_shao_song", "patent CN104318598A": "paper_patent",
+}  # fmt: skip
 
 
-def claims_page() -> str:
-    """docs/claims.md."""
-    of: dict[str, dict[Sentence, list[Entry]]] = {_source(system): {} for system in SYSTEMS}
+def paper_pages() -> dict[Path, str]:
+    """The page of each source, with its sentences in its order and all claims that read them."""
+    of: dict[str, dict[Sentence, list[Entry]]] = {source: {} for source in PAPERS}
     for entry in with_reasons(checks.read_all(CLAIM)):
         if said := entry.sentence:
-            of.setdefault(_source(said.system), {}).setdefault(said, []).append(entry)
-    lines = [HEADER]
-    for source, read in of.items():
-        lines.append(f"## {source[0].upper()}{source[1:]}\n")
-        if source in METHODS:
-            errata = source.lower().replace(",", "").replace(" ", "-")
-            lines.append(f"Equations and figures: {METHODS[source]}; [errata](errata.md#{errata}).\n")
-        lines += ["| the source says | found |", "| --- | --- |"]
-        for said in sorted(read, key=_place):
-            cells = (f"{said.says} *{said.place}:* {said.words}", "<br>".join(map(finding, read[said])))
+            of[_source(said.system)].setdefault(said, []).append(entry)
+    pages = {}
+    for source, name in PAPERS.items():
+        path, lines = ROOT / "docs" / f"{name}.md", ["| the source says | found |", "| --- | --- |"]
+        for said in sorted(of[source], key=_place):
+            cells = (f"{said.says} *{said.place}:* {said.words}", "<br>".join(map(finding, of[source][said])))
             lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-        lines.append("")
-    return "\n".join(lines)
+        pages[path] = replaced(path.read_text(encoding="utf-8"), "claims", lines, path)
+    return pages
 
 
 def _source(system: str) -> str:
-    return SYSTEMS.get(system, system).partition(":")[0].replace(" & ", " and ")
+    return SYSTEMS[system].partition(":")[0]
 
 
 def _place(said: Sentence) -> tuple[int, list[int]]:

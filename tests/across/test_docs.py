@@ -38,7 +38,7 @@ BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s#]+)[^)\s]*\)")
 LARGEST_FOLDER = 12_000_000  # bytes of all pictures and their data
 pages = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
-ERRATA = ROOT / "docs" / "errata.md"
+PAPERS = sorted((ROOT / "docs").glob("paper_*.md"))
 QUESTIONS = tomllib.loads((pathlib.Path(__file__).parent / "questions.toml").read_text(encoding="utf-8"))
 SWITCH = re.compile(r'`"(\w+)"` on ((?:`\w+`(?:, )?)+)')
 
@@ -80,7 +80,7 @@ def switchable(effect):
 
 def entries():
     """The rows of the errata, without their heads: number, kind, place, printed, adopted, consequence, switch."""
-    rows = [line for line in ERRATA.read_text().splitlines() if re.match(r"\| [A-Z]\d+", line)]
+    rows = [line for line in words(PAPERS).splitlines() if re.match(r"\| [A-Z]\d+", line)]
     return [[cell.strip() for cell in row.strip("|").split(" | ")] for row in rows]
 
 
@@ -95,7 +95,7 @@ def test_printed_readings_are_explained(name):
         assert any(f"`{name}`" in row for row in rows), f"no row says what {erratum} on {name} does"
         if re.fullmatch(r"[EM]\d+", erratum):
             here = [row for row in entries() if row[0] == erratum and f"`{name}`" in row[-1]]
-            assert len(here) == 1, f"{erratum} on {name} has {len(here)} entries in docs/errata.md"
+            assert len(here) == 1, f"{erratum} on {name} has {len(here)} entries on docs/paper_*.md"
             assert len(here[0]) == 7
             assert all(here[0])
 

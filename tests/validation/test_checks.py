@@ -115,11 +115,13 @@ def test_the_page_of_checks_has_every_other_check():
     assert sorted([*named, *CLAIMS]) == sorted(entry.name for entry in checks.read_all())
 
 
-def test_the_page_of_claims_has_every_claim_beside_its_sentence():
+def test_the_pages_of_papers_have_every_claim_beside_its_sentence():
     """Once, so that what is confirmed of a sentence is said beside what is refuted."""
-    text = page.CLAIMS.read_text(encoding="utf-8")
-    assert text == page.claims_page(), "python -m validation claims --write"
-    rows = [line for line in text.splitlines() if re.match(r"\| .*`", line)]
+    written = page.paper_pages()
+    for path, text in written.items():
+        assert path.read_text(encoding="utf-8") == text, "python -m validation claims --write"
+    tables = [text.partition("<!-- claims -->")[2].partition("<!-- end of claims -->")[0] for text in written.values()]
+    rows = [line for line in "".join(tables).splitlines() if re.match(r"\| .*`", line)]
     told = [re.findall(r"(?:\| |<br>)`(\w+)` ", row) for row in rows]
     assert sorted(name for names in told for name in names) == sorted(CLAIMS)
     for row, names in zip(rows, told, strict=True):
