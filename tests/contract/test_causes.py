@@ -1,6 +1,7 @@
 """Words and values of a wrong answer: what is recognised, what no message says, and one trial run again."""
 
 import dataclasses
+import itertools
 import json
 import pathlib
 import sys
@@ -15,9 +16,11 @@ from refsim.__main__ import main
 from refsim.backends.arrays import choose
 from refsim.contract import Target
 from refsim.contract import drawn as drawn_inputs
+from refsim.contract.causes import Wrong, first_cause
 from refsim.contract.drawn import _judged as judged_on
 from refsim.contract.drawn import draw, with_room
 from refsim.contract.guards import Guards
+from refsim.contract.target import Outcome
 from refsim.core.operation import REGISTRY
 from refsim.neighbours.rows import NeighbourRows
 from tests.contract import faulty
@@ -99,6 +102,70 @@ def test_a_right_sum_is_not_said_to_overwrite():
         if not o.passed
     ]
     assert not any("overwrites" in text for text in words)
+
+
+# Votes
+TRAITS = ("with walls", "in float64", "in 3 dimensions", "with up to # neighbours", "up to row #", "sought")
+
+
+def voter(rng, most):
+    """An outcome with drawn traits: right up to a number of neighbours or rows, wrong from another on."""
+    wrong = rng.random() < 0.6
+    traits = {"sought": bool(rng.random() < 0.8)}
+    for name in TRAITS[:-1]:
+        if "#" in name:
+            low, high = sorted(rng.integers(1, most, 2).tolist())
+            traits[name] = (low if rng.random() < 0.9 else None, most // 2 + high if wrong else None)
+        elif rng.random() < 0.9:
+            traits[name] = (float(rng.choice([0.0, 0.25, 1.0])), float(rng.choice([0.5, 1.0, 1.0])) if wrong else None)
+    sign = str(rng.choice(["", "gives 2.5 times", "gives 3 times", "misses 1 of 4"])) if wrong else ""
+    usual = ("sph.density", "T2", "cloud", "numpy", "float64", 0)
+    values = {"row": 1} if rng.random() < 0.8 else {}
+    telling, words = bool(rng.random() < 0.8), "wrong" if wrong else ""
+    return Outcome(
+        *usual, not wrong, 9.0 if wrong else 0.1, words, telling=telling, sign=sign, values=values, traits=traits
+    )
+
+
+def test_votes_of_drawn_outcomes_are_as_ever(recorded):
+    """Which of some signs, which traits and from which numbers on: of many wrong answers, and of one or two."""
+    found = {}
+    for number in range(150):
+        rng = np.random.default_rng(number)
+        words = first_cause([voter(rng, 12 + number) for _ in range(1 + number % 9)])
+        known = ["2.5", "3 times", "misses", *TRAITS, *(name.replace("#", "") for name in TRAITS if "#" in name)]
+        found[f"{number}"] = [word in words for word in known], words
+    recorded(found)
+
+
+@pytest.mark.parametrize("rows", [1, 3, 12])
+def test_an_amount_is_told_where_a_guess_with_it_holds_in_all_wrong_rows(rows, recorded):
+    """Linear or a power; not where one wrong row is otherwise, or the guess changes nothing."""
+    rng, found = np.random.default_rng(rows), {}
+    right, part = rng.uniform(1, 2, (20, 3)), rng.uniform(0.5, 1, (20, 3))
+    wrong, odd = (np.arange(20) < rows)[:, None], (np.arange(20) == rows - 3)[:, None]
+    w = types.SimpleNamespace(right=right, bound=np.full(20, 1e-9), number=np.arange(20), order=np.arange(rows)[::-1])
+    w.answer = None
+
+    def change(s, power):
+        return (np.sign(s) * abs(s) ** power - 1.0) * part
+
+    for amount, power in itertools.product((1.75, 0.31, -1.0, 0.0, 1.0004), (1, 2, 3)):
+        w.off = wrong * change(amount, power)
+        guess = lambda s, k, power=power: right[k] + change(s, power)[k]  # noqa: E731
+        words = Wrong.told(w, "it is # times", guess, 40)
+        found[f"{amount} {power}"] = said = [words]
+        if power == 1:
+            assert float(words.split()[2]) == pytest.approx(amount, rel=1e-4)
+            better = Wrong.told(w, "gives y # times as large as right", guess, 40)
+            assert (better == "gives y with the opposite sign") == (amount == -1)
+        assert Wrong.told(w, "it is so", lambda s, k: right[k] + w.off[k], 40) == "it is so"
+        with np.errstate(invalid="ignore"):  # as `judgement` sets it
+            assert Wrong.told(w, "it is # times", lambda s, k: right[k], 40) == ""
+        for more in (1e-2, 1e-4, 2e-7, 3e-9):
+            w.off = wrong * change(amount, power) * (1 + more * odd)
+            said.append([bool(Wrong.told(w, "# times", guess, most)) for most in (2, 4, 40)])
+    recorded(found)
 
 
 # Values

@@ -18,11 +18,12 @@ KNOWN = 0.9  # share of the faults whose first cause is right
 
 
 def wrong(outcomes):
-    """What wrong trials say in numbers: the largest error of each, and the values of the worst row of a cloud."""
+    """What wrong trials say in numbers: the largest error of each, and the values of the worst row and traits of a cloud."""
     failed = [o for o in outcomes if not (o.passed or o.not_judged)]
     values = [o.values for o in failed if "cloud" in o.trial]
     passed = [k for k, o in enumerate(outcomes) if o.passed]
-    return {"errors": [o.error for o in failed], "values": values, "passed": passed}
+    traits = [[*o.traits.values()] for o in outcomes if "cloud" in o.trial]
+    return {"errors": [o.error for o in failed], "values": values, "passed": passed, "traits": traits}
 
 
 @pytest.mark.parametrize("fault", QUICK)

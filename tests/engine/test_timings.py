@@ -4,9 +4,11 @@ import json
 import os
 import pathlib
 import time
+import types
 
 import pytest
 
+from refsim.engine import driver
 from refsim.engine.timings import Timings
 from refsim.scene.files import parse_scene
 from tests.running import python
@@ -43,6 +45,24 @@ def test_the_parts_are_what_was_done():
     add_up(found)
     assert all(found[name] > least - 0.001 for name, least in zip(PARTS, (0.05, 0.1, 0.04, 0.06)))
     assert found["processor"]["total"] < 0.05  # it slept
+
+
+@pytest.mark.parametrize("name", ["numpy", "cuda"])
+def test_a_profile_has_the_seconds_of_the_loop_and_on_a_gpu_a_note(name, monkeypatch):
+    """Also those that a run counted before it was resumed."""
+    monkeypatch.setattr(driver, "time", types.SimpleNamespace(perf_counter=lambda: 107.0))
+    timings = Timings(wait=lambda: None)
+    timings.run("density", lambda: None)
+    timings.run("density", lambda: None)
+    backend = types.SimpleNamespace(name=name)
+    loop = types.SimpleNamespace(
+        simulation=types.SimpleNamespace(timings=timings, backend=backend), loop_began=100.0, counted_before=2.0
+    )
+    found = driver._Run._profile(loop)
+    assert ("one by one" in found["note"]) == (name == "cuda")
+    assert sum(stage["seconds"] + stage["first"] for stage in found["stages"]) == pytest.approx(9.0)
+    timings.wait = None
+    assert driver._Run._profile(loop) is None
 
 
 @pytest.mark.skipif(os.name != "posix", reason="children's seconds are read by getrusage")
