@@ -18,7 +18,7 @@ KNOWN = 0.9  # share of the faults whose first cause is right
 
 
 def wrong(outcomes):
-    """What wrong trials say in numbers: the largest error of each, and the values of the worst row and traits of a cloud."""
+    """What wrong trials say in numbers: the largest error of each, and of a cloud the worst row and traits."""
     failed = [o for o in outcomes if not (o.passed or o.not_judged)]
     values = [o.values for o in failed if "cloud" in o.trial]
     passed = [k for k, o in enumerate(outcomes) if o.passed]
@@ -35,7 +35,10 @@ def test_a_fault_is_noticed_with_its_cause(fault, recorded):
         recorded(wrong(outcomes))
 
 
-@pytest.mark.parametrize("fault", ["m_i", "half walls", "last row", "not written", "adds", "one image"])
+OTHERS = "m_i", "half walls", "last row", "not written", "adds", "one image", "p_i - p_j", "minus mu", "rho_i for rho_j"
+
+
+@pytest.mark.parametrize("fault", OTHERS)
 def test_errors_of_other_trials_are_as_ever(fault, recorded):
     outcomes, _ = faulty.judged(fault, steps=("T1", "T4", "T5", "T7", "T9", "T10", "T11"))
     recorded(wrong(outcomes))
