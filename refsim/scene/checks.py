@@ -35,6 +35,7 @@ SMALLEST = 1e-100  # magnitude of any other number that is not zero
 CROWDED, TWICE = 1.05, 1.2  # particles over those of a lattice, above which a start has a note and is refused
 FLAT = {"position": ("z", "m"), "velocity": ("v_z", "m/s")}  # what is 0 in 2D
 POSITIVE = {"mass": "kg", "rest_density": "kg/m^3", "heat_capacity": "J/(kg K)", "volume_ratio": "of the first volume"}
+SHARED = 0.4  # of a cell of one spacing, filled by two parts: half a spacing between their faces gives 0.375
 LATTICE = 1.02  # largest of the same in a lattice, turned or stretched, that is counted alone
 ALONE, FEW = 1.05, 1.5  # spacings of a support below which a lattice's particle has no neighbour, few of them
 LONGEST_FIXED = 1.6  # stable steps that a fixed step may span; longer ones gained energy without diverging in tests
@@ -254,11 +255,10 @@ def crowded(
         own = np.minimum(walls.volume, lattice)
     cells = Cells(place, grid)
     filled = cells.filled(volume) + np.minimum(1.0, cells.filled(own, grid.count))
-    if filled.max() <= CROWDED:
-        return
-    filling = cells.at_particles(filled, grid.count)
+    filling = cells.at_particles(filled, grid.count) if filled.max() > CROWDED else np.zeros(1)
     first = int(filling.argmax())
     if filling[first] <= CROWDED:
+        yield from overlapping(grid, state, scene)
         return
     where = ", ".join(f"{x:.4g}" for x in grid.absolute(state.position[first])[: grid.dim])
     words = (
@@ -274,6 +274,32 @@ def crowded(
             if cells.at_particles(cells.filled(volume[begin:end]), end - begin).max() > LATTICE:
                 return
     yield f"{words}: parts that overlap press each other apart; leave a spacing between their particles"
+
+
+def overlapping(grid: Discretisation, state: InitialState, scene: Scene) -> Iterator[str]:
+    """A note where parts of the liquid share an edge or a corner, which the wide splines of `crowded` do not see."""
+    ends = np.cumsum(state.sizes).tolist()
+    parts = [
+        slice(begin, end)
+        for part, begin, end in zip(scene.fluid, [0, *ends][-len(scene.fluid) - 1 :], ends[-len(scene.fluid) :])
+        if end > begin and not isinstance(part, Cloud)
+    ]
+    if len(parts) < 2:
+        return
+    cells, whole = Cells(state.position, grid, 1.0), np.full(len(state.position), grid.spacing**grid.dim)
+    total, most = np.zeros((2, cells.near.shape[1]))
+    for part in parts:
+        filled = cells.filled(whole[part], part.start)
+        total += filled
+        most = np.maximum(most, filled)
+    filled = np.where(total - most > SHARED, total, 0.0)
+    if filled.max() > 1 + SHARED:
+        where = state.position[cells.at_particles(filled, len(whole)).argmax()]
+        yield (
+            f"parts of the liquid fill the edge or the corner that they share {filled.max():.3g} times at"
+            f" ({', '.join(f'{x:.4g}' for x in grid.absolute(where)[: grid.dim])}) m and press each other apart there;"
+            " leave a spacing between their particles"
+        )
 
 
 def unequal_masses(state: InitialState, effects: Mapping[str, Effect]) -> Iterator[str]:

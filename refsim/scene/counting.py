@@ -24,10 +24,12 @@ class Cells:
     own     (n,) cell of each particle
     near    (3^dim, cells) the cells around each, itself among them; the number of cells stands for others
     volume  of a cell [m^dim]
+
+    `width` of a cell in spacings: a whole number, which a lattice fills evenly.
     """
 
-    def __init__(self, position: np.ndarray, grid: Discretisation) -> None:
-        self.wide = np.full(grid.dim, WIDTH * grid.spacing)
+    def __init__(self, position: np.ndarray, grid: Discretisation, width: float = WIDTH) -> None:
+        self.wide = np.full(grid.dim, width * grid.spacing)
         around = np.zeros(grid.dim, np.int64)  # cells along a period
         for axis, length in enumerate(grid.period[: grid.dim]):
             if length > 0:

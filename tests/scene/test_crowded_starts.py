@@ -52,6 +52,18 @@ def test_two_blocks_in_one_place_are_refused_with_the_place(dim, share, kind):
         make_plan(made)
 
 
+@pytest.mark.parametrize(("dim", "axes"), [(2, 2), (3, 2), (3, 3)])
+def test_a_shared_edge_or_corner_is_noted(dim, axes):
+    """It is too small for the splines that count all liquid; half a spacing of it fills no place twice."""
+
+    def told(shared):
+        shift = [10.0 - shared] * axes + [0.0] * (dim - axes)
+        return [n for n in make_plan(scene(block(dim), block(dim, shift=shift), dim=dim)).notes if "press each" in n]
+
+    assert not told(0.5)
+    assert len(told(1.3)) == len(told(1.6)) == 1
+
+
 @pytest.mark.parametrize("radius", [2.0, 4.0])
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_ball_in_a_tank_is_refused(dim, radius):
