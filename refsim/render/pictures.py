@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, nullcontext, suppress
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -221,9 +222,8 @@ class Series:
 
     def _labelled(self, image: NDArray, frame: Frame) -> NDArray[np.uint8]:
         """The image with time, scale bar and colour bar on it."""
-        figure, axes = self._sheet()
-        figure.patch.set_alpha(0.0)
-        self._labels(figure, axes, frame, self.stage.metres_a_pixel())
+        figure, time = self.labels
+        time.set_text(self._time(frame))
         figure.canvas.draw()
         over = np.asarray(figure.canvas.buffer_rgba())
         at = over[..., 3] > 0
@@ -231,6 +231,13 @@ class Series:
         result = image.copy()
         result[at] = np.rint((1.0 - share) * image[at] + share * over[at][:, :3])
         return result
+
+    @cached_property
+    def labels(self) -> tuple[Any, Any]:
+        """Of a picture in 3D: a figure of its labels on nothing, and the text of the time in it."""
+        figure, axes = self._sheet()
+        figure.patch.set_alpha(0.0)
+        return figure, self._labels(figure, axes, self.stage.metres_a_pixel())
 
     def _in_plane(self, frame: Frame) -> NDArray[np.uint8]:
         figure, axes = self._sheet()
@@ -258,7 +265,7 @@ class Series:
         if self.run.box is not None:
             self._tank(axes, pixels)
         axes.set(xlim=(0, width), ylim=(0, height))
-        self._labels(figure, axes, frame, metres)
+        self._labels(figure, axes, metres).set_text(self._time(frame))
         return _drawn(figure)
 
     def _area(
@@ -314,16 +321,20 @@ class Series:
         axes.set_axis_off()
         return figure, axes
 
-    def _labels(self, figure: Any, axes: Any, frame: Frame, metres: float) -> None:
+    def _time(self, frame: Frame) -> str:
+        return f"t = {frame.time:.4g} s{self.pace}"
+
+    def _labels(self, figure: Any, axes: Any, metres: float) -> Any:
+        """Draw the scale bar and the colour bar; returns the text for the time."""
         width, height = self.look.size
         length = bar_length(metres * width)
         x, y, long = 0.04 * width, 0.04 * height, length / metres
         axes.plot([x, x + long], [y, y], color=INK, linewidth=3.0, solid_capstyle="butt")
         axes.text(x + 0.5 * long, y + 0.012 * height, _metric(length), color=INK, ha="center", va="bottom", fontsize=13)
-        axes.text(x, 0.97 * height, f"t = {frame.time:.4g} s{self.pace}", color=INK, ha="left", va="top", fontsize=14)
+        time = axes.text(x, 0.97 * height, "", color=INK, ha="left", va="top", fontsize=14)
         axes.set(xlim=(0, width), ylim=(0, height))
         if self.look.colour is None or self.limits is None:
-            return
+            return time
         from matplotlib.cm import ScalarMappable
         from matplotlib.colors import Normalize
 
@@ -336,6 +347,7 @@ class Series:
         bar.outline.set_visible(False)
         bar.ax.tick_params(labelsize=13, colors=INK)
         bar.ax.set_title(words, fontsize=14, color=INK, pad=5)
+        return time
 
 
 def pace(seconds: float) -> str:

@@ -14,10 +14,11 @@ from refsim.boundary.one_way_coupling.placing import PlacedSolid
 from refsim.core.errors import InputError
 from refsim.io.frames import Frame, read_particles
 from refsim.io.results import PARTICLES, Run
+from refsim.render.surfaces import depth
 from refsim.scene.plan import Plan, make_plan
 from refsim.sph import acceleration_of
 
-READ_AT_ONCE = 256_000_000  # bytes of frames
+READ_AT_ONCE = 16_000_000  # bytes of frames
 NO_QUANTITY = ("identity", "place")  # numbers of particles
 COMPONENTS = "xyz"
 USUAL = 0.005, 0.995  # shares of a frame's particles below the ends of the colour bar, and of what a picture shows
@@ -100,7 +101,7 @@ class SavedRun:
             if mesh is not None:
                 nearest = mesh.distance(points)
             if box is not None:
-                nearest = np.minimum(nearest, np.minimum(points - box[0], box[1] - points).min(1))
+                nearest = np.minimum(nearest, depth(points, *box))
             return nearest
 
         return None if mesh is None and box is None else distance

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,9 +14,9 @@ from refsim.core.stopping import held_back
 from refsim.render.looks import Camera, Cut, level_axes
 
 SUPERSAMPLING = 2  # pixels along a pixel's edge that are drawn and averaged
-SAMPLES = 4  # of a pixel, where none are averaged
 BOTTOM, TOP, SIDES = 0.13, 0.09, 0.04  # shares of a picture that are left to its labels
 SHADOW = 0.42  # darkness of the ground under a thick body
+SHADOW_INK = (0.18, 0.2, 0.24)  # its colour where it is darkest
 LIGHT = (-0.45, 0.35, 0.82)  # towards the light: right of the viewer, away from him on the ground, up
 GROUND_CELLS = 768
 OPACITY, LAYERS = 0.45, 6  # of clear liquid; surfaces of it that are drawn one behind the other
@@ -71,7 +71,7 @@ class Stage:
     box        corners of a tank whose edges are drawn
     softness   of shadows [m]
     half_height  half of what the picture shows from top to bottom [m]; if None, all that is seen, and space for labels
-    finer      pixels along a pixel's edge that are drawn and averaged; 1 is faster, and a ball's edge is less smooth
+    finer      pixels along a pixel's edge that are drawn and averaged; 1 is faster, with edges smoothed in the picture
     window     PyVista's, within `kept`
     """
 
@@ -87,6 +87,7 @@ class Stage:
     half_height: float | None = None
     finer: int = SUPERSAMPLING
     window: Any = None
+    floor: Any = field(default=None, repr=False)
 
     def frame(self) -> tuple[NDArray[np.float64], float]:
         """Middle of the picture [m] and half of its height [m]."""
@@ -124,13 +125,26 @@ class Stage:
         """Keep the window for the pictures that are drawn inside."""
         width, height = (self.finer * n for n in self.size)
         self.window = pyvista().Plotter(off_screen=True, window_size=(width, height), lighting="none")
-        self.window.render_window.SetMultiSamples(SAMPLES if self.finer == 1 else 0)  # else edges are averaged
+        self.window.render_window.SetMultiSamples(0)
+        self.window.renderer.SetUseFXAA(self.finer == 1)  # else edges are averaged
         try:
             self._lights(pyvista(), self.window)
+            self._surroundings(pyvista(), self.window)
+            self._aim(self.window)
             yield self
         finally:
             self.window.close()
-            self.window = None
+            self.window = self.floor = None
+
+    def _aim(self, plotter: Any) -> None:
+        middle, half = self.frame()
+        _, upward, towards = self.camera.axes(self.up)
+        away = 4.0 * float(np.linalg.norm(self.high - self.low)) + 4.0 * half
+        plotter.camera.position = middle + away * towards
+        plotter.camera.focal_point = middle
+        plotter.camera.up = upward
+        plotter.enable_parallel_projection()
+        plotter.camera.parallel_scale = half
 
     def _images(self, bodies: Sequence[Body], *backgrounds: str) -> list[NDArray[np.uint8]]:
         """The picture (height, width, 3) of the bodies on each background."""
@@ -138,24 +152,17 @@ class Stage:
             pv, plotter = pyvista(), self.window
             if any(body.water for body in bodies):
                 plotter.enable_depth_peeling(LAYERS)
-            plotter.clear_actors()
-            self._surroundings(pv, plotter, bodies)
-            for body in bodies:
-                self._add(pv, plotter, body)
-            middle, half = self.frame()
-            _, upward, towards = self.camera.axes(self.up)
-            away = 4.0 * float(np.linalg.norm(self.high - self.low)) + 4.0 * half
-            plotter.camera.position = middle + away * towards
-            plotter.camera.focal_point = middle
-            plotter.camera.up = upward
-            plotter.enable_parallel_projection()
-            plotter.camera.parallel_scale = half
+            if self.floor is not None:
+                self._shade(pv, bodies)
+            actors = [self._add(pv, plotter, body) for body in bodies if len(body.points)]
             plotter.renderer.ResetCameraClippingRange()
             images = []
             for background in backgrounds:
                 plotter.set_background(background)
                 plotter.render_window.Render()
                 images.append(_averaged(_pixels(plotter.render_window), self.finer))
+            for actor in actors:
+                plotter.remove_actor(actor, render=False)
             return images
 
     def _lights(self, pv: Any, plotter: Any) -> None:
@@ -175,19 +182,16 @@ class Stage:
         direction = LIGHT[0] * right + LIGHT[1] * level + LIGHT[2] * np.asarray(self.up)
         return direction / np.linalg.norm(direction)
 
-    def _surroundings(self, pv: Any, plotter: Any, bodies: Sequence[Body]) -> None:
-        scale = float(np.linalg.norm(self.high - self.low))
+    def _surroundings(self, pv: Any, plotter: Any) -> None:
+        """The edges of the tank and the ground, for all pictures."""
         if self.box is not None:
             low, high = self.box
             edges = pv.Box(bounds=np.stack([low, high], 1).ravel()).extract_all_edges()
             plotter.add_mesh(edges, color="#8a8f94", line_width=1.2 * self.finer, lighting=False, render=False)
-        if self.ground is None or not any(len(body.points) for body in bodies):
+        if self.ground is None:
             return
+        middle, reach = self._ground()
         east, north = level_axes(self.up)
-        middle = 0.5 * (self.low + self.high)
-        middle = middle + (self.ground - middle @ self.up) * self.up - 2e-4 * scale * self.up
-        reach = 1.2 * scale + 3.0 * self.frame()[1]
-        dark = self._shadow(bodies, middle, east, north, reach)
         plane = pv.Plane(
             center=middle, direction=self.up, i_size=2 * reach, j_size=2 * reach, i_resolution=1, j_resolution=1
         )
@@ -195,47 +199,68 @@ class Stage:
         plane.active_texture_coordinates = np.stack(
             [((corners - middle) @ axis / reach + 1.0) / 2.0 for axis in (east, north)], axis=1
         ).astype(np.float32)
-        back = np.array(pv.Color(self.background).float_rgb)
-        pixels = back * (1.0 - dark[..., None]) + np.array([0.18, 0.2, 0.24]) * dark[..., None]
-        texture = pv.numpy_to_texture((255 * pixels[::-1]).round().astype(np.uint8))
+        self.floor = pv.ImageData(dimensions=(GROUND_CELLS, GROUND_CELLS, 1))
+        self.floor.point_data["colour"] = np.zeros((GROUND_CELLS**2, 3), np.uint8)
+        texture = pv.Texture(self.floor)
         texture.interpolate = True
         plotter.add_mesh(plane, color="white", texture=texture, lighting=False, render=False)
 
-    def _shadow(
-        self, bodies: Sequence[Body], middle: NDArray, east: NDArray, north: NDArray, reach: float
-    ) -> NDArray[np.float64]:
-        """(GROUND_CELLS, GROUND_CELLS) darkness of the ground, 0 to 1, rows along `north`."""
+    def _ground(self) -> tuple[NDArray[np.float64], float]:
+        """Middle of the drawn square of the ground [m] and half of its edge [m]."""
+        scale = float(np.linalg.norm(self.high - self.low))
+        middle = 0.5 * (self.low + self.high)
+        middle = middle + (self.ground - middle @ self.up) * self.up - 2e-4 * scale * self.up
+        return middle, 1.2 * scale + 3.0 * self.frame()[1]
+
+    def _shade(self, pv: Any, bodies: Sequence[Body]) -> None:
+        """Put the shadow of the bodies on the ground."""
+        dark, colours = self._shadow(bodies).ravel(), self.floor.point_data["colour"]
+        for axis, (back, ink) in enumerate(zip(pv.Color(self.background).float_rgb, SHADOW_INK)):
+            colours[:, axis] = np.rint(255 * (back + (ink - back) * dark))
+        self.floor.Modified()
+
+    def _shadow(self, bodies: Sequence[Body]) -> NDArray[np.float32]:
+        """(GROUND_CELLS, GROUND_CELLS) darkness of the ground, 0 to 1, rows along the second level axis."""
         from scipy.ndimage import gaussian_filter
 
+        (middle, reach), (east, north) = self._ground(), level_axes(self.up)
         light, cells = self._to_light(), GROUND_CELLS
-        total = np.zeros((cells, cells))
+        wide = max(1.5, self.softness / (2 * reach) * cells)
+        around = math.ceil(4 * (1.0 + wide)) + 2  # cells that the filters reach
+        total = np.zeros((cells, cells), np.float32)
         for body in bodies:
             away = np.asarray(body.points, dtype=float) - middle
             if body.facets is not None and len(body.facets):
                 away = away[body.facets].mean(1)
             height = np.maximum(away @ self.up, 0.0)
             on_ground = away - height[:, None] / (light @ self.up) * light
-            u, v = (((on_ground @ axis) / reach + 1.0) / 2.0 * cells for axis in (east, north))
-            counted, _, _ = np.histogram2d(v, u, bins=cells, range=((0, cells), (0, cells)))
-            covered = gaussian_filter((counted > 0).astype(float), 1.0)
-            total = np.maximum(total, np.clip(1.6 * covered, 0.0, 1.0) * (0.55 if body.water else 1.0))
-        return SHADOW * gaussian_filter(total, max(1.5, self.softness / (2 * reach) * cells))
+            place = np.stack([(on_ground @ axis / reach + 1.0) / 2.0 * cells for axis in (north, east)])
+            at = np.floor(place[:, ((place >= 0) & (place < cells)).all(0)]).astype(np.int64)
+            if not at.size:
+                continue
+            window = _window(at, around, cells)
+            covered = np.zeros((cells, cells), np.float32)[window]
+            covered[tuple(at - [[part.start] for part in window])] = 1.0
+            darkness = np.clip(1.6 * gaussian_filter(covered, 1.0), 0.0, 1.0) * (0.55 if body.water else 1.0)
+            np.maximum(total[window], darkness, out=total[window])
+        if total.any():
+            window = _window(np.stack(np.nonzero(total)), around, cells)
+            total[window] = SHADOW * gaussian_filter(total[window], wide)
+        return total
 
-    def _add(self, pv: Any, plotter: Any, body: Body) -> None:
-        if not len(body.points):
-            return
+    def _add(self, pv: Any, plotter: Any, body: Body) -> Any:
+        """The actor of a body, which the window shows from now on."""
         colours = np.broadcast_to(np.asarray(body.colour, dtype=float), (len(body.points), 3))
         if body.facets is None:
-            self._add_balls(pv, plotter, body, colours)
-            return
-        mesh = _with_normals(pv, body)
-        plotter.add_mesh(
-            mesh, scalars="colour", rgb=True, smooth_shading=True, ambient=body.light[0], diffuse=body.light[1],
+            return self._add_balls(pv, plotter, body, colours)
+        return plotter.add_mesh(
+            _with_normals(pv, body),
+            scalars="colour", rgb=True, smooth_shading=True, ambient=body.light[0], diffuse=body.light[1],
             specular=body.gloss, specular_power=35.0, show_scalar_bar=False,
             opacity=OPACITY if body.water else 1.0, culling="back" if body.water else None, render=False,
         )  # fmt: skip
 
-    def _add_balls(self, pv: Any, plotter: Any, body: Body, colours: NDArray) -> None:
+    def _add_balls(self, pv: Any, plotter: Any, body: Body, colours: NDArray) -> Any:
         from vtkmodules.vtkRenderingCore import vtkActor
         from vtkmodules.vtkRenderingOpenGL2 import vtkOpenGLSphereMapper
 
@@ -255,6 +280,14 @@ class Stage:
         look.SetSpecular(body.gloss)
         look.SetSpecularPower(35.0)
         plotter.add_actor(actor, render=False)
+        return actor
+
+
+def _window(at: NDArray[np.int64], around: int, cells: int) -> tuple[slice, slice]:
+    """The part of a square of `cells` x `cells` that holds the cells at (2, k) and those up to `around` beside them."""
+    low, high = at.min(1) - around, at.max(1) + around + 1
+    rows, columns = (slice(max(a, 0), min(b, cells)) for a, b in zip(low.tolist(), high.tolist()))
+    return rows, columns
 
 
 def _with_normals(pv: Any, body: Body) -> Any:
@@ -303,6 +336,8 @@ def _pixels(window: Any) -> NDArray[np.uint8]:
 
 def _averaged(image: NDArray, by: int) -> NDArray[np.uint8]:
     """The image with each square of `by` x `by` pixels averaged."""
+    if by == 1:
+        return image
     height, width = (n // by for n in image.shape[:2])
     whole = image[: height * by, : width * by]
     parts = [whole[row::by, column::by] for row in range(by) for column in range(by)]

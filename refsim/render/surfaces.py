@@ -64,7 +64,7 @@ def surface_around(
         points = np.concatenate([points, images])
     if not len(points):
         return SurfaceMesh(np.zeros((0, 3), np.float32), np.zeros((0, dim), np.int32))
-    first, phi, held = distances(points, spacing, size)
+    first, phi, held = distances(points, spacing, size, None if wall is None else box)
 
     def place(nodes: NDArray) -> NDArray[np.float64]:
         corner = np.zeros((len(nodes), 3))
@@ -88,27 +88,38 @@ def surface_around(
 
 
 def distances(
-    points: NDArray, spacing: float, size: float
+    points: NDArray, spacing: float, size: float, box: tuple[NDArray, NDArray] | None = None
 ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]:
     """Integer coordinates of the grid's first node; at its nodes, `size` [m] apart, phi [m] and a factor from 0 to 1.
+
+    box  corners [m] beyond which the grid ends after two cells
 
     The factor multiplies r: without it, the mean of far particles would make shreds of surface between them.
     """
     from scipy.ndimage import gaussian_filter
 
-    dim = points.shape[1]
-    extent = np.ptp(points, axis=0) / size + 2 * MARGIN * spacing / size + 2
+    dim, sigma = points.shape[1], WIDTH * spacing / size
+    margin = round(MARGIN * spacing / size)
+    low, high = np.floor(points.min(0) / size) - margin, np.floor(points.max(0) / size) + margin + 1
+    first, last = low, high  # of the kept nodes; those beyond them hold particles that the filter reaches
+    if box is not None:
+        first, last = np.floor(box[0][:dim] / size) - 2, np.ceil(box[1][:dim] / size) + 2
+        reach = int(4.0 * sigma + 0.5)
+        low, high = np.maximum(low, first - reach), np.minimum(high, last + reach)
+    extent = np.maximum(high - low + 1, 0)
     if not np.isfinite(extent).all() or extent.prod() > MOST_NODES:
         raise InputError(
             f"the surface's grid would have more than {MOST_NODES:,} nodes, because particles are far apart; draw"
             " particles (--style particles), or choose frames before they fly away."
         )
-    low = np.floor(points.min(0) / size).astype(np.int64) - round(MARGIN * spacing / size)
-    shape = tuple(np.floor(points.max(0) / size).astype(np.int64) - low + round(MARGIN * spacing / size) + 2)
+    shape, origin = tuple(extent.astype(int).tolist()), low.astype(np.int64)
+    starts, ends = ((n - low).clip(0, extent).astype(int).tolist() for n in (first, last + 1))
+    kept = tuple(slice(*each) for each in zip(starts, ends))
     # from here in cells, from the first node
-    place = points / size - low
+    place = points / size - origin
     base = np.floor(place).astype(np.int64)
-    share = place - base
+    inside = ((base >= 0) & (base < extent - 1)).all(1)
+    base, share = base[inside], (place - base)[inside]
     weight = np.zeros(shape, np.float32).reshape(-1)
     moment = np.zeros((dim, weight.size), np.float32)
     strides = np.array([int(np.prod(shape[axis + 1 :])) for axis in range(dim)])
@@ -119,21 +130,19 @@ def distances(
         np.add.at(weight, node, part.astype(np.float32))
         for axis in range(dim):  # of the particle's place relative to the node
             np.add.at(moment[axis], node, (part * (share[:, axis] - corner[axis])).astype(np.float32))
-    sigma = WIDTH * spacing / size
-    grids = np.ogrid[tuple(slice(n) for n in shape)]
-    total = gaussian_filter(weight.reshape(shape), sigma, mode="constant")
-    total *= (spacing / size) ** dim
+    grids = [grid.astype(np.float32) for grid in np.ogrid[tuple(slice(n) for n in shape)]]
+    total = gaussian_filter(weight.reshape(shape), sigma, mode="constant")[kept] * (spacing / size) ** dim
     held = np.clip((total - THIN[0]) / (THIN[1] - THIN[0]), 0.0, 1.0)
     there = held > 0
-    squared = np.zeros(shape, np.float32)
-    for axis in range(dim):
-        mean = moment[axis].reshape(shape) + weight.reshape(shape) * grids[axis].astype(np.float32)
-        summed = gaussian_filter(mean, sigma, mode="constant") * (spacing / size) ** dim
+    squared = np.zeros_like(total)
+    for axis, grid in enumerate(grids):
+        mean = moment[axis].reshape(shape) + weight.reshape(shape) * grid
+        summed = gaussian_filter(mean, sigma, mode="constant")[kept] * (spacing / size) ** dim
         away = np.divide(summed, total, where=there, out=np.zeros_like(total))
-        squared += np.where(there, away - grids[axis], 0.0) ** 2
+        squared += np.where(there, away - np.broadcast_to(grid, shape)[kept], 0.0) ** 2
     phi = np.sqrt(squared) * size - RADIUS * spacing * held
     phi[~there] = spacing
-    return low, phi, held
+    return origin + starts, phi, held
 
 
 def depth(points: NDArray, low: NDArray, high: NDArray) -> NDArray[np.float64]:
@@ -149,7 +158,15 @@ def _parts(chosen: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
 
 def _band(inside: NDArray[np.bool_]) -> NDArray[np.int64]:
     """(k, dim) nodes of all cells that the surface crosses, and those next to them."""
-    from scipy.ndimage import maximum_filter, minimum_filter
+    return np.argwhere(_widened(_widened(inside) & _widened(~inside)))
 
-    mixed = maximum_filter(inside, 3) & ~minimum_filter(inside, 3)
-    return np.argwhere(maximum_filter(mixed, 3))
+
+def _widened(chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The chosen nodes and those next to them, also across corners."""
+    for axis in range(chosen.ndim):
+        before, wide = np.moveaxis(chosen, axis, 0), chosen.copy()
+        after = np.moveaxis(wide, axis, 0)
+        after[1:] |= before[:-1]
+        after[:-1] |= before[1:]
+        chosen = wide
+    return chosen

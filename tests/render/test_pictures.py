@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
+from scipy.ndimage import maximum_filter, minimum_filter
 
 from refsim import Box, BoxWalls, Gravity, InputError, Scene, Simulation, WeaklyCompressible, simulate
 from refsim.__main__ import main
@@ -24,7 +25,7 @@ from refsim.render.pictures import Look, Series, moving, pace, write_film, write
 from refsim.render.plane import loops
 from refsim.render.saved_run import SavedRun, chosen_frames, open_run
 from refsim.render.space import Body, Stage
-from refsim.render.surfaces import surface_around
+from refsim.render.surfaces import _band, depth, distances, surface_around
 
 SMALL = (320, 240)
 
@@ -94,6 +95,28 @@ def test_a_level_is_flat_up_to_the_walls_of_a_box():
     top = mesh.vertices[mesh.vertices[:, 2] > 4.5]
     assert np.ptp(top[(top[:, :2] > 0.2).all(1) & (top[:, :2] < 9.8).all(1), 2]) < 0.05
     assert np.ptp(mesh.vertices[:, :2], axis=0) == pytest.approx([10.1, 10.1], abs=0.2)
+
+
+def test_the_grid_of_a_surface_ends_at_the_walls():
+    box, wide = (np.full(3, -0.5), np.full(3, 9.5)), (np.full(3, -np.inf), np.full(3, np.inf))
+    x, stray = lattice((9, 9, 5)) + 0.1, np.array([[40.0, 4.0, 4.0]])
+
+    def wall(points):
+        return depth(points, *box)
+
+    low, phi, _ = distances(np.concatenate([x, stray]), 1.0, 0.5, box)
+    assert low.tolist() == [-3, -3, -3]
+    assert phi.shape == (25, 25, 22)  # up to the margin of the stray; without the walls it would be 97 nodes long
+    first, whole, _ = distances(x, 1.0, 0.5, wide)
+    within = tuple(slice(a, a + n) for a, n in zip(low - first, phi.shape))
+    assert np.abs(phi - whole[within]).max() < 1e-4
+    assert len(surface_around(stray, 1.0, wall=wall, box=box).facets) == 0
+
+
+def test_the_band_of_a_surface_is_its_cells_and_those_next_to_them():
+    for inside in np.random.default_rng(3).random((3, 7, 6, 5)) > 0.97:
+        mixed = maximum_filter(inside, 3) & ~minimum_filter(inside, 3)
+        assert np.array_equal(_band(inside), np.argwhere(maximum_filter(mixed, 3)))
 
 
 def test_no_particle_has_no_surface_and_too_large_a_grid_is_refused():
@@ -306,6 +329,15 @@ def test_a_run_in_3d_is_drawn_in_every_style(in_space):
     cut = picture(in_space, 0, cut="y=0")
     assert differ(cut, paper) > 300
     assert differ(picture(in_space, 0, camera="30,60,1.5"), paper) > 3000
+
+
+@needs_pyvista
+@pytest.mark.parametrize("style", ["paper", "particles"])
+def test_a_picture_of_a_series_shows_nothing_of_the_one_before(in_space, style):
+    run = open_run(in_space)
+    series = Series(run, Look(style, size=SMALL), [0, 2])
+    pictures = dict(series)
+    assert np.array_equal(pictures[2], series.picture(next(run.frames([2], ()))))  # in a window of its own
 
 
 @needs_pyvista
