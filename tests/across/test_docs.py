@@ -246,6 +246,22 @@ def test_the_numbers_on_the_pages_have_commands():
     assert sum(having for _, having, _ in found) >= 0.95 * sum(every for every, _, _ in found)
 
 
+def repeated(texts, length=30):
+    """Runs of so many words, without code and tables, that two of the texts have: {run: names}."""
+    found = {}
+    for name, text in texts.items():
+        own = re.findall(r"[\w.%]+", re.sub(r"^\|.*$|\$[^$]*\$", "", BLOCK.sub("", text), flags=re.MULTILINE))
+        for k in range(len(own) - length + 1):
+            found.setdefault(tuple(own[k : k + length]), set()).add(name)
+    return {run: names for run, names in found.items() if len(names) > 1}
+
+
+def test_no_page_repeats_another():
+    part = " ".join(f"word{k}" for k in range(30))
+    assert len(repeated({"a": f"One. {part}", "b": f"{part} Two.", "c": part.replace("word9", "other")})) == 1
+    assert repeated({page.name: page.read_text() for page in (ROOT / "docs").glob("*.md")}) == {}
+
+
 MACHINES = re.compile(r"\b(?:H100|H200|EPYC|Xeon)\b")
 
 
