@@ -3,6 +3,7 @@
 import importlib.util
 import os
 import pathlib
+import re
 import subprocess
 import sys
 import time
@@ -20,6 +21,7 @@ pytestmark = [
 ]  # fmt: skip
 NO_NETWORK = dict.fromkeys(("http_proxy", "https_proxy", "HTTP_PROXY", "HTTPS_PROXY"), "http://127.0.0.1:9")
 WIDTHS = (1280, 390)
+MOVED = re.compile(r'http-equiv="refresh" content="0; url=([^"]*)"')
 PICTURES = """(async () => {
   document.querySelectorAll('details').forEach(one => one.open = true);
   await Promise.all([...document.images].map(picture => picture.decode()));
@@ -82,7 +84,7 @@ def test_pictures_fill_their_column_and_words_of_code_stay_whole(site, tmp_path,
     least = COLUMN if width == WIDTHS[0] else 0
     browser, wrong, seen = Browser(tmp_path, width, 900), [], 0
     try:
-        for page in sorted(site.rglob("*.html")):
+        for page in sorted(path for path in site.rglob("*.html") if not MOVED.search(path.read_text())):
             browser.open(page)
             for file, own, own_height, available, shown, height in browser.value(PICTURES):
                 seen += 1
@@ -97,6 +99,14 @@ def test_pictures_fill_their_column_and_words_of_code_stay_whole(site, tmp_path,
         browser.close()
     assert wrong == []
     assert seen > 200
+
+
+def test_old_addresses_lead_to_a_place_that_there_is(site):
+    led = [found for page in site.glob("*.html") if (found := MOVED.search(page.read_text()))]
+    assert len(led) >= 3
+    for found in led:
+        page, _, anchor = found[1].partition("#")
+        assert not anchor or f'id="{anchor}"' in (site / page).read_text(), found[1]
 
 
 @pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
