@@ -55,6 +55,13 @@ def test_the_force_on_a_wall_is_a_share_of_that_at_rest(monkeypatch):
     assert (observables.wall_force(run), asked) == (1.5, [("these", 3.0)])
 
 
+def test_a_front_is_counted_in_widths_of_the_column_and_kept_values_are_the_last_ones(monkeypatch):
+    monkeypatch.setattr(observables, "observable_of", lambda name, plan: lambda run: 0.7)
+    assert observables.front(standing()) == pytest.approx(1.4)
+    assert observables.kept(np.zeros(6), [9.0, 8.0, 7.0, 6.0, 5.0, 5.5]) == 5.5
+    assert math.isnan(observables.kept(np.zeros(6), [9.0, 8.0, 7.0, 6.0, np.inf, 5.5]))
+
+
 def test_vortices_that_decay_as_one_wave_have_the_rate_1():
     position, time = np.pad(RANDOM.uniform(0, 1, (60, 2)), ((0, 0), (0, 1))), 0.3
     x, y = 2 * np.pi * position[:, :2].T
