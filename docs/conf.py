@@ -42,6 +42,7 @@ def setup(app: Any) -> None:
     """Called by Sphinx."""
     import site_pages
 
+    app.add_config_value("repository", "", "env", str)  # its address, which `scripts/release.py` gives
     app.connect("source-read", site_pages.as_on_the_site)
     app.connect("doctree-read", site_pages.readable)
     app.connect("autodoc-process-docstring", site_pages.literal_tables)

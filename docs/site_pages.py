@@ -14,6 +14,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parent.parent
 ABOVE = {"CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md", "README.md": "index.md"}
 LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s]+)\)")
+LESSON = re.compile(r"^- \[.*?\]\(lessons/(\w+)\.md\).*$", re.MULTILINE)  # in the list of lessons
 IN_THE_BROWSER = "_in_the_browser"  # a lesson that computes itself, by a script of `_static/`
 UNIT = re.compile(r"(?<=\d) (?=(?:[munk]?s|[KMG]iB|degrees|d|h|m|mm)\b|%)")
 CODE = re.compile(r"^(```.*?^```[^\n]*$)", re.MULTILINE | re.DOTALL)
@@ -100,7 +101,7 @@ def as_on_the_site(app: Any, page: str, source: list[str]) -> None:
     if page == "api":
         text = text.replace("<!-- api -->", "\n".join(api()))
     if page.startswith("lessons/") and not page.endswith(IN_THE_BROWSER):
-        text = lesson(page.removeprefix("lessons/"))
+        text = lesson(page.removeprefix("lessons/"), app.config.repository)
     pieces = CODE.split(text)
     named: set[str] = set()
     text = "".join(piece if piece.startswith("```") else _cited(_linked(piece), named) for piece in pieces)
@@ -110,6 +111,7 @@ def as_on_the_site(app: Any, page: str, source: list[str]) -> None:
     if page == "index":
         text += "\n".join(navigation())
     if page == "lessons":
+        text = lessons_with_binder(text, app.config.repository)
         text += "\n```{toctree}\n:hidden:\n:glob:\n\nlessons/*\n```\n"
     source[0] = text
 
@@ -159,9 +161,23 @@ def navigation() -> Iterator[str]:
         yield "```"
 
 
-def lesson(name: str) -> str:
-    """A lesson as a page: its text, code and pictures; `scripts/lessons.py --pictures figures/lessons` draws these."""
+def lessons_with_binder(text: str, repository: str) -> str:
+    """The list of lessons, each with a link by which Binder starts its notebook if the repository has an address."""
+    from scripts.release import binder
+
+    def started(line: re.Match[str]) -> str:
+        return f"{line[0]} [Start it by Binder](<{binder(repository, f'docs/lessons/{line[1]}.ipynb')}>)"
+
+    return LESSON.sub(started, text) if repository else text
+
+
+def lesson(name: str, repository: str = "") -> str:
+    """A lesson as a page: its text, code and pictures; `scripts/lessons.py --pictures figures/lessons` draws these.
+
+    repository  its address, for the link to Binder
+    """
     from refsim.io.lessons import cells, lessons
+    from scripts.release import binder
 
     stored = json.loads((ROOT / "docs" / "lessons" / f"{name}.ipynb").read_text(encoding="utf-8"))
     outputs = iter([cell["outputs"] for cell in stored["cells"] if cell["cell_type"] == "code"][1:])
@@ -176,6 +192,8 @@ def lesson(name: str) -> str:
             parts.append(f"\n![What the cell draws](../../figures/lessons/{name}_{drawn}.png)\n")
     live = f"{name.partition('_')[0]}{IN_THE_BROWSER}.md"
     offered = f"{{download}}`Notebook <{name}.ipynb>`"
+    if repository:
+        offered = f"[Start it by Binder](<{binder(repository, f'docs/lessons/{name}.ipynb')}>); {offered}"
     if (ROOT / "docs" / "lessons" / live).exists():
         offered = f"[In the browser, without installing]({live}); {offered}"
     parts[0] = parts[0].lstrip().replace("\n\n", f"\n\n{offered}\n\n", 1)

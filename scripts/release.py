@@ -3,7 +3,8 @@
     python scripts/release.py --address https://...   # of a clean checkout; a person publishes the folder
     python scripts/release.py --dry                   # also without an address or with changes, which it leaves out
 
-The address is the repository's; packages, CITATION.cff and codemeta.json of the source archive have it and its issues.
+The address is the repository's; packages, CITATION.cff and codemeta.json of the source archive have it and its issues,
+and pages of lessons the links by which Binder starts them.
 
 The version is a file's, setup.cfg, and not a tag's: an archive without a repository builds the same package. A wheel
 made here bears the commit. `nox -s release` runs the checks before.
@@ -21,6 +22,7 @@ import sys
 import tarfile
 import tempfile
 from pathlib import Path
+from urllib.parse import quote
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
@@ -112,6 +114,16 @@ def fill_in(folder: Path, address: str) -> None:
         write_file(folder / name, before + line + lines.format(address.rstrip("/")) + after)
 
 
+def binder(address: str, notebook: str) -> str:
+    """The link by which Binder starts a notebook of this version, given as a path in the repository at the address."""
+    settings, address = configparser.ConfigParser(interpolation=None), address.rstrip("/")
+    settings.read(ROOT / "setup.cfg", encoding="utf-8")
+    host, _, path = address.removeprefix("https://").partition("/")
+    hosted = {"github.com": f"gh/{path}", "gitlab.com": f"gl/{quote(path, safe='')}"}
+    place = hosted.get(host, f"git/{quote(address, safe='')}")
+    return f"https://mybinder.org/v2/{place}/v{settings['metadata']['version']}?urlpath=lab/tree/{notebook}"
+
+
 def release(dry: bool, address: str) -> int:
     settings = configparser.ConfigParser(interpolation=None)
     settings.read(ROOT / "setup.cfg", encoding="utf-8")
@@ -131,7 +143,8 @@ def release(dry: bool, address: str) -> int:
         if address:
             fill_in(Path(copy), address)
         run(sys.executable, "-m", "build", "-o", str(FOLDER), copy)
-    run(sys.executable, "-m", "sphinx", "-W", "-q", "-b", "html", "docs", str(FOLDER / "site"))
+    site = ("-W", "-q", "-b", "html", "-D", f"repository={address}", "docs", str(FOLDER / "site"))
+    run(sys.executable, "-m", "sphinx", *site)
     source = FOLDER / f"refsim-{version}.tar.gz"
     packages = "\n".join(f"    - {name}" for name in settings["options"]["install_requires"].split())
     recipe = RECIPE.format(

@@ -1,9 +1,13 @@
 """The lessons: every one has what a lesson needs, is written in three forms, and lesson 1 runs with its answers."""
 
 import ast
+import configparser
+import importlib
 import importlib.util
 import json
+import os
 import pathlib
+import shlex
 import sys
 
 import pytest
@@ -59,6 +63,33 @@ def test_the_runner_holds_worked_answers_to_their_judges():
     assert runner.run_lesson("toy", asked.replace("a = 1\n", begin % True + "a = 1\n"))["b"] == 2
     with pytest.raises(ValueError, match="exercise 1 of toy: because"):
         runner.run_lesson("toy", asked.replace("a = 1\n", begin % False + "a = 1\n"))
+
+
+def test_binder_starts_each_lesson_in_an_environment_that_has_refsim(monkeypatch, tmp_path):
+    """The links of the site, the notebooks, and the files by which Binder makes the environment."""
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    pages, release = importlib.import_module("site_pages"), importlib.import_module("scripts.release")
+    listed = pages.lessons_with_binder((ROOT / "docs" / "lessons.md").read_text(), "https://github.com/a/refsim/")
+    settings = configparser.ConfigParser(interpolation=None)
+    settings.read(ROOT / "setup.cfg")
+    for name in LESSONS:
+        notebook = f"docs/lessons/{name}.ipynb"
+        link = f"(<https://mybinder.org/v2/gh/a/refsim/v{settings['metadata']['version']}?urlpath=lab/tree/{notebook}>)"
+        assert (ROOT / notebook).is_file()
+        assert listed.count(link) == pages.lesson(name, "https://github.com/a/refsim").count(link) == 1
+        assert "mybinder" not in pages.lesson(name)
+    assert "/v2/gl/a%2Fb%2Frefsim/" in release.binder("https://gitlab.com/a/b/refsim", "x")
+    assert "/v2/git/https%3A%2F%2Fexample.org%2Frefsim/" in release.binder("https://example.org/refsim", "x")
+    version = (ROOT / "binder" / "runtime.txt").read_text().strip().removeprefix("python-")
+    assert f"Programming Language :: Python :: {version}" in settings["metadata"]["classifiers"]
+    assert (ROOT / "binder" / "requirements.txt").read_text() == ".\n"  # this repository
+    script = ROOT / "binder" / "postBuild"
+    assert os.access(script, os.X_OK)
+    words = shlex.split(script.read_text().splitlines()[-1])
+    assert words[:3] == ["python", "scripts/lessons.py", "--notebooks"]
+    monkeypatch.setattr(runner, "run_lesson", lambda *given: given[3].extend([""] * 99))
+    assert runner.main([words[2], str(tmp_path), FIRST]) == 0
+    assert (tmp_path / f"{FIRST}.ipynb").is_file()
 
 
 def test_example_writes_the_lessons(tmp_path, capsys):
