@@ -23,6 +23,7 @@ sys.path.insert(0, str(ROOT))
 from refsim.core.errors import RefsimError  # noqa: E402
 from refsim.core.stopping import handling_signals  # noqa: E402
 from refsim.core.streams import any_letter  # noqa: E402
+from refsim.core.tables import columns, fitted  # noqa: E402
 from validation import judging  # noqa: E402
 from validation.__main__ import add_options, options_of  # noqa: E402
 from validation.checks import CLAIM, FAIL  # noqa: E402
@@ -87,7 +88,7 @@ def reproduced(arguments: Sequence[str] | None) -> int:
     jobs = 1 if options.backend == "cuda" else options.threads or here["cores"]
     size = "main job" if options.quick else "published sizes"
     begin = f"The {size} on backend {options.backend}, {jobs} at a time; {here['processor']}"
-    print(begin[:WIDTH], file=out, flush=True)
+    print(fitted(begin, min(columns(), WIDTH)), file=out, flush=True)
     pictures: list[Path] = []
 
     def shown(picture: Path) -> None:

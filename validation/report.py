@@ -16,11 +16,10 @@ from html import escape
 from pathlib import Path
 from typing import Any, TextIO
 
-from refsim.core.tables import columns, table
+from refsim.core.tables import columns, fitted, table
 from refsim.core.writing import write_file
 from validation.checks import CLAIM, FAIL, MISSED, PASS, SHOWN, Check, Entry, in_range, number
 from validation.perform import Performed
-from validation.tables import Table
 
 WIDTH, LINES = 100, 25  # characters of a line and lines of the summary, at most
 FIRST = (  # numbers of the summary, the first that were measured: (experiment, how the check's name begins, in words)
@@ -125,11 +124,14 @@ class Whole:
 
 
 def summary(whole: Whole, page: Path) -> str:
-    """The end of the main job, at most LINES lines of WIDTH characters: seconds, numbers, what failed, places."""
-    lines = []
+    """The end of the main job: seconds, numbers, what failed, places. At most LINES lines where WIDTH fits.
+
+    Lines are at most as wide as the terminal and WIDTH characters; longer ones are wrapped between words.
+    """
+    lines, width = [], min(columns(), WIDTH)
     rows = [["", "measured", "paper", "bar", "verdict"]]
     rows += [[words, number(c.value), c.paper, c.bar, c.verdict] for _, words, c in whole.numbers()]
-    lines += ["", *_plain(Table("", rows[0], rows[1:]))] if len(rows) > 1 else []
+    lines += ["", *table(rows[1:], rows[0], (1,), width).splitlines()] if len(rows) > 1 else []
     count = {verdict: sum(c.verdict == verdict for _, c in whole.checks) for verdict in (PASS, FAIL, SHOWN, MISSED)}
     said = [f"{count[PASS]} checks passed, {count[FAIL]} failed, {count[SHOWN]} are shown without a bar."]
     if count[MISSED]:
@@ -145,23 +147,14 @@ def summary(whole: Whole, page: Path) -> str:
     bad = [f"failed: {name} {c.name}: {number(c.value)}, bar {c.bar}" for name, c in whole.checks if c.verdict == FAIL]
     bad += [f"stopped: {each.part.name} {key}: {why}" for each in whole.performed for key, why in each.stopped.items()]
     bad += [f"claim {c.name}: written {c.paper.partition(';')[0]}, now {c.found}" for c in changed]
-    free = LINES - len(lines) - len(last) - 2
-    if len(bad) > free:
-        bad = [*bad[: free - 1], f"... and {len(bad) - free + 1} more, see the report"]
-    lines += ["", *bad] if bad else []
-    return "\n".join(_cut(line) for line in [*lines, "", *last])
-
-
-def _cut(line: str) -> str:
-    """The line, shortened to WIDTH characters in the middle of it, so that a path keeps its end."""
-    half = (WIDTH - 3) // 2
-    return line if len(line) <= WIDTH else f"{line[: WIDTH - 3 - half]}...{line[-half:]}"
-
-
-def _plain(table: Table) -> list[str]:
-    """The table's heading and rows alone."""
-    _, heading, _, *rows = str(dataclasses.replace(table, note="")).splitlines()
-    return [heading, *rows]
+    last = fitted("\n".join(last), width).split("\n")
+    lines += [""] if bad else []
+    for k, each in enumerate(fitted(line, width).split("\n") for line in bad):
+        if len(lines) + len(each) + len(last) + 2 > LINES:
+            lines.append(f"... and {len(bad) - k} more, see the report")
+            break
+        lines += each
+    return "\n".join([*lines, "", *last])
 
 
 # The page
