@@ -48,7 +48,7 @@ def picture(data: Mapping[str, Any]) -> Any:
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         axes.minorticks_off()
         axes.grid(True)
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    figure.legend(*parts[0][-1].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     figure.suptitle(data["title"], fontsize=11)
 
     return figure
