@@ -1,5 +1,6 @@
 """The pages agree with the code: links, examples, commands, and everything that is registered is explained."""
 
+import configparser
 import contextlib
 import functools
 import io
@@ -282,11 +283,16 @@ def test_no_column_of_a_table_has_the_seconds_of_two_machines(page):
     assert list(mixed_columns(page.read_text())) == []
 
 
-def test_the_version_is_one():
+def test_version_and_requirements_are_one():
     version = refsim.__version__
     assert f"version = {version}\n" in (ROOT / "setup.cfg").read_text()
     assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text()
-    assert json.loads((ROOT / "codemeta.json").read_text())["version"] == version
+    described = json.loads((ROOT / "codemeta.json").read_text())
+    assert described["version"] == version
+    settings = configparser.ConfigParser(interpolation=None)
+    settings.read(ROOT / "setup.cfg")
+    required = settings["options"]["install_requires"].split()
+    assert described["softwareRequirements"] == [re.match(r"[\w-]+", words)[0] for words in required]
     assert re.search(r"^## (\d\S+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)[1] == version
 
 
