@@ -59,7 +59,7 @@ def vortices_by_pysph(point: Point, repeat: int, threads: int | None) -> Reading
 def tank_by_pysph(point: Point, repeat: int, threads: int | None) -> Reading:
     """Root mean square of p - rho g (H - y) over rho g H farther than h from walls and surface, in places and pressures
     of the mean of samples; the kinematic viscosity is that of refsim's liquid."""
-    cells, sound = point.setting["cells"], pysph_flows.SOUND["tank"]
+    cells, sound = point.setting["cells"], pysph_flows.SOUND
     reach, end = 2.6 / cells, 5.0 / np.sqrt(GRAVITY)
     times = (end * np.linspace(0.8, 1.0, 61)).tolist()
     found = pysph_flows.run("tank", point.setting["scheme"], cells, times, viscosity=0.25 * SHARE * sound * reach)

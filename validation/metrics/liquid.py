@@ -1,4 +1,4 @@
-"""How far a liquid is from a tank at rest, from a Taylor-Green vortex and from the flow of a cavity.
+"""How far a liquid is from a Taylor-Green vortex and from the flow of a cavity.
 
 Positions and velocities are (n, dim) arrays of any program.
 """
@@ -11,14 +11,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-
-def rest(position: NDArray, velocity: NDArray, depth: float, sound: float) -> dict[str, float]:
-    """moving  root mean square speed over the sound speed; level_off  twice the mean height over the depth, off 1."""
-    return {
-        "moving": float(np.sqrt((velocity**2).sum(1).mean())) / sound,
-        "level_off": abs(2 * float(position[:, -1].mean()) / depth - 1),
-    }
 
 
 def vortex(x: NDArray, time: float, reynolds: float) -> NDArray:

@@ -1,9 +1,8 @@
 """Flows of a weakly compressible liquid by PySPH, in a process of its own.
 
-vortices  its example `taylor_green`, cavity its example `cavity`; tank  a tank at rest, dam  the column of its example
-`dam_break_2d`, both of its scheme classes with three layers of wall particles. Kernel (a quintic spline of radius 3 d),
-step and scheme are its own; c is ten times the largest speed, as refsim's. One thread; the seconds are processor time
-from the first step on.
+vortices  its example `taylor_green`; tank  a tank at rest of its EDAC scheme, with three layers of wall particles.
+Kernel (a quintic spline of radius 3 d), step and scheme are its own; c is ten times the largest speed, as refsim's. One
+thread; the seconds are processor time from the first step on.
 """
 
 from __future__ import annotations
@@ -19,45 +18,40 @@ from validation.peers import launch
 
 LAYERS = 3  # of wall particles, as many as the support is wide
 GRAVITY, DENSITY = 9.81, 1000.0  # m/s^2, kg/m^2
-LIQUID = {"tank": (1, 1), "dam": (1, 2)}  # m wide and deep
-BOX = {"tank": (1, 2), "dam": (6, 3)}  # m wide and high
-SOUND = {"tank": 10 * GRAVITY**0.5, "dam": 20 * GRAVITY**0.5}  # m/s
+DEPTH, BOX = 1, (1, 2)  # of the tank: m deep, m wide and high
+SOUND = 10 * GRAVITY**0.5  # m/s, of the tank
 
 
 def run(flow: str, scheme: str, cells: int, times: Sequence[float], **more: float) -> dict[str, Any]:
     """The liquid at the `times` [s]: {"time" (samples,), "position", "velocity" (samples, n, 2), "pressure" (samples,
     n), "seconds", "steps", "version"}, or {"missing"}.
 
-    flow    "vortices" (in a box of 1 m, Re 100), "cavity" (the same), "tank" or "dam" (`viscosity` [m^2/s])
-    scheme  the name that PySPH gives it; cells: particles along 1 m
+    flow    "vortices" (in a box of 1 m, Re 100) or "tank" (`viscosity` [m^2/s])
+    scheme  of the vortices, the name that PySPH gives it; cells: particles along 1 m
     """
     given = {"flow": flow, "scheme": scheme, "cells": cells, "times": list(times), **more}
     return launch("pysph_flows", given, {"OMP_NUM_THREADS": "1"}, 7200.0)
 
 
-def _tank(flow: str, scheme: str, cells: int, viscosity: float) -> type:
-    """A column of liquid between three walls, for one of PySPH's schemes; it begins at rest."""
+def _tank(cells: int, viscosity: float) -> type:
+    """A column of liquid between three walls, for PySPH's scheme EDAC; it begins at rest."""
     from pysph.base.kernels import QuinticSpline
     from pysph.base.utils import get_particle_array
     from pysph.solver.application import Application
-    from pysph.sph.scheme import AdamiHuAdamsScheme, WCSPHScheme
     from pysph.sph.wc.edac import EDACScheme
 
-    spacing, (wide, deep), box, sound = 1.0 / cells, LIQUID[flow], BOX[flow], SOUND[flow]
-    both = {"dim": 2, "rho0": DENSITY, "c0": sound, "nu": viscosity, "gy": -GRAVITY}
-    step, gamma = 0.25 * spacing / (1.1 * sound), 7.0 if scheme == "wcsph" else 1.0
+    spacing, step = 1.0 / cells, 0.25 / cells / (1.1 * SOUND)
 
     class Tank(Application):
         def create_particles(self) -> list:
-            places = np.indices((box[0] * cells + 2 * LAYERS, box[1] * cells + LAYERS)).reshape(2, -1).T - LAYERS
-            inside = ((places >= 0) & (places < np.multiply(box, cells))).all(1)
-            wet = inside & (places < [wide * cells, deep * cells]).all(1)
+            places = np.indices((BOX[0] * cells + 2 * LAYERS, BOX[1] * cells + LAYERS)).reshape(2, -1).T - LAYERS
+            inside = ((places >= 0) & (places < np.multiply(BOX, cells))).all(1)
+            wet = inside & (places[:, 1] < DEPTH * cells)
             arrays = []
             for name, chosen in (("fluid", wet), ("solid", ~inside)):
                 x, y = ((places[chosen] + 0.5) * spacing).T
-                loaded = (x < wide) | (wide == box[0])
-                pressure = DENSITY * GRAVITY * np.maximum(deep - y, 0) * loaded
-                density = DENSITY * (1 + gamma * pressure / (DENSITY * sound**2)) ** (1 / gamma)
+                pressure = DENSITY * GRAVITY * np.maximum(DEPTH - y, 0)
+                density = DENSITY + pressure / SOUND**2
                 same = {"m": DENSITY * spacing**2, "rho": density, "p": pressure, "h": spacing}
                 arrays.append(get_particle_array(name=name, x=x, y=y, **same))
             self.scheme.setup_properties(arrays)
@@ -67,13 +61,8 @@ def _tank(flow: str, scheme: str, cells: int, viscosity: float) -> type:
             return arrays
 
         def create_scheme(self) -> Any:
-            names = (["fluid"], ["solid"])
-            if scheme == "wcsph":
-                made = WCSPHScheme(*names, h0=spacing, hdx=1.0, gamma=gamma, alpha=0.0, **both)
-            elif scheme == "adami":
-                made = AdamiHuAdamsScheme(*names, h0=spacing, gamma=gamma, **both)
-            else:
-                made = EDACScheme(*names, h=spacing, **both)
+            both = {"dim": 2, "rho0": DENSITY, "c0": SOUND, "nu": viscosity, "gy": -GRAVITY}
+            made = EDACScheme(["fluid"], ["solid"], h=spacing, **both)
             made.configure_solver(kernel=QuinticSpline(dim=2), dt=step, tf=1.0, pfreq=10**9)
             return made
 
@@ -85,12 +74,10 @@ def work(flow: str, scheme: str, cells: int, times: list[float], viscosity: floa
     words = ["--pfreq", str(10**9), "--tf", repr(times[-1] + 1e-9), "-d", "output", "--no-openmp"]
     if flow == "vortices":
         from pysph.examples.taylor_green import TaylorGreen as Flow
-    elif flow == "cavity":
-        from pysph.examples.cavity import LidDrivenCavity as Flow
-    else:
-        Flow = _tank(flow, scheme, cells, viscosity)
-    if flow not in LIQUID:
+
         words += ["--scheme", scheme, "--nx", str(cells), "--re", "100"]
+    else:
+        Flow = _tank(cells, viscosity)
     seen: dict[str, list[NDArray | float]] = {"time": [], "position": [], "velocity": [], "pressure": []}
     clock = {"began": 0.0, "steps": 0}
 

@@ -5,7 +5,6 @@ block  its WCSPH on a block of liquid that spins. Equation of state, viscosity, 
        the surface tension of Akinci et al. 2013, where a coefficient is given.
 drop   its DFSPH with the surface tension of Akinci et al. 2013, on a cube of liquid that becomes a drop.
 column its DFSPH on a column of liquid that collapses in a tank, in 2D; walls are its sampled boundary particles.
-tank   its DFSPH or WCSPH on the same tank, full from wall to wall.
 
 Coefficients are set through its own interface: what a scene file says of them it does not read in every version.
 """
@@ -30,7 +29,6 @@ STIFFNESS = 9e5  # rho0 c^2 [Pa], exponent 1
 VISCOSITY = 0.01  # kinematic [m^2/s]
 GAP = 0.25  # spacings more than one from the tank's particles: without it the corner is too dense and is shot off
 WARM = 3  # steps that are not counted
-UP = [0, 2, 1]  # axes of a tank in 3D with z up, for a program whose rigid bodies fall along -y
 
 
 def run(side: int, steps: int, threads: int, tension: float = 0.0) -> dict[str, Any]:
@@ -65,25 +63,6 @@ def run_column(settings: Mapping[str, Any], threads: int) -> dict[str, Any]:
     Seconds, in "wall", count stepping alone, from the first step on (`stopwatch`).
     """
     return launched("splishsplash", {"work": "column", **settings}, threads)
-
-
-def run_tank(settings: Mapping[str, Any], threads: int) -> dict[str, Any]:
-    """Liquid 1 m deep at rest in a tank 1 m wide, in 2D: {"time" (samples,), "position", "velocity" (samples, n, 3),
-    "seconds" (of the processor), "steps", "version"} or {"missing"}.
-
-    settings  "cells" (particles along 1 m), "method" ("dfsph" or "wcsph"), "sound" [m/s], "viscosity" (kinematic
-              [m^2/s]) and "times" (of the samples [s]); rest density 1000 kg/m^3
-    """
-    return launched("splishsplash", {"work": "tank", **settings}, threads, 7200.0)
-
-
-def run_body(settings: Mapping[str, Any], threads: int) -> dict[str, Any]:
-    """A rigid cube in a tank: as `run_tank`, the cube's centre as the first of the particles.
-
-    settings  "water" (n, 3) [m], "edge" and "centre" (3,) of the cube [m], "wide" of the tank [m], "spacing" [m],
-              "density" of the cube [kg/m^3], "viscosity" (kinematic [m^2/s]) and "times" [s]
-    """
-    return launched("splishsplash", {"work": "body", **settings}, threads, 7200.0)
 
 
 def graphics_libraries() -> dict[str, str]:
@@ -237,100 +216,6 @@ def column(
     return watched(peer, base, times, see, (viscosity, 0.0), spacing, shake, flat=True)
 
 
-def tank(cells: int, method: str, sound: float, viscosity: float, times: list[float]) -> dict[str, Any]:
-    """Run the tank in this process."""
-    import pysplishsplash as peer
-    import trimesh
-
-    spacing = 1.0 / cells
-    step = 0.25 * spacing / (1.1 * sound)
-    write_file("box.obj", trimesh.creation.box((1.0, 1.0, 1.0)).export(file_type="obj"))
-    settings = (WCSPH | {"timeStepSize": step} if method == "wcsph" else DFSPH | {"cflMaxTimeStepSize": 0.005}) | {
-        "sim2D": True, "gravitation": [0.0, -9.81, 0.0], "boundaryHandlingMethod": 0, "stopAt": times[-1] + 1e-9,
-    }  # fmt: skip
-    wide, gap = 1.0 + (1.0 + 2.0 * GAP) * spacing, GAP * spacing
-    walls = {
-        "geometryFile": "box.obj", "translation": [0.5 * wide, 1.0, 0.0], "scale": [wide, 2.0, 4.0], "isDynamic": False,
-        "isWall": True, "mapInvert": True, "samplingMode": 1,
-    }  # fmt: skip
-    liquid = {"start": [gap, gap, -1.0], "end": [gap + 1.0 + spacing, gap + 1.0 + spacing, 1.0]}
-    base = simulator(peer, scene(spacing, settings, liquid, False, RigidBodies=[walls]))
-    base.initSimulation()
-    coefficients(peer, viscosity, 0.0, DENSITY * sound**2 if method == "wcsph" else 0.0)
-    return sampled(peer, base, times, (0.5 + GAP) * spacing)
-
-
-def body(
-    water: Any, edge: float, centre: list[float], wide: float, spacing: float, density: float, viscosity: float,
-    times: list[float],
-) -> dict[str, Any]:  # fmt: skip
-    """Run the cube in this process, by DFSPH; its rigid bodies fall along -y, so y is up there."""
-    import numpy as np
-    import pysplishsplash as peer
-    import trimesh
-
-    write_file("box.obj", trimesh.creation.box((1.0, 1.0, 1.0)).export(file_type="obj"))
-    settings = DFSPH | {
-        "gravitation": [0.0, -9.81, 0.0], "boundaryHandlingMethod": 0, "cflMaxTimeStepSize": 0.005,
-        "stopAt": times[-1] + 1e-9,
-    }  # fmt: skip
-    margin = (0.5 + GAP) * spacing  # as far as the walls' particles stand further out than refsim's planes
-    same = {"geometryFile": "box.obj", "mapInvert": False, "isWall": False, "isDynamic": False}
-    outside = wide + 2 * margin
-    walls = {
-        "translation": [0.5 * wide, 1.0, 0.5 * wide], "scale": [outside, 2.0 + 2 * margin, outside], "isWall": True,
-        "mapInvert": True,
-    }  # fmt: skip
-    inner = edge - spacing  # the surface through the outermost particles, which the program pushes
-    cube = {
-        "translation": np.array(centre)[UP].tolist(), "scale": [inner] * 3, "isDynamic": True,
-        "density": density * (edge / inner) ** 3, "collisionObjectType": 2, "collisionObjectScale": [inner] * 3,
-    }  # fmt: skip
-    # a block of as many particles as the water has, which are then put in their places
-    side = max(k for k in range(1, 10) if len(water) % k**2 == 0)
-    block = [side + 1.0, side + 1.0, len(water) // side**2 + 1.0]
-    line = {"start": [0.0] * 3, "end": [part * spacing for part in block]}
-    bodies = [same | walls, same | cube]
-    base = simulator(peer, scene(spacing, settings, line, False, RigidBodies=bodies))
-    base.initSimulation()
-    fluid = coefficients(peer, viscosity, 0.0)
-    if fluid.numActiveParticles() != len(water):
-        raise RuntimeError(f"{fluid.numActiveParticles()} particles in place of {len(water)}")
-    for i, place in enumerate(np.asarray(water[:, UP], dtype=np.float32)):
-        fluid.setPosition(i, place)
-
-    def first() -> tuple[Any, Any]:
-        rigid = peer.Simulation.getCurrent().getBoundaryModel(1).getRigidBodyObject()
-        return np.array(rigid.getPosition()), np.array(rigid.getVelocity())
-
-    found = sampled(peer, base, times, 0.0, first)
-    return found | {name: found[name][:, :, UP] for name in ("position", "velocity")}
-
-
-def sampled(peer: Any, base: Any, times: list[float], low: float, first: Callable | None = None) -> dict[str, Any]:
-    """Run, and see positions less `low` [m] and velocities at the times, those of `first` before the particles'."""
-    import numpy as np
-
-    seen: dict[str, list[Any]] = {"time": [], "position": [], "velocity": []}
-    clock = {"began": 0.0, "steps": 0}
-
-    def after_step() -> None:
-        clock["began"] = clock["began"] or time.process_time()
-        clock["steps"] += 1
-        now = peer.TimeManager.getCurrent().getTime()
-        if len(seen["time"]) < len(times) and now >= times[len(seen["time"])] - 1e-9:
-            model = peer.Simulation.getCurrent().getFluidModel(0)
-            seen["time"].append(float(now))
-            for k, (name, shift) in enumerate((("position", low), ("velocity", 0.0))):
-                values = np.array(model.getFieldBuffer(name))[: model.numActiveParticles()].astype(float) - shift
-                seen[name].append(values if first is None else np.vstack([first()[k], values]))
-
-    base.setTimeStepCB(after_step)
-    base.runSimulation()
-    spent = time.process_time() - clock["began"]
-    return {**{name: np.array(values) for name, values in seen.items()}, "seconds": spent, "steps": clock["steps"]}
-
-
 def simulator(peer: Any, scene: Mapping[str, Any], **options: Any) -> Any:
     """Its simulator with a scene file in the working folder."""
     write_file("scene.json", json.dumps(scene))
@@ -341,5 +226,5 @@ def simulator(peer: Any, scene: Mapping[str, Any], **options: Any) -> Any:
 
 
 def work(work: str, **given: Any) -> dict[str, Any]:
-    """One of the five."""
-    return {"block": block, "drop": drop, "column": column, "tank": tank, "body": body}[work](**given)
+    """One of the three."""
+    return {"block": block, "drop": drop, "column": column}[work](**given)
