@@ -13,11 +13,6 @@ from scipy.integrate import solve_ivp
 FRICTION = {"laplacian": 1.0, "central": 2.0}
 
 
-def hydrostatic(height: NDArray, top: float, density: float, gravity: float, sound: float) -> NDArray:
-    """Pressure [Pa] at rest, rho0 c^2 (exp(g (H - y)/c^2) - 1), which is rho0 g (H - y) as c grows; 0 above H."""
-    return density * sound**2 * np.expm1(gravity * np.clip(top - height, 0.0, None) / sound**2)
-
-
 def wave(k: float, depth: float, gravity: float, viscosity: float, form: str) -> tuple[float, float]:
     """(angular frequency, rate of decay) [1/s] of a standing wave of small amplitude in potential flow, walls slip.
 

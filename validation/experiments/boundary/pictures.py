@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from validation.drawing import BLUE, GREEN, GREY, ORANGE, VERMILION, caption, headline, packed, unpacked, view_matrix
 from validation.experiment import Picture, Results
-from validation.experiments.boundary.runs import ARMS, DENSITY, GRAVITY, POUR, RAINED
+from validation.experiments.boundary.runs import ARMS, POUR, RAINED
 from validation.experiments.boundary.scene import SHAPES
 from validation.results import real
 
@@ -143,30 +143,9 @@ def rain_picture(data: Mapping[str, Any]) -> Any:
     return figure
 
 
-def tank_data(results: Results) -> dict[str, Any]:
-    """Pressure of every particle by height, mean of the last tenth of the steps."""
-    values, arrays = results["flow_tank"].values, results["flow_tank"].arrays
-    return {
-        "title": "A tank at rest: pressure by height, over 10,000 steps", "height_m": arrays["height"].round(5),
-        "pressure_pa": arrays["pressure"].round(2), **{name: real(values[name]) for name in ("surface_m", "level_m")},
-    }  # fmt: skip
-
-
-def tank_picture(data: Mapping[str, Any]) -> Any:
-    """Dots, and the hydrostatic line."""
-    figure, axes = plt.subplots(figsize=(5.6, 3.8))
-    axes.plot(data["pressure_pa"], data["height_m"], ".", color=BLUE, markersize=2.5, label="particles")
-    z = np.linspace(0, data["level_m"], 20)
-    axes.plot(DENSITY * GRAVITY * (data["level_m"] - z), z, color=GREY, label=r"$\rho_0 g (z_s - z)$")
-    axes.set(xlabel="pressure [Pa]", ylabel="height [m]", title=data["title"])
-    axes.legend()
-    return figure
-
-
 PICTURES = (
     Picture("boundary_sampling", shape_data, shape_picture, tuple(f"sampling_{s}" for s in SHAPES), shaded=True),
     Picture("boundary_pouring", pour_data, pour_picture, ("flow_pour_sphere_difference",), shaded=True),
     Picture("boundary_penetration", rain_data, rain_picture,
             tuple(f"flow_rain_{s}_{c}_1" for s in RAINED for c in ("none", "swept"))),
-    Picture("boundary_tank", tank_data, tank_picture, ("flow_tank",)),
 )  # fmt: skip

@@ -30,10 +30,10 @@ from validation.experiments.boundary.scene import FLOW_SHAPES as SOLIDS
 from validation.experiments.boundary.scene import SHAPES, SPACING, SUPPORT
 from validation.metrics.sampling import EXACT_QUERIES, blueness, evenness, near_surface, radius_for, score
 from validation.metrics.spread import groups, tunnels
-from validation.peers import libigl, splishsplash_sampling
+from validation.peers import splishsplash_sampling
 from validation.peers.couplings import DirectForcing, DistanceForces
 from validation.results import Result, real
-from validation.running import Context, on_threads, search_log
+from validation.running import Context, on_threads
 from validation.trials import Trial, hard_case, unguarded
 from validation.work_precision import observed_order
 
@@ -110,45 +110,35 @@ def distance_errors(
 
 
 def against_peers(context: Context, level: int, count: int, threads: int, rounds: int, scale: float) -> Result:
-    """A mesh to particles, beside pySPlisHSPlasH's surface sampling, and a field's nodes, beside libigl, in turn.
+    """A mesh to particles, beside pySPlisHSPlasH's surface sampling, in turn.
 
     scale  of the other program's disks, so that it makes as many particles
     """
     made = SHAPES["organic"](level)
     mesh = meshes.mesh_of(made, "organic")
     radius = radius_for(mesh.area, count)
-    own: dict[str, list[float]] = {"sampling": [], "field": []}
-    other: dict[str, list[float]] = {"sampling": [], "field": []}
+    own, other = [], []
     with meshes.mesh_file(made) as file, on_threads("cpu", threads):
         sample(mesh, 4 * radius)
         for k in range(rounds):
             began = time.perf_counter()
-            nodes_there = signed_distance(mesh, radius).field.distance.shape[0]
-            own["field"].append((time.perf_counter() - began) / nodes_there)
-            began = time.perf_counter()
             found = sample(load_mesh(Path(file)), radius)  # the other program reads the file, too
-            own["sampling"].append(time.perf_counter() - began)
+            own.append(time.perf_counter() - began)
             peer = splishsplash_sampling.run(made.vertices, made.faces, radius, threads, scale)
-            other["sampling"].append(peer.get("seconds", math.nan))
-            nodes = libigl.run(made.vertices, made.faces, near_surface(made, 2 * radius, 20_000, k), threads)
-            other["field"].append(nodes.get("seconds_per_query", math.nan))
+            other.append(peer.get("seconds", math.nan))
             context.progress((k + 1) / rounds)
-    ratios = {
-        f"{name}_ratio": float(np.median(other[name]) / np.median(own[name]))
-        for name, answer in (("sampling", peer), ("field", nodes)) if "missing" not in answer
-    }  # fmt: skip
     quality = {} if "missing" in peer else {
-        "peer_quality": blueness(peer["position"], mesh.area), "peer_particles": peer["particles"]
+        "sampling_ratio": float(np.median(other) / np.median(own)),
+        "peer_quality": blueness(peer["position"], mesh.area), "peer_particles": peer["particles"],
     }  # fmt: skip
     return Result({
         "triangles": len(mesh.faces), "radius": radius, "threads": threads, "particles": len(found.position),
-        "nodes": nodes_there, "own": own, "other": other, "quality": blueness(found.position, mesh.area),
-        "iterations": found.iterations, **ratios, **quality,
-        "missing": {"sampling": peer.get("missing", ""), "field": nodes.get("missing", "")},
+        "own": own, "other": other, "quality": blueness(found.position, mesh.area),
+        "iterations": found.iterations, **quality, "missing": peer.get("missing", ""),
     })  # fmt: skip
 
 
-# Runs of liquid at meshes: rain, a resting tank, pouring.
+# Runs of liquid at meshes: rain, resting tanks, pouring.
 
 
 DENSITY, SOUND, GRAVITY = 1000.0, 20.0, 9.81
@@ -245,55 +235,6 @@ def inside_of(cells: tuple[int, int, int]) -> tuple[float, float, float]:
     """Lengths of the cup's inside [m]."""
     a, b = ((n - 1 + 2 * GAP) * SPACING for n in cells[:2])
     return a, b, (cells[2] + 6) * SPACING
-
-
-def resting_tank(context: Context, steps: int, backend: str) -> Result:
-    """A tank at rest: particles kept, pressure by depth over the last tenth of the steps, noise of the wall's force."""
-    with meshes.mesh_file(resting_cup()) as file:
-        scene = resting_scene(file)
-        simulation = context.simulation(scene, backend)
-        band = next(e for e in scene.effects if e.name == "mesh_boundary").placed(simulation.plan.grid).band
-        mass = simulation.field("mass")
-        places, pressures, forces, speeds = [], [], [], []
-        for step in range(steps):
-            simulation.step()
-            if step >= steps - steps // 10:
-                velocity = simulation.field("velocity")
-                forces.append(float((mass * (simulation.field("acceleration")[:, 2] + GRAVITY)).sum()))
-                if step % 10 == 0:
-                    places.append(simulation.field("position"))
-                    pressures.append(simulation.field("pressure"))
-                    speeds.append(float(np.sqrt((velocity**2).sum(1).max())))
-            if step % 50 == 0:
-                context.progress(step / steps)
-        position = simulation.field("position")
-        inside = depth(band, position)
-    place, p = np.mean(places, axis=0), np.mean(pressures, axis=0)
-    z, low, high = place[:, 2], place.min(0), place.max(0)
-    middle = ((place - low > 2.5 * SPACING) & (high - place > 2.5 * SPACING))[:, :2].all(1)
-    # Boundary particles stand for a layer a spacing thick, half of it outside: the liquid begins there.
-    area = np.prod([inner - SPACING for inner in inside_of(CELLS)[:2]])
-    level = float(0.5 * SPACING + mass.sum() / DENSITY / area)
-    deep = z < level - 3 * SPACING  # where densities lack nothing above
-    known = DENSITY * GRAVITY * (level - z)
-    slope, offset = np.polyfit(z[deep & middle], p[deep & middle], 1)
-    errors = p[deep] / known[deep] - 1
-    core = float(np.median((p / known)[deep & middle]) - 1)
-    weight = float(mass.sum() * GRAVITY)
-    force = np.array(forces)
-    lost = int(((position[:, 2] < 0) | (np.abs(position).max(1) > 1)).sum())
-    return Result(
-        {
-            "steps": steps, "particles": len(z), "lost": lost, "inside": int((inside > INSIDE * SPACING).sum()),
-            "pressure_error": core, "pressure_everywhere": float(np.median(errors)),
-            "gradient_error": float(-slope / (DENSITY * GRAVITY) - 1),
-            "level_m": level, "surface_m": float(-offset / slope),
-            "force_error": float(force.mean() / weight - 1), "force_noise": float(force.std() / weight),
-            "greatest_speed": float(np.max(speeds)), "search": search_log(simulation),
-            "corrections": int(simulation.field("corrections").sum()),
-        },
-        {"position": position.astype(np.float32), "height": z.astype(np.float32), "pressure": p.astype(np.float32)},
-    )  # fmt: skip
 
 
 # Pouring: three arms
@@ -797,8 +738,6 @@ def sampling_checks(results: Results, check: Checks) -> None:
         check("peer_sampling_quality", values["quality"]["variation"] / values["peer_quality"]["variation"])
         check("peer_sampling_blue", values["quality"]["blue"] / values["peer_quality"]["blue"])
         check("peer_sampling_count", abs(values["peer_particles"] / values["particles"] - 1))
-    if "field_ratio" in values:
-        check("peer_field_ratio", values["field_ratio"])
 
 
 def _order(values: Mapping[str, Any]) -> float:
@@ -839,12 +778,11 @@ def flow_planned(options: Options) -> list[RunSpec]:
               "" if (s, c, share) == ("sphere", "swept", 1) else reason) for s, c, share in rains),
         *(RunSpec(f"flow_pour_{shape}_{arm}", pour, {"shape": shape, "arm": arm, **backend, **shorter}, 8.0,
               "" if (shape, arm) == ("sphere", "difference") else reason) for shape in POUR for arm in ARMS),
-        RunSpec("flow_tank", resting_tank, {"steps": 10_000, **backend}, 100.0, reason),
     ]  # fmt: skip
 
 
 def flow_checks(results: Results, check: Checks) -> None:
-    """No leaks at the runner's own step, the tank at rest, and what is shown of the rest."""
+    """No leaks at the runner's own step, and what is shown of the rest."""
     for shape in RAINED:
         check.run(results, f"flow_rain_{shape}_swept_1", {"rain_leaks": "ever_inside"}, shape)
         for correction in ("none", "swept"):
@@ -852,18 +790,13 @@ def flow_checks(results: Results, check: Checks) -> None:
             if all(runs.values()):
                 largest = max([s for s, r in runs.items() if r and not r.values["ever_inside"]], default=0.0)
                 check(f"rain_step_{correction}", largest, shape)
-    check.run(results, "flow_tank", {
-        "tank_lost": lambda v: v["lost"] + v["inside"], "tank_pressure": lambda v: abs(real(v["pressure_error"])),
-        "tank_everywhere": lambda v: abs(real(v["pressure_everywhere"])), "tank_gradient": "gradient_error",
-        "tank_force": lambda v: abs(real(v["force_error"])), "tank_noise": "force_noise",
-    })  # fmt: skip
     for shape, arm in itertools.product(POUR, ARMS):
         check.run(results, f"flow_pour_{shape}_{arm}", {"pour_leaks": "inside"}, f"{shape}_{arm}")
 
 
 EXPERIMENT = Experiment(
     name="boundary",
-    title="meshes as boundaries: distance, particles, penetration, a tank at rest, pouring by tension",
+    title="meshes as boundaries: distance, particles, penetration, pouring by tension",
     runs=lambda options: [*sampling_planned(options), *flow_planned(options)],
     checks=lambda results, check: (sampling_checks(results, check), flow_checks(results, check)),
 )  # fmt: skip

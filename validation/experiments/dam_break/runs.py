@@ -516,7 +516,7 @@ def _exact(measure: Measure) -> list[float]:
     return measure.of({"": {"score": {"number_density": {"precision": score.precision}}}})
 
 
-# Hard cases of a collapsing column: detection beside walls, in sprays and in films.
+# Hard cases of a collapsing column: detection beside walls and in a splash.
 
 
 COLUMNS = 40
@@ -579,38 +579,6 @@ def in_motion(trial: Trial, method: str, times: Sequence[float] = SPLASH, starts
     trial.check("missed of those with fewer than 3 liquid neighbours, beside walls", at, equals=0)
     trial.check("false alarms beside walls less those away", max(excess), at_most=0.02)
     trial.show("least recall", min(recall))
-
-
-@hard_case
-def spray(trial: Trial, depth: int = 1) -> None:
-    """Lone particles, pairs and triples in the air and on a wall: all of them are surface, by every detector."""
-    columns = 10
-    spacing = 0.5 * HEIGHT / columns
-    z = 0.5 * depth * spacing if depth > 1 else 0.0
-    group = spacing * np.array([[0.0, 0, 0], [1.0, 0, 0], [0.5, 0.8, 0]])
-    places = [(0.5, 1.0, z), (1.0, 2.0, z), (1.5, 3.0, z), (0.2, 0.5 * spacing, z), (1.0, 0.5 * spacing, z)]
-    parts = [np.array(place) + group[: 1 + k % 3] for k, place in enumerate(places)]
-    position = np.vstack(parts)
-    for method in DETECTORS:
-        mass = np.full(len(position), DENSITY * spacing ** (2 if depth == 1 else 3))
-        seen = detect(trial.context, method, columns, depth, 4.0, (position, mass), trial.backend)
-        flags = seen.field("surface").astype(bool)
-        trial.check(f"{method}: missed", int((~flags).sum()), equals=0)
-
-
-@hard_case
-def sheet(trial: Trial, method: str, layers: int, side: int = 11) -> None:
-    """A flat sheet in the air in 3D: every particle of one or two layers is surface."""
-    columns = 10
-    spacing = 0.5 * HEIGHT / columns
-    axes = [np.arange(n) * spacing for n in (side, layers, side)]
-    position = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3) + [0.5, 1.0, 0.25]
-    mass = np.full(len(position), DENSITY * spacing**3)
-    seen = detect(trial.context, method, columns, 2 * columns, 4.0, (position, mass), trial.backend)
-    flags = seen.field("surface").astype(bool)
-    truth = cap_cover_surface(position, TRUTH_RADIUS * spacing)
-    trial.check("particles that are no surface", int((~truth).sum()), equals=0)
-    trial.check("missed", int((truth & ~flags).sum()), equals=0)
 
 
 # Collapse of a liquid column: surface detection against the exact truth, its cost, the surge front.

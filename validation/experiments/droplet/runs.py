@@ -407,15 +407,6 @@ def long_step(trial: Trial, factor: float, count: int = 729, until: float = 0.6)
 
 
 @hard_case
-def factor_above_one(trial: Trial) -> None:
-    """A step_factor above 1 is refused."""
-    position, spacing, _ = particles("cube", 27)
-    with trial.ending():
-        trial.start(droplet_scene(position, spacing, step_factor=4.0))
-    trial.check("the sentence names the largest", "at most 1" in trial.message, equals=1)
-
-
-@hard_case
 def hundredfold(trial: Trial, fixed: bool, count: int = 729) -> None:
     """A hundred times the tension: with the step that suits the simple one, or with the runner's own."""
     position, spacing, _ = particles("cube", count)

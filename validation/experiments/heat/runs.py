@@ -1,4 +1,4 @@
-"""Runs of heat conduction: slab, orders, sphere, Stefan's problem, a melting sphere and ranges.
+"""Runs of heat conduction: orders in a slab, Stefan's problem, a melting sphere and ranges.
 
 Everywhere k = rho = c = 1 (SI units), h = 2.5 d; `number` is k dt/(rho c d^2)."""
 
@@ -26,7 +26,6 @@ from validation.running import Context, take_steps
 from validation.trials import Cell, Trial, hard_case, largest_stable, unguarded
 from validation.work_precision import observed_order
 
-NUMBERS = (0.5, 2.0, 8.0, 32.0)
 SPACING, LENGTH, END = 0.2, 40, 6.4  # of the slab: [m], spacings along x, [s]
 WALL, START, LATENT = 50.0, -10.0, 100.0  # of ice: held at the surface [deg C], at first [deg C], [J/kg]
 
@@ -48,21 +47,6 @@ def rms(values: np.ndarray) -> float:
     """Root of the mean square; infinite where something has blown up."""
     found = float(np.sqrt((np.asarray(values, dtype=float) ** 2).mean()))
     return found if found < 1e6 else math.inf
-
-
-def slab(context: Context, scheme: str) -> Result:
-    """Errors, drifts and seconds of stepping, for each of NUMBERS."""
-    rows = []
-    for share, number in enumerate(NUMBERS):
-        slab, x = slab_of(scheme)
-        steps = round(END / (number * SPACING**2))
-        start = slab.heat()
-        slab.run(END, steps)
-        drift = slab.heat() / start - 1 if np.isfinite(slab.temperature).all() else math.inf
-        error = rms(slab.temperature - exact.cosine(x, LENGTH * SPACING, END))
-        rows.append({"number": number, "error": error, "drift": drift, "seconds": slab.seconds})
-        context.progress((share + 1) / len(NUMBERS))
-    return Result({"scheme": scheme, "rows": rows})
 
 
 # Orders of convergence
@@ -104,9 +88,6 @@ def order_in_step(context: Context, scheme: str) -> Result:
     return Result({"scheme": scheme, "rows": rows})
 
 
-# A sphere that cools
-
-
 def ball(cells: int, jitter: float, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """Particles (n, 3) in units of the spacing about the origin, out to `cells` + a support radius; whether held.
 
@@ -118,32 +99,6 @@ def ball(cells: int, jitter: float, seed: int = 1) -> tuple[np.ndarray, np.ndarr
     distance = np.linalg.norm(position, axis=1)
     position = position[distance < cells + SUPPORT]
     return position, np.linalg.norm(position, axis=1) >= cells
-
-
-def sphere(context: Context, scheme: str, cells: int, numbers: tuple[float, ...], jitter: float = 0.2) -> Result:
-    """A jittered ball of 1 m at 1 deg C, all beyond held at 0, at t = 0.1 s: rms error [% of the range].
-
-    Against the series with the surface where the particles end, and with the first held layer taken for the surface,
-    half a spacing out.
-    """
-    position, held = ball(cells, jitter)
-    spacing, until = 1.0 / cells, 0.1
-    r = np.linalg.norm(position, axis=1)[~held] * spacing
-    truth = {
-        name: exact.cooled_sphere(r, 1.0 + shift * spacing, until) for name, shift in (("raw", 0), ("shifted", 0.5))
-    }
-    rows = []
-    for share, number in enumerate(numbers):
-        made = Conductor(scheme, position * spacing, spacing, np.where(held, 0.0, 1.0), held=held)
-        steps = max(1, round(until / (number * spacing**2)))
-        made.run(until, steps)
-        inner = made.temperature[~held]
-        rows.append({
-            "number": until / steps / spacing**2, "particles": int((~held).sum()), "size": spacing,
-            "seconds": made.seconds, **{name: 100 * rms(inner - values) for name, values in truth.items()},
-        })  # fmt: skip
-        context.progress((share + 1) / len(numbers))
-    return Result({"scheme": scheme, "cells": cells, "rows": rows})
 
 
 # Stefan's problem with two phases
@@ -613,28 +568,21 @@ MAPS = {
 }
 
 
-# Heat conduction: slab, sphere, Stefan's problem and a melting sphere by every scheme, orders and ranges.
+# Heat conduction: orders of every scheme, Stefan's problem and a melting sphere.
 
 
 JUDGED_PLAIN = tuple(SCHEMES)
-SPHERES, COLUMNS = (7, 10, 14, 20), (20, 40, 80)
+COLUMNS = (20, 40, 80)
 BEST = "runge_kutta_legendre"
 
 
 def planned(options: Options) -> list[RunSpec]:
     """The runs under the options."""
     slow = "takes minutes with the others; run without --quick" if options.quick else ""
-    fast = ("implicit", BEST)
-    ball, ice = {"cells": 10, "numbers": [0.25, 2.0, 8.0]}, {"cells": 40, "numbers": [0.5, 2.0, 8.0]}
+    ice = {"cells": 40, "numbers": [0.5, 2.0, 8.0]}
     return [
-        *(RunSpec(f"slab_{name}", slab, {"scheme": name}, 40.0 if name == "pair_exchange" else 4.0,
-              "" if name in fast else slow) for name in JUDGED_PLAIN),
         *(RunSpec(f"step_{name}", order_in_step, {"scheme": name}, 5.0, slow) for name in JUDGED_PLAIN),
         RunSpec("spacing", order_in_spacing, {}, 4.0),
-        *(RunSpec(f"sphere_{name}", sphere, {"scheme": name, **ball}, 8.0, slow)
-          for name in JUDGED_PLAIN if name != "one_sided"),
-        *(RunSpec(f"spheres_{cells}", sphere, {"scheme": BEST, "cells": cells, "numbers": [0.5]}, 0.002 * cells**3,
-              slow if cells > 14 else "") for cells in SPHERES),
         *(RunSpec(f"stefan_{name}", stefan, {"scheme": name, **ice}, 6.0, "" if name == BEST else slow)
           for name in MELTING),
         *(RunSpec(f"columns_{cells}", stefan, {"scheme": BEST, "cells": cells, "numbers": [2.0]}, 4.0)
@@ -656,18 +604,6 @@ def order_of(rows: list[dict[str, Any]], error: str = "error") -> float:
     return observed_order([real(row["size"]) for row in rows], [real(row[error]) for row in rows])
 
 
-def order_over(results: Results, keys: list[str], error: str) -> float | None:
-    """Observed order over several runs of one row each; None where one of them was not performed."""
-    rows = [row for key in keys for row in rows_of(results, key)]
-    return order_of(rows, error) if len(rows) == len(keys) else None
-
-
-REFINED = {  # check: (keys of the runs, what their sizes are called)
-    "sphere": ([f"spheres_{cells}" for cells in SPHERES], "R = {:.0f} d"),
-    "stefan": ([f"columns_{cells}" for cells in COLUMNS], "{:.0f} spacings"),
-}
-
-
 MELTED = {  # runs of the melting sphere
     f"{BEST}_10": f"{BEST}, R = 10 d", f"{BEST}_20": f"{BEST}, R = 20 d", "implicit_20": "implicit, R = 20 d",
 }  # fmt: skip
@@ -675,29 +611,20 @@ MELTED = {  # runs of the melting sphere
 
 def checks(results: Results, check: Checks) -> None:
     """What each bar is held against."""
-    for name in JUDGED_PLAIN:
-        for row in rows_of(results, f"slab_{name}"):
-            key = f"slab_{name}_{row['number']:g}".replace(".", "_")
-            own, words = key in check.entries, f"{SCHEMES[name]}, {row['number']:g}"
-            check(key if own else "slab_error", row["error"], "" if own else f"{name}_{row['number']:g}", words)
-        drift = "slab_drift" if name in KEEPING else "drift"
-        check.run(results, f"slab_{name}", {drift: lambda v: max(abs(real(row["drift"])) for row in v["rows"])}, name,
-                  SCHEMES[name])  # fmt: skip
     check.run(results, "spacing", {"order_in_spacing": lambda v: order_of(v["rows"])})
     for name in JUDGED_PLAIN:
         order: Quantities = {f"order_{name}": lambda v, name=name: order_of(v["rows"])}
         check.run(results, f"step_{name}", order)
-    for what, (keys, words) in REFINED.items():
-        for key, row in ((run, row) for run in keys for row in rows_of(results, run)):
-            for name in ("raw", "shifted"):
-                check(f"{what}_{name}", row[name], key, words.format(1 / row["size"]))
-        if (found := order_over(results, keys, "raw")) is not None:
-            check(f"{what}_order", found)
-        for name in JUDGED_PLAIN if what == "sphere" else MELTING:
-            for row in rows_of(results, f"{what}_{name}"):
-                number = f"{row['number']:.2g}"
-                said = SCHEMES[name] if what == "sphere" else f"{name}, {number}"
-                check(f"{what}_scheme", row["shifted"], f"{name}_{number}", said)
+    refined = {f"columns_{cells}": rows_of(results, f"columns_{cells}") for cells in COLUMNS}
+    for key, row in ((key, row) for key, rows in refined.items() for row in rows):
+        for name in ("raw", "shifted"):
+            check(f"stefan_{name}", row[name], key, f"{1 / row['size']:.0f} spacings")
+    if all(refined.values()):
+        check("stefan_order", order_of([row for rows in refined.values() for row in rows], "raw"))
+    for name in MELTING:
+        for row in rows_of(results, f"stefan_{name}"):
+            number = f"{row['number']:.2g}"
+            check("stefan_scheme", row["shifted"], f"{name}_{number}", f"{name}, {number}")
     limits = ("refinement", "quasi_steady", "plane")
     check.run(results, "oracle", {f"oracle_{n}": lambda v, n=n: abs(real(v[n])) for n in limits})
     for key, words in MELTED.items():
@@ -710,6 +637,6 @@ def checks(results: Results, check: Checks) -> None:
 
 EXPERIMENT = Experiment(
     name="heat",
-    title="conduction of heat: slab, sphere, Stefan's problem and a melting sphere by every scheme",
+    title="conduction of heat: orders of every scheme, Stefan's problem and a melting sphere",
     runs=planned, checks=checks,
 )  # fmt: skip

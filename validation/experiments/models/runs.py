@@ -7,7 +7,6 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from typing import Any
-from unittest import mock
 
 import msgspec
 import numpy as np
@@ -17,7 +16,6 @@ from refsim import Akinci2013, Cloud, Dong2016, ImplicitPressure, Scene, Simulat
 from refsim.core.effect import Effect
 from refsim.core.errors import InputError, RunStopped
 from refsim.scene.plan import make_plan
-from refsim.surface_tension.cohesion import COLLAPSE, PairCohesion, compression
 from validation.checks import Checks
 from validation.experiment import Experiment, Measure, Options, Results, RunSpec, each, every
 from validation.experiments.droplet.runs import BOILS, CALM, pieces, relaxed
@@ -480,59 +478,6 @@ def cube(trial: Trial, model: str, ohnesorge: float = 0.04, side: int = 8) -> No
         ("nearest neighbour, 5th percentile [d]", near, {"at_least": 0.4}),
     ):
         trial.check_unless_noted(simulation, "viscosity", what, float(value), **bound)
-
-
-@hard_case
-def collapse(trial: Trial, model: str, count: int = 389) -> None:
-    """Cohesion that is not balanced: silent at P_int = 0.04 rho0 c^2, warned of at 0.2, refused at 1/4; and what the
-    refusal spares: with the bound lifted, the liquid is compressed beyond every density that the law knows."""
-    (balanced,) = effects_of(model)
-    effect = msgspec.structs.replace(balanced, balance_pressure=False)
-    position = ball(count)
-    radius = radius_of(position)
-
-    def made(number: float) -> Scene:
-        return drop_scene(
-            model, position, viscosity=HARD_CALM * math.sqrt(radius), stiffness=_stiffness_at(model, effect, number),
-            effects=(effect,),
-        )  # fmt: skip
-
-    def core(simulation: Simulation) -> float:
-        simulation.evaluate()
-        x = simulation.field("position").astype(float)
-        away = np.linalg.norm(x - x.mean(0), axis=1)
-        return float(np.median(simulation.field("density")[away < 0.5 * np.quantile(away, 0.95)]))
-
-    noted = [any("compresses the bulk" in note for note in make_plan(made(n)).notes) for n in (0.04, 0.2)]
-    trial.check("warned of at 0.04 rho0 c^2", noted[0], equals=0)
-    trial.check("warned of at 0.2 rho0 c^2", noted[1], equals=1)
-    refused = ""
-    try:
-        make_plan(made(COLLAPSE * (1 + 1e-6)))
-    except InputError as error:
-        refused = str(error)
-    trial.check("refused at 0.25 rho0 c^2", "would collapse" in refused, equals=1)
-    held, _ = _run(trial, made(0.2), 3 * radius**1.5)
-    trial.show("density at 0.2 rho0 c^2 over that of the law", core(held) / compression(0.2))
-    trial.check("density at 0.2 rho0 c^2", core(held), at_most=2.0)
-    with mock.patch.object(PairCohesion, "check_collapse", return_value=None):
-        beyond = trial.start(made(0.5))
-    try:
-        while beyond.time < 3 * radius**1.5:
-            beyond.step()
-        density = core(beyond)
-    except RunStopped as stop:
-        trial.show("at 0.5 rho0 c^2 with the bound lifted", stop.reason)
-        density = math.inf
-    trial.check("density at 0.5 rho0 c^2 with the bound lifted", density, at_least=2.0)
-
-
-def _stiffness_at(model: str, effect: Effect, number: float) -> float:
-    """S for which P_int = number rho0 c^2; the law is linear in S."""
-    unit = make_plan(drop_scene(model, np.zeros((1, 3)), stiffness=1e-9, effects=(effect,)))
-    others = unit.effects
-    pressure = effect.internal_pressure(unit.grid, others)  # type: ignore[attr-defined]
-    return number / pressure
 
 
 # Maps

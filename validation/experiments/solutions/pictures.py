@@ -11,14 +11,11 @@ from validation.experiment import Picture, Results
 from validation.experiments.solutions.runs import _behind
 
 TITLES = {
-    "tank": ("Tank: pressure", {"error": "all"}),
-    "wave": ("Standing wave", {"period_off": "period", "decay_off": "decay"}),
     "ellipse": ("Ellipse in a central force", {"error": "semi-axis", "period_off": "period"}),
     "disc": ("Spin-down of a disc", {"rate_off": "rate"}),
     "vortex": ("Taylor-Green vortex", {"rate_off": "rate of decay", "error": "velocity"}),
 }
 PERIODIC = {
-    "vortices": ("Taylor-Green vortices", {"rate_off": "rate of decay", "error": "velocity"}),
     "couette": ("Couette start-up", {"error": "velocity", "steady": "steady"}),
     "poiseuille": ("Poiseuille start-up", {"error": "velocity", "steady": "steady"}),
 }
@@ -94,6 +91,6 @@ PICTURES = tuple(
         name, partial(_collected, titles=titles), partial(_drawn, titles=titles, rows=(rows, 3)), _behind(titles)
     )
     for name, titles, rows in (
-        ("solutions", TITLES, 2), ("solutions_periodic", PERIODIC, 1), ("solutions_tension", WITH_TENSION, 1)
+        ("solutions", TITLES, 1), ("solutions_periodic", PERIODIC, 1), ("solutions_tension", WITH_TENSION, 1)
     )
 )  # fmt: skip
