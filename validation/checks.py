@@ -84,7 +84,7 @@ class Entry:
     """One check as it stands on file.
 
     experiment  in whose folder it stands, or another one of that folder, which the entry names; its name begins the
-              check's own then, as in `[check.oscillation_misfit]`
+              check's own then, as in `[check.wetting_span]`
     what      the quantity in words; of a hard case what is hard
     source    where the bar, the sentence or the spread comes from
     rule      at_most, at_least or equals, or ""; bound: its number

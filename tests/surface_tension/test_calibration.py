@@ -25,7 +25,6 @@ from refsim.core.capabilities import with_scene_defaults
 from refsim.core.effect import Discretisation
 from refsim.study.panels.drops import fit_oscillation
 from refsim.surface_tension.calibration import MAP, SETTINGS, sigma_map
-from validation.experiments.laplace import runs as laplace
 from validation.measure import sigma_map as condensing
 from validation.measure import tension
 from validation.measure.command import DATA
@@ -271,10 +270,8 @@ def test_a_planted_frequency_is_found():
     assert misfit < 1e-3
 
 
-def test_the_tension_of_another_drop_is_held_against_the_requested_one():
+def test_the_nominal_tension_is_the_requested_one_over_the_ratio():
     ratio = calibrate(1.0, "akinci", spacing=1.0, rest_density=1.0, radius=10.0).ratio
-    row = {"model": "akinci", "dim": 3, "radius": 10.0, "laplace": 1.04 * ratio, "rayleigh": 0.9 * ratio}
-    assert laplace.requested(row) == pytest.approx({"Laplace": 0.04, "Rayleigh": 0.1})
     assert calibrate(2.0, "akinci", spacing=1.0, rest_density=1.0, radius=10.0).nominal == pytest.approx(2 / ratio)
 
 

@@ -30,16 +30,6 @@ def cosine(x: np.ndarray, length: float, until: float) -> np.ndarray:
     return 50 + 50 * np.cos(wave * x) * math.exp(-(wave**2) * until)
 
 
-def cooled_sphere(r: np.ndarray, radius: float, until: float, terms: int = 400) -> np.ndarray:
-    """T of a sphere of 1 deg C whose surface is held at 0: the series of Carslaw & Jaeger 1959, section 9.3 (III).
-
-    2 R/(pi r) sum (-1)^(n+1)/n sin(n pi r/R) exp(-n^2 pi^2 t/R^2).
-    """
-    n = np.arange(1, terms + 1)
-    weight = 2.0 * (-1.0) ** (n + 1) * np.exp(-((n * math.pi / radius) ** 2) * until)
-    return np.sinc(np.minimum(np.asarray(r, dtype=float), radius)[..., None] / radius * n) @ weight
-
-
 def stefan_root(wall: float, start: float, latent: float) -> float:
     """lambda of Neumann's solution, front s = 2 lambda sqrt(t): a wall at `wall` > 0 deg C, ice at `start` <= 0 deg C.
 
@@ -97,15 +87,6 @@ def melting_shell(
         flow[-1] = weight[-1] * (wall - temperature[-1])
         enthalpy += step_over_volume * (flow[1:] - flow[:-1])
     return Melting(np.array(times), np.array(ice))
-
-
-def quasi_steady_melting_time(wall: float, latent: float) -> float:
-    """Time [s] in which a sphere of 1 m at its melting point melts, Ste = wall/L << 1: (1 + Ste)/(6 Ste).
-
-    The quasi-steady 1/6 and its first correction (Pedroso & Domoto 1973; Riley, Smith & Poots 1974).
-    """
-    ste = wall / latent
-    return (1 + ste) / (6 * ste)
 
 
 SUPPORT = 2.5  # support radius over spacing

@@ -394,9 +394,6 @@ def trouble_of(drop: Drop, calm: bool = True) -> str:
     return ""
 
 
-# Hard cases
-
-
 @hard_case
 def long_step(trial: Trial, factor: float, count: int = 729, until: float = 0.6) -> None:
     """The default drop with a fixed step of `factor` times the first stable one."""
@@ -446,27 +443,6 @@ def filament(trial: Trial, radius: float = 3.0, wave: float = 27.0, waves: int =
         trial.show("pieces", found.tolist())
         trial.check("drops of more than 100 particles", int((found > 100).sum()), at_least=3)
         trial.check("particles in crumbs of fewer than 5, share", float(found[found < 5].sum()) / len(x), at_most=0.01)
-
-
-@hard_case
-def low_viscosity(trial: Trial, ohnesorge: float, shape: str, count: int = 1331) -> None:
-    """A drop at a low Ohnesorge number mu/sqrt(rho0 sigma R), from a cube's or from a ball's shape."""
-    position, spacing = start(shape, count)
-    scene = droplet_scene(position, spacing, viscosity=ohnesorge / OHNESORGE)
-    drop = settle(trial.context, trial.backend, scene, 3 * CAPILLARY)
-    if drop.stopped:
-        raise RunStopped(drop.stopped, f"The drop stops: {drop.stopped}.")
-    simulation = trial.context.started[-1]
-    trial.show("momentum scale", drop.moving)
-    trial.account(simulation, isolated=True)
-    for what, value, bound in (
-        ("particles thrown off", drop.thrown, {"equals": 0}),
-        ("kinetic energy over the surface energy that a cube releases", drop.peak / RELEASED, {"at_most": 1.0}),
-        ("nearest neighbour, 5th percentile [d]", drop.near, {"at_least": 0.5}),
-    ):
-        trial.check_unless_noted(simulation, "viscosity", what, value, **bound)
-    trial.show("roughness", drop.roughness)
-    trial.show("kinetic energy at the end over the peak's", drop.late / drop.peak)
 
 
 def start(shape: str, count: int) -> tuple[NDArray, float]:

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 import refsim
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, RunSpec
-from validation.metrics.grid_flow import wall_pressure
 from validation.metrics.liquid import centre_lines
 from validation.metrics.solutions import DEPTH, LENGTH, PERIOD, PROBE, SWAY, swaying_linear, swaying_potential
 from validation.results import Result
@@ -127,14 +126,6 @@ def _plateau(time: NDArray, pressure: NDArray) -> float:
     return float(np.interp(np.linspace(*PLATEAU, 1001), time, pressure).mean())
 
 
-def dam_break_on_grid(context: Context, cells: int) -> Result:
-    """pressure_off, printed_off  of the same dam break by `validation.metrics.grid_flow`, its column `cells` high."""
-    unit = math.sqrt(COLUMN[1] / GRAVITY)
-    time, found = wall_pressure(cells, COLUMN, TANK, GRAVITY, 5.1 * unit, (SENSOR, PRINTED))
-    off = [abs(_plateau(time / unit, p / (GRAVITY * COLUMN[1])) / PLATEAU_PRESSURE - 1) for p in found.T]
-    return Result({"kind": "grid", "cells": cells, "pressure_off": off[0], "printed_off": off[1]})
-
-
 def sway(context: Context, cells: int, support: float, amplitude: float, until: float, backend: str) -> Result:
     """A tank with water `cells` particles deep sways with `amplitude` [m]; seen from it.
 
@@ -188,9 +179,6 @@ def planned(options: Options) -> list[RunSpec]:
     for cells in DAMS:
         row = {"cells": cells, "support": 3.0, "backend": "cpu"}
         made.append(RunSpec(f"dam_break_{cells}", dam_break, row, estimate=3e-4 * cells**3))
-    made += [
-        RunSpec(f"grid_{cells}", dam_break_on_grid, {"cells": cells}, estimate=5e-4 * cells**3) for cells in DAMS[:2]
-    ]
     for cells, amplitude in SWAYS:
         row = {"cells": cells, "support": 3.2, "amplitude": amplitude, "until": 5.6, "backend": "cpu"}
         made.append(RunSpec(f"sway_{cells}_{1000 * amplitude:g}mm", sway, row, estimate=4e-3 * cells**3))
@@ -202,15 +190,14 @@ def checks(results: Results, check: Checks) -> None:
     for key, result in results.items():
         row, fine = result.values, key.startswith(("cavity_50", "dam_break_80", "sway_25"))
         names = [name for name in ("u_off", "v_off", "arrival_off", "pressure_off") if name in row]
-        names *= row["kind"] != "grid"
         if row["kind"] == "sway":
             names = ["nonlinear_off"] if row["amplitude"] == SWAY else ["linear_off"]
             if row["amplitude"] == SWAY and fine:
                 names += ["crests_off", "troughs_off", "theory_crests_off"]
         for name in names:
             check(name if fine else f"coarse_{name}", row[name], key, f"{row['cells']} cells")
-        for name in ("pressure_off",) * (row["kind"] == "grid") + ("printed_off",) * ("printed_off" in row):
-            check(f"{row['kind']}_{name}", row[name], key, f"{row['cells']} cells")
+        if "printed_off" in row:
+            check("dam_printed_off", row["printed_off"], key, f"{row['cells']} cells")
 
 
 EXPERIMENT = Experiment(

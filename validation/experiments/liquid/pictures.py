@@ -50,7 +50,6 @@ def picture(data: Mapping[str, Any]) -> Any:
         axes.grid(True)
     figure.legend(*parts[0][-1].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     figure.suptitle(data["title"], fontsize=11)
-
     return figure
 
 

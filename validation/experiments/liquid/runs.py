@@ -36,8 +36,6 @@ from refsim.core.effect import Discretisation
 from refsim.core.errors import RunStopped
 from refsim.core.operation import REGISTRY
 from refsim.core.writing import write_file
-from refsim.smoothing import lattice, smoothing
-from refsim.smoothing.reference import kernel_slope
 from refsim.sph import CORRECTION
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, RunSpec
@@ -301,24 +299,6 @@ def wave(context: Context, kind: str, cells: int, support: float, shifted: bool,
     return Result(values)
 
 
-def shear_modulus(context: Context, support: float, backend: str) -> Result:
-    """Shear modulus over the pressure of a square lattice whose particles push with V_i V_j (p_i + p_j) grad W_ij.
-
-    sum_j V (q.x)^2 (t.grad)^2 W for transverse waves along q, along the axes and the diagonals; a liquid has 0
-    """
-    kernel = smoothing("wendland_c2", support, 2)
-    x = lattice(math.ceil(support), 2)[:, :2].astype(float)
-    x = x[np.abs(x).max(1) > 0]
-    r, step = np.linalg.norm(x, axis=1), 1e-4
-    slope = kernel_slope(r, kernel)
-    bend = (kernel_slope(r + step, kernel) - kernel_slope(r - step, kernel)) / (2 * step)
-    values: dict[str, Any] = {"kind": "lattice", "support": support}
-    for name, angle in (("axis", 0.0), ("diagonal", 0.25 * math.pi)):
-        along, across = x @ [math.cos(angle), math.sin(angle)], x @ [-math.sin(angle), math.cos(angle)]
-        values[name] = float((along**2 * (slope / r + (bend - slope / r) * (across / r) ** 2)).sum())
-    return Result(values)
-
-
 ICE = 917.0  # kg/m^3
 ADDED = 0.68  # mass of water that a cube carries along, over that of its volume: DNV-RP-C205, table D-2
 
@@ -516,7 +496,7 @@ TANKS = (
 OF_CORRECTED = ((2, (32, 32), 2.6, 0.0, False), (2, (32, 32), 3.0, 0.0, False), (2, (32, 32), 3.2, 0.1, True))
 OF_PAPERS = (*((2, (n, n), 2.6, 0.0, False) for n in (8, 16, 32)), (3, (8, 8), 2.6, 0.0, False))
 SIDES, VORTICES_SUPPORT = (25, 50, 100), 3.2
-DEPTHS, WAVE_SUPPORT = (10, 20, 40), 3.2  # at which the lattice resists shear least, see `shear_modulus`
+DEPTHS, WAVE_SUPPORT = (10, 20, 40), 3.2  # at which the lattice resists shear least
 COLUMNS = ((20, 100), (60, 100))
 
 
@@ -538,8 +518,6 @@ def planned(options: Options) -> list[RunSpec]:
         for cells in DEPTHS:
             flow = {"kind": kind, "cells": cells, "support": WAVE_SUPPORT, "shifted": False, "backend": "cpu"}
             made.append(RunSpec(f"wave_{kind}_{cells}", wave, flow, estimate=4e-4 * cells**3))
-    for support in (2.6, 3.0, WAVE_SUPPORT, 4.0):
-        made.append(RunSpec(f"lattice_{support:g}", shear_modulus, {"support": support, "backend": "cpu"}))
     for wide, deep in COLUMNS:
         row = {"cells": (wide, deep), "support": 3.0, "backend": "cpu"}
         made.append(RunSpec(f"column_{wide}_{deep}", column, row, estimate=0.02 * wide * deep))
@@ -581,9 +559,6 @@ def checks(results: Results, check: Checks) -> None:
     """The bars hold for the liquid that rests; the papers' values are shown."""
     check.seconds(results)
     check.of_runs(results, lambda key, row: WORDS[key.partition("_")[0]].format(**row))
-    for key in (key for key in results if key.startswith("lattice")):
-        for name in ("axis", "diagonal"):
-            check("shear_modulus", results[key].values[name], key, f"{name}, h = {results[key].values['support']:g} d")
     for flow, sizes, names in (("vortices", SIDES, ("error",)), ("wave", DEPTHS, ("period_off", "decay_off"))):
         found = [results[key].values for size in sizes if (key := f"{flow}_rests_{size}") in results]
         for name in names if len(found) == len(sizes) else ():

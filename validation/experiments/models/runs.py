@@ -20,7 +20,7 @@ from validation.checks import Checks
 from validation.experiment import Experiment, Measure, Options, Results, RunSpec, each, every
 from validation.experiments.droplet.runs import BOILS, CALM, pieces, relaxed
 from validation.experiments.droplet.scene import droplet_scene, particles
-from validation.experiments.models.scene import ADVANCED, CUTS, EQUAL, MODELS, PRINTED
+from validation.experiments.models.scene import ADVANCED, CUTS, EQUAL, MODELS
 from validation.measure.drops import MODELS as SETTINGS
 from validation.measure.drops import OTHER_BASE
 from validation.metrics.droplet import near_of, surface
@@ -35,7 +35,7 @@ def relax(context: Context, model: str, shape: str, count: int, backend: str, se
 
     At rest from: the first sample from which on the kinetic energy stays below 1e-3 of its peak.
     """
-    chosen = (MODELS | PRINTED | ADVANCED | EQUAL)[model]
+    chosen = (MODELS | ADVANCED | EQUAL)[model]
     result = relaxed(context, chosen.words, chosen.changes, shape, count, backend, seed=seed)
     values = dict(result.values)
     energy = floats(values["series"]["kinetic_energy"])
@@ -348,9 +348,6 @@ def _whole(trial: Trial, simulation: Simulation, share: float = 1.0) -> NDArray:
     return x
 
 
-# Hard cases
-
-
 @hard_case
 def at_rest(trial: Trial, model: str, count: int, support: float = 2.6) -> None:
     """A small drop, or one whose support hardly reaches its neighbours, comes to rest in one piece."""
@@ -459,25 +456,6 @@ def torn(trial: Trial, model: str) -> None:
     trial.check("extent over the start's", float(np.ptp(x[:, 0]) / np.ptp(position[:, 0])), at_least=3.0)
     trial.show("pieces of five or more", int((found >= 5).sum()))
     trial.show("lone particles", int((found == 1).sum()))
-
-
-@hard_case
-def cube(trial: Trial, model: str, ohnesorge: float = 0.04, side: int = 8) -> None:
-    """A cube at a low Ohnesorge number becomes a drop without more energy than its surface holds."""
-    position = lattice_cube(side, 1.0)
-    radius = radius_of(position)
-    scene = drop_scene(model, position - position.mean(0), viscosity=ohnesorge * math.sqrt(radius))
-    simulation, watch = _run(trial, scene, 4 * radius**1.5)
-    # The tension of drops is up to 4.5 times the nominal one (the sigma map).
-    held = 4.5 * (6 * side**2 - 4 * math.pi * radius**2)
-    x = simulation.field("position").astype(float)
-    thrown, near = thrown_of(x), near_of(x)
-    for what, value, bound in (
-        ("kinetic energy over the surface energy that the cube releases", max(watch.energy) / held, {"at_most": 1}),
-        ("particles thrown off", thrown, {"equals": 0}),
-        ("nearest neighbour, 5th percentile [d]", near, {"at_least": 0.4}),
-    ):
-        trial.check_unless_noted(simulation, "viscosity", what, float(value), **bound)
 
 
 # Maps

@@ -32,13 +32,11 @@ class Model:
     changes: Mapping[str, Any]
 
 
-_SHORT = {"support": 2.0, "kernels": "mueller"}
+_SHORT, _LONG = {"support": 2.0, "kernels": "mueller"}, {"support": 2.7, "kernels": "wendland"}
 MODELS: dict[str, Model] = {
     "jiang_zhu": Model("Jiang & Zhu 2023", 30.3, {}),
     "csf": Model(
-        "[6] continuum surface force",
-        34.6,
-        {"effects": (CsfWang2019(surface_tension=1.0),), "support": 2.7, "kernels": "wendland", "viscosity": 0.3},
+        "[6] continuum surface force", 34.6, {"effects": (CsfWang2019(surface_tension=1.0),), "viscosity": 0.3, **_LONG}
     ),
     "becker_teschner": Model(
         "[8] Becker & Teschner 2007",
@@ -51,15 +49,13 @@ MODELS: dict[str, Model] = {
     "akinci_iisph": Model(
         "[12] Akinci 2013 on IISPH", 34.3, {"effects": (Akinci2013(surface_tension=1.0), ImplicitPressure()), **_SHORT}
     ),
-    "dong": Model(
-        "Dong 2016", None, {"effects": (Dong2016(surface_tension=1.0),), "support": 2.7, "kernels": "wendland"}
-    ),
+    "dong": Model("Dong 2016", None, {"effects": (Dong2016(surface_tension=1.0),), **_LONG}),
     "tartakovsky_meakin": Model(
         "Tartakovsky & Meakin 2005",
         None,
         {"effects": (TartakovskyMeakin2005(surface_tension=1.0, balance_pressure=False),), "support": 2.7},
     ),
-    "he": Model("He 2014", None, {"effects": (He2014(surface_tension=0.1),), "support": 2.7, "kernels": "wendland"}),
+    "he": Model("He 2014", None, {"effects": (He2014(surface_tension=0.1),), **_LONG}),
 }
 # Each as it is by default, on an advanced density.
 ADVANCED: dict[str, Model] = {
@@ -86,12 +82,9 @@ EQUAL: dict[str, Model] = {
     "akinci_equal": Model(
         "[9] Akinci 2013 at Jiang & Zhu's settings", 35.1, {"effects": (Akinci2013(surface_tension=1.0),)}
     ),
-}
-# As printed, where that differs from what is shown above: for the claims alone.
-PRINTED: dict[str, Model] = {
-    "becker_teschner_printed": Model(
+    "becker_teschner_printed": Model(  # as printed, where that differs from what is shown above
         "[8] Becker & Teschner 2007 as printed",
         36.0,
         {"effects": (BeckerTeschner2007(surface_tension=1.0, clamp_distance=False, balance_pressure=False),), **_SHORT},
-    )
+    ),
 }

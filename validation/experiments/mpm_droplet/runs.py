@@ -546,9 +546,6 @@ def free_body(
     return ledger
 
 
-# Hard cases
-
-
 @hard_case
 def isolated(trial: Trial, smallest: int) -> None:
     """Sixty particles without neighbours fly apart; with smallest = 1 surface tension acts on each."""

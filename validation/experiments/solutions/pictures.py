@@ -21,7 +21,6 @@ PERIODIC = {
 }
 WITH_TENSION = {
     "capillary": ("Capillary wave", {"error": "surface", "crest_off": "first crest"}),
-    "drop": ("Spin-down of a free drop", {"rate_off": "rate"}),
     "meniscus": ("Liquid lifted by a wall", {"lifted_off": "area"}),
 }
 STYLES = ("-", "--")
@@ -53,16 +52,14 @@ def _collected(results: Results, titles: Titles) -> dict[str, Any]:
     return found
 
 
-def _drawn(data: Mapping[str, Any], titles: Titles, rows: tuple[int, int]) -> Any:
+def _drawn(data: Mapping[str, Any], titles: Titles) -> Any:
     """A panel a problem, with the order between the largest and the smallest spacing."""
     import matplotlib.pyplot as plt
     import numpy as np
 
     shown = [problem for problem in titles if any(name.partition("_")[0] == problem for name in data)]
-    figure, panels = plt.subplots(*rows, figsize=(10.0, 3.7 * rows[0]))
-    for axes in panels.flat[len(shown) :]:
-        axes.set_axis_off()
-    for axes, problem in zip(panels.flat, shown):
+    figure, panels = plt.subplots(1, len(shown), figsize=(10.0, 3.7), squeeze=False)
+    for axes, problem in zip(panels[0], shown):
         title, quantities = titles[problem]
         largest, places = 0.0, np.array([1.0])
         for name, one in data.items():
@@ -87,10 +84,8 @@ def _drawn(data: Mapping[str, Any], titles: Titles, rows: tuple[int, int]) -> An
 
 
 PICTURES = tuple(
-    Picture(
-        name, partial(_collected, titles=titles), partial(_drawn, titles=titles, rows=(rows, 3)), _behind(titles)
-    )
-    for name, titles, rows in (
-        ("solutions", TITLES, 1), ("solutions_periodic", PERIODIC, 1), ("solutions_tension", WITH_TENSION, 1)
+    Picture(name, partial(_collected, titles=titles), partial(_drawn, titles=titles), _behind(titles))
+    for name, titles in (
+        ("solutions", TITLES), ("solutions_periodic", PERIODIC), ("solutions_tension", WITH_TENSION)
     )
 )  # fmt: skip

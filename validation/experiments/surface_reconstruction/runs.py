@@ -246,58 +246,6 @@ def registers(kind: str) -> int:
     return max(count for types, count in found.items() if ("none" in str(types)) == (kind == "gradient"))
 
 
-def solvers(context: Context, threads: int | None, repeats: int = 9, radius: float = RADIUS) -> Result:
-    """The fit's system by LSPIA, by conjugate gradients and by a sparse solver: seconds, residual, error of normals."""
-    from scipy.sparse import eye_array
-    from scipy.sparse.linalg import cg, splu
-
-    there, most = choose("cpu"), there_threads()
-    matrix, goal, active, surface = fit_system(3, radius, offset=0.5)
-    side = matrix.T @ goal
-    true = scene.true_normals(surface.sample_place / CELL, "sphere", radius)
-    made = reconstruction_on(there, 3, "float64", CELL, Tension(surface_tension=1.0, normals="gradient"))
-    h = float(made.term.cell_size)
-    points = np.vstack([surface.sample_place, surface.sample_place + 0.5 * h * surface.offset_direction])
-    ridge = 1e-10 * eye_array(len(active))
-
-    def fitted(sweeps: int, used: int) -> np.ndarray:
-        made.term = made.term._replace(iterations=np.int32(sweeps))
-        with on_threads("cpu", used):
-            return made._fit(surface.blocks, points)
-
-    def solved(sweeps: int) -> np.ndarray:
-        product = (matrix.T @ matrix).tocsr()
-        return cg(product, matrix.T @ goal, maxiter=sweeps, rtol=0.0, atol=0.0)[0]
-
-    def direct() -> np.ndarray:
-        return splu(((matrix.T @ matrix) + ridge).tocsc()).solve(side)
-
-    calls: dict[str, tuple[str, Callable[[], np.ndarray]]] = {
-        f"lspia_{s}_{n}": (f"LSPIA, {s} sweeps, {n} threads", partial(fitted, s, n))
-        for n in sorted({1, most}) for s in (1, 10, 100)
-    }  # fmt: skip
-    calls |= {f"cg_{s}": (f"conjugate gradients, {s} steps (SciPy)", partial(solved, s)) for s in (1, 10, 100)}
-    calls["direct"] = "sparse factors, ridge 1e-10 (SciPy)", direct
-    rows = []
-    with on_threads("cpu", threads):
-        spent = beside({name: call for name, (_, call) in calls.items()}, there, repeats)
-        for name, (words, call) in calls.items():
-            solution = call()
-            solution = solution[active] if name.startswith("lspia") else solution
-            coefficients = np.zeros(nodes(surface.blocks))
-            coefficients[active] = solution
-            normal = made._smooth_normals(surface.blocks, coefficients, surface.sample_place, surface.offset_direction)
-            seconds, spread = median_and_mad(spent[name])
-            rows.append({
-                "name": name, "words": words, "seconds": seconds, "spread": spread, "turns": spent[name],
-                "residual": float(np.sqrt(((goal - matrix @ solution) ** 2).mean()) / goal.max()),
-                "error": float(scene.angles(normal, true).mean()),
-            })  # fmt: skip
-    return Result(
-        {"rows": rows, "samples": len(points) // 2, "active": len(active), "entries": int(matrix.nnz), "threads": most}
-    )
-
-
 def fit_scaling(
     context: Context, backend: str, threads: list[int], count: int = 1_000_000, sweeps: int = 10, repeats: int = 7
 ) -> Result:
@@ -321,13 +269,6 @@ def fit_scaling(
     })  # fmt: skip
 
 
-def there_threads() -> int:
-    """CPU threads that Numba may use."""
-    import numba
-
-    return int(numba.config.NUMBA_NUM_THREADS)
-
-
 def against_pysplashsurf(context: Context, count: int, rounds: int, threads: int) -> Result:
     """Level set and marching cubes of both programs on the same block, in turn: medians over all rounds.
 
@@ -344,7 +285,7 @@ def against_pysplashsurf(context: Context, count: int, rounds: int, threads: int
     return Result({**found, "threads": threads, "facets": len(mesh.facets)})
 
 
-# Starts are jitters of the cloud's lattice. Times come from the experiment's runs `solvers` and `normals_cost`.
+# Starts are jitters of the cloud's lattice. Times come from the experiment's run `normals_cost`.
 
 
 SEEDS = (1, 2, 3, 4, 5)
@@ -372,10 +313,6 @@ def reconstruction(context: Context, seed: int, backend: str) -> Result:
 
 
 CLOUDS = every(reconstruction, {f"claim_surface_{seed}": {"seed": seed} for seed in SEEDS}, 6.0)
-
-
-def _solvers(options: Options) -> list[RunSpec]:
-    return [RunSpec("solvers", solvers, {"threads": options.threads}, estimate=30.0)]
 
 
 def _normals(options: Options) -> list[RunSpec]:
@@ -415,18 +352,6 @@ def _ratios(above: list[float], below: list[float]) -> list[float]:
     return [float(np.median(part)) for part in np.array_split(turns, FIFTHS)]
 
 
-def _times(above: str, below: str) -> Callable[[Results], list[float]]:
-    """Seconds of one solver over those of another; "most" in a name stands for all threads."""
-
-    def values(results: Results) -> list[float]:
-        found = results["solvers"].values
-        seconds = {row["name"]: row["turns"] for row in found["rows"]}
-        first, second = (name.replace("most", str(found["threads"])) for name in (above, below))
-        return _ratios(seconds[first], seconds[second])
-
-    return values
-
-
 def _costs(results: Results) -> list[float]:
     """Nanoseconds of MLS normals over those of the gradient, in the dtype in which they compare worse."""
     (found,) = results.values()
@@ -435,8 +360,6 @@ def _costs(results: Results) -> list[float]:
     return max(both, key=np.median)
 
 
-SURFACE_FIT_BEATS_GRADIENTS = Measure(_solvers, _times("cg_10", "lspia_10_most"), quick=False, timed=True)
-SURFACE_FIT_BEATS_FACTORS = Measure(_solvers, _times("direct", "lspia_10_most"), quick=False, timed=True)
 SURFACE_MLS_IS_CHEAPER = Measure(_normals, _costs, quick=False, timed=True)
 
 
@@ -497,14 +420,8 @@ def _random_normals(measure: Measure) -> list[float]:
 def _same_time(measure: Measure) -> list[float]:
     """All programs take the same time and the same registers."""
     same = {"turns": [0.01] * 9, "seconds": 0.01, "registers": 64}
-    rows = [
-        {"name": name, "dtype": "", "kind": name, **same} for name in ("lspia_10_1", "lspia_10_2", "cg_10", "direct")
-    ]
-    rows += [
-        {"name": "", "dtype": dtype, "kind": kind, **same}
-        for dtype in ("float32", "float64") for kind in ("mls", "gradient")
-    ]  # fmt: skip
-    return measure.of({"": {"rows": rows, "threads": 2}})
+    rows = [{"dtype": d, "kind": kind, **same} for d in ("float32", "float64") for kind in ("mls", "gradient")]
+    return measure.of({"": {"rows": rows}})
 
 
 # A surface out of particles: how good its normals are, how the fit converges, how good the mesh is, what it costs.
@@ -529,7 +446,6 @@ def planned(options: Options) -> list[RunSpec]:
         RunSpec("stages", stages, {"counts": counts, **backend, **threads}, 4.0 if quick else 30.0),
         RunSpec("beside_transfers", beside_transfers, {"cells": 50, "rounds": 3, **backend}, 30.0, on_gpu),
         RunSpec("normals_cost", normals_cost, {**backend, **threads}, 3.0),
-        RunSpec("solvers", solvers, threads, 30.0, slow),
         RunSpec("peer_pysplashsurf", against_pysplashsurf, peer, 40.0,
             "" if options.peers else "measured with --peers"),
     ]  # fmt: skip
