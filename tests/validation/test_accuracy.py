@@ -20,6 +20,7 @@ from refsim.study.panels.scenes import PACKED
 from validation import accuracy, accuracy_page
 from validation import panel_runs as accuracy_runs
 from validation.__main__ import main
+from validation.peers import in_turns
 from validation.reading import reading
 
 
@@ -134,3 +135,13 @@ def test_peers_are_read_as_refsim_is(monkeypatch):
     assert (read.value, read.seconds) == (0.02, 1.5)
     monkeypatch.setattr(accuracy_runs.splishsplash, "run_drop", lambda given, threads: {"missing": "it is not there"})
     assert accuracy_runs.drop_by_splishsplash(given, 0, 1).failed == "missing: it is not there"
+
+
+def test_programs_take_turns():
+    """Ratios are those of a round; one program that is not there ends it."""
+    theirs, ours, done = iter([2.0, 6.0, 4.0]), iter([1.0, 2.0, 4.0]), []
+    found = in_turns(3, lambda: {"seconds": next(theirs), "version": "1"}, lambda: next(ours), done.append, 2)
+    assert (found["ratios"], found["ratio"], found["missing"]) == ([2.0, 3.0, 1.0], 2.0, "")
+    assert found["peer"] == {"median": 2.0, "low": 1.0, "high": 3.0}
+    assert done == [1 / 3, 2 / 3, 1.0]
+    assert in_turns(3, lambda: {"missing": "it is not there"}, float, print) == {"missing": "it is not there"}

@@ -26,12 +26,11 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 
 
 PROGRAMS = {  # by module: the program in words, what it is imported as, and its distribution
-    "pysph_terms": ("PySPH", "pysph", "pysph"),
     "pysplashsurf": ("pysplashsurf", "pysplashsurf", "pysplashsurf"), "taichi_mpm": ("Taichi", "taichi", "taichi"),
-    "warp_sph": ("Warp", "warp", "warp-lang"), "warp_terms": ("Warp", "warp", "warp-lang"),
+    "warp_sph": ("Warp", "warp", "warp-lang"),
     "pysph_flows": ("PySPH", "pysph", "pysph"),
 } | dict.fromkeys(
-    ("splishsplash", "splishsplash_sampling", "splishsplash_terms"),
+    ("splishsplash", "splishsplash_sampling"),
     ("SPlisHSPlasH", "pysplishsplash", "pySPlisHSPlasH"),
 )  # fmt: skip
 

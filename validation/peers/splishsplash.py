@@ -82,11 +82,10 @@ DFSPH = {"simulationMethod": 4, "cflMethod": 1, "cflFactor": 0.5}
 
 
 def scene(
-    spacing: float, configuration: Mapping[str, Any], block: Mapping[str, Any], tension: bool,
-    density: float = DENSITY, **more: Any,
+    spacing: float, configuration: Mapping[str, Any], block: Mapping[str, Any], tension: bool, **more: Any
 ) -> dict[str, Any]:  # fmt: skip
     """A scene file of one block of liquid with its standard viscosity and, if asked for, Akinci's tension of 2013."""
-    liquid = {"id": "Fluid", "density0": density, "viscosityMethod": 1, "surfaceTensionMethod": 2 if tension else 0}
+    liquid = {"id": "Fluid", "density0": DENSITY, "viscosityMethod": 1, "surfaceTensionMethod": 2 if tension else 0}
     return {
         "Configuration": {"particleRadius": 0.5 * spacing, "gravitation": [0.0, 0.0, 0.0], **configuration},
         "Materials": [liquid], "FluidBlocks": [{"denseMode": 0, "id": "Fluid", **block}], **more,

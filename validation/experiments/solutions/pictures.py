@@ -44,7 +44,7 @@ def _collected(results: Results, titles: Titles) -> dict[str, Any]:
     for key, result in results.items():
         name = key.rpartition("_")[0]
         if name.partition("_")[0] not in titles:
-            continue  # another program
+            continue
         one = found.setdefault(name, {"spacing": []})
         for quantity in ("spacing", *titles[name.partition("_")[0]][1]):
             if quantity in result.values:

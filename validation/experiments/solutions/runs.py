@@ -35,8 +35,6 @@ from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, RunSpec
 from validation.metrics import solutions as scene
 from validation.metrics.solutions import standing_flow
-from validation.peers import missing
-from validation.peers.terms import COMPARED, DOUBLE, EQUAL, PEERS, TERMS
 from validation.results import Result
 from validation.running import Context, advance
 
@@ -465,7 +463,6 @@ JUDGED = {  # quantities by problem: those with a measured order, and those that
     "meniscus": ("lifted_off",), "jurin": ("risen_off",),
 }  # fmt: skip
 ORDERED = {"ellipse": "error", "couette": "steady"}  # surfaces are of first order
-PEER = {"side": 12, "seed": 1}  # of every comparison of terms
 SECONDS = 5e-6  # of a particle in a step, for the progress bar
 
 
@@ -473,12 +470,7 @@ def planned(options: Options) -> list[RunSpec]:
     """Every problem at three spacings, with both viscosities where they differ; with --quick one of plates."""
     if options.quick:
         return [_run("couette", 12, "central", options.backend)]
-    without = "" if options.peers else "measured with --peers"
-    return [
-        *_solved(options.backend),
-        *(RunSpec(f"terms_{program}", compare, PEER, skip=without or missing(PEERS[program]))
-          for program, compare in COMPARED.items()),
-    ]  # fmt: skip
+    return _solved(options.backend)
 
 
 def _solved(backend: str) -> list[RunSpec]:
@@ -506,8 +498,6 @@ def series(results: Results) -> dict[str, dict[str, list[float]]]:
     """Spacings and quantities of every problem (with its viscosity), from the largest spacing to the smallest."""
     found: dict[str, dict[str, list[float]]] = {}
     for key, result in results.items():
-        if key.startswith("terms_"):
-            continue
         one = found.setdefault(key.rpartition("_")[0], {})
         for name, value in result.values.items():
             if isinstance(value, float):
@@ -537,12 +527,6 @@ def checks(results: Results, check: Checks) -> None:
             if name in ("disc_central", "disc_rests"):
                 check(f"{problem}_kept", value, f"{1 / size:.0f}", f"R = {1 / size:.0f} d")
     check.seconds(results)
-    for program, names in TERMS.items():
-        precise = "_double" if program in DOUBLE else ""
-        for term in names:
-            equal = f"peer_equal{precise}" if term in EQUAL[program] else "peer"
-            own = {equal: term, f"peer_explained{precise}": f"{term}.explained"}
-            check.run(results, f"terms_{program}", own, f"{program}.{term}")
 
 
 def _behind(titles: Container[str]) -> tuple[str, ...]:
