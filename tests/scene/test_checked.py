@@ -2,12 +2,15 @@
 
 import copy
 import pickle
+import typing
 
+import msgspec
 import numpy as np
 import pytest
 
 import refsim as rs
 from refsim import make_plan
+from validation import pairs
 
 WALLS = {"lower": (0, 0, 0), "upper": (1, 1, 1)}
 
@@ -41,6 +44,31 @@ def scene(**changes):
 def test_an_error_names_class_field_and_value(made, sentence):
     with pytest.raises(rs.InputError, match=sentence):
         made()
+
+
+BOUNDED = {**pairs.EFFECTS, "Scene": scene(), "EnergyAudit": rs.EnergyAudit(), "Ball": scene().fluid[1]} | {
+    "SolidBall": rs.SolidBall(center=(0, 0, 0), radius=1), "SolidBox": rs.SolidBox(**WALLS),
+    "Gauge": rs.Gauge(name="a", kind="force", on="-x"),
+    "Motion": rs.Motion(of="gravity", kind="sway", direction=(1, 0, 0), amplitude=0.1, period=1.0),
+}  # fmt: skip
+
+
+def bounds(hint):
+    """The bounds that a type names anywhere within it."""
+    own = [hint] if isinstance(hint, msgspec.Meta) else []
+    return own + [found for part in typing.get_args(hint) for found in bounds(part)]
+
+
+@pytest.mark.parametrize("name", BOUNDED)
+def test_a_number_beyond_its_bound_is_refused_by_the_name_of_its_field(name):
+    """Bounds stand in the schema, too, which another test compares with the stored one."""
+    for field, hint in typing.get_type_hints(type(BOUNDED[name]), include_extras=True).items():
+        for bound in bounds(hint):
+            for limit, way in ((bound.gt, 0), (bound.ge, -1), (bound.le, 1)):
+                if limit is not None:
+                    value = (limit + way,) * 3 if field == "period" and name == "Scene" else limit + way
+                    with pytest.raises(rs.InputError, match=rf"{field}\S* = "):
+                        msgspec.structs.replace(BOUNDED[name], **{field: value})
 
 
 def test_numbers_and_arrays_of_numpy_are_taken():

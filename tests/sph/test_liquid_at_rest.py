@@ -2,7 +2,6 @@
 
 import math
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -143,29 +142,6 @@ def test_shifting_beside_a_surface_brings_the_slow_return():
         assert with_scene_defaults((liquid, *effects))["weakly_compressible"].restoring == rate, (given, effects)
 
 
-@pytest.mark.parametrize("kind", [
-    rs.Akinci2013, rs.BeckerTeschner2007, rs.CsfWang2019, rs.Dong2016, rs.He2014, rs.JiangZhu2023,
-    rs.TartakovskyMeakin2005,
-])  # fmt: skip
-def test_a_tank_with_a_tension_that_cannot_matter_is_the_tank_without(kind):
-    """Bond number 1e5: level, pressure and weight, and no particle in the planes.
-
-    A density that is corrected near the surface moves pressure or weight by 0.004.
-    """
-    found = []
-    for effects in ((), (kind(surface_tension=0.072),)):
-        made = tank(8, 2.6, 2, density=None, viscosity=None)
-        walls = msgspec.structs.replace(made.effects[2], model=None)
-        simulation = rs.Simulation(msgspec.structs.replace(made, effects=(*made.effects[:2], walls, *effects)), "numpy")
-        run_to(simulation, 0.6)
-        simulation.evaluate()
-        y, pressure, pull = (simulation.field(name) for name in ("position", "pressure", "acceleration"))
-        slope = np.polyfit(y[8:48, 1], pressure[8:48], 1)[0] / (DENSITY * G)
-        found.append((y[:, 1].mean(), slope, (simulation.field("mass") * (pull[:, 1] + G)).sum()))
-        assert simulation.stopped_at_walls == 0
-    assert found[1] == pytest.approx(found[0], rel=5e-4)
-
-
 def test_solids_and_particles_beside_a_mesh_are_shifted_as_they_should():
     """Solids stay where their motion brings them; what a mesh corrects moves by dt v and the shift."""
     for other in ("shape_matching", "mesh_boundary"):
@@ -290,7 +266,6 @@ def with_clamped_tension():
 @pytest.mark.parametrize(("make", "words"), [
     (without_walls(density="continuity", diffusion=-0.1), "diffusion = -0.1 is not possible; give 0 to 0.17"),
     (without_walls(density="continuity", diffusion=0.5), "diffusion = 0.5 is not possible; give 0 to 0.17"),
-    (lambda: rs.ParticleShifting(strength=-1.0), "strength = -1.0 is not possible"),
     (without_walls(tensile_control="everywhere", density="continuity"), "but the scene is open along x"),
     (without_walls(tensile_control="inside", density="continuity"), "needs effect 'surface_detection'; add it"),
     (with_clamped_tension, "tensile_control acts on negative pressures, which clamp_pressure sets to zero"),

@@ -268,9 +268,7 @@ def test_different_settings_for_one_field_are_refused(borrower, other):
 
 
 @pytest.mark.parametrize(("settings", "words"), [
-    ({"threshold": 0.0}, "threshold = 0.0"),
     ({"threshold": 1.5}, "threshold = 1.5"), ({"threshold": math.nan}, "threshold = nan"),
-    ({"asymmetry": 0.0}, "asymmetry = 0.0"),
     ({"method": "umbrella"}, "method = 'umbrella' is not possible; choose from number_density, fan_scan, two_step"),
     ({"scan_radius": "double"}, "scan_radius = 'double'"), ({"scan_normal": "none"}, "scan_normal = 'none'"),
     ({"literal": ("E4",)}, "literal has E4; only E5, E6, E10, E23, paper or all"),

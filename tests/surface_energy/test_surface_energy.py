@@ -259,7 +259,6 @@ def test_printed_readings_do_what_they_say():
 
 
 @pytest.mark.parametrize(("parameters", "words"), [
-    ({"surface_tension": -1.0}, "surface_tension = -1.0"),
     ({"level_set_radius": 1.0}, "level_set_radius = 1.0 is not possible; give 1.732 to 2"),
     ({"disk_radius": 1.5}, "disk_radius = 1.5"), ({"relaxation": 2.0}, "so that the fit converges"),
     ({"offset": 3.0}, "offset = 3.0"), ({"iterations": -1}, "iterations = -1"),

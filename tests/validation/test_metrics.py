@@ -116,15 +116,6 @@ def test_detection_score_counts():
     assert (nothing.recall, nothing.f1) == (0, 0)
 
 
-# Shapes
-
-
-# Droplet
-
-
-# Dam break
-
-
 def test_neighbour_search_is_completed_in_dense_clumps():
     """More neighbours than one search returns: what decides must not be the number looked at."""
     rng = np.random.default_rng(8)
