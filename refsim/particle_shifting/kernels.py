@@ -69,14 +69,16 @@ def fused_pair(
     r, x_ij, velocity_i, velocity_j, mass_j, density_j, pressure_i, pressure_j, gradient_smoothing, fluid,
     central_viscosity, shifting,
 ):  # fmt: skip
-    """J(10) and the viscosity along the line of centres [N/m^3], gradients of concentration and filling [1/m]."""
+    """J(10) and, unless `central_viscosity` is None, the viscosity along the line of centres [N/m^3]; gradients of
+    concentration and filling [1/m]."""
     apart = safe_distance(r, gradient_smoothing)
     share = mass_j / (density_j * apart)  # V_j/r: one division serves all terms
     slope = kernel_slope(r, gradient_smoothing)
     p = pressure_pair(share, pressure_i, pressure_j, slope, fluid)
-    parting = dot(difference(velocity_j, velocity_i), x_ij)
-    laplacian = viscosity_laplacian(r, gradient_smoothing)
-    p += central_viscosity_pair(share, central_viscosity, laplacian) * (parting / apart)
+    if central_viscosity is not None:
+        parting = dot(difference(velocity_j, velocity_i), x_ij)
+        laplacian = viscosity_laplacian(r, gradient_smoothing)
+        p += central_viscosity_pair(share, central_viscosity, laplacian) * (parting / apart)
     a = scaled(x_ij, p)
     f = shifting_pair(share, kernel_value(r, gradient_smoothing), slope, shifting)
     g = share * slope

@@ -12,7 +12,7 @@ _SURFACE = "filling filling_gradient"
 FUSED = {
     name: Program(
         "kernels", "crowding_and_momentum", also=("sph.central_momentum",), names={"smoothing": "gradient_smoothing"},
-        variants=("walls period", "walls filling_gradient", "period"), packed=packed,
+        variants=("walls period", "walls filling_gradient central_viscosity", "period"), packed=packed,
     )
     for name, packed in (("cpu:fused", ""), ("cuda:fused", "fused_pair"))
 }  # fmt: skip

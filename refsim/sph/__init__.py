@@ -367,7 +367,7 @@ class WeaklyCompressible(
         walls = [effect.extrapolates() for effect in effects_with(others, BringsWalls)]
         replaced = any("sph.pressure" in effect.replaces() for effect in others.values())
         before = (*self._density_passes(others), Pass("sph.state", writes=("pressure",)))
-        if self.central() and all(walls) and not (replaced or self.controls()):
+        if self.viscosity == "central" and all(walls) and not (replaced or self.controls()):
             return (*before, Pass("sph.central_momentum", updates=("acceleration",), names=names))
         plain = Pass(
             "sph.momentum" if viscous and not self.central() else "sph.pressure",

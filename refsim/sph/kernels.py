@@ -124,9 +124,10 @@ def continuity_pair(
     """(d rho_i/dt)/rho_i by the flow [1/s], d rho_i/dt by diffusion [kg/(m^dim s)], by liquid alone, -V_j r W' and,
     where it is counted, V_j W_ij.
     """
-    slope = gradient_factor(r, smoothing)
     rest = fluid.rest_density if rest_density_j is None else rest_density_j
-    volume = mass_j / (rest + advanced_excess_j)
+    apart = safe_distance(r, smoothing)
+    share = mass_j / ((rest + advanced_excess_j) * apart)  # V_j/r: one division serves all terms
+    slope = kernel_slope(r, smoothing)
     approach = dot(difference(velocity_i, velocity_j), x_ij)
     if shift_j is not None:
         more = ((rest - own_rest) + (advanced_excess_j - advanced_excess_i)) / (own_rest + advanced_excess_i)
@@ -134,14 +135,14 @@ def continuity_pair(
     spread = type(r)(0)
     if diffusion is not None:
         head = dot(lean, x_ij)
-        spread = formulas.diffusion_pair(volume, advanced_excess_i, advanced_excess_j, head, slope, diffusion)
+        spread = formulas.diffusion_pair(share, advanced_excess_i, advanced_excess_j, head, slope, diffusion)
         if phase_j is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
             if phase_j != LIQUID_PHASE:
                 spread = type(r)(0)
     filled = type(r)(0)
     if recount is not None:
-        filled = volume * kernel_value(r, smoothing)
-    return formulas.continuity_pair(volume, approach, slope), spread, -volume * slope * r * r, filled
+        filled = share * apart * kernel_value(r, smoothing)
+    return formulas.continuity_pair(share, approach, slope), spread, -share * slope * r * r, filled
 
 
 @pair
@@ -370,12 +371,13 @@ corrected_pressure = force(corrected_pressure_pair, divided="density", period=Tr
 def central_momentum_pair(
     r, x_ij, velocity_i, velocity_j, mass_j, density_j, pressure_i, pressure_j, smoothing, fluid, central_viscosity
 ):
-    """J(10) and the viscosity along the line of centres [N/m^3]."""
+    """J(10) and, unless `central_viscosity` is None, the viscosity along the line of centres [N/m^3]."""
     apart = safe_distance(r, smoothing)
     share = mass_j / (density_j * apart)  # V_j/r: one division serves both terms
     f = pressure_pair(share, pressure_i, pressure_j, kernel_slope(r, smoothing), fluid)
-    parting = dot(difference(velocity_j, velocity_i), x_ij)
-    f += central_viscosity_pair(share, central_viscosity, viscosity_laplacian(r, smoothing)) * (parting / apart)
+    if central_viscosity is not None:
+        parting = dot(difference(velocity_j, velocity_i), x_ij)
+        f += central_viscosity_pair(share, central_viscosity, viscosity_laplacian(r, smoothing)) * (parting / apart)
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 

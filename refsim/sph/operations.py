@@ -25,7 +25,8 @@ def fused_with_momentum(*variants, own_smoothing=False):
     own_smoothing  whether the tension's `smoothing` is another than theirs
     """
     walled = tuple(without(variant) if isinstance(variant, str) else variant for variant in variants)
-    wall_less = tuple({name: value for name, value in variant.items() if name != "walls"} for variant in walled)
+    plain, *more = ({name: value for name, value in variant.items() if name != "walls"} for variant in walled)
+    wall_less = plain, *(variant | without("central_viscosity") for variant in more)
     programs = {}
     for name, part, tried in (("fused", "momentum", walled), ("central", "central_momentum", wall_less)):
         names = {f"sph.{part}.smoothing" if own_smoothing else "smoothing": "gradient_smoothing"}
@@ -257,18 +258,21 @@ def central_viscous(position, velocity, mass, density, smoothing, central_viscos
 
 @operation(
     "J(10), momentum equation with zeta = 5 eta/3", paper="Jiang & Zhu 2023; Espanol & Revenga 2003",
-    adds="acceleration", optional="period", tolerance=12.0, reason="those of sph.central_viscosity",
-    invariants=f"{SYMMETRY} linear_momentum angular_momentum galilean", broken={1: "rotation angular_momentum"},
+    adds="acceleration", optional="central_viscosity period",
+    variants=("central_viscosity period", "period", ""), tolerance=12.0, reason="those of sph.central_viscosity",
+    invariants=f"{SYMMETRY} linear_momentum angular_momentum galilean", broken={2: "rotation angular_momentum"},
     packed="central_momentum_pair",
 )  # fmt: skip
 def central_momentum(
     position, velocity, mass, density, pressure, smoothing, fluid, central_viscosity, period=None, rows=None
 ):
-    """Acceleration [m/s^2] by J(10) and the viscosity along the line of centres, without walls."""
+    """Acceleration [m/s^2] by J(10) and by the viscosity along the line of centres, where there is one; no walls."""
     i = Fields(position=position, velocity=velocity, mass=mass, density=density, pressure=pressure)
     around = neighbours(i, i, smoothing, period=period, rows=rows)
-    drag = around.others(ref.central_viscous_force, k=central_viscosity.coefficient)
-    return {"acceleration": around(ref.pressure_force, s=fluid.gradient_share) + drag}
+    a = around(ref.pressure_force, s=fluid.gradient_share)
+    if central_viscosity is not None:
+        a += around.others(ref.central_viscous_force, k=central_viscosity.coefficient)
+    return {"acceleration": a}
 
 
 @operation("J(6), g", paper="standard", adds="acceleration", invariants="reordering")

@@ -14,6 +14,7 @@ from refsim.contract import Inputs, Target
 from refsim.core.cases import Case, lattice
 from refsim.core.effect import Discretisation
 from refsim.core.operation import REGISTRY
+from refsim.engine.binding import step_launches
 from refsim.smoothing import smoothing
 from refsim.smoothing.reference import viscosity_laplacian
 
@@ -229,3 +230,14 @@ def test_an_artificial_viscosity_adds_what_monaghan_says(dim, alpha, worth):
     plain = rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=effects["weakly_compressible"].dynamic_viscosity)
     same = make_plan(msgspec.structs.replace(made, effects=(plain, box)))
     assert dict(same.effects) == dict(effects)
+
+
+@pytest.mark.parametrize("backend", ["cpu", "cuda"])
+@pytest.mark.parametrize("viscosity", [0.0, MU])
+def test_a_default_step_reads_its_neighbours_twice(viscosity, backend):
+    """Pressure, viscosity, if there is any, and shifting are one loop behind that of the density."""
+    fluid = rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=viscosity)
+    plan = make_plan(rs.Scene(spacing=0.1, support_radius=0.2, fluid=(rs.Box(cells=(3, 3, 3)),), effects=(fluid,)))
+    launched = [REGISTRY[name] for name in step_launches(plan, backend) if name in REGISTRY]
+    summed = [operation.name for operation in launched if "neighbours" in operation.arguments("cpu")]
+    assert summed == ["sph.continuity", "particle_shifting.crowding"]
