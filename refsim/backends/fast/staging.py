@@ -124,8 +124,9 @@ def _components(context: Any, builder: ir.IRBuilder, kind: Any, source: Any, row
     def shuffled(a: Any, b: Any, *order: int) -> Any:
         return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(ir.IntType(32), len(order)), list(order)))
 
-    if kind.ndim == 1 and kind.layout == "C":
-        places = [builder.gep(source.data, [row]) for row in rows]
+    if kind.layout == "C":
+        length = rows[0].type(3 if kind.ndim == 2 else 1)
+        places = [builder.gep(source.data, [builder.mul(row, length)]) for row in rows]
     else:
         base = builder.bitcast(source.data, ir.IntType(8).as_pointer())
         stride = builder.extract_value(source.strides, 0)
