@@ -121,9 +121,9 @@ def performed(commands: Sequence[str], *of_runs: str) -> int:
     """Perform commands in the current folder, runs with more options; exit code of the one that failed, or 0."""
     from refsim.__main__ import main as command
 
-    for words in commands:
-        print(words, flush=True)
-        if code := command([*words.split()[1:], *(of_runs if words.startswith("refsim run") else ())]):
+    for command_line in commands:
+        print(command_line, flush=True)
+        if code := command([*command_line.split()[1:], *(of_runs if command_line.startswith("refsim run") else ())]):
             return code
     return 0
 
@@ -202,11 +202,11 @@ def _anchor(recipe: Recipe) -> str:
 
 
 @any_letter()
-def main(words: Sequence[str] | None = None) -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition(";")[0] if __doc__ else None)
     parser.add_argument("name", nargs="*", metavar="NAME", help=f"some of {', '.join(RECIPES)}; all by default")
     parser.add_argument("--films", action="store_true", help=f"make films: {', '.join(FILMS)}")
-    given = parser.parse_args(words)
+    given = parser.parse_args(arguments)
     try:
         if given.films:
             codes = map(film, chosen(given.name, FILMS, "film"))

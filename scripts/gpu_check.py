@@ -94,11 +94,11 @@ def without_paths(text: str) -> str:
 
 def device_task(_: list[str]) -> list[Row]:
     """Which device, which versions."""
-    found = environment(None, "cuda")
-    rows = [row(name, version) for name, version in found["versions"].items()]
+    where = environment(None, "cuda")
+    rows = [row(name, version) for name, version in where["versions"].items()]
     if runtime.simulated():
         return [*rows, row("device", "CUDA simulator")]
-    return [*rows, row("device", found["device"]["name"]), row("driver", found["device"].get("driver_version"))]
+    return [*rows, row("device", where["device"]["name"]), row("driver", where["device"].get("driver_version"))]
 
 
 def pairing_task(arguments: list[str]) -> list[Row]:
@@ -180,12 +180,12 @@ def run_task(arguments: list[str]) -> list[Row]:
     for field, kind in runs[0].plan.fields.items():
         if field in ("place", "cell"):  # depend on when the list or the grid's blocks were built
             continue
-        true, own = oracle.field(field), runs[0].field(field)
+        true, values = oracle.field(field), runs[0].field(field)
         if kind.numpy_dtype(dtype).kind in "iub":
-            rows.append(judged(f"{field}: share that differs", float((true != own).mean()), FLAGS[dtype]))
+            rows.append(judged(f"{field}: share that differs", float((true != values).mean()), FLAGS[dtype]))
         else:
             least = grid.spacing if field in OF_SPACING else shaking if field in OF_SHAKING else 0.0
-            error = float(np.abs(true - own).max() / max(np.abs(true).max(), least, 1e-30))
+            error = float(np.abs(true - values).max() / max(np.abs(true).max(), least, 1e-30))
             rows.append(judged(f"{field} against the {oracle.backend.name} run", error, TOLERANCE[dtype], "of largest"))
     began = time.perf_counter()
     for simulation in runs:
@@ -207,8 +207,10 @@ def run_task(arguments: list[str]) -> list[Row]:
 
 def pair_task(arguments: list[str]) -> list[Row]:
     """Two effects in one small scene against the references, after five steps in float64."""
-    found = pairs.compare(arguments[0], arguments[1], "cuda")
-    return [judged(f"{part.field} against the numpy run", part.error, part.allowed, "of largest") for part in found]
+    differences = pairs.compare(arguments[0], arguments[1], "cuda")
+    return [
+        judged(f"{part.field} against the numpy run", part.error, part.allowed, "of largest") for part in differences
+    ]
 
 
 def plan_task(arguments: list[str]) -> list[Row]:

@@ -31,8 +31,8 @@ def _run(name: str) -> Any:
     """The run of a packaged example, in the current folder; made by the commands of the page where it is not there."""
     folder = Path(f"{name}_run")
     if not folder.exists():
-        for words in (("example", name), ("run", f"{name}.toml", "--quiet")):
-            code = refsim_command(list(words))
+        for arguments in (("example", name), ("run", f"{name}.toml", "--quiet")):
+            code = refsim_command(list(arguments))
             if code:
                 raise SystemExit(code)
     return refsim.open_run(folder)
@@ -81,12 +81,12 @@ def verdicts() -> Any:
     """The verdicts on the claims of each source, and how many readings are not the source's own."""
     import matplotlib.pyplot as plt
 
-    found = collections.Counter((claim.system, claim.word) for claim in checks.read_all(checks.CLAIM))
+    counted = collections.Counter((claim.system, claim.word) for claim in checks.read_all(checks.CLAIM))
     systems = list(SYSTEMS)[::-1]
     figure, axes = plt.subplots(figsize=(7.6, 0.9 + 0.32 * len(systems)))
     left = np.zeros(len(systems))
     for verdict, color in VERDICTS.items():
-        count = np.array([found[system, verdict] for system in systems])
+        count = np.array([counted[system, verdict] for system in systems])
         axes.barh(range(len(systems)), count, left=left, color=color, label=f"{verdict} ({count.sum()})")
         for k in np.flatnonzero(count):
             axes.text(left[k] + count[k] / 2, k, str(count[k]), ha="center", va="center", color="white", fontsize=8)

@@ -212,12 +212,12 @@ def pour_picture(name: str, asked: argparse.Namespace) -> Any:
     figure, panels = plt.subplots(2, len(pour.times), figsize=(4.6 * len(pour.times), 8.0), squeeze=False)
     look = Look("water", camera=pour.camera, cut=pour.cut, size=PANEL)
     corners = MM * np.array(pour.seen)
-    for row, (arm, words) in zip(panels, ARMS.items()):
-        own = f"{name}_{arm}"
-        run = run_of(asked, own, pour.scene(arm, asked.size, asked.runs / own), 10)
+    for row, (arm, arm_title) in zip(panels, ARMS.items()):
+        key = f"{name}_{arm}"
+        run = run_of(asked, key, pour.scene(arm, asked.size, asked.runs / key), 10)
         for axes, time in zip(row, pour.times):
             frame = frame_at(run, time)
-            show(axes, run, frame, look, corners, f"{words}: {pieces(run, frame)[1]:,} lone particles")
+            show(axes, run, frame, look, corners, f"{arm_title}: {pieces(run, frame)[1]:,} lone particles")
     solid = name.removeprefix("pour_")
     headline(figure, f"{len(frame.position):,} particles poured {'into' if solid == 'funnel' else 'on'} a {solid}")
     return figure
@@ -253,7 +253,7 @@ def ice_picture(name: str, asked: argparse.Namespace) -> Any:
 
     figure = plt.figure(figsize=(10.2, 8.6))
     grid = figure.add_gridspec(3, 6, height_ratios=(1.0, 1.0, 0.75))
-    for line, (arm, (words, options, times, until)) in enumerate(ICE.items()):
+    for line, (arm, (arm_title, options, times, until)) in enumerate(ICE.items()):
         scene = scene_of("figure_4", asked.size, end_time=until, **options)
         run = run_of(asked, f"{name}_{arm}", scene, round(until / 0.1))
         assert run.box is not None
@@ -261,19 +261,21 @@ def ice_picture(name: str, asked: argparse.Namespace) -> Any:
         ice = [int((run.solid_body(frame_at(run, time)) >= 0).sum()) for time in (0.0, *times)]
         for k, time in enumerate(times):
             axes = figure.add_subplot(grid[line, 2 * k : 2 * k + 2])
-            title = f"{words}: {100 * ice[k + 1] / ice[0]:.0f} % ice"
+            title = f"{arm_title}: {100 * ice[k + 1] / ice[0]:.0f} % ice"
             show(axes, run, frame_at(run, time), Look("water", camera="-68,14", size=SQUARE), seen, title)
         time, low, high, level = np.array([(f.time, *levels(f, run)) for f in run.frames(range(len(run.times)))]).T
         axes = figure.add_subplot(grid[2, 3 * line : 3 * line + 3])
         axes.fill_between(time, low, high, color="#b9cfe0", label="ice, bottom to top")
         axes.plot(time, level, color=BLUE, label="water level")
-        axes.set(xlabel="time [s]", ylabel="height [m]", title=f"ice that {words.partition(',')[0]}", ylim=(0, None))
+        axes.set(
+            xlabel="time [s]", ylabel="height [m]", title=f"ice that {arm_title.partition(',')[0]}", ylim=(0, None)
+        )
         axes.grid(True)
         axes.legend(loc="upper right")
     above, weight = high[-1] - level[-1], (1 - 917 / 1000) * (high[0] - low[0])
-    words = f"Ice that does not melt, after {time[-1]:.0f} s: its top is {abs(above):.2f} m"
-    words += f" {'above' if above > 0 else 'below'} the level (by its weight: {weight:.2f} m above)"
-    headline(figure, words)
+    arm_title = f"Ice that does not melt, after {time[-1]:.0f} s: its top is {abs(above):.2f} m"
+    arm_title += f" {'above' if above > 0 else 'below'} the level (by its weight: {weight:.2f} m above)"
+    headline(figure, arm_title)
     return figure
 
 

@@ -87,7 +87,7 @@ def data(version: str) -> Path:
         gzip.GzipFile("", "wb", fileobj=whole, mtime=0) as packed,
         tarfile.TarFile(fileobj=packed, mode="w") as archive,
     ):
-        for path in sorted(path for words in STORED for path in ROOT.glob(words) if path.is_file()):
+        for path in sorted(path for pattern in STORED for path in ROOT.glob(pattern) if path.is_file()):
             archive.add(path, f"refsim-data-{version}/{path.relative_to(ROOT)}", filter=_anonymous)
     write_file(made, whole.getvalue())
     return made
@@ -108,8 +108,8 @@ ADDRESSED = {  # file: (line that the addresses follow, lines with them)
 def fill_in(folder: Path, address: str) -> None:
     """Write the repository's address into a checkout."""
     for name, (line, lines) in ADDRESSED.items():
-        before, found, after = (folder / name).read_text("utf-8").partition(line)
-        if not found:
+        before, separator, after = (folder / name).read_text("utf-8").partition(line)
+        if not separator:
             raise ValueError(f"{name} lacks the line {line.strip()!r}")
         write_file(folder / name, before + line + lines.format(address.rstrip("/")) + after)
 

@@ -182,8 +182,8 @@ def marching_cases() -> Any:
         axes.scatter(*corner[inside].T, s=26, color=SURFACE_RED, depthshade=False, zorder=9)
         axes.set(xlim=(0, 1), ylim=(0, 1), zlim=(0, 1), box_aspect=(1, 1, 1))
         axes.set_proj_type("ortho")
-    words = f"Marching cubes cuts a cell in {len(CASES)} ways (red: corners inside the liquid)"
-    figure.suptitle(words, weight="bold", size=10.5)
+    title = f"Marching cubes cuts a cell in {len(CASES)} ways (red: corners inside the liquid)"
+    figure.suptitle(title, weight="bold", size=10.5)
     return figure
 
 

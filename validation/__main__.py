@@ -247,14 +247,14 @@ def verified(given: argparse.Namespace) -> int:
         seed = int(datetime.date.today().strftime("%Y%m%d")) if given.seed is None else given.seed
         entries = judging.drawn(given.draw, seed)
         print(f"seed {seed}: {', '.join(entry.name for entry in entries)}", file=sys.stderr)
-    found = judging.verify(entries, given.jobs, given.threads)
+    verdicts = judging.verify(entries, given.jobs, given.threads)
     if given.json:
         named = {e.name: {"published": judging.published(e), "now": c and (c.values or [c.value]), "why": why}
-                 for e, c, why in found}  # fmt: skip
+                 for e, c, why in verdicts}  # fmt: skip
         print(json.dumps(finite(named), indent=1, allow_nan=False))
     else:
-        print(judging.verified_table(found))
-    deviating = [why for _, _, why in found if why]
+        print(judging.verified_table(verdicts))
+    deviating = [why for _, _, why in verdicts if why]
     print(*deviating, sep="\n", end="\n" if deviating else "", file=sys.stderr)
     return EXIT_FAILED if deviating else EXIT_FINE
 

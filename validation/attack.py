@@ -176,8 +176,8 @@ def plan(text: bytes, folder: Path) -> str:
     inputs(folder)
     path = folder / "scene.toml"
     write_file(path, text)
-    code, words = outcome_of(["plan", str(path), "--json"])
-    if code == 0 and json.loads(words)["particles"] <= 200:
+    code, output = outcome_of(["plan", str(path), "--json"])
+    if code == 0 and json.loads(output)["particles"] <= 200:
         run = ("run", str(path), "--output", str(folder / "run"), "--backend", "numpy", "--until", "1e-9", "--quiet")
         code, _ = outcome_of(run)
     return str(code)
@@ -252,19 +252,19 @@ def resume(trial: tuple[str, list[Damage], bool], folder: Path) -> str:
     spoil(run / name, damages)
     before = (run / "checkpoint.h5").read_bytes() if (run / "checkpoint.h5").is_file() else b""
     given = str(run / name if by_file and checkpoint else run)
-    code, words = outcome_of(["run", "--resume", given, "--output", str(run), "--every", "0.005", "--quiet"])
+    code, output = outcome_of(["run", "--resume", given, "--output", str(run), "--every", "0.005", "--quiet"])
     if code == 2 and any(damage.how == "folder" for damage in damages):
         return "2"  # refsim deletes no folder that lies in the place of its file
     if code == 2 and checkpoint:
-        assert given != str(run), f"one of two checkpoints is whole, and the folder is refused: {words}"
-        code, words = outcome_of(["run", "--resume", str(run), "--every", "0.005", "--quiet"])
-        assert code == 0, words
+        assert given != str(run), f"one of two checkpoints is whole, and the folder is refused: {output}"
+        code, output = outcome_of(["run", "--resume", str(run), "--every", "0.005", "--quiet"])
+        assert code == 0, output
     if code == 0:
-        found = reached(run, frames=not name.startswith("particles"))  # a frame that is damaged stays as it is
-        same = {key: found[key] == whole[key] for key in found}
+        after = reached(run, frames=not name.startswith("particles"))  # a frame that is damaged stays as it is
+        same = {key: after[key] == whole[key] for key in after}
         assert all(same.values()), f"other bits than the uninterrupted run's: {same}"
     else:
-        assert (run / "checkpoint.h5").read_bytes() == before, f"refused, and changed the checkpoint: {words}"
+        assert (run / "checkpoint.h5").read_bytes() == before, f"refused, and changed the checkpoint: {output}"
     return str(code)
 
 
@@ -309,8 +309,8 @@ def stop(trial: tuple[list[tuple[str, float]], float], folder: Path) -> str:
     write_file(folder / "tank.toml", written(TANK))
     for name, delay in (*stops, ("", LONGEST)):
         there = any((run / file).exists() for file in RUN[:2])
-        words = ["--resume", str(run)] if there else [*start(folder, run), "--overwrite"]
-        command = [sys.executable, "-m", "refsim", "run", *words, "--every", "0.005", "--quiet"]
+        arguments = ["--resume", str(run)] if there else [*start(folder, run), "--overwrite"]
+        command = [sys.executable, "-m", "refsim", "run", *arguments, "--every", "0.005", "--quiet"]
         around = os.environ | {"PYTHONPATH": str(ROOT), "NUMBA_NUM_THREADS": "1"}
         process = subprocess.Popen(
             [*command, "--checkpoint-every", str(every)], env=around, text=True, stderr=subprocess.PIPE,
@@ -341,8 +341,8 @@ def _half() -> tuple[Path, dict[str, Any]]:
     write_file(folder / "tank.toml", written(TANK))
     for name, more in (("whole", ()), ("half", ("--until", "0.03", "--checkpoint-every", "0.02"))):
         command = ["run", *start(folder, folder / name), "--every", "0.005", "--quiet", *more]
-        code, words = outcome_of(command)
-        assert code == 0, words
+        code, output = outcome_of(command)
+        assert code == 0, output
     assert (folder / "half" / RUN[1]).exists()
     return folder / "half", reached(folder / "whole")
 
@@ -352,9 +352,9 @@ def reached(run: Path, frames: bool = True) -> dict[str, Any]:
     saved = read_checkpoint(run / "checkpoint.h5")
     clock = json.loads(str(saved.attributes["clock"]))
     state = {name: clock[name] for name in ("time", "steps", "previous_length")}
-    found = {"arrays": {name: each.tobytes() for name, each in saved.arrays.items()}, "state": state}
+    reached_state = {"arrays": {name: each.tobytes() for name, each in saved.arrays.items()}, "state": state}
     read = read_particles(run / "particles.pvd") if frames else ()
-    return found | ({"frames": [(f.time, np.asarray(f.position).tobytes()) for f in read]} if frames else {})
+    return reached_state | ({"frames": [(f.time, np.asarray(f.position).tobytes()) for f in read]} if frames else {})
 
 
 # The campaign

@@ -166,10 +166,10 @@ class Entry:
         """
         if self.kind == CLAIM:
             kept = list(map(self.keeps, values))
-            found = CONFIRMED if all(kept) else MIXED if any(kept) else REFUTED
+            verdict = CONFIRMED if all(kept) else MIXED if any(kept) else REFUTED
             if len(values) < (1 if self.fixed else FEW if self.complete else STARTS):
-                found = NOT_TESTABLE
-            return f"{self.word}: {WENT[found]}" if self.word in (OWN_READING, NOT_CLAIMED) else found
+                verdict = NOT_TESTABLE
+            return f"{self.word}: {WENT[verdict]}" if self.word in (OWN_READING, NOT_CLAIMED) else verdict
         if self.kind == HARD_CASE:
             kind, _, missed = outcome.partition(": ")
             known, _, may_miss = self.verdict.partition(": ")
@@ -279,15 +279,15 @@ def _read(path: Path) -> tuple[tuple[Entry, ...], dict[str, Any]]:
 @functools.cache
 def sentences(folder: Path) -> dict[str, Sentence]:
     """What the sources say, by name, of all experiments in a folder. Raises ValueError for one that is not complete."""
-    found: dict[str, Sentence] = {}
+    by_name: dict[str, Sentence] = {}
     for path in sorted(folder.glob("*/expected.toml")):
         for name, given in tomllib.loads(path.read_text(encoding="utf-8")).get("sentence", {}).items():
             needed = {"system", "place", "words", "says", "parameters"}
-            if set(given) != needed or name in found:
-                fault = "stands twice" if name in found else f"needs {', '.join(sorted(needed))} and nothing else"
+            if set(given) != needed or name in by_name:
+                fault = "stands twice" if name in by_name else f"needs {', '.join(sorted(needed))} and nothing else"
                 raise ValueError(f"{path.parent.name}: [sentence.{name}] {fault}")
-            found[name] = Sentence(name, **given)
-    return found
+            by_name[name] = Sentence(name, **given)
+    return by_name
 
 
 def read(experiment: str, kind: str, folder: Path | None = None) -> dict[str, Entry]:
@@ -307,8 +307,8 @@ def map_words(folder: str, name: str) -> dict[str, str]:
 
 def read_all(kind: str = "", folder: Path | None = None) -> list[Entry]:
     """The entries of all experiments, of one kind or of all."""
-    found = (entry for path in sorted((folder or FOLDER).glob("*/expected.toml")) for entry in _read(path)[0])
-    return [entry for entry in found if not kind or entry.kind == kind]
+    entries = (entry for path in sorted((folder or FOLDER).glob("*/expected.toml")) for entry in _read(path)[0])
+    return [entry for entry in entries if not kind or entry.kind == kind]
 
 
 def forget() -> None:

@@ -48,10 +48,10 @@ def enlarge_words(figure: Any) -> None:
     least = LETTERS / COLUMN * 72 * figure.get_figwidth()  # points
     for axes in figure.axes:
         for name, axis in (("x", axes.xaxis), ("y", axes.yaxis)):
-            if any(words.get_fontsize() < least for words in axis.get_ticklabels()):
+            if any(text.get_fontsize() < least for text in axis.get_ticklabels()):
                 axes.tick_params(axis=name, labelsize=least)
-    for words in figure.findobj(Text):
-        words.set_fontsize(max(words.get_fontsize(), least))
+    for text in figure.findobj(Text):
+        text.set_fontsize(max(text.get_fontsize(), least))
 
 
 def save_picture(figure: Any, path: Path) -> None:
@@ -99,9 +99,9 @@ def write_signs(figure: Any) -> None:
         text.set_text(signs(text.get_text()))
 
 
-def signs(words: str) -> str:
+def signs(text: str) -> str:
     """Words with Greek letters and superscripts in place of their names, if they hold no formula."""
-    return words if "$" in words else SPELT.sub(lambda spelt: SIGNS[spelt[0]], words)
+    return text if "$" in text else SPELT.sub(lambda spelt: SIGNS[spelt[0]], text)
 
 
 def shortened(value: Any) -> Any:
@@ -302,20 +302,20 @@ def seen_thousandths(position: NDArray, spacing: float, view: NDArray, extent: f
     return np.rint(1000 * position[visible_balls(position, 0.5 * spacing, view, extent)]).astype(int)
 
 
-def plain_title(axes: Any, words: str, **look: Any) -> None:
+def plain_title(axes: Any, title: str, **look: Any) -> None:
     """A title in the middle, not bold."""
-    axes.set_title(words, loc="center", fontweight="normal", **look)
+    axes.set_title(title, loc="center", fontweight="normal", **look)
 
 
-def caption(axes: Any, words: str, **look: Any) -> None:
+def caption(axes: Any, text: str, **look: Any) -> None:
     """Words under the middle of a panel."""
     look = {"x": 0.5, "y": -0.02, "ha": "center", "va": "top", "fontsize": 8, "color": GREY} | look
-    axes.text(s=words, transform=axes.transAxes, **look)
+    axes.text(s=text, transform=axes.transAxes, **look)
 
 
-def headline(figure: Any, words: str, fontsize: float = 11) -> None:
+def headline(figure: Any, text: str, fontsize: float = 11) -> None:
     """What a picture shows, above its panels, from the left."""
-    figure.suptitle(words, fontweight="bold", x=0.01, ha="left", fontsize=fontsize)
+    figure.suptitle(text, fontweight="bold", x=0.01, ha="left", fontsize=fontsize)
 
 
 def shared_legend(figure: Any, panels: Iterable[Any], more: Mapping[str, Any] | None = None, **look: Any) -> None:

@@ -170,8 +170,8 @@ def each(value: str | Callable[[Mapping[str, Any]], float], over: str = "") -> C
     """A number of each run: the name of a value, or a function of all; over the value named `over`, if it is given."""
 
     def number(values: Mapping[str, Any]) -> float:
-        own = value(values) if callable(value) else real(values[value])
-        return own / real(values[over]) if over else own
+        quantity = value(values) if callable(value) else real(values[value])
+        return quantity / real(values[over]) if over else quantity
 
     return lambda results: [number(result.values) for result in results.values()]
 
@@ -219,13 +219,13 @@ def measures(module: ModuleType, families: Iterable[Family]) -> dict[str, Measur
     Raises ValueError for a family of what is no measure.
     """
     named = vars(module) | getattr(module, "CLAIMS", {})
-    found = {name.lower(): value for name, value in named.items() if isinstance(value, Measure)}
+    by_name = {name.lower(): value for name, value in named.items() if isinstance(value, Measure)}
     for family in families:
-        if unknown := set(family.claims) - set(found):
+        if unknown := set(family.claims) - set(by_name):
             raise ValueError(f"{module.__name__}: families name {sorted(unknown)}, which are no measures")
         model = getattr(module, family.model) if family.model else None
-        found |= {name: dataclasses.replace(found[name], family=family, model=model) for name in family.claims}
-    return found
+        by_name |= {name: dataclasses.replace(by_name[name], family=family, model=model) for name in family.claims}
+    return by_name
 
 
 @functools.cache
@@ -236,7 +236,7 @@ def discover(folder: ModuleType = folder_of_experiments) -> dict[str, Experiment
     Pictures of the first are `PICTURES` of the module `pictures`, of the other `OTHER_PICTURES`; cells of its maps are
     `MAPS` of `runs`, by name. Raises ValueError for an experiment that is not called as its folder is.
     """
-    found = {}
+    experiments = {}
     for path in sorted(path for place in folder.__path__ for path in Path(place).glob("*/runs.py")):
         module = importlib.import_module(f"{folder.__name__}.{path.parent.name}.runs")
         drawn = (
@@ -248,13 +248,13 @@ def discover(folder: ModuleType = folder_of_experiments) -> dict[str, Experiment
             raise ValueError(f"the experiment in {path.parent} is called {name!r}")
         measured = measures(module, families(path.parent.name))
         for prefix in (key.removesuffix("EXPERIMENT") for key in vars(module) if key.endswith("EXPERIMENT")):
-            own, maps = getattr(module, f"{prefix}EXPERIMENT"), getattr(module, f"{prefix}MAPS", {})
-            found[own.name] = dataclasses.replace(
-                own, pictures=getattr(drawn, f"{prefix}PICTURES", ()), trials=vars(module),
-                claims={name: measured[name] for name in read(own.name, CLAIM) if name in measured},
+            experiment, maps = getattr(module, f"{prefix}EXPERIMENT"), getattr(module, f"{prefix}MAPS", {})
+            experiments[experiment.name] = dataclasses.replace(
+                experiment, pictures=getattr(drawn, f"{prefix}PICTURES", ()), trials=vars(module),
+                claims={name: measured[name] for name in read(experiment.name, CLAIM) if name in measured},
                 maps=tuple(StabilityMap(n, **map_words(path.parent.name, n), cells=c) for n, c in maps.items()),
             )  # fmt: skip
-    return dict(sorted(found.items()))
+    return dict(sorted(experiments.items()))
 
 
 def chosen(names: Iterable[str], known: Mapping[str, T], what: str) -> list[T]:

@@ -241,5 +241,5 @@ def verified_table(verified: Sequence[tuple[Entry, Check | None, str]]) -> Table
 def claims_of(performed: Sequence[Performed]) -> list[tuple[Entry, Check | None]]:
     """The claims among what was performed, and what came out of those that were measured."""
     entries = {entry.name: entry for entry in checks.read_all(CLAIM)}
-    own = [each for each in performed if each.part.kind == CLAIM]
-    return [(entries[each.part.name], each.checks[0] if each.checks else None) for each in own]
+    claims = [each for each in performed if each.part.kind == CLAIM]
+    return [(entries[each.part.name], each.checks[0] if each.checks else None) for each in claims]

@@ -138,9 +138,9 @@ def finding(entry: Entry) -> str:
     return f"`{entry.name}` {verdict}. {sentence(said)}"
 
 
-def sentence(words: str) -> str:
+def sentence(text: str) -> str:
     """The words as a sentence."""
-    return f"{words[0].upper()}{words[1:]}{'' if words.endswith('.') else '.'}"
+    return f"{text[0].upper()}{text[1:]}{'' if text.endswith('.') else '.'}"
 
 
 def keep(performed: Sequence[Performed], folder: Path) -> None:

@@ -84,7 +84,7 @@ def pairs() -> Iterator[tuple[str, str]]:
 def refused(first: str, second: str) -> str:
     """Words of the sentence with which a scene of both effects is refused; empty where it is not."""
     together = {effect.name for effect in scene(first, second).effects}
-    return next((words for never, words in NEVER.items() if set(never) <= together), "")
+    return next((reason for never, reason in NEVER.items() if set(never) <= together), "")
 
 
 def compare(first: str, second: str, backend: str, oracle: str = "numpy", steps: int = 5) -> list[Difference]:
@@ -99,14 +99,14 @@ def compare(first: str, second: str, backend: str, oracle: str = "numpy", steps:
     for simulation in runs:
         take_steps(simulation, steps)
         simulation.evaluate()
-    found = []
+    differences = []
     for name, field in made.fields.items():
         if name in ("place", "cell"):  # depend on when the list or the grid's blocks were built
             continue
-        true, own = (simulation.field(name) for simulation in runs)
+        true, fast = (simulation.field(name) for simulation in runs)
         if field.numpy_dtype(made.grid.dtype).kind in "iub":
-            found.append(Difference(name, float((true != own).mean()), 0.0))
+            differences.append(Difference(name, float((true != fast).mean()), 0.0))
             continue
         largest = max(float(np.abs(true).max(initial=0)), SPACING if name in OF_SPACING else 1e-30)
-        found.append(Difference(name, float(np.abs(true - own).max(initial=0)) / largest, BOUND))
-    return found
+        differences.append(Difference(name, float(np.abs(true - fast).max(initial=0)) / largest, BOUND))
+    return differences

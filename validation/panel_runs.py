@@ -19,7 +19,7 @@ STEP = 2e-3  # s, the longest of the front, which SPlisHSPlasH shortens by the s
 def front_by_splishsplash(point: Point, repeat: int, threads: int | None) -> Reading:
     """Mean front over t sqrt(2g/L) from 1 to 3 by DFSPH, with the kinematic viscosity of the experiment `dam_break`."""
     width, columns = 0.5 * HEIGHT, point.setting["columns"]
-    found = splishsplash.run_column(
+    peer = splishsplash.run_column(
         {
             "columns": columns, "width": width, "length": WALLED * width, "height": LID, "step": STEP,
             "viscosity": viscosity(width / columns) / DENSITY, "shake": repeat,
@@ -27,33 +27,33 @@ def front_by_splishsplash(point: Point, repeat: int, threads: int | None) -> Rea
         },
         threads or 1,
     )  # fmt: skip
-    if "missing" in found:
-        return reading(failed=f"missing: {found['missing']}")
-    place = np.interp(np.linspace(1.0, 3.0, 41), np.array(found["time"]) / FALL, np.array(found["front"]) / width)
-    return reading(float(place.mean()), found["wall"][-1], found["steps"], found["particles"])
+    if "missing" in peer:
+        return reading(failed=f"missing: {peer['missing']}")
+    place = np.interp(np.linspace(1.0, 3.0, 41), np.array(peer["time"]) / FALL, np.array(peer["front"]) / width)
+    return reading(float(place.mean()), peer["wall"][-1], peer["steps"], peer["particles"])
 
 
 def drop_by_splishsplash(point: Point, repeat: int, threads: int | None) -> Reading:
     """Radius variation that a drop keeps under Akinci et al. 2013, and the seconds after which it does."""
-    found = splishsplash.run_drop({**point.setting["settings"], "shake": repeat}, threads or 1)
-    if "missing" in found:
-        return reading(failed=f"missing: {found['missing']}")
-    value = kept(np.array(found["time"]), found["error"])
-    above = [k for k, error in enumerate(found["error"]) if not error <= value]
+    peer = splishsplash.run_drop({**point.setting["settings"], "shake": repeat}, threads or 1)
+    if "missing" in peer:
+        return reading(failed=f"missing: {peer['missing']}")
+    value = kept(np.array(peer["time"]), peer["error"])
+    above = [k for k, error in enumerate(peer["error"]) if not error <= value]
     torn = "" if np.isfinite(value) else "torn: no outer surface all around"
-    seconds = found["wall"][above[-1] + 1 if above else 0]
-    return reading(value, seconds, found["steps"], found["particles"], torn)
+    seconds = peer["wall"][above[-1] + 1 if above else 0]
+    return reading(value, seconds, peer["steps"], peer["particles"], torn)
 
 
 def vortices_by_pysph(point: Point, repeat: int, threads: int | None) -> Reading:
     """Rate at which the speed of four vortices decays in 1 s, over 8 pi^2/Re."""
-    found = pysph_flows.run("vortices", point.setting["scheme"], point.setting["cells"], [1.0])
-    if "missing" in found:
-        return reading(failed=f"missing: {found['missing']}")
-    x, y = 2 * np.pi * found["position"][-1].T
+    peer = pysph_flows.run("vortices", point.setting["scheme"], point.setting["cells"], [1.0])
+    if "missing" in peer:
+        return reading(failed=f"missing: {peer['missing']}")
+    x, y = 2 * np.pi * peer["position"][-1].T
     first = (np.sin(x) * np.cos(y)) ** 2 + (np.cos(x) * np.sin(y)) ** 2
-    decay = -0.5 * np.log((found["velocity"][-1] ** 2).sum() / first.sum()) / found["time"][-1]
-    return reading(float(decay * REYNOLDS / (8 * np.pi**2)), found["seconds"], found["steps"], len(x))
+    decay = -0.5 * np.log((peer["velocity"][-1] ** 2).sum() / first.sum()) / peer["time"][-1]
+    return reading(float(decay * REYNOLDS / (8 * np.pi**2)), peer["seconds"], peer["steps"], len(x))
 
 
 def tank_by_pysph(point: Point, repeat: int, threads: int | None) -> Reading:
@@ -62,10 +62,10 @@ def tank_by_pysph(point: Point, repeat: int, threads: int | None) -> Reading:
     cells, sound = point.setting["cells"], pysph_flows.SOUND
     reach, end = 2.6 / cells, 5.0 / np.sqrt(GRAVITY)
     times = (end * np.linspace(0.8, 1.0, 61)).tolist()
-    found = pysph_flows.run("tank", point.setting["scheme"], cells, times, viscosity=0.25 * SHARE * sound * reach)
-    if "missing" in found:
-        return reading(failed=f"missing: {found['missing']}")
-    x, y = found["position"].mean(0).T
+    peer = pysph_flows.run("tank", point.setting["scheme"], cells, times, viscosity=0.25 * SHARE * sound * reach)
+    if "missing" in peer:
+        return reading(failed=f"missing: {peer['missing']}")
+    x, y = peer["position"].mean(0).T
     bulk = (np.minimum(x, 1 - x) > reach) & (np.minimum(y, 1 - y) > reach)
-    off = found["pressure"].mean(0) / (1000.0 * GRAVITY) - (1 - y)
-    return reading(float(np.sqrt((off[bulk] ** 2).mean())), found["seconds"], found["steps"], len(x))
+    off = peer["pressure"].mean(0) / (1000.0 * GRAVITY) - (1 - y)
+    return reading(float(np.sqrt((off[bulk] ** 2).mean())), peer["seconds"], peer["steps"], len(x))

@@ -316,8 +316,8 @@ def redraw(picture: Picture, folder: Path) -> Path:
 
 def machine(gpu: bool = False) -> dict[str, Any]:
     """The machine in words, with its GPU where that was used, and the versions that compute."""
-    found = {name: versions()[name] for name in ("python", "refsim", "numba", "numpy")}
-    return {"processor": processor(), **({"gpu": device_name()} if gpu else {}), "cores": cores(), **found}
+    numbers = {name: versions()[name] for name in ("python", "refsim", "numba", "numpy")}
+    return {"processor": processor(), **({"gpu": device_name()} if gpu else {}), "cores": cores(), **numbers}
 
 
 def exit_code(performed: Sequence[Performed]) -> int:

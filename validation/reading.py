@@ -50,9 +50,9 @@ def processor() -> str:
 
 def device() -> dict[str, str]:
     """Name and driver of the CUDA device, as the driver's own library tells them."""
-    words = ("name", "driver_version")
-    said = output_of("nvidia-smi", f"--query-gpu={','.join(words)}", "--format=csv,noheader") or ""
-    return dict(zip(words, (part.strip() for part in said.partition("\n")[0].split(","))))
+    columns = ("name", "driver_version")
+    said = output_of("nvidia-smi", f"--query-gpu={','.join(columns)}", "--format=csv,noheader") or ""
+    return dict(zip(columns, (part.strip() for part in said.partition("\n")[0].split(","))))
 
 
 def output_of(*command: str) -> str | None:

@@ -39,8 +39,8 @@ MIME = {".png": "image/png", ".webp": "image/webp"}
 def report(performed: Sequence[Performed], stream: TextIO) -> None:
     """Write all tables; the checks come last."""
     for each in performed:
-        for own in each.tables:
-            print(f"\n{own.text(columns())}", file=stream)
+        for shown in each.tables:
+            print(f"\n{shown.text(columns())}", file=stream)
     lines = notes(performed)
     if now := [r.about for each in performed for key, r in each.results.items() if key not in each.reused]:
         lines.append(f"Computing took {sum(about.get('seconds', 0.0) for about in now):.1f} s.")
@@ -115,12 +115,12 @@ class Whole:
 
     def numbers(self) -> list[tuple[str, str, Check]]:
         """(experiment, words, check) of the summary's numbers; of several sizes the largest, which is the last."""
-        found = []
+        rows = []
         for experiment, begin, words in FIRST:
             named = [c for name, c in self.checks if name == experiment and c.name.startswith(begin)]
             exact = [c for c in named if c.name == begin]
-            found += [(experiment, words, c) for c in exact[:1] or named[-1:]]
-        return found[:SHOWN_FIRST]
+            rows += [(experiment, words, c) for c in exact[:1] or named[-1:]]
+        return rows[:SHOWN_FIRST]
 
 
 def summary(whole: Whole, page: Path) -> str:

@@ -69,19 +69,19 @@ def modules_behind(file: Path) -> list[Path]:
     Modules of validation in PRESENTING, and packages of refsim in AROUND, do not count.
     """
     refsim = _ROOT / "refsim"
-    found = {each for each in refsim.rglob("*.py") if each.relative_to(refsim).parts[0] not in AROUND}
+    files = {each for each in refsim.rglob("*.py") if each.relative_to(refsim).parts[0] not in AROUND}
     waiting = [file]
     while waiting:
         file = waiting.pop()
-        if file in found or not file.exists() or (file.parent == _HERE and file.stem in PRESENTING):
+        if file in files or not file.exists() or (file.parent == _HERE and file.stem in PRESENTING):
             continue
-        found.add(file)
+        files.add(file)
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "validation":
                 stem = _ROOT.joinpath(*str(node.module).split("."))
                 names = ("__init__", *(alias.name for alias in node.names))
                 waiting += [stem.with_suffix(".py"), *(stem / f"{name}.py" for name in names)]
-    return sorted(found)
+    return sorted(files)
 
 
 @functools.cache

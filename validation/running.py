@@ -170,8 +170,8 @@ def beside(programs: Mapping[str, Callable[[], Any]], there: Backend, turns: int
 
 def median_and_mad(spent: list[float]) -> tuple[float, float]:
     """(median, median deviation)."""
-    found = float(np.median(spent))
-    return found, float(np.median(np.abs(np.array(spent) - found)))
+    median = float(np.median(spent))
+    return median, float(np.median(np.abs(np.array(spent) - median)))
 
 
 class EnergyWatch:

@@ -22,7 +22,7 @@ def compare(dim: int, dtype: str) -> list[tuple[str, int, int]]:
     position[5] = [1e5, -1e5, 3e4 * (dim == 3)]
     position = position.astype(dtype)
     cuda = backend.choose("cuda")
-    found = []
+    searches = []
     for _ in range(2):
         search = neighbours.NeighbourSearch(cuda, dim, dtype, SUPPORT)
         there = cuda.asarray(position)
@@ -30,9 +30,9 @@ def compare(dim: int, dtype: str) -> list[tuple[str, int, int]]:
         there = search.reorder(there, order)
         listed = search.build(there)
         counts, entries = cuda.host(listed.count), cuda.host(listed.entries).reshape(-1, count)
-        found.append((cuda.host(order), [entries[:n, i] for i, n in enumerate(counts)]))
-    order, lists = found[0]
-    same = np.array_equal(order, found[1][0]) and all(np.array_equal(a, b) for a, b in zip(lists, found[1][1]))
+        searches.append((cuda.host(order), [entries[:n, i] for i, n in enumerate(counts)]))
+    order, lists = searches[0]
+    same = np.array_equal(order, searches[1][0]) and all(np.array_equal(a, b) for a, b in zip(lists, searches[1][1]))
     search.audit(there, cuda.zeros(position.shape, dtype), cuda.zeros(2, dtype), listed)
     search.build(there)  # the audit's result is read here
     rows = [("differences between two builds", int(not same), 0)]

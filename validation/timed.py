@@ -69,9 +69,9 @@ def ladders(small: bool = False) -> dict[str, Ladder]:
     return {"sph": _sph(small), "melting": _melting(small), "mpm": _mpm(small), "mesh": _mesh(small)}
 
 
-def _climb(words: str, base: Mapping[str, Any], *rungs: tuple[Any, ...]) -> Ladder:
+def _climb(title: str, base: Mapping[str, Any], *rungs: tuple[Any, ...]) -> Ladder:
     """A ladder of (words, effects, what else the scene has)."""
-    return Ladder(words, tuple(
+    return Ladder(title, tuple(
         Rung(said, refsim.Scene(effects=effects, step=STEP, **base, **dict(*more))) for said, effects, *more in rungs
     ))  # fmt: skip
 
@@ -87,13 +87,13 @@ def _sph(small: bool) -> Ladder:
     added = (
         "viscosity", "gravity", "walls of a box", "surface detection in each step", "surface tension (Jiang & Zhu)",
     )  # fmt: skip
-    rungs = ((f"+ {words}", parts[: k + 1]) for k, words in enumerate(added))
+    rungs = ((f"+ {step}", parts[: k + 1]) for k, step in enumerate(added))
     density = {"density": "continuity", "sound_speed": 4.0, "clamp_pressure": False, "dynamic_viscosity": 0.5}
-    own = (
-        (words, (refsim.WeaklyCompressible(**density, **more), *parts[1:]))
-        for words, more in (("the same, density advanced", {"restoring": 0.0}), ("+ restoring", {}))
+    pairs = (
+        (step, (refsim.WeaklyCompressible(**density, **more), *parts[1:]))
+        for step, more in (("the same, density advanced", {"restoring": 0.0}), ("+ restoring", {}))
     )
-    return _climb("weakly compressible SPH, 3D", base, ("liquid", (plain,)), *rungs, *own)
+    return _climb("weakly compressible SPH, 3D", base, ("liquid", (plain,)), *rungs, *pairs)
 
 
 def _melting(small: bool) -> Ladder:
@@ -170,10 +170,10 @@ def systems(edge: int = EDGE) -> dict[str, Callable[[], refsim.Scene]]:
         pebble = refsim.MeshBoundary(file=PEBBLE, center=(0.5, 0.5, -top - d), size=1.25, viscosity=0.1, adhesion=0.1)
         return refsim.Scene(effects=(SUMMED(sound_speed=8.0), refsim.Gravity(), pebble), **cube)
 
-    tension, found = refsim.JiangZhu2023(surface_tension=0.5), refsim.SurfaceDetection(each_step=True)
+    tension, detection = refsim.JiangZhu2023(surface_tension=0.5), refsim.SurfaceDetection(each_step=True)
     return {
         "SPH with Akinci": akinci,
-        "Jiang & Zhu with detection": lambda: refsim.Scene(effects=(LIQUID, tension, found), **cube),
+        "Jiang & Zhu with detection": lambda: refsim.Scene(effects=(LIQUID, tension, detection), **cube),
         "Dong": lambda: refsim.Scene(effects=(LIQUID, refsim.Dong2016(surface_tension=0.5)), **cube),
         "MPM with surface tension": mpm, "melting": melting, "mesh coupling": mesh,
     }  # fmt: skip
@@ -262,15 +262,15 @@ def counted_kernels() -> Iterator[list[str]]:
 
 def differences(simulation: refsim.Simulation, operations: Sequence[str]) -> list[str]:
     """Where the operations that a step launched, or the bytes of the fields, are not the plan's; one sentence each."""
-    plan, found = simulation.plan, []
+    plan, faults = simulation.plan, []
     expected = list(step_launches(plan, simulation.backend.name))
     if list(operations) != expected:
-        found.append(f"a step launched {', '.join(operations)}; the plan says {', '.join(expected)}")
+        faults.append(f"a step launched {', '.join(operations)}; the plan says {', '.join(expected)}")
     held = sum(array.nbytes for array in simulation.fields.values())
     said = bytes_of(plan, simulation.backend.name)["fields"]
     if held != said:
-        found.append(f"the fields hold {held} bytes; the plan says {said}")
-    return found
+        faults.append(f"the fields hold {held} bytes; the plan says {said}")
+    return faults
 
 
 def neighbourhood(simulation: refsim.Simulation) -> tuple[int, float, float]:
@@ -329,7 +329,7 @@ def stages(simulation: refsim.Simulation, rebuilt: float, repeats: int = 20) -> 
 
     mark, between = clock()
     kept = {name: np.array(simulation.backend.host(values)) for name, values in simulation.fields.items()}
-    found: dict[str, float] = {}
+    seconds: dict[str, float] = {}
     forces = [(name, call) for name, rare, call in simulation.force_calls if not rare]
     motion = [("sph.extremes", simulation.extremes_call), *simulation.motion_calls]
     for name, call in [*simulation.begin_calls, *forces, *motion]:
@@ -341,15 +341,15 @@ def stages(simulation: refsim.Simulation, rebuilt: float, repeats: int = 20) -> 
             repeated()
         last = mark()
         simulation.backend.synchronize()
-        found[name] = between(first, last) / repeats
+        seconds[name] = between(first, last) / repeats
         for field, values in kept.items():
             simulation.backend.assign(simulation.fields[field], values)
     began = time.perf_counter()
     simulation.lists.invalidate()
     ready(simulation)
     simulation.backend.synchronize()
-    found["neighbours"] = rebuilt * (time.perf_counter() - began)
-    return found
+    seconds["neighbours"] = rebuilt * (time.perf_counter() - began)
+    return seconds
 
 
 def list_seconds(taken: dict[str, list[float]], alone: float) -> float:

@@ -46,8 +46,8 @@ class Cell:
     @property
     def key(self) -> str:
         """The cell's name as a part of a file name."""
-        words = f"{self.row} {self.column}".lower()
-        return "_".join("".join(c if c.isalnum() else " " for c in words).split())
+        name = f"{self.row} {self.column}".lower()
+        return "_".join("".join(c if c.isalnum() else " " for c in name).split())
 
 
 @dataclass(frozen=True)
@@ -192,9 +192,9 @@ def hard_case(function: Callable[..., None]) -> Callable[..., Result]:
             function(trial, *given, **named)
         return trial.result()
 
-    _, *own = inspect.signature(function).parameters.values()
+    _, *parameters = inspect.signature(function).parameters.values()
     lead = [inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD) for name in ("context", "backend")]
-    performed.__signature__ = inspect.Signature([*lead, *own])  # type: ignore[attr-defined]
+    performed.__signature__ = inspect.Signature([*lead, *parameters])  # type: ignore[attr-defined]
     return performed
 
 

@@ -58,7 +58,7 @@ class Backend:
         """The operation, by `algorithm` where the backend has it, on the values that `lookup` gives by name."""
         return operation.bind(operation.chosen(self.name, algorithm), lookup)
 
-    def library(self) -> tuple[Any, Callable[[Any], Any], Callable[[Any], Any]]:
+    def array_library(self) -> tuple[Any, Callable[[Any], Any], Callable[[Any], Any]]:
         """(NumPy or CuPy, what shows it an array of this backend, what makes one)."""
         return np, np.asarray, np.asarray
 
@@ -68,10 +68,10 @@ class Backend:
             from refsim.backends.sums import running_sum  # loads Numba
 
             return running_sum(values)
-        xp, seen, wrapped = self.library()
+        xp, to_xp, from_xp = self.array_library()
         total = xp.zeros(values.shape[0] + 1, np.int32)
-        total[1:] = xp.cumsum(seen(values), dtype=np.int32)
-        return wrapped(total)
+        total[1:] = xp.cumsum(to_xp(values), dtype=np.int32)
+        return from_xp(total)
 
     def synchronize(self) -> None:
         """Wait until everything launched has run."""
@@ -110,15 +110,15 @@ class CudaBackend(Backend):
             target.copy_to_device(values)
 
     def taken(self, array: Any, rows: Any) -> np.ndarray:
-        found = self.empty((rows.shape[0], *array.shape[1:]), array.dtype)
+        gathered = self.empty((rows.shape[0], *array.shape[1:]), array.dtype)
         if rows.shape[0]:
-            self.device.gather(array, rows, found)
-        return self.host(found)
+            self.device.gather(array, rows, gathered)
+        return self.host(gathered)
 
     def invert(self, order: Any, places: Any) -> None:
         self.device.invert(order, places)
 
-    def library(self) -> tuple[Any, Callable[[Any], Any], Callable[[Any], Any]]:
+    def array_library(self) -> tuple[Any, Callable[[Any], Any], Callable[[Any], Any]]:
         return self.device.cupy_or_numpy(), self.device.as_cupy, self.device.as_numba
 
     def synchronize(self) -> None:

@@ -39,12 +39,12 @@ def _package_of(path: pathlib.Path) -> pathlib.Path:
 def sources_behind(path: pathlib.Path) -> list[pathlib.Path]:
     """The file and every source of its own package that it imports, directly or through others."""
     package = _package_of(path)
-    found, waiting = set(), [path]
+    sources, waiting = set(), [path]
     while waiting:
         file = waiting.pop()
-        if file in found or not file.exists():
+        if file in sources or not file.exists():
             continue
-        found.add(file)
+        sources.add(file)
         for module, listed, plain in _IMPORT.findall(file.read_text(encoding="utf-8")):
             target = (module or plain).split(".")
             if target[0] != package.name:
@@ -53,7 +53,7 @@ def sources_behind(path: pathlib.Path) -> list[pathlib.Path]:
             inside = [stem / f"{name}.py" for name in re.findall(r"\w+", listed)]
             only_modules = bool(inside) and all(p.exists() for p in inside)
             waiting += inside if only_modules else [*inside, stem.with_suffix(".py"), stem / "__init__.py"]
-    return sorted(found)
+    return sorted(sources)
 
 
 _GROUP = re.compile(r"^class \w+\(NamedTuple\):\n(?:[ \t].*\n|\n)+", re.MULTILINE)

@@ -136,8 +136,8 @@ def _tasks() -> set[int]:
 def _busy(processors: list[int]) -> float:
     """Seconds that these processors have worked for any program. Raises OSError where the system does not tell."""
     with open("/proc/stat", encoding="ascii") as file:
-        words = [line.split() for line in file if line.startswith("cpu")]
-    ticks = {name: sum(map(int, counts[:3])) for name, *counts in words}
+        fields = [line.split() for line in file if line.startswith("cpu")]
+    ticks = {name: sum(map(int, counts[:3])) for name, *counts in fields}
     return sum(ticks.get(f"cpu{one}", 0) for one in processors) / os.sysconf("SC_CLK_TCK")
 
 

@@ -88,14 +88,14 @@ def holds_arrays(kind: Any) -> bool:
 
 def merged(kinds: Iterable[Any]) -> Any:
     """The kind of what is one of these."""
-    found: list[Any] = list(
+    groups: list[Any] = list(
         dict.fromkeys(NUMBER if isinstance(kind, Known) and not kind.fixed else kind for kind in kinds)
     )
-    if len(found) == 1:
-        return found[0]
-    if found and all(isinstance(kind, Group) and len(kind.parts) == len(found[0].parts) for kind in found):
-        return Group(tuple(map(merged, zip(*(kind.parts for kind in found)))), found[0].names)
-    return UNCLEAR if NONE in found or UNCLEAR in found or not found else NUMBER
+    if len(groups) == 1:
+        return groups[0]
+    if groups and all(isinstance(kind, Group) and len(kind.parts) == len(groups[0].parts) for kind in groups):
+        return Group(tuple(map(merged, zip(*(kind.parts for kind in groups)))), groups[0].names)
+    return UNCLEAR if NONE in groups or UNCLEAR in groups or not groups else NUMBER
 
 
 class Source(NamedTuple):
@@ -227,7 +227,7 @@ class Writer:
 
     def _constants(self) -> list[str]:
         simple = [n for n in self.order if n.tree is None and not isinstance(n.value, type)]
-        return [wrapped(f"{named.wanted} = {literal(named.value)}") for named in simple]
+        return [wrapped_line(f"{named.wanted} = {literal(named.value)}") for named in simple]
 
     def _function(self, named: Named) -> str:
         assert named.tree is not None
@@ -240,9 +240,11 @@ class Writer:
             "cpu": f'@njit({how}{"fastmath=FAST, " * (not exact)}error_model="numpy")',
             "cuda": "@cuda.jit" if named is self.order[-1] else "@cuda.jit(device=True)",
         }
-        head, quotes, words = text.partition('"""')
-        words, end, code = words.partition('"""')
-        return "\n".join([options[self.backend], _wrapped_lines(head) + quotes + words + end + _wrapped_lines(code)])
+        head, quotes, docstring = text.partition('"""')
+        docstring, end, code = docstring.partition('"""')
+        return "\n".join(
+            [options[self.backend], _wrapped_lines(head) + quotes + docstring + end + _wrapped_lines(code)]
+        )
 
 
 class Body:
@@ -274,12 +276,12 @@ class Body:
 
     def statements(self, statements: Iterable[ast.stmt]) -> list[Any]:
         """Statements, up to the first that leaves the block."""
-        found: list[ast.stmt] = []
+        body: list[ast.stmt] = []
         for statement in statements:
-            found += getattr(self, f"do_{type(statement).__name__}", self.unknown)(statement)
-            if found and isinstance(found[-1], (ast.Return, ast.Break, ast.Continue)):
+            body += getattr(self, f"do_{type(statement).__name__}", self.unknown)(statement)
+            if body and isinstance(body[-1], (ast.Return, ast.Break, ast.Continue)):
                 break
-        return found
+        return body
 
     def unknown(self, node: ast.AST) -> Any:
         """What no kernel has."""
@@ -356,9 +358,9 @@ class Body:
             whole = isinstance(kind, Group) and len(kind.parts) == len(target.elts)
             kinds = kind.parts if whole else [NUMBER] * len(target.elts)
             return ast.Tuple([self.stored(part, own) for part, own in zip(target.elts, kinds)], ast.Store())
-        found = self.value(target)[0]
-        found.ctx = ast.Store()
-        return found
+        target_node = self.value(target)[0]
+        target_node.ctx = ast.Store()
+        return target_node
 
     def do_AugAssign(self, node: ast.AugAssign) -> list[Any]:
         value = self.value(node.value)[0]
@@ -403,13 +405,13 @@ class Body:
 
     def value(self, node: ast.expr) -> tuple[Any, Any]:
         """An expression."""
-        found, kind = getattr(self, f"of_{type(node).__name__}", self.unknown)(node)
+        expression, kind = getattr(self, f"of_{type(node).__name__}", self.unknown)(node)
         if is_fixed(kind) and (kind.value is None or isinstance(kind.value, (bool, int))):
-            found = ast.Constant(kind.value)
+            expression = ast.Constant(kind.value)
         elif is_fixed(kind) and getattr(kind.value, "__module__", "") in ("numpy", "math", "builtins"):
             place = {"numpy": "np.", "math": "math.", "builtins": ""}[kind.value.__module__]
-            found = ast.Name(place + kind.value.__name__, ast.Load())
-        return found, kind
+            expression = ast.Name(place + kind.value.__name__, ast.Load())
+        return expression, kind
 
     def value_of(self, node: ast.expr) -> Any:
         """What an expression stands for, if that is known."""
@@ -479,19 +481,19 @@ class Body:
         return ast.Slice(*ends), NUMBER
 
     def of_Tuple(self, node: ast.Tuple) -> tuple[Any, Any]:
-        found = [self.value(part) for part in self.spread(node.elts)]
-        return ast.Tuple([part for part, _ in found], ast.Load()), Group(tuple(kind for _, kind in found))
+        parts = [self.value(part) for part in self.spread(node.elts)]
+        return ast.Tuple([part for part, _ in parts], ast.Load()), Group(tuple(kind for _, kind in parts))
 
     def spread(self, nodes: Iterable[ast.expr]) -> list[ast.expr]:
         """Expressions with the members of a tuple in place of a starred one."""
-        found: list[ast.expr] = []
+        elements: list[ast.expr] = []
         for node in nodes:
             if isinstance(node, ast.Starred):
                 kind = self.value(node.value)[1]
-                found += [ast.Subscript(node.value, ast.Constant(k), ast.Load()) for k in range(len(kind.parts))]
+                elements += [ast.Subscript(node.value, ast.Constant(k), ast.Load()) for k in range(len(kind.parts))]
             else:
-                found.append(node)
-        return found
+                elements.append(node)
+        return elements
 
     def of_BinOp(self, node: ast.BinOp) -> tuple[Any, Any]:
         (left, first), (right, second) = self.value(node.left), self.value(node.right)
@@ -501,8 +503,8 @@ class Body:
     def of_UnaryOp(self, node: ast.UnaryOp) -> tuple[Any, Any]:
         value, kind = self.value(node.operand)
         if isinstance(kind, Known) and isinstance(node.op, (ast.Not, ast.USub)):
-            found = not kind.value if isinstance(node.op, ast.Not) else -kind.value
-            return ast.UnaryOp(node.op, value), Known(found, False)
+            result = not kind.value if isinstance(node.op, ast.Not) else -kind.value
+            return ast.UnaryOp(node.op, value), Known(result, False)
         return ast.UnaryOp(node.op, value), NUMBER
 
     def of_BoolOp(self, node: ast.BoolOp) -> tuple[Any, Any]:
@@ -522,11 +524,11 @@ class Body:
         compared = COMPARED.get(type(node.ops[0]))
         if len(node.ops) == 1 and compared is not None:
             if isinstance(kind, Known) and isinstance(other, Known):
-                found = compared(kind.value, other.value)
-                return ast.Constant(found), Known(found, False)
+                truth = compared(kind.value, other.value)
+                return ast.Constant(truth), Known(truth, False)
             if other == NONE and kind != UNCLEAR:
-                found = isinstance(node.ops[0], ast.IsNot)
-                return ast.Constant(found), Known(found, False)
+                truth = isinstance(node.ops[0], ast.IsNot)
+                return ast.Constant(truth), Known(truth, False)
         return ast.Compare(left, node.ops, [right, *(self.value(part)[0] for part in node.comparators[1:])]), NUMBER
 
     def of_IfExp(self, node: ast.IfExp) -> tuple[Any, Any]:
@@ -563,11 +565,11 @@ class Body:
             return ast.Call(made.node(), [part for part, _ in given], []), Group(
                 tuple(kinds), function._fields, function
             )
-        words = [ast.keyword(word, value) for word, (value, _) in named.items()]
+        keywords = [ast.keyword(word, value) for word, (value, _) in named.items()]
         result: Any = NUMBER
         if function in ARRAY_MAKERS:
             result = Array(len(kinds[0].parts) if isinstance(kinds[0], Group) else 1)
-        return ast.Call(name, [part for part, _ in given], words), result
+        return ast.Call(name, [part for part, _ in given], keywords), result
 
     def called(
         self, function: Callable, given: list[tuple[Any, Any]], named: dict[Any, tuple[Any, Any]],
@@ -635,10 +637,10 @@ def class_text(kind: type) -> str:
     (tree,) = ast.parse(inspect.getsource(kind)).body
     assert isinstance(tree, ast.ClassDef)
     lines = inspect.getsource(kind).splitlines()
-    own = [part for part in tree.body if isinstance(part, ast.AnnAssign)]
+    annotated = [part for part in tree.body if isinstance(part, ast.AnnAssign)]
     head = [f"class {kind.__name__}(NamedTuple):", f'    """{inspect.cleandoc(kind.__doc__ or kind.__name__)}"""', ""]
     members = []
-    for part in own:
+    for part in annotated:
         _, _, said = lines[(part.end_lineno or 1) - 1][part.end_col_offset or 0 :].partition("#")
         default = f" = {ast.unparse(part.value)}" if part.value else ""
         members.append(f"    {ast.unparse(part.target)}: object{default}" + (f"  # {said.strip()}" if said else ""))
@@ -646,10 +648,10 @@ def class_text(kind: type) -> str:
 
 
 def _wrapped_lines(text: str) -> str:
-    return "\n".join(map(wrapped, text.split("\n")))
+    return "\n".join(map(wrapped_line, text.split("\n")))
 
 
-def wrapped(line: str) -> str:
+def wrapped_line(line: str) -> str:
     """A line of code, broken inside of brackets where it is too long."""
     indent = " " * (len(line) - len(line.lstrip()) + 4)
     lines, outer = list[str](), 0

@@ -120,10 +120,10 @@ def connect(address: str) -> Any:
     try:
         client = distributed.Client(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, TimeoutError, ValueError, TypeError, ImportError) as error:
-        words = " ".join(str(error).split()) or type(error).__name__
+        reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(
-            f"no scheduler answers at {address} ({words}); start one with `dask scheduler` and give the address that it"
-            " prints, such as tcp://10.0.0.1:8786."
+            f"no scheduler answers at {address} ({reason}); start one with `dask scheduler` and give the address that"
+            " it prints, such as tcp://10.0.0.1:8786."
         ) from None
     client.loop.asyncio_loop.set_exception_handler(lambda loop, context: None)  # it would log them
     return client
@@ -132,11 +132,11 @@ def connect(address: str) -> Any:
 def _workers(client: Any, address: str) -> dict[str, Any]:
     """The workers that are there, once there is one."""
     until = time.monotonic() + PATIENCE
-    while not (found := _known(client)):
+    while not (workers := _known(client)):
         if time.monotonic() > until:
             raise InputError(f"the scheduler at {address} has no workers; run `dask worker {address} --nthreads 1`.")
         time.sleep(PAUSE)
-    return found
+    return workers
 
 
 def _known(client: Any) -> dict[str, Any]:

@@ -113,24 +113,24 @@ def _judged(request: Any, options: argparse.Namespace) -> CommandResult:
 
     began = time.perf_counter()
     about, outcomes = apart.judge(request)
-    found: dict[str, list[Any]] = {name: [] for name in about.names}
+    outcomes_of: dict[str, list[Any]] = {name: [] for name in about.names}
     for outcome in outcomes:
-        if not found[outcome.operation] and wanted():
-            number, seconds = sum(map(bool, found.values())) + 1, time.perf_counter() - began
+        if not outcomes_of[outcome.operation] and wanted():
+            number, seconds = sum(map(bool, outcomes_of.values())) + 1, time.perf_counter() - began
             say(f"{number} of {len(about.names)}, {in_time(seconds)}: {outcome.operation}")
-        found[outcome.operation].append(outcome)
-    if request.replay and not any(found.values()):
+        outcomes_of[outcome.operation].append(outcome)
+    if request.replay and not any(outcomes_of.values()):
         raise InputError(f"--replay {request.replay}: {about.name} has no such trial; take a name that --json gives.")
-    mended = _excused(options.known_failures, found) if options.known_failures else []
-    data = report.report(about, request, found, time.perf_counter() - began)
-    text = report.text(data, found)
+    mended = _excused(options.known_failures, outcomes_of) if options.known_failures else []
+    data = report.report(about, request, outcomes_of, time.perf_counter() - began)
+    text = report.text(data, outcomes_of)
     if mended:
         data["holds"] = False
         text += f"\n{options.known_failures} names trials that pass; take them out: {', '.join(mended)}."
     if options.junit:
-        write_file(options.junit, report.junit(data, found))
+        write_file(options.junit, report.junit(data, outcomes_of))
     if request.replay:
-        (outcome,) = (o for outcomes in found.values() for o in outcomes)
+        (outcome,) = (o for outcomes in outcomes_of.values() for o in outcomes)
         data, text = {"outcome": dataclasses.asdict(outcome), "inputs": REPLAYED}, f"{outcome}\nInputs: {REPLAYED}."
         return CommandResult(data, text, 0 if outcome.passed else 4)
     return CommandResult(data, text, 0 if data["holds"] else 4)
@@ -145,15 +145,15 @@ def _jobs(source: str, wanted: int | None) -> int:
     return wanted or (PROCESSES if source in BACKENDS else 1)
 
 
-def _excused(file: str, found: dict[str, list[Any]]) -> list[str]:
+def _excused(file: str, outcomes_of: dict[str, list[Any]]) -> list[str]:
     """Known failures of a file become trials that are not judged; names of those that pass. InputError without it."""
     try:
         lines = Path(file).read_text(encoding="utf-8").splitlines()
     except (OSError, ValueError) as error:
         raise InputError(f"--known-failures {file} cannot be read ({error}); give a text file.") from None
     known = {line.partition("#")[0].strip() for line in lines} - {""}
-    mended = [o.replay for outcomes in found.values() for o in outcomes if o.passed and o.replay in known]
-    for outcomes in found.values():
+    mended = [o.replay for outcomes in outcomes_of.values() for o in outcomes if o.passed and o.replay in known]
+    for outcomes in outcomes_of.values():
         outcomes[:] = [
             dataclasses.replace(o, not_judged=f"known failures of {file}", words="")
             if o.replay in known and not o.passed and not o.not_judged else o for o in outcomes
@@ -233,17 +233,17 @@ def _arguments(names: Sequence[str], arrays: str) -> CommandResult:
 
     data, lines = {}, []
     for operation in _known(names, arrays):
-        found = describe.arguments(operation, arrays)
+        described = describe.arguments(operation, arrays)
         told = describe.variants(extended(operation.name))
         rows = []
-        for a in found:
+        for a in described:
             group, _, member = a.name.partition(".")
             optional = "or None" if a.optional else ""
             rows.append((f"  .{member}" if member else group, a.role, a.kind, optional, a.meaning))
-        data[operation.name] = {"arguments": [dataclasses.asdict(a) for a in found], "variants": told}
+        data[operation.name] = {"arguments": [dataclasses.asdict(a) for a in described], "variants": told}
         lines += [f"{operation.name}: {operation.paper}, {operation.equation}", ""]
         lines += [table(rows, ("argument", "", "type in a float32 run, n particles", "", "meaning")), ""]
-        lines += [f"variant {number}: {words}" for number, words in enumerate(told)]
+        lines += [f"variant {number}: {meaning}" for number, meaning in enumerate(told)]
         lines.append("")
     return CommandResult({"arrays": arrays, "operations": data}, "\n".join(lines).rstrip())
 
@@ -290,11 +290,11 @@ def _whole_run(options: argparse.Namespace) -> CommandResult:
         load_scene(scene), Path(folder), options.at, options.backend or "cpu", within,
         dict(map(_allowed, options.allow)), options.chaos_only,
     )  # fmt: skip
-    time, found, coarser = compared[:3]
+    time, compared_measures, coarser = compared[:3]
     rows = [
         (m.name, f"{m.time:.4g}", f"{m.theirs:.6g}", f"{whole_runs.midrange(m.ours):.6g}",
          *(f"{value:.2g}" for value in (m.difference, m.chaos, m.resolution)), m.unit, m.verdict)
-        for m in found
+        for m in compared_measures
     ]  # fmt: skip
     head = ("measure", "at [s]", folder, "refsim", "difference", "chaos", "resolution", "unit", "verdict")
     lines = [
@@ -309,19 +309,25 @@ def _whole_run(options: argparse.Namespace) -> CommandResult:
         "",
         table(rows, head, (1, 2, 3, 4, 5, 6)),
         "",
-        f"{sum(m.holds for m in found)} of {len(found)} measures hold.",
+        f"{sum(m.holds for m in compared_measures)} of {len(compared_measures)} measures hold.",
     ]
-    if any(m.verdict == "within resolution" for m in found):
+    if any(m.verdict == "within resolution" for m in compared_measures):
         lines.append("Within resolution is right for another discretisation; for the same, judge with --chaos-only.")
     if isinstance(coarser, str) and coarser:
         lines.append(f"There is no coarser run: {coarser}")
-    if not any(m.name == "kinetic energy" for m in found):
+    if not any(m.name == "kinetic energy" for m in compared_measures):
         lines.append("Momentum and kinetic energy are not judged: the frames have no velocity.")
     decides, by = compared.decides
     if options.chaos_only:
         until = f"up to {decides:.4g} s: from there on it is more than 5 % of the range of {by}"
         lines.append(f"The chaos decides {until if decides <= time else f'up to {time:.4g} s, the last frame'}.")
-    data = {"scene": scene, "time": time, "holds": all(m.holds for m in found), "within": within, "coarser": coarser}
+    data = {
+        "scene": scene,
+        "time": time,
+        "holds": all(m.holds for m in compared_measures),
+        "within": within,
+        "coarser": coarser,
+    }
     data["decides_until"] = min(decides, time)
     if not options.without_sensitivity:
         noticed, idle = _sensitivity(load_scene(scene), compared, options.backend or "cpu")
@@ -335,7 +341,9 @@ def _whole_run(options: argparse.Namespace) -> CommandResult:
         lines.append(
             f"Never touched up to {time:g} s: {', '.join(idle)}." if idle else "Every wall, gauge and effect acted."
         )
-    return CommandResult(data | {"measures": whole_runs.report(found)}, "\n".join(lines), 0 if data["holds"] else 4)
+    return CommandResult(
+        data | {"measures": whole_runs.report(compared_measures)}, "\n".join(lines), 0 if data["holds"] else 4
+    )
 
 
 def _sensitivity(scene: Any, compared: Any, backend: str) -> tuple[list[Any], list[str]]:

@@ -87,8 +87,8 @@ def _self_test(backend: str) -> dict[str, Any]:
         return {"operation": TESTED, "verdict": "fail", "why": str(error).rstrip(".")}
     except Exception as error:  # any error of a broken installation is reported
         last = traceback.extract_tb(error.__traceback__)[-1]
-        words = " ".join(f"{type(error).__name__}: {error}".split())
-        return {"operation": TESTED, "verdict": "fail", "why": f"{words} ({last.filename}, line {last.lineno})"}
+        message = " ".join(f"{type(error).__name__}: {error}".split())
+        return {"operation": TESTED, "verdict": "fail", "why": f"{message} ({last.filename}, line {last.lineno})"}
     expected, computed = values
     largest = float(np.abs(computed / expected - 1).max())
     bound = REGISTRY[TESTED].tolerance * (neighbours + 1) * float(np.finfo(plan.grid.dtype).eps)

@@ -65,9 +65,9 @@ def _functions() -> dict[CodeLocation, tuple[str, int]]:
         module = ".".join(path.relative_to(ROOT.parent).with_suffix("").parts)
         if path.stem not in OTHERS and not path.stem.endswith("_cuda") and "recorded" not in path.parts:
             for node in ast.parse(path.read_text(encoding="utf-8")).body:
-                words = ast.get_docstring(node) if isinstance(node, ast.FunctionDef) else None
-                if isinstance(node, ast.FunctionDef) and words:
-                    locations[CodeLocation(module, node.name)] = words, node.lineno
+                docstring = ast.get_docstring(node) if isinstance(node, ast.FunctionDef) else None
+                if isinstance(node, ast.FunctionDef) and docstring:
+                    locations[CodeLocation(module, node.name)] = docstring, node.lineno
     return locations
 
 
@@ -75,8 +75,8 @@ def _functions() -> dict[CodeLocation, tuple[str, int]]:
 def _places(name: str) -> tuple[list[CodeLocation], CodeLocation]:
     """Equations of an operation's reference, or the whole where it is one function; its program on a CPU."""
     operation = REGISTRY[name]
-    found = [CodeLocation(f.__module__, f.__name__) for f in operation.equations()]
-    equations = [place for place in found if place.module.split(".")[1] not in SEARCHES]
+    locations = [CodeLocation(f.__module__, f.__name__) for f in operation.equations()]
+    equations = [place for place in locations if place.module.split(".")[1] not in SEARCHES]
     whole, entry = (
         CodeLocation(f"{operation.folder}.{operation.entry('numpy').module}", operation.function),
         operation.entry("cpu"),
@@ -85,10 +85,10 @@ def _places(name: str) -> tuple[list[CodeLocation], CodeLocation]:
     return equations or [whole], program
 
 
-def _numbers(words: str) -> str:
+def _numbers(docstring: str) -> str:
     """The words with what lies between two numbers, "D(8) to D(11)", written out."""
     ends = re.compile(r"([A-Z]?\((?:\d\.)?)(\d+)\) to [A-Z]?\((?:\d\.)?(\d+)\)")
-    return ends.sub(lambda m: ", ".join(f"{m[1]}{n})" for n in range(int(m[2]), int(m[3]) + 1)), words)
+    return ends.sub(lambda m: ", ".join(f"{m[1]}{n})" for n in range(int(m[2]), int(m[3]) + 1)), docstring)
 
 
 @functools.cache
@@ -106,9 +106,9 @@ def equations() -> tuple[Equation, ...]:
 def _equation(source: str, line: str) -> Equation:
     number, printed, reading, where = [*re.split(r" *:: *", line), "", "", ""][:4]
     label, folders = _label(number), FOLDERS.get(source)
-    found = {place: label.search(_numbers(words)) for place, (words, _) in _functions().items()}
+    matches = {place: label.search(_numbers(docstring)) for place, (docstring, _) in _functions().items()}
     leads = {
-        place: match.start() < LEADING for place, match in found.items()
+        place: match.start() < LEADING for place, match in matches.items()
         if match and (folders is None or place.module.split(".")[1] in folders)
     }  # fmt: skip
     references, kernels = (
@@ -134,8 +134,8 @@ def _equation(source: str, line: str) -> Equation:
 
 def _label(number: str) -> re.Pattern[str]:
     """How docstrings have a number: M(4) or Shao & Song (4), (4.18) or, with its sign corrected, (4.18*)."""
-    words = re.escape(number).replace(r"\)", r"\*?\)")
-    return re.compile(rf"(?:\bM|Shao & Song |^){words[1:]}" if number[:2] == "M(" else rf"(?<!\w){words}(?!\w)")
+    escaped = re.escape(number).replace(r"\)", r"\*?\)")
+    return re.compile(rf"(?:\bM|Shao & Song |^){escaped[1:]}" if number[:2] == "M(" else rf"(?<!\w){escaped}(?!\w)")
 
 
 def _kinds(places: Iterable[CodeLocation]) -> tuple[list[CodeLocation], list[CodeLocation]]:
@@ -174,8 +174,8 @@ OTHERS_COLUMNS = ("operation", "paper", "equation", "reference", "program")
 def page(site: bool = False) -> str:
     """docs/equations.md; on the site with the lines of functions, and with what is after other sources."""
     parts = [HEAD]
-    for source, own in itertools.groupby(equations(), lambda equation: equation.source):
-        rows = [_cells(equation, site) for equation in own]
+    for source, of_source in itertools.groupby(equations(), lambda equation: equation.source):
+        rows = [_cells(equation, site) for equation in of_source]
         parts += [f"## {source[:1].upper()}{source[1:]}\n", *_table(COLUMNS, rows), ""]
     if site:
         told = {name for equation in equations() for name in equation.operations}

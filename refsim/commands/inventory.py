@@ -46,14 +46,14 @@ def programs_of(operation: Operation) -> list[str]:
 
 def _parameters(effect: type[Effect]) -> list[dict[str, Any]]:
     meanings = describe(effect)
-    found = []
+    parameters = []
     for f in msgspec.structs.fields(effect):
         default = None if f.default is msgspec.NODEFAULT else f.default
         if f.default_factory is not msgspec.NODEFAULT:
             default = f.default_factory()
         meaning = meanings.get(f.name, "")
-        found.append({"name": f.name, "default": default, "required": f.required, "meaning": meaning})
-    return found
+        parameters.append({"name": f.name, "default": default, "required": f.required, "meaning": meaning})
+    return parameters
 
 
 @command("list", "list operations and effects")
@@ -144,10 +144,10 @@ def _effect(entry: tuple[str, dict[str, Any]]) -> str:
     for p in effect["parameters"]:
         value = "required" if p["required"] else f"= {_shown(p['default'])}"
         lines.append(f"  {p['name']} {value}  {p['meaning']}")
-    if own := effect["paper"]:
-        taken = [*own["errata"], *(f"{key} = {_shown(value)}" for key, value in own["parameters"].items())]
-        words = ", ".join(taken) or "nothing, no choice differs"
-        lines.append(f'  literal = "paper" takes of {own["source"]}: {words}')
+    if paper := effect["paper"]:
+        taken = [*paper["errata"], *(f"{key} = {_shown(value)}" for key, value in paper["parameters"].items())]
+        listed = ", ".join(taken) or "nothing, no choice differs"
+        lines.append(f'  literal = "paper" takes of {paper["source"]}: {listed}')
     return "\n".join(lines)
 
 

@@ -56,8 +56,10 @@ def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
         for effect, p in plan.all_passes()
         if effect is not None
     ]
-    own = ["sph.extremes", *(p.operation for effect, p in plan.motion if effect is None)]
-    runner = [{"operation": name, "kernel": kernel_name(name, backend), "when": "every step"} for name in own]
+    loop_operations = ["sph.extremes", *(p.operation for effect, p in plan.motion if effect is None)]
+    runner = [
+        {"operation": name, "kernel": kernel_name(name, backend), "when": "every step"} for name in loop_operations
+    ]
     neighbours = neighbour_list(plan, backend)
     walls = 0 if plan.walls is None else len(plan.walls.position)
     steps = _first_step(plan)
@@ -323,7 +325,7 @@ def _text(summary: dict[str, Any]) -> str:
             f"Energy audit: every {audit['every']:,} steps, growth up to {audit['bound']:g} of the energy turned over;"
             f" counts {', '.join(audit['counts'])}{lacking}"
         )
-    lines += [f"Default: {words}" for words in summary["defaults"]]
+    lines += [f"Default: {default}" for default in summary["defaults"]]
     return "\n".join([*lines, *(f"Note: {note}" for note in summary["notes"])])
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backends.written import NotPlain, class_text, kind_of, literal, wrapped, written
+from refsim.backends.written import NotPlain, class_text, kind_of, literal, wrapped_line, written
 from refsim.contract import bindings
 from refsim.core.errors import RefsimError
 from refsim.core.operation import Operation, backend_of
@@ -52,11 +52,15 @@ def kernel_of(operation: Operation, program: str) -> Any:
     from refsim.backends.reductions import Reduction
 
     entry = operation.entry(program)
-    found = getattr(
+    candidate = getattr(
         importlib.import_module(f"{entry.folder or operation.folder}.{entry.module}"),
         entry.function or operation.function,
     )
-    return found if isinstance(found, Kernel) and not isinstance(found, Reduction) and not entry.packed else None
+    return (
+        candidate
+        if isinstance(candidate, Kernel) and not isinstance(candidate, Reduction) and not entry.packed
+        else None
+    )
 
 
 def printed(operation: Operation, program: str) -> str | None:
@@ -98,13 +102,13 @@ def _example(operation: Operation, kernel: Any, given: Mapping[str, Any], backen
         raise NotPlain(kernel.rows)
     rows, radius = len(taken[kernel.rows]), next((n for n in taken if hasattr(taken[n], "support_radius")), "")
     order = sorted(taken, key=lambda name: (name != radius, name == "neighbours"))
-    lines = [wrapped(f"    {name} = {_made(operation, name, taken[name], rows, radius)}") for name in order]
+    lines = [wrapped_line(f"    {name} = {_made(operation, name, taken[name], rows, radius)}") for name in order]
     classes = {type(value).__name__: type(value) for value in taken.values() if isinstance(value, tuple)}
     outputs = [name for name in operation.outputs if name in taken]
     told = (f'print("mean of |{name}|:", np.abs(given[{list(taken).index(name)}]).mean())' for name in outputs)
     main = EXAMPLE.format(
         count=COUNT, name=kernel.__name__, lines="\n".join(lines).lstrip(), told="\n    ".join(told),
-        arguments=wrapped(f"    return ({', '.join(taken)}{',' * (len(taken) == 1)})").lstrip(),
+        arguments=wrapped_line(f"    return ({', '.join(taken)}{',' * (len(taken) == 1)})").lstrip(),
         launch="[1, 128]" if backend == "cuda" else "",
     )  # fmt: skip
     return "\n\n\n".join([*map(class_text, classes.values()), *[NEIGHBOURS[backend]] * ("neighbours" in taken), main])
@@ -125,16 +129,16 @@ def _made(operation: Operation, name: str, value: Any, rows: int, radius: str) -
         return f"{type(value).__name__}({', '.join(f'{n}={literal(v)}' for n, v in members)})"
     if not getattr(value, "ndim", 0):
         return literal(value)
-    kind, own = f"np.{value.dtype.name}", len(value) == rows
-    shape = ", ".join(["count", *map(str, value.shape[1:])]) if own else ""
+    kind, per_row = f"np.{value.dtype.name}", len(value) == rows
+    shape = ", ".join(["count", *map(str, value.shape[1:])]) if per_row else ""
     shape = f"({shape})" if value.ndim > 1 else shape or str(value.shape)
-    if name in operation.outputs and (own or value.size <= MOST_NUMBERS):
-        return f"np.zeros({shape if own else value.shape}, {kind})"
-    if name == "position" and own:
+    if name in operation.outputs and (per_row or value.size <= MOST_NUMBERS):
+        return f"np.zeros({shape if per_row else value.shape}, {kind})"
+    if name == "position" and per_row:
         return f"rng.uniform(0, {f'2.4 * {radius}.support_radius' if radius else 1.0}, (count, 3)).astype({kind})"
-    if value.size <= MOST_NUMBERS and not own:
+    if value.size <= MOST_NUMBERS and not per_row:
         return literal(value)
-    if not own or not np.isfinite(np.asarray(value, dtype=float)).all():
+    if not per_row or not np.isfinite(np.asarray(value, dtype=float)).all():
         raise NotPlain(name)
     if value.dtype.kind in "iub":
         return f"rng.integers({int(value.min())}, {min(int(value.max()), COUNT - 1) + 1}, {shape}).astype({kind})"

@@ -56,10 +56,10 @@ def execute(options: argparse.Namespace) -> CommandResult:
     return CommandResult(data, f"{table(rows, right=(1,))}\n{in_time(seconds)}")
 
 
-def _numbers(name: str, words: str, between: str, kind: type) -> tuple[Any, Any]:
+def _numbers(name: str, text: str, between: str, kind: type) -> tuple[Any, Any]:
     """Two numbers of an option. Raises InputError for anything else."""
     try:
-        first, second = map(kind, words.split(between))
+        first, second = map(kind, text.split(between))
     except ValueError:
-        raise InputError(f"--{name} {words!r} is not possible; give two numbers with {between!r} between.") from None
+        raise InputError(f"--{name} {text!r} is not possible; give two numbers with {between!r} between.") from None
     return first, second

@@ -77,10 +77,10 @@ def execute(options: argparse.Namespace) -> CommandResult:
 def _watch(options: argparse.Namespace, simulation: Simulation) -> Watching | None:
     if options.observable is None:
         return None
-    found = Watching(observable_of(options.observable, simulation.plan), simulation.plan.scene)
-    if simulation.source is not None and found.due:
+    watching = Watching(observable_of(options.observable, simulation.plan), simulation.plan.scene)
+    if simulation.source is not None and watching.due:
         raise InputError(f"run: {options.observable} is read during the whole run; leave --resume out.")
-    return found
+    return watching
 
 
 def _begin(options: argparse.Namespace) -> tuple[Simulation, Path]:

@@ -70,25 +70,25 @@ def _function(module: str, name: str) -> Source | None:
 
 def source_of(module: str, name: str) -> Source:
     """A function with its decorators; raises InputError where the module does not define it."""
-    found = _function(module, name)
-    if found is None:
+    function = _function(module, name)
+    if function is None:
         raise InputError(f"{module} defines no function {name}, which `refsim show` could print.")
-    return found
+    return function
 
 
 @functools.cache
 def _imported(module: str) -> dict[str, str]:
     """What the module imports of its own package, by the name that it uses."""
-    found: dict[str, str] = {}
+    imports: dict[str, str] = {}
     for node in parsed(module)[1].body:
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(module.partition(".")[0]):
-            found |= {alias.asname or alias.name: f"{node.module}.{alias.name}" for alias in node.names}
-    return found
+            imports |= {alias.asname or alias.name: f"{node.module}.{alias.name}" for alias in node.names}
+    return imports
 
 
 def called_by(module: str, name: str) -> list[tuple[str, str]]:
     """(module, name) of the package's functions that a function calls, directly or through others."""
-    found: dict[tuple[str, str], None] = {}
+    callees: dict[tuple[str, str], None] = {}
     waiting = [(module, name)]
     while waiting:
         place, function = waiting.pop(0)
@@ -101,10 +101,15 @@ def called_by(module: str, name: str) -> list[tuple[str, str]]:
                 target = (full.rpartition(".")[0], full.rpartition(".")[2])
             else:
                 continue
-            if target not in found and target[0] and file_of(target[0]) is not None and _function(*target) is not None:
-                found[target] = None
+            if (
+                target not in callees
+                and target[0]
+                and file_of(target[0]) is not None
+                and _function(*target) is not None
+            ):
+                callees[target] = None
                 waiting.append(target)
-    return list(found)
+    return list(callees)
 
 
 def describe(operation: Operation, program: str) -> dict[str, list[Source]]:
@@ -112,7 +117,7 @@ def describe(operation: Operation, program: str) -> dict[str, list[Source]]:
     reference, entry = operation.entry("numpy"), operation.entry(program)
     module, name = f"{entry.folder or operation.folder}.{entry.module}", entry.function or operation.function
     called = called_by(module, name)
-    found = {
+    description = {
         "formulas": [source_of(*place) for place in called if place[0].endswith(".formulas")],
         "equations": [source_of(f.__module__, f.__name__) for f in operation.equations()],
         "reference": [source_of(f"{operation.folder}.{reference.module}", operation.function)],
@@ -121,14 +126,14 @@ def describe(operation: Operation, program: str) -> dict[str, list[Source]]:
             source_of(*place) for place in called if place[0].startswith(operation.folder) and place[0] == module
         ],
     }
-    return found
+    return description
 
 
 def shown(equation: Equation) -> CommandResult:
     """What is printed in the source, how it is read, and the code that stands for it."""
     lines = [equation.name if equation.source == "thesis" else f"{equation.name}, {equation.source}", equation.printed]
-    for heading, words in (("read", equation.reading), ("not implemented", equation.reason)):
-        lines += [f"{heading}: {words}"] * bool(words)
+    for heading, sentence in (("read", equation.reading), ("not implemented", equation.reason)):
+        lines += [f"{heading}: {sentence}"] * bool(sentence)
     lines += [f"tests: tests/ladder/test_pairing.py -k {name}" for name in equation.operations]
     code = {"reference": equation.references, "program": equation.kernels}
     sources = {key: [source_of(*place) for place in places] for key, places in code.items()}
@@ -166,7 +171,7 @@ def execute(options: argparse.Namespace) -> CommandResult:
     text = printed(operation, program) if options.backend else None
     if text is not None:
         return CommandResult(about | {"program": program, "file": text}, text.rstrip("\n"), verbatim=True)
-    found = describe(operation, program)
+    description = describe(operation, program)
     headings = {
         "formulas": "Formulas",
         "equations": "Equations: the term of one pair, or what follows from the sums",
@@ -176,7 +181,7 @@ def execute(options: argparse.Namespace) -> CommandResult:
     }
     lines = [operation.name, f"{operation.paper}: {operation.equation}"]
     for key, heading in headings.items():
-        if found.get(key):
-            lines += ["", f"## {heading}", *(f"\n{source}" for source in found[key])]
-    data = {key: [asdict(source) for source in sources] for key, sources in found.items()}
+        if description.get(key):
+            lines += ["", f"## {heading}", *(f"\n{source}" for source in description[key])]
+    data = {key: [asdict(source) for source in sources] for key, sources in description.items()}
     return CommandResult(about | data, "\n".join(lines), verbatim=True)

@@ -93,11 +93,11 @@ def _points(options: argparse.Namespace) -> CommandResult:
     """Measure the panel's settings."""
     tell = (lambda text: None) if options.quiet else say
     of = panel(options.scene)
-    found = measuring.measured(of, options.points or (), backend=options.backend, say=tell)
+    measured_panel = measuring.measured(of, options.points or (), backend=options.backend, say=tell)
     value, _, uncertainty = of.reference()
     data = {
         "panel": of.name, "observable": of.about.observed, "reference": value, "uncertainty": uncertainty,
-        "source": of.about.reference, "points": measuring.rows(of, found),
+        "source": of.about.reference, "points": measuring.rows(of, measured_panel),
     }  # fmt: skip
-    failed = all(point.failed for point in found.points.values())
-    return CommandResult(data, measuring.text(of, found), FAILED if failed else 0)
+    failed = all(point.failed for point in measured_panel.points.values())
+    return CommandResult(data, measuring.text(of, measured_panel), FAILED if failed else 0)

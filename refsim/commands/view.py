@@ -29,9 +29,9 @@ def execute(options: argparse.Namespace) -> CommandResult:
     path = given or Path(tempfile.mkdtemp(prefix="refsim_")) / "view.html"
     page.save(path)
     size = len(page.html.encode())
-    words = f"{path}  {in_bytes(size)}"
+    line = f"{path}  {in_bytes(size)}"
     if page.left_out:
-        words += f"\nfields left out: {', '.join(page.left_out)}; --fields selects others"
+        line += f"\nfields left out: {', '.join(page.left_out)}; --fields selects others"
     if options.html is None and not webbrowser.open(path.absolute().as_uri()):
-        words += "\nno browser was found: open the file in one"
-    return CommandResult({"file": str(path), "bytes": size, "left_out": list(page.left_out)}, words)
+        line += "\nno browser was found: open the file in one"
+    return CommandResult({"file": str(path), "bytes": size, "left_out": list(page.left_out)}, line)

@@ -93,9 +93,9 @@ def _closed_form(target: Target, exact: cases.Exact, inputs: Inputs) -> Outcome:
     start = {n: 0 * inputs.output(target.operation, n) for n in target.operation.adds}
     before, after = target.launch(inputs, before=start)
     known = {n: np.asarray(v, dtype=float) for n, v in exact.expected.items() if n in after}
-    found = errors(target.operation, inputs, before, after, answer={n: (v, None) for n, v in known.items()})
+    ratios = errors(target.operation, inputs, before, after, answer={n: (v, None) for n, v in known.items()})
     answer = {n: (v, np.asarray(0.0)) for n, v in known.items()}
-    return judgement(target, Judged(inputs, before, after, answer, found))
+    return judgement(target, Judged(inputs, before, after, answer, ratios))
 
 
 def _same(given: Any, override: Any) -> bool:
@@ -272,8 +272,8 @@ def _another(
         if all(value.shape == same[n][0].shape for n, (value, _) in right.items()) and (
             worst(errors(operation, inputs, before, after, answer=same)) <= 1
         ):
-            words = f"your program's answer does not follow {member}"
-            return target.outcome(worst(judged.ratios), words, telling=True)
+            message = f"your program's answer does not follow {member}"
+            return target.outcome(worst(judged.ratios), message, telling=True)
     return judgement(target, judged)
 
 
@@ -294,9 +294,11 @@ def _takes(target: Target) -> Iterator[Trial]:
                     found = differs(answer, oracle(operation, other))
                     moved[name, member] = (found, acts(operation, name, member, inputs))
     for (name, member), (found, wanted) in moved.items():
-        words = "" if found == wanted else "changes nothing" if wanted else "changes the answer, and is not in `takes`"
+        message = (
+            "" if found == wanted else "changes nothing" if wanted else "changes the answer, and is not in `takes`"
+        )
         error = 0.0 if found == wanted else np.inf
-        yield Trial(f"{name}.{member} acts", functools.partial(target.outcome, error, words))
+        yield Trial(f"{name}.{member} acts", functools.partial(target.outcome, error, message))
 
 
 def differs(one: Mapping[str, tuple[Any, Any]], other: Mapping[str, tuple[Any, Any]]) -> bool:
@@ -317,13 +319,17 @@ def extended(name: str) -> Operation:
     """The operation with a variant for each optional argument by itself beside those of the plain one, if it acts."""
     operation = REGISTRY[name]
     plain, variants, broken = operation.variants[0], list(operation.variants), dict(operation.broken)
-    own = [present(operation, variant) for variant in operation.variants]
+    present_names = [present(operation, variant) for variant in operation.variants]
     for feature in operation.optional:
-        if feature in own[0] or own[0] | {feature} in own or feature not in frozenset().union(*own):
+        if (
+            feature in present_names[0]
+            or present_names[0] | {feature} in present_names
+            or feature not in frozenset().union(*present_names)
+        ):
             continue
         alone = {key: value for key, value in plain.items() if key != feature}
         if _acts(operation, alone, feature):
-            having = [operation.broken.get(k, ()) for k, names in enumerate(own) if feature in names or not k]
+            having = [operation.broken.get(k, ()) for k, names in enumerate(present_names) if feature in names or not k]
             lost = {*sum(map(tuple, having), ()), *TURNED.get(feature, ())}
             broken[len(variants)] = tuple(sorted(lost))
             variants.append(alone)

@@ -113,18 +113,18 @@ def _described(programs: Any, request: Request) -> LibraryDescription:
 
 def _merged(about: LibraryDescription, request: Request) -> Iterator[Outcome]:
     """Outcomes as they come, of processes that each judge a part of the operations."""
-    found: queue.SimpleQueue[Outcome | BaseException | None] = queue.SimpleQueue()
+    outcomes: queue.SimpleQueue[Outcome | BaseException | None] = queue.SimpleQueue()
     stopped = threading.Event()
 
     def work(names: list[str]) -> None:
         try:
             for outcome in _outcomes(_Child(request, names, stopped), names, about.arrays, request):
-                found.put(outcome)
+                outcomes.put(outcome)
                 if stopped.is_set():
                     break
-            found.put(None)
+            outcomes.put(None)
         except BaseException as error:
-            found.put(error)
+            outcomes.put(error)
 
     shares = [about.names[k :: request.processes] for k in range(request.processes)]
     threads = [threading.Thread(target=work, args=(names,)) for names in shares if names]
@@ -133,7 +133,7 @@ def _merged(about: LibraryDescription, request: Request) -> Iterator[Outcome]:
     try:
         running = len(threads)
         while running:
-            item = found.get()
+            item = outcomes.get()
             if isinstance(item, BaseException):
                 raise item
             if item is None:
@@ -182,9 +182,9 @@ def _outcomes(child: "_Child", names: Sequence[str], arrays: str, request: Reque
                 operation, dtype, variant, step, trial, number = at
                 endings += 1
                 left = not dtype or endings == MOST_ENDINGS
-                words = f"{fault}; the trials behind this one are not judged" if left else fault
+                message = f"{fault}; the trials behind this one are not judged" if left else fault
                 many = MANY_PARTICLES if trial == MANY and "did not return" in fault else ""
-                yield Outcome(operation, step, trial, arrays, dtype, variant, False, np.inf, words, many)
+                yield Outcome(operation, step, trial, arrays, dtype, variant, False, np.inf, message, many)
                 if left:
                     endings = 0
                     if operation in waiting:
@@ -219,27 +219,27 @@ class _Child:
     def message(self, seconds: float) -> tuple[str, Any]:
         """(kind, value) of the next message; _Gone if none comes, `seconds` after the last if a program is running."""
         until = time.monotonic() + (seconds if self.called else OWN_WORK)
-        found = None
-        while found is None:
+        message = None
+        while message is None:
             try:
-                found = self.messages.get(timeout=0.2)
+                message = self.messages.get(timeout=0.2)
                 break
             except queue.Empty:
                 pass
             if not self.process.is_alive():
                 with contextlib.suppress(queue.Empty):  # a process of the program's own may hold the pipe open
-                    found = self.messages.get(timeout=1)
+                    message = self.messages.get(timeout=1)
                 break
             if self.stopped is not None and self.stopped.is_set():
                 raise _Gone("nobody waits for it")
             if time.monotonic() > until:
                 what = {"import": "its import did not end", "call": "the program did not return"}
-                words = what.get(self.called, "the process that judges it stood still")
-                raise _Gone(f"{words} within {seconds if self.called else OWN_WORK:g} s (--time-limit)")
-        if not isinstance(found, list) or len(found) != 2:
+                reason = what.get(self.called, "the process that judges it stood still")
+                raise _Gone(f"{reason} within {seconds if self.called else OWN_WORK:g} s (--time-limit)")
+        if not isinstance(message, list) or len(message) != 2:
             self.process.join(1)
             raise _Gone(f"the program ended its process ({_ending(self.process.exitcode)})")
-        kind, value = found
+        kind, value = message
         if kind in ("import", "call"):
             self.called = kind
         elif kind in ("returned", "about", "refused", "fault"):
@@ -287,10 +287,10 @@ def _work(pipe: Any, request: Request, path: list[str]) -> None:
     os.dup2(2, 1)
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     sys.path[:] = path
-    own, quiet = os.getpid(), open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
+    process, quiet = os.getpid(), open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
 
     def tell(kind: str, value: Any = None) -> None:
-        if os.getpid() != own:  # a copy of the process that a program made
+        if os.getpid() != process:  # a copy of the process that a program made
             os._exit(1)
         pipe.send_bytes(json.dumps([kind, value]).encode())
         if kind in ("import", "call"):  # ends this process even if the parent is gone
@@ -303,8 +303,8 @@ def _work(pipe: Any, request: Request, path: list[str]) -> None:
         try:
             tell("import")
             with np.errstate(), warnings.catch_warnings():  # a library may change both for the whole process
-                found = library.load(request.source)
-                about = _described(found, request)
+                programs = library.load(request.source)
+                about = _described(programs, request)
         except InputError as error:
             tell("refused", str(error))
             return
@@ -319,7 +319,7 @@ def _work(pipe: Any, request: Request, path: list[str]) -> None:
                 tell("returned" if case is None else "call", case)
 
             steps = library.ladder(
-                found, operation, request.dtypes, request.variants, request.steps, calling, request.seed
+                programs, operation, request.dtypes, request.variants, request.steps, calling, request.seed
             )
             for step in steps:
                 if operation == about.names[0] and step.number < request.first:

@@ -94,21 +94,21 @@ def errors(
     """
     answer = oracle(operation, inputs, rows) if answer is None else answer
     bounds = Bounds(operation, inputs, rows, share)
-    found = {}
+    ratios = {}
     for name, (value, scale) in answer.items():
         got, start = bounds.rows_of(name, after[name]), bounds.rows_of(name, before[name])
         growing = bounds.growing(name, value, scale, start)
         if name in operation.exact:
-            found[name] = np.where(np.isfinite(next(growing)) & (got != value), np.inf, 0.0)
+            ratios[name] = np.where(np.isfinite(next(growing)) & (got != value), np.inf, 0.0)
             continue
         # infinity less infinity is no number and no agreement; what was not written may be as large as a number can be
         with np.errstate(invalid="ignore", over="ignore"):
             error = size(got - (start if name in operation.adds else 0) - value)
             for bound in growing:
-                found[name] = np.where(np.isfinite(error), error / bound, np.inf)
-                if not (found[name] > 1).any():
+                ratios[name] = np.where(np.isfinite(error), error / bound, np.inf)
+                if not (ratios[name] > 1).any():
                     break
-    return found
+    return ratios
 
 
 class Bounds:
@@ -165,12 +165,12 @@ def allowed(
 
     answer  in the oracle's form, of all particles or of `rows`; (value, None) for a closed form
     """
-    bounds, found = Bounds(operation, inputs, rows), {}
+    bounds, largest = Bounds(operation, inputs, rows), {}
     for name, (value, scale) in answer.items():
         if name in before:
             *_, bound = bounds.growing(name, value, scale, bounds.rows_of(name, before[name]))
-            found[name] = bound.max(tuple(range(1, bound.ndim)))
-    return found
+            largest[name] = bound.max(tuple(range(1, bound.ndim)))
+    return largest
 
 
 def conditioning(operation: Operation, inputs: Inputs, rows: np.ndarray | None = None) -> dict[str, np.ndarray]:
@@ -207,8 +207,8 @@ def edge_terms(operation: Operation, inputs: Inputs, rows: np.ndarray | None = N
     if not near.any():
         return {}
     less, more = (_stretched(operation, inputs, 1 + part, rows) for part in (-2 * edge, 2 * edge))
-    own = [name for name in less if inputs.per_particle(name)]
-    return {name: np.where(near, size(less[name] - more[name]), 0.0) for name in own}
+    per_particle = [name for name in less if inputs.per_particle(name)]
+    return {name: np.where(near, size(less[name] - more[name]), 0.0) for name in per_particle}
 
 
 def undecided(operation: Operation, inputs: Inputs, answer: Mapping[str, tuple[Any, Any]]) -> float:

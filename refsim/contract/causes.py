@@ -40,7 +40,7 @@ def judgement(target: Target, judged: Judged) -> Outcome:
     with np.errstate(all="ignore"):  # which a library may have changed for the whole process
         traits = traits_of(target, judged)
         if not error <= 1 and not target.faults:
-            began, sought, wrong = time.process_time(), target.sought, Wrong(target, judged)
+            began, sought, wrong = time.process_time(), target.sought, Diagnosis(target, judged)
             traits["sought"] = sought.wanted(len(judged.inputs["position"]))
             more = {"sign": wrong.sign(traits["sought"]), "values": wrong.values()}
             told = more["sign"] or f"{wrong.name} is wrong in {wrong.wrong.sum()} of {len(wrong.wrong)} rows"
@@ -69,11 +69,11 @@ def traits_of(target: Target, judged: Judged) -> dict[str, Any]:
     there = [f"with {n}" for n in operation.optional if n in taken and inputs[n] is not None]
     there += [*(f"with the kernel {name}" for name in target.kernel.split()), f"in {inputs.case.dim} dimensions"]
     of_all = dict.fromkeys([*there, f"in {target.dtype}"], 1) | {"with up to # particles": len(x)}
-    found: dict[str, Any] = {}
+    traits: dict[str, Any] = {}
     for key, values in of_rows.items():
         most, right, bad = np.max if "#" in key else np.mean, values[telling & ~wrong], values[wrong]
-        found[key] = float(most(right)) if len(right) else None, float(bad.min()) if len(bad) else None
-    return found | {key: (v, None) if worst(judged.ratios) <= 1 else (None, v) for key, v in of_all.items()}
+        traits[key] = float(most(right)) if len(right) else None, float(bad.min()) if len(bad) else None
+    return traits | {key: (v, None) if worst(judged.ratios) <= 1 else (None, v) for key, v in of_all.items()}
 
 
 def first_cause(outcomes: Sequence[Outcome]) -> str:
@@ -81,8 +81,8 @@ def first_cause(outcomes: Sequence[Outcome]) -> str:
     failed = [o for o in outcomes if not (o.passed or o.not_judged)]
     wrong = [o for o in failed if o.traits]
     voting = [o for o in wrong or failed if o.traits.get("sought", not o.values)] or wrong or failed
-    said = [words for o in voting if (words := o.sign or ("" if o.values else o.words))]
-    kinds = [re.sub(r"\d[\d.,]*(e[+-]\d+)?", "#", words) for words in said]
+    said = [sentence for o in voting if (sentence := o.sign or ("" if o.values else o.words))]
+    kinds = [re.sub(r"\d[\d.,]*(e[+-]\d+)?", "#", sentence) for sentence in said]
     best = max(kinds, key=kinds.count, default="")
     first = f"wrong in {len(failed)} of {sum(not o.not_judged for o in outcomes)} trials"
     first = said[kinds.index(best)] if kinds.count(best) > 0.45 * len(voting) else first
@@ -96,8 +96,8 @@ def conditions(outcomes: Sequence[Outcome], wrong: Sequence[Outcome], alone: Seq
         least = min(o.traits.get(key, (0, 0))[1] or 0 for o in wrong)
         right = [most for o in told if (most := o.traits.get(key, (0, 0))[0]) is not None]
         if "#" in key and CAPACITY <= max(right, default=0) < least:
-            words = f"right {key.replace('#', f'{max(right):,.0f}')}, wrong from {least:,.0f} on"
-            return [*(f"wrong only {k}" for k in alone), f"{words}: is a list, a block or an index too short?"]
+            condition = f"right {key.replace('#', f'{max(right):,.0f}')}, wrong from {least:,.0f} on"
+            return [*(f"wrong only {k}" for k in alone), f"{condition}: is a list, a block or an index too short?"]
         if "#" not in key and least == 1 and sum(share < 1 for share in right) > 1:
             shares.append((sum(right) / len(right), key))
     first = sorted(shares)[: 2 if len(wrong) > 2 and not alone else 0]  # fewer have much alone
@@ -105,7 +105,7 @@ def conditions(outcomes: Sequence[Outcome], wrong: Sequence[Outcome], alone: Seq
     return conditions(outcomes, wrong, keys) if keys else [f"wrong only {key}" for key in alone]
 
 
-class Wrong:
+class Diagnosis:
     """The worst output of a wrong answer. Arrays have one row for each particle that is compared."""
 
     def __init__(self, target: Target, judged: Judged) -> None:
@@ -127,13 +127,13 @@ class Wrong:
         """The words of the first sign that there is, or ""; with `deep` oracle and program are called."""
         for seek, most in SIGNS.items():
             with contextlib.suppress(*REFUSED):
-                for words, made in seek(self) if not most or (deep and self.per_particle) else ():
+                for sentence, made in seek(self) if not most or (deep and self.per_particle) else ():
                     with contextlib.suppress(*REFUSED):
-                        if made is None or (words := self.told(words, made, most or len(self.order))):
-                            return words
+                        if made is None or (sentence := self.told(sentence, made, most or len(self.order))):
+                            return sentence
         return ""
 
-    def told(self, words: str, made: Any, most: int) -> str:
+    def told(self, sentence: str, made: Any, most: int) -> str:
         """The words of a guess that holds in three wrong rows, then in so many, its amount by the secant; else ""."""
 
         def tried(s: float, rows: np.ndarray) -> tuple[np.ndarray, bool]:
@@ -144,15 +144,17 @@ class Wrong:
             close = size(self.off[rows] - change) <= np.maximum(8 * bound, CLOSE * size(change))
             return change, bool(close.all()) and (size(change) > 16 * bound).sum() >= min(2, len(rows))
 
-        rows, fits = np.unique(self.order[[0, len(self.order) > 1, len(self.order) // 2]]), "#" in words
+        rows, fits = np.unique(self.order[[0, len(self.order) > 1, len(self.order) // 2]]), "#" in sentence
         off, others = self.off[rows], self.order[:: 1 + len(self.order) // most]
         for amount in STARTS[: 1 if not fits else 0 if off.size < 3 else None]:  # of two numbers any amount would
             before, last = 1.0, 0 * off
             for _ in range(8 if fits else 1):
                 change, same = tried(amount, rows)
                 if abs(amount - 1) > 1e-6 and same:
-                    words = words.replace("#", f"{amount:.5g}") if tried(amount, others)[1] else ""
-                    return functools.reduce(lambda words, usual: re.sub(usual, SAID[usual], words), SAID, words)
+                    sentence = sentence.replace("#", f"{amount:.5g}") if tried(amount, others)[1] else ""
+                    return functools.reduce(
+                        lambda sentence, usual: re.sub(usual, SAID[usual], sentence), SAID, sentence
+                    )
                 slope, missed = (change - last) / (amount - before), off - change
                 step = float((missed * slope).sum() / (slope**2).sum())
                 if not (((missed - step * slope) ** 2).sum() <= 0.9 * (off**2).sum() and 1e-9 < abs(step) < 10):
@@ -186,7 +188,7 @@ class Wrong:
         return told | {"error": float(self.error[k]), "bound": float(self.bound[k]) or None, "neighbours": near}
 
 
-def unsteady(w: Wrong) -> Signs:
+def unsteady(w: Diagnosis) -> Signs:
     """Other values in another call: with the same inputs, or after a call with others."""
     for number in range(REPEATS):
         with on_one_core(number % 2 == 0):
@@ -199,7 +201,7 @@ def unsteady(w: Wrong) -> Signs:
         yield f"{w.name} depends on the calls before: is a list of neighbours kept from other positions?", None
 
 
-def shown(w: Wrong) -> Signs:
+def shown(w: Diagnosis) -> Signs:
     """What the values say: nothing, no numbers, one factor, one amount, other rows, the last rows, one component."""
     broken, first, gives = ~np.isfinite(w.off).all(1), int(np.argmax(w.wrong)), f"your program gives {w.name}"
     rows, bad = "all rows" if w.wrong.all() else "the wrong rows", (np.abs(w.off) > w.bound[:, None]).any(0)
@@ -215,8 +217,8 @@ def shown(w: Wrong) -> Signs:
         yield f"your program overwrites {w.name}; it must add to it", lambda _, k: w.right[k] - w.before[k]
     if kernel := kernel_of(w.operation, w.inputs):
         norms, dim = NORMALISATION[int(kernel.shape)], 5 - w.inputs.case.dim
-        words = f"{gives} with the kernel's normalisation for {dim} dimensions, in {rows}"
-        yield words, lambda _, k: norms[dim] / norms[5 - dim] * w.right[k]
+        sentence = f"{gives} with the kernel's normalisation for {dim} dimensions, in {rows}"
+        yield sentence, lambda _, k: norms[dim] / norms[5 - dim] * w.right[k]
     yield f"{gives} # times as large as right, in {rows}", lambda s, k: s * w.right[k]
     more, rank = np.median(w.off, 0), np.argsort(np.argsort(w.right + w.off, 0), 0)
     yield f"{gives} with the same amount too much or too little in {rows}", lambda _, k: w.right[k] + more
@@ -226,11 +228,11 @@ def shown(w: Wrong) -> Signs:
         yield f"{w.name} is wrong in {', '.join('xyz'[c] for c in np.flatnonzero(bad))} alone", None
 
 
-def altered(w: Wrong) -> Signs:
+def altered(w: Diagnosis) -> Signs:
     """Another kernel, part or field, or the particle itself."""
     operation, inputs, other, taken = w.operation, w.inputs, w.inputs.replaced, w.operation.arguments("numpy")
 
-    def put(n: str, kept: bool | None, value: Callable[..., Any]) -> Callable[[float, int], Inputs]:
+    def with_altered(n: str, kept: bool | None, value: Callable[..., Any]) -> Callable[[float, int], Inputs]:
         """Inputs with another field n, but in the particle itself or in the others, where it is kept."""
         v, i = inputs[n].T, np.arange(len(inputs[n]))
         return lambda s, k: other(**{n: np.where((i == w.number[k]) != kept, value(v, s, k), v).T})
@@ -245,27 +247,30 @@ def altered(w: Wrong) -> Signs:
     for axis, turn in zip("xyz", 1 - 2 * np.eye(3)) if "walls" in taken and inputs["walls"] is not None else ():
         walls = inputs["walls"]._replace(position=(inputs["walls"].position * turn).astype(inputs.dtype))
         yield f"the wall particles are mirrored: {axis} has the wrong sign", lambda *_, walls=walls: other(walls=walls)
-    own = lambda s, k: w.right[k] + (s - 1) * w.answer(w.alone(w.number[k : k + 1]), 0)  # noqa: E731
-    yield "your program counts the particle itself # times", own
+    itself = lambda s, k: w.right[k] + (s - 1) * w.answer(w.alone(w.number[k : k + 1]), 0)  # noqa: E731
+    yield "your program counts the particle itself # times", itself
     for n in (n for n in taken if n != "position" and inputs.per_particle(n) and inputs[n] is not None):
-        yield f"the answer has {n}_i in place of {n}_j", put(n, True, lambda v, _, k: (0 * v.T + v.T[w.number[k]]).T)
+        yield (
+            f"the answer has {n}_i in place of {n}_j",
+            with_altered(n, True, lambda v, _, k: (0 * v.T + v.T[w.number[k]]).T),
+        )
         for name, kept in ((n, None), (f"{n}_j", True), (f"{n}_i", False))[: 3 if w.sums else 1]:
-            before, words = put(n, kept, lambda v, *_: np.roll(v, 1, -1)), f"in place of {name}"
-            yield f"the answer has # times {name} {words}", put(n, kept, lambda v, s, _: s * v)
+            before, words = with_altered(n, kept, lambda v, *_: np.roll(v, 1, -1)), f"in place of {name}"
+            yield f"the answer has # times {name} {words}", with_altered(n, kept, lambda v, s, _: s * v)
             yield f"the answer has {n} of the particle before {words}", before
             for p, word in ((0, "1"), (2, "the square")):
-                yield f"the answer has {word} {words}", put(n, kept, lambda v, *_, p=p: v**p)
+                yield f"the answer has {word} {words}", with_altered(n, kept, lambda v, *_, p=p: v**p)
 
 
-def recounted(w: Wrong) -> Signs:
+def recounted(w: Diagnosis) -> Signs:
     """Rounding in float32, neighbours that count another number of times, particles beyond the support radius."""
 
     @functools.cache
     def shares(k: int) -> tuple[np.ndarray, np.ndarray]:
         """Numbers of neighbours of the k-th row relative to its own, and what each brings."""
         i, near = w.number[k], w.near(w.number[k])
-        own, *pairs = (w.answer(w.alone(np.array([i, *j])), 0) for j in ((), *zip(near)))
-        return near - i, np.array(pairs) - own
+        alone, *pairs = (w.answer(w.alone(np.array([i, *j])), 0) for j in ((), *zip(near)))
+        return near - i, np.array(pairs) - alone
 
     terms = np.maximum(np.maximum(size(columns(w.judged.answer[w.name][1]) + 0 * w.right), size(w.right)), 1e-300)
     share, mixed = np.quantile((w.error / terms)[w.wrong], 0.9), 0.2 < (w.off[w.wrong, 0] > 0).mean() < 0.8

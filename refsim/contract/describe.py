@@ -55,15 +55,15 @@ def arguments(operation: Operation, arrays: str) -> list[Argument]:
     inputs, near, walls = prepare(case, place, "float32", "all_pairs", period)
     given = {name: value_of(operation, name, inputs, near, walls, place) for name in names}
     sizes = {case.count: "n", len(given.get("nodes", ())): "nodes"}
-    found = []
+    described = []
     for name, value in given.items():
         role = "add to" if name in operation.adds else "out" if name in operation.outputs else "in"
-        found.append(_argument(name, role, _kind(value, sizes), name in operation.optional, _meaning(name, value)))
+        described.append(_argument(name, role, _kind(value, sizes), name in operation.optional, _meaning(name, value)))
         if hasattr(value, "_fields"):
             said = member_meanings(type(value))
             for member, part in zip(value._fields, value):
-                found.append(_argument(f"{name}.{member}", "", _kind(part, sizes), False, said[member]))
-    return found
+                described.append(_argument(f"{name}.{member}", "", _kind(part, sizes), False, said[member]))
+    return described
 
 
 def _argument(name: str, role: str, kind: str, optional: bool, meaning: str) -> Argument:
@@ -129,8 +129,8 @@ def _kind(value: Any, sizes: Mapping[int, str]) -> str:
 def _meaning(name: str, value: Any) -> str:
     if hasattr(value, "_fields"):
         return f"{type(value).__module__}.{type(value).__name__}"
-    found = fields().get(name)
-    return f"{found.meaning} [{found.unit}]" if found else _arguments().get(name, "")
+    field = fields().get(name)
+    return f"{field.meaning} [{field.unit}]" if field else _arguments().get(name, "")
 
 
 @functools.cache
@@ -144,13 +144,13 @@ def _arguments() -> dict[str, str]:
 
 def template(names: Sequence[str], arrays: str = "cpu") -> str:
     """A Python file with a program for each of the operations, whose computation is missing."""
-    found = [REGISTRY[name] for name in names]
-    functions = "\n\n".join(_function(operation, arrays) for operation in found)
-    entries = "".join(f'        "{operation.name}": {function_of(operation)},\n' for operation in found)
-    optional = sorted({name for operation in found for name in operation.optional} - {"walls"})
+    operations = [REGISTRY[name] for name in names]
+    functions = "\n\n".join(_function(operation, arrays) for operation in operations)
+    entries = "".join(f'        "{operation.name}": {function_of(operation)},\n' for operation in operations)
+    optional = sorted({name for operation in operations for name in operation.optional} - {"walls"})
     names_left_out = "".join(f'"{name}", ' for name in optional).strip()
     without = f"    # without=({names_left_out}),  # optional arguments that are not done\n"
-    walls = any("walls" in operation.arguments("numpy") for operation in found)
+    walls = any("walls" in operation.arguments("numpy") for operation in operations)
     return (
         f'"""Programs for {", ".join(names)}; judged by `refsim contract` with the name of this file."""\n\n'
         "from refsim.contract import Programs\n\n\n"
@@ -184,12 +184,12 @@ def _function(operation: Operation, arrays: str) -> str:
     said = inspect.getdoc(operation.program("numpy")) or ""
     said = "\n\n".join([said, *(f"{f.__name__}: {inspect.getdoc(f)}" for f in operation.equations())])
     outputs = ", ".join(operation.outputs)
-    words = "add to" if operation.adds else "assign"
+    verb = "add to" if operation.adds else "assign"
     taken = ", ".join(row.name for row in rows if row.role)
     signature = f"def {function_of(operation)}({taken}):"
     if len(signature) > 110:
         signature = f"def {function_of(operation)}(\n" + textwrap.indent(textwrap.fill(taken, 100), "    ") + ",\n):"
     body = f'"""{operation.name}: {operation.paper}, {operation.equation}.\n\n{said}\n\n' + "\n".join(told) + '\n"""'
     body = body.replace("\\", "\\\\")
-    missing = f"# The computation is missing: {words} {outputs} in place."
+    missing = f"# The computation is missing: {verb} {outputs} in place."
     return f"{signature}\n{textwrap.indent(body, '    ', lambda line: bool(line.strip()))}\n    {missing}\n"

@@ -117,8 +117,8 @@ def _on(target: Target, drawn: Drawn) -> Outcome | None:
         neighbours, walls = all_pairs(inputs, target.place, period_of(operation, inputs))
         lists = (with_room(neighbours, drawn.gap), walls)
     before, after = target.launch(inputs, *lists)
-    found = errors(operation, inputs, before, after, None, answer)
-    return judgement(target, Judged(inputs, before, after, answer, found))
+    ratios = errors(operation, inputs, before, after, None, answer)
+    return judgement(target, Judged(inputs, before, after, answer, ratios))
 
 
 def with_room(neighbours: Any, gap: int) -> Any:
@@ -128,9 +128,9 @@ def with_room(neighbours: Any, gap: int) -> Any:
     rows = len(neighbours.count)
     start = neighbours.start + gap * np.arange(rows, dtype=neighbours.start.dtype)
     entries = np.zeros(len(neighbours.entries) + gap * rows, neighbours.entries.dtype)
-    own = np.repeat(np.arange(rows), neighbours.count)
-    place = np.arange(len(own))
-    entries[place + gap * own] = neighbours.entries[: len(own)]
+    row_of_entry = np.repeat(np.arange(rows), neighbours.count)
+    place = np.arange(len(row_of_entry))
+    entries[place + gap * row_of_entry] = neighbours.entries[: len(row_of_entry)]
     return neighbours._replace(start=start, entries=entries)
 
 

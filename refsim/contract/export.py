@@ -114,7 +114,7 @@ def export(
             raise InputError(f"--export {folder}: the folder holds files; give a new one.")
     except OSError as error:
         raise InputError(f"--export {folder} cannot be written: {error.strerror}; give another folder.") from None
-    found = []
+    exported = []
     for name in names or REGISTRY:
         begins(name)
         operation = extended(name)
@@ -126,8 +126,8 @@ def export(
         ]
         told = list(_arguments(operation))
         outputs, adds, exact = map(list, (operation.outputs, operation.adds, operation.exact))
-        found.append(VectorOperation(name, operation.paper, operation.equation, told, outputs, adds, exact, files))
-    vectors = Vectors(FORMAT, VERSION, found)
+        exported.append(VectorOperation(name, operation.paper, operation.equation, told, outputs, adds, exact, files))
+    vectors = Vectors(FORMAT, VERSION, exported)
     write_file(folder / INDEX, msgspec.json.format(msgspec.json.encode(vectors), indent=1))
     write_file(folder / SCHEMA, msgspec.json.format(msgspec.json.encode(msgspec.json.schema(Vectors)), indent=1))
     write_file(folder / READER, resources.files("refsim.contract").joinpath(READER).read_bytes())

@@ -48,8 +48,8 @@ def fields() -> dict[str, Field]:
         importlib.import_module(folder)
     packages = {folder.partition(".")[0] for folder in folders}
     modules = [module for name, module in sorted(sys.modules.items()) if name.partition(".")[0] in packages]
-    found = {v.name: v for module in modules for v in vars(module).values() if isinstance(v, Field)}
-    return found
+    known = {v.name: v for module in modules for v in vars(module).values() if isinstance(v, Field)}
+    return known
 
 
 class Inputs:
@@ -172,11 +172,11 @@ def all_pairs(inputs: Inputs, backend: Backend, period: Period | None = None) ->
     """(neighbours, walls with their list) from the oracle's pairs, for particles in any order."""
     radius = inputs.case.list_radius * (1 + inputs.case.skin)
     position, walls = inputs["position"], inputs["walls"]
-    own = listed(position, position, radius, True, backend, period)
+    lists = listed(position, position, radius, True, backend, period)
     if walls is None:
-        return own, None
+        return lists, None
     near = listed(position, walls.position, radius, False, backend, period)
-    return own, with_list(backend.asarray(walls.position), backend.asarray(walls.volume), near)
+    return lists, with_list(backend.asarray(walls.position), backend.asarray(walls.volume), near)
 
 
 def distances(
@@ -193,14 +193,14 @@ def listed(
     """The sources nearer than `radius` [m] to each query, as the backend's kernels take them."""
     from refsim.neighbours.rows import NeighbourColumns, NeighbourRows  # which load Numba
 
-    counts, found = [np.zeros(0, int)], [np.zeros(0, int)]
+    counts, indices = [np.zeros(0, int)], [np.zeros(0, int)]
     for place, distance in distances(query, source, period=period):
         near = distance < radius
         if exclude_self:
             near &= np.arange(len(query))[place, None] != np.arange(len(source))[None, :]
         counts.append(near.sum(1))
-        found.append(near.nonzero()[1])
-    count, index = np.concatenate(counts).astype(np.int32), np.concatenate(found).astype(np.uint32)
+        indices.append(near.nonzero()[1])
+    count, index = np.concatenate(counts).astype(np.int32), np.concatenate(indices).astype(np.uint32)
     start = np.cumsum(count, dtype=np.int64) - count
     if backend.name == "cuda":
         columns = np.zeros((max(count.max(initial=0), 1), len(count)), np.uint32)

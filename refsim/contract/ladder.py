@@ -52,8 +52,8 @@ def performed(target: Target, step: str, trial: Trial) -> Outcome | None:
         outcome = trial.run()
     except NotJudged as reason:
         target.faults.clear()
-        told, words = (*reason.args, "")[:2]
-        outcome = dataclasses.replace(target.outcome(0.0), passed=False, not_judged=told, words=words)
+        told, message = (*reason.args, "")[:2]
+        outcome = dataclasses.replace(target.outcome(0.0), passed=False, not_judged=told, words=message)
     if outcome is None and target.faults:
         outcome = target.outcome(np.inf)
     seconds = round(time.perf_counter() - began, 4)
@@ -62,8 +62,8 @@ def performed(target: Target, step: str, trial: Trial) -> Outcome | None:
 
 def climbing(target: Target, steps: tuple[str, ...] | None = None) -> Iterator[Outcome]:
     """Outcomes of all steps, or of those named, as they come; for the references those that judge them."""
-    found = (performed(target, step, trial) for step, trial in planned(target, steps))
-    return (outcome for outcome in found if outcome is not None)
+    outcomes = (performed(target, step, trial) for step, trial in planned(target, steps))
+    return (outcome for outcome in outcomes if outcome is not None)
 
 
 def climb(target: Target, steps: tuple[str, ...] | None = None) -> list[Outcome]:

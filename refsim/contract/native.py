@@ -28,14 +28,16 @@ KIND = re.compile(r"(\w+)(?: \((.*)\))?")
 
 def parts(operation: Operation) -> dict[str, tuple[Argument, list[Argument]]]:
     """(argument, members of a group) by name."""
-    found: dict[str, tuple[Argument, list[Argument]]] = {}
+    groups: dict[str, tuple[Argument, list[Argument]]] = {}
     for row in arguments(operation, "cpu"):
         group, _, member = row.name.partition(".")
         if member:
-            found[group][1].append(row)
+            groups[group][1].append(row)
         else:
-            found[group] = (row, [])
-    return {name: part for name, part in found.items() if part[1] or part[0].kind[0].islower()}  # no memory of refsim's
+            groups[group] = (row, [])
+    return {
+        name: part for name, part in groups.items() if part[1] or part[0].kind[0].islower()
+    }  # no memory of refsim's
 
 
 def sizes(operation: Operation) -> list[str]:
@@ -45,10 +47,10 @@ def sizes(operation: Operation) -> list[str]:
 
 def split(kind: str) -> tuple[str, list[str]]:
     """(type, sizes) of an argument's kind, "float32 (n, 3)"."""
-    found = KIND.fullmatch(kind)
-    assert found is not None
-    shape = [size.strip() for size in (found[2] or "").split(",") if size.strip()]
-    return found[1], ["node_count" if size == "nodes" else size for size in shape]
+    match = KIND.fullmatch(kind)
+    assert match is not None
+    shape = [size.strip() for size in (match[2] or "").split(",") if size.strip()]
+    return match[1], ["node_count" if size == "nodes" else size for size in shape]
 
 
 def in_c(kind: str) -> str:
@@ -87,10 +89,10 @@ def header(operation: Operation) -> str:
             lines.append(f"    {kind}{m.name.partition('.')[2]}; /* {argument_comment(m)} */")
         lines += ["    int64_t rows; /* of its first array */", f"}} refsim_{argument};", "#endif", ""]
         taken.append(f"const refsim_{argument} *{argument}{' /* or NULL */' if row.optional else ''}")
-    words = f"/* {operation.name}: {operation.paper}, {operation.equation}"
+    comment = f"/* {operation.name}: {operation.paper}, {operation.equation}"
     written = f"   {'adds to' if operation.adds else 'assigns'} {', '.join(operation.outputs)} */"
     listed = ",\n    ".join(taken)
-    return "\n".join([*lines, words, written, f"void {function_of(operation)}(\n    {listed}\n);\n"])
+    return "\n".join([*lines, comment, written, f"void {function_of(operation)}(\n    {listed}\n);\n"])
 
 
 def module(operation: Operation) -> str:

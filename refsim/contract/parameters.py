@@ -15,8 +15,8 @@ KERNELS = ("smoothing", "gradient_smoothing")  # arguments that are smoothing ke
 
 def groups_of(operation: Operation, inputs: Inputs) -> dict[str, Any]:
     """Parameter groups that the operation takes, by argument name."""
-    found = {name: inputs[name] for name in operation.arguments("numpy")}
-    return {name: value for name, value in found.items() if isinstance(value, tuple) and hasattr(value, "_fields")}
+    taken = {name: inputs[name] for name in operation.arguments("numpy")}
+    return {name: value for name, value in taken.items() if isinstance(value, tuple) and hasattr(value, "_fields")}
 
 
 def varied(operation: Operation, inputs: Inputs) -> Iterator[tuple[str, str, Inputs]]:
@@ -79,8 +79,10 @@ def with_kernel(operation: Operation, inputs: Inputs, kernel: str) -> Inputs:
     made = {}
     for name, shape in zip(KERNELS, (shapes[0], shapes[-1])):
         if name in operation.arguments("numpy"):
-            own = inputs[name]
-            made[name] = smoothing(shape, float(own.support_radius), int(own.dim), inputs.dtype)
+            smoothing_kernel = inputs[name]
+            made[name] = smoothing(
+                shape, float(smoothing_kernel.support_radius), int(smoothing_kernel.dim), inputs.dtype
+            )
     return followed(operation, inputs.replaced(**made)) if made else inputs
 
 

@@ -217,18 +217,18 @@ def programs_of(module: Any) -> Programs:
     return _programs(module, module.__name__, module.__name__, "")
 
 
-def _programs(found: Any, source: str, place: str, attribute: str) -> Programs:
+def _programs(value: Any, source: str, place: str, attribute: str) -> Programs:
     """The mapping behind an imported object."""
-    if inspect.ismodule(found):
+    if inspect.ismodule(value):
         wanted = attribute or ATTRIBUTE
-        if not hasattr(found, wanted):
+        if not hasattr(value, wanted):
             raise InputError(f"{place} has no {wanted}; write {wanted} = {{'sph.density': function}} in it.")
-        found = getattr(found, wanted)
-    if isinstance(found, Programs):
-        return replace(found, name=source).checked()
-    if isinstance(found, Mapping):
-        return Programs(dict(found), name=source).checked()
-    raise InputError(f"{source} is {type(found).__name__}; give a mapping from names of operations to functions.")
+        value = getattr(value, wanted)
+    if isinstance(value, Programs):
+        return replace(value, name=source).checked()
+    if isinstance(value, Mapping):
+        return Programs(dict(value), name=source).checked()
+    raise InputError(f"{source} is {type(value).__name__}; give a mapping from names of operations to functions.")
 
 
 def _from_file(path: Path) -> Any:
@@ -345,28 +345,28 @@ def ladder(
 
     All dtypes, variants and steps by default. Raises InputError for what does not exist or cannot run here.
     """
-    found = programs.operation(programs.operations((operation,))[0])
+    program = programs.operation(programs.operations((operation,))[0])
     among(dtypes, programs.dtypes, f"{programs.name} does not compute in")
     among(steps, tuple(STEPS), "there is no step")
-    chosen = chosen_variants(found, variants)
+    chosen = chosen_variants(program, variants)
     names = [programs.arrays]
     if programs.programs is None:
-        names = [name for name in found.names() if backend_of(name) == programs.arrays]
+        names = [name for name in program.names() if backend_of(name) == programs.arrays]
     dims = (3,) if programs.programs is None else tuple(sorted(programs.dims, reverse=True))
     target = Target(
-        found, names[0], loader=programs.loader(), calling=calling, excludes=programs.excludes, dims=dims,
+        program, names[0], loader=programs.loader(), calling=calling, excludes=programs.excludes, dims=dims,
         same_bits=programs.same_bits, readings=programs.readings,
         seed=0 if seed is None and programs.programs is not None else seed,
     )  # fmt: skip
     counter = itertools.count()
-    for name, dtype, variant, kernel in itertools.product(names, dtypes or DTYPES, chosen, programs.ladders(found)):
-        overrides = found.as_computed_by(name).variants
+    for name, dtype, variant, kernel in itertools.product(names, dtypes or DTYPES, chosen, programs.ladders(program)):
+        overrides = program.as_computed_by(name).variants
         if variant >= len(overrides):
             continue
         at = replace(
-            target, operation=found, backend=name, dtype=dtype, variant=variant, kernel=kernel, faults=[], last={}
+            target, operation=program, backend=name, dtype=dtype, variant=variant, kernel=kernel, faults=[], last={}
         )
-        reason = dtype if dtype not in programs.dtypes else programs.unsupported(found, overrides[variant])
+        reason = dtype if dtype not in programs.dtypes else programs.unsupported(program, overrides[variant])
         if reason:
             yield Step(next(counter), at, not_judged=reason)
             continue

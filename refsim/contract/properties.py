@@ -39,18 +39,18 @@ def held(target: Target) -> tuple[str, ...]:
 
 
 def _conserved(target: Target, name: str, case: str) -> Outcome:
-    moves, words = CONSERVED[name]
+    moves, message = CONSERVED[name]
     inputs = without_walls(on_grid(target, case))
     if name == "galilean":
         answers = [target.launch(given)[1] for given in (inputs, *moves(inputs))]
         same = all(np.array_equal(answers[0][n], answers[1][n]) for n in answers[0])
-        return target.outcome(0.0 if same else np.inf, "" if same else words)
+        return target.outcome(0.0 if same else np.inf, "" if same else message)
     error = 0.0
     for given in moves(inputs):
         _, after = target.launch(given, before={"acceleration": np.zeros((len(given["position"]), 3))})
         total, bound = TOTALS[name](given, np.asarray(after["acceleration"], dtype=float), force_bound(target, given))
         error = max(error, float(total / bound) if bound else 0.0 if total < 0 else np.inf)
-    return target.outcome(error, "" if error <= 1 else words)
+    return target.outcome(error, "" if error <= 1 else message)
 
 
 def on_grid(target: Target, name: str) -> Inputs:
@@ -194,14 +194,14 @@ def _compared(usual: Usual, name: str, other: Callable[[], Description]) -> Outc
     _, moved = target.launch(described)
     scales = {n: (after[n] - (before[n] if n in target.operation.adds else 0), answer[n][1]) for n in after}
     brought = {n: back(v) if inputs.per_particle(n) else v for n, v in moved.items()}
-    found = errors(target.operation, inputs, before, brought, answer=scales, share=2.0)
-    return _told(target, found, f"your program's answer does not follow {MOVED[name.split()[0]]}")
+    ratios = errors(target.operation, inputs, before, brought, answer=scales, share=2.0)
+    return _told(target, ratios, f"your program's answer does not follow {MOVED[name.split()[0]]}")
 
 
-def _told(target: Target, found: dict[str, np.ndarray], wrong: str) -> Outcome:
+def _told(target: Target, ratios: dict[str, np.ndarray], wrong: str) -> Outcome:
     """The outcome, with words for a wrong answer."""
-    words, error = named_worst(found), worst(found)
-    return target.outcome(error, words if error <= 1 else f"{wrong}: {words}")
+    worst_named, error = named_worst(ratios), worst(ratios)
+    return target.outcome(error, worst_named if error <= 1 else f"{wrong}: {worst_named}")
 
 
 def by_ranks(usual: Usual, ranks: int) -> Outcome:
@@ -220,8 +220,8 @@ def by_ranks(usual: Usual, ranks: int) -> Outcome:
             gathered.setdefault(name, inputs.output(operation, name))[share] = part[name][: len(share)]
     before = {name: inputs.output(operation, name) for name in gathered}
     answer = {name: usual.expected[name] for name in gathered}
-    found = errors(operation, inputs, before, gathered, answer=answer)
-    return _told(target, found, f"the answer of {ranks} ranks with ghosts is not that of one")
+    ratios = errors(operation, inputs, before, gathered, answer=answer)
+    return _told(target, ratios, f"the answer of {ranks} ranks with ghosts is not that of one")
 
 
 def _translated(usual: Usual) -> Description:
@@ -301,13 +301,15 @@ def _repeated(target: Target, case: str, counts: tuple[int | None, ...]) -> Outc
     rounding = share < 100 * float(np.finfo(target.dtype).eps)
     if rounding and not target.same_bits:
         return target.outcome(0.0)
-    words = f"your program gives other bits for the same inputs, within rounding ({rows} rows): a race, or atomic sums"
+    message = (
+        f"your program gives other bits for the same inputs, within rounding ({rows} rows): a race, or atomic sums"
+    )
     if not rounding:
-        words = (
+        message = (
             f"your program gives other values of {name} for the same inputs ({rows} rows, by {share:.2g} of the"
             f" largest): {RACE}"
         )
-    return target.outcome(np.inf, words)
+    return target.outcome(np.inf, message)
 
 
 def additivity(target: Target) -> Iterator[Trial]:
@@ -333,19 +335,19 @@ def _from_another_start(target: Target, case: str, free: list[str]) -> Outcome:
     begun, second = target.launch(inputs, before=other | start)
     usual = oracle(operation, inputs) if zero else {}
     answer = {n: (first[n].astype(float), np.maximum(usual[n][1], np.abs(first[n]))) for n in zero}
-    found = errors(operation, inputs, begun, second, answer=answer, share=2.0) if zero else {}
-    found |= {n: np.array([0.0 if first[n].tobytes() == second[n].tobytes() else np.inf]) for n in other}
-    words = named_worst(found)
-    if not worst(found) <= 1:
-        peak = words.split()[0]
-        words = f"your program's answer depends on what stood in {peak} before"
+    ratios = errors(operation, inputs, begun, second, answer=answer, share=2.0) if zero else {}
+    ratios |= {n: np.array([0.0 if first[n].tobytes() == second[n].tobytes() else np.inf]) for n in other}
+    worst_named = named_worst(ratios)
+    if not worst(ratios) <= 1:
+        peak = worst_named.split()[0]
+        worst_named = f"your program's answer depends on what stood in {peak} before"
         if peak in other:
-            words += "; it must assign it"
+            worst_named += "; it must assign it"
             if second[peak].tobytes() == np.asarray(other[peak], second[peak].dtype).tobytes():
-                words = f"your program does not write {peak}"
+                worst_named = f"your program does not write {peak}"
         elif np.array_equal(first[peak], second[peak]):
-            words = f"your program overwrites {peak}; it must add to what stands there"
-    return target.outcome(worst(found), words)
+            worst_named = f"your program overwrites {peak}; it must add to what stands there"
+    return target.outcome(worst(ratios), worst_named)
 
 
 # T9
@@ -420,7 +422,7 @@ def _spoiled(usual: Usual, name: str) -> Outcome:
     counted = errors(operation, broken_inputs, before, after, answer=whole)
     found: dict[str, Any] = {}
     visible: Any = False
-    words = ""
+    message = ""
     for output, entries in spoiled.depends.items():
         depends: Any = entries
         got = ~np.isfinite(after[output])
@@ -429,9 +431,9 @@ def _spoiled(usual: Usual, name: str) -> Outcome:
             found[output] = np.where((depends & ~got) | (far & got), np.inf, 0.0)
             visible |= depends.any()
             if (depends & ~got).any():
-                words = f"a NaN in {name} does not show in {output}, which depends on it"
+                message = f"a NaN in {name} does not show in {output}, which depends on it"
             elif (far & got).any():
-                words = f"a NaN in {name} of one particle spreads to {output} of particles far away"
+                message = f"a NaN in {name} of one particle spreads to {output} of particles far away"
         elif output in whole:  # what the oracle can still say of the whole set must be right
             known = np.isfinite(whole[output][0])
             known = known.reshape(len(known), -1).all(1) if known.ndim > counted[output].ndim else known
@@ -439,4 +441,4 @@ def _spoiled(usual: Usual, name: str) -> Outcome:
             visible |= got.any() or (after[output] != before[output]).any()
     used = any(depends.any() for depends in spoiled.depends.values())
     error = worst(found) if visible or not used else np.inf
-    return target.outcome(error, words or named_worst(found))
+    return target.outcome(error, message or named_worst(found))

@@ -21,10 +21,10 @@ TOLD = 8  # failed trials that the text names for each operation; --json has all
 Found = Mapping[str, Sequence[Outcome]]
 
 
-def report(about: LibraryDescription, request: Request, found: Found, seconds: float) -> dict[str, Any]:
+def report(about: LibraryDescription, request: Request, outcomes_of: Found, seconds: float) -> dict[str, Any]:
     """The verdicts as plain data; an operation holds where trials passed, none failed and nothing declared is left."""
     operations = {}
-    for name, outcomes in found.items():
+    for name, outcomes in outcomes_of.items():
         lacking = [] if about.offered is None else gaps(name, about.declared, request, outcomes)
         operations[name] = _judged(outcomes, lacking, request.allow_untried)
     return {
@@ -68,7 +68,7 @@ def _plain(outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def text(data: Mapping[str, Any], found: Found) -> str:
+def text(data: Mapping[str, Any], outcomes_of: Found) -> str:
     """The verdicts as a table, failed trials grouped by what is wrong, and what was not judged."""
     operations = data["operations"]
     used = [step for step in STEPS if any(step in o["steps"] for o in operations.values())]
@@ -79,13 +79,15 @@ def text(data: Mapping[str, Any], found: Found) -> str:
         rows.append((name, *cells, largest, verdict(o)))
     lines = [f"{data['programs']}, arrays of {data['arrays']}: trials passed, by step of the ladder", ""]
     lines.append(table(rows, ("operation", *used, "largest error", "verdict"), tuple(range(1, len(used) + 2))))
-    for name, outcomes in found.items():
+    for name, outcomes in outcomes_of.items():
         lines += _failures(name, operations[name]["cause"], outcomes)
     for name, o in operations.items():
         if o["gaps"]:
             lines += ["", f"{name} is declared, and not judged: {', '.join(o['gaps'])}."]
         for size, count in o["untried"].items():
-            first = next(outcome.words for outcome in found[name] if outcome.untried and outcome.not_judged == size)
+            first = next(
+                outcome.words for outcome in outcomes_of[name] if outcome.untried and outcome.not_judged == size
+            )
             lines += ["", f"{name} is not tried {size} ({count} trial{'s' if count > 1 else ''}): {first}."]
     if not data["allow_untried"] and any(o["untried"] for o in operations.values()):
         lines += ["", "Declare most_particles, or take --allow-untried where that is enough."]
@@ -143,10 +145,10 @@ def _share(counts: Mapping[str, int] | None) -> str:
     return "-" if counts is None else f"{counts['trials'] - counts['failed']}/{counts['trials']}"
 
 
-def junit(data: Mapping[str, Any], found: Found) -> bytes:
+def junit(data: Mapping[str, Any], outcomes_of: Found) -> bytes:
     """One test suite for each operation, one test case for each trial; what is not judged is skipped, a gap fails."""
     suites = ElementTree.Element("testsuites", name=f"refsim contract {data['programs']}")
-    for name, outcomes in found.items():
+    for name, outcomes in outcomes_of.items():
         lacking, allowed = data["operations"][name]["gaps"], data["allow_untried"]
         skips = [bool(o.not_judged) and (allowed or not o.untried) for o in outcomes]
         skipped, failed = sum(skips), sum(not o.passed for o in outcomes) - sum(skips) + len(lacking)
@@ -161,15 +163,15 @@ def junit(data: Mapping[str, Any], found: Found) -> bytes:
                 ElementTree.SubElement(case, "skipped", message=o.not_judged)
             elif not o.passed:
                 ElementTree.SubElement(case, "failure", message=_printable(o.words)).text = _printable(str(o))
-        for words in lacking:
-            case = ElementTree.SubElement(suite, "testcase", classname=name, name=f"judged: {words}")
-            ElementTree.SubElement(case, "failure", message=f"declared, and not judged: {words}")
+        for lack in lacking:
+            case = ElementTree.SubElement(suite, "testcase", classname=name, name=f"judged: {lack}")
+            ElementTree.SubElement(case, "failure", message=f"declared, and not judged: {lack}")
     ElementTree.indent(suites)
     return ElementTree.tostring(suites, encoding="utf-8", xml_declaration=True)
 
 
-def _printable(words: str) -> str:
-    return "".join(c if c.isprintable() else " " for c in words)
+def _printable(text: str) -> str:
+    return "".join(c if c.isprintable() else " " for c in text)
 
 
 JUDGING = ("T1", "T2", "T3", "T11")  # steps that hold the answer itself to a right one
@@ -186,22 +188,22 @@ def gaps(name: str, declared: Mapping[str, Sequence[Any]], request: Any, outcome
     wanted = [step for step in JUDGING if step in (request.steps or JUDGING)]
     if not wanted:
         return []
-    found = []
+    lacking = []
     if "T1" in wanted and not any(o.step == "T1" and (o.not_judged or o in told) for o in outcomes):
-        found.append("an answer in closed form (T1)")
+        lacking.append("an answer in closed form (T1)")
     if "T2" in wanted and not any(o.step == "T2" for o in told):
-        found.append("the hard inputs (T2)")
-    found += [dtype for dtype in request.dtypes or declared["dtypes"] if not any(o.dtype == dtype for o in told)]
+        lacking.append("the hard inputs (T2)")
+    lacking += [dtype for dtype in request.dtypes or declared["dtypes"] if not any(o.dtype == dtype for o in told)]
     kernels: Sequence[str] = declared["kernels"] if shape_acts(operation) else [""]
     for dim in declared["dims"]:
         for kernel in kernels:
             met = any(o.dim == dim and (not kernel or kernel in o.kernel.split()) for o in told)
             if not met and set(wanted) != {"T1"}:
-                found.append(f"{f'the kernel {kernel} ' if kernel else ''}in {dim} dimensions")
+                lacking.append(f"{f'the kernel {kernel} ' if kernel else ''}in {dim} dimensions")
     if not request.variants:
         given, judged = (
             {feature for number in numbers for feature in present(operation, operation.variants[number])}
             for numbers in (range(len(operation.variants)), {o.variant for o in told})
         )
-        found += [f"with {feature}" for feature in sorted(given - judged - {*declared["left_out"]})]
-    return found
+        lacking += [f"with {feature}" for feature in sorted(given - judged - {*declared["left_out"]})]
+    return lacking

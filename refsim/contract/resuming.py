@@ -11,8 +11,8 @@ from refsim.scene.scene import Scene
 
 def bits(simulation: Simulation) -> dict[str, bytes]:
     """Everything that a run carries from step to step, in the particles' first order."""
-    found = {name: simulation.field(name).tobytes() for name, f in simulation.plan.fields.items() if f.state}
-    return found | {"time": repr((simulation.time, simulation.steps, simulation.previous_length)).encode()}
+    fields = {name: simulation.field(name).tobytes() for name, f in simulation.plan.fields.items() if f.state}
+    return fields | {"time": repr((simulation.time, simulation.steps, simulation.previous_length)).encode()}
 
 
 def resumes(scene: Scene, backend: str = "cpu", steps: tuple[int, int] = (7, 9)) -> Iterator[Outcome]:

@@ -295,8 +295,8 @@ class Target:
         def lookup(name: str) -> Any:
             if name not in values:
                 made = value_of(operation, name, inputs, neighbours, walls, place) if name in self.taken else None
-                own = self.program is None and place.name == "cpu"
-                values[name] = guards.hold(name, as_in_runs(made) if own else made)
+                as_run = self.program is None and place.name == "cpu"
+                values[name] = guards.hold(name, as_in_runs(made) if as_run else made)
             return values[name]
 
         if self.program is None:
@@ -345,19 +345,19 @@ class Trial(NamedTuple):
     run: Callable[[], Outcome | None]
 
 
-def worst(found: Mapping[str, np.ndarray]) -> float:
+def worst(ratios: Mapping[str, np.ndarray]) -> float:
     """Largest error over bound of all outputs."""
-    return max((float(np.max(ratio, initial=0.0)) for ratio in found.values()), default=0.0)
+    return max((float(np.max(ratio, initial=0.0)) for ratio in ratios.values()), default=0.0)
 
 
-def named_worst(found: Mapping[str, np.ndarray], rows: np.ndarray | None = None) -> str:
+def named_worst(ratios: Mapping[str, np.ndarray], rows: np.ndarray | None = None) -> str:
     """Where the largest error is."""
-    peaks = {n: float(np.max(r, initial=0.0)) for n, r in found.items()}
+    peaks = {n: float(np.max(r, initial=0.0)) for n, r in ratios.items()}
     name = max(peaks, key=lambda n: peaks[n], default="")
     if not name or not peaks[name] > 0:
         return ""
-    place = int(np.argmax(found[name]))
-    return f"{name} of particle {place if rows is None or len(rows) != len(found[name]) else int(rows[place])}"
+    place = int(np.argmax(ratios[name]))
+    return f"{name} of particle {place if rows is None or len(rows) != len(ratios[name]) else int(rows[place])}"
 
 
 @contextlib.contextmanager

@@ -44,38 +44,38 @@ def trajectory(folder: Path) -> list[Snapshot]:
     """
     if not folder.is_dir():
         raise InputError(f"there is no folder {folder}; give the folder of the trajectory.")
-    found: list[Snapshot] = []
+    snapshots: list[Snapshot] = []
     if (folder / PARTICLES).exists():
         for frame in read_particles(folder / PARTICLES):
             given = {"position": frame.position}
             given |= {name: frame.fields[name] for name in ("velocity", "mass") if name in frame.fields}
-            found.append(replace(_checked(folder / PARTICLES, frame.time, given), behind=True))
-        return found
+            snapshots.append(replace(_checked(folder / PARTICLES, frame.time, given), behind=True))
+        return snapshots
     times = _pvd(folder) | _listed(folder)
     for path in sorted(folder.iterdir()):
         if path.suffix == ".npz":
-            found.append(_npz(path))
+            snapshots.append(_npz(path))
         elif path.suffix == ".bgeo":
-            found.append(_bgeo(path, times.get(path.name)))
+            snapshots.append(_bgeo(path, times.get(path.name)))
         elif path.suffix in (".vtp", ".vtu", ".vtk"):
-            found.append(_vtk(path, times.get(path.name)))
-    if not found:
+            snapshots.append(_vtk(path, times.get(path.name)))
+    if not snapshots:
         raise InputError(
             f"{folder} has no frames; give npz, bgeo, vtp, vtu or vtk files, or the folder of a run of refsim."
         )
-    return sorted(found, key=lambda frame: frame.time)
+    return sorted(snapshots, key=lambda frame: frame.time)
 
 
 def _pvd(folder: Path) -> dict[str, float]:
     """{name of a file: time [s]} of the folder's collections."""
-    found = {}
+    times = {}
     for path in folder.glob("*.pvd"):
         try:
             for entry in xml.etree.ElementTree.parse(path).iter("DataSet"):
-                found[Path(entry.attrib["file"]).name] = float(entry.attrib["timestep"])
+                times[Path(entry.attrib["file"]).name] = float(entry.attrib["timestep"])
         except (xml.etree.ElementTree.ParseError, KeyError, ValueError) as error:
             raise InputError(f"{path} is no collection of VTK files: {error}.") from None
-    return found
+    return times
 
 
 def _listed(folder: Path) -> dict[str, float]:

@@ -102,10 +102,10 @@ class Comparison(NamedTuple):
 # Measures
 
 
-def measures(found: Snapshot, dim: int, gravity: np.ndarray | None) -> dict[str, tuple[float, str]]:
+def measures(snapshot: Snapshot, dim: int, gravity: np.ndarray | None) -> dict[str, tuple[float, str]]:
     """{name: (value, unit)}: number, mass, centre, spread and extent, momentum and energies, as far as known."""
-    mass = np.ones(len(found.position)) if found.mass is None else found.mass
-    x, total = found.position, mass.sum()
+    mass = np.ones(len(snapshot.position)) if snapshot.mass is None else snapshot.mass
+    x, total = snapshot.position, mass.sum()
     centre = (mass[:, None] * x).sum(0) / total
     spread = np.sqrt((mass[:, None] * (x - centre) ** 2).sum(0) / total)
     values: dict[str, tuple[float, str]] = {"particles": (len(x), "-"), "mass": (total, "kg" if dim == 3 else "kg/m")}
@@ -116,10 +116,10 @@ def measures(found: Snapshot, dim: int, gravity: np.ndarray | None) -> dict[str,
         values[f"smallest {AXES[c]}"] = x[:, c].min(), "m"
     if gravity is not None:
         values["potential energy"] = -(mass * (x @ gravity)).sum(), "J"
-    if found.velocity is not None:
+    if snapshot.velocity is not None:
         for c in range(dim):
-            values[f"momentum {AXES[c]}"] = (mass * found.velocity[:, c]).sum(), "kg m/s"
-        values["kinetic energy"] = 0.5 * (mass * (found.velocity**2).sum(1)).sum(), "J"
+            values[f"momentum {AXES[c]}"] = (mass * snapshot.velocity[:, c]).sum(), "kg m/s"
+        values["kinetic energy"] = 0.5 * (mass * (snapshot.velocity**2).sum(1)).sum(), "J"
     return {name: (float(value), unit) for name, (value, unit) in values.items()}
 
 
@@ -162,7 +162,7 @@ def compare(
     behind = frames[-1].behind
     runs = [run_of(scene, seed, times, backend, behind, still=still) for seed in (None, *SEEDS)]
     other, coarser = (None, "") if chaos_only else _coarser(scene, times, backend, behind, total)
-    found, middles, bands, decides = [], {}, {}, (math.inf, "")
+    compared, middles, bands, decides = [], {}, {}, (math.inf, "")
     for name in names:
         curves = [tuple(run[k][name] for run in runs) for k in range(len(frames))]
         chaos, resolution = within * max(max(ours) - min(ours) for ours in curves), 0.0
@@ -175,13 +175,13 @@ def compare(
             Measure(name, values[name][1], time, values[name][0], ours, chaos, resolution)
             for time, values, ours in zip(times, theirs, curves)
         ]
-        found.append(max(points, key=lambda point: (point.difference, point.time)))
-        middles[name], bands[name] = [midrange(ours) for ours in curves], found[-1].allowed
+        compared.append(max(points, key=lambda point: (point.difference, point.time)))
+        middles[name], bands[name] = [midrange(ours) for ours in curves], compared[-1].allowed
         known = (max(middles[name]) - min(middles[name])) * DECIDES
         spread = [at for at, ours in zip(times, curves) if within * (max(ours) - min(ours)) > known]
         if next(at for at in times if at > 0) not in spread:  # else it says nothing, as what is zero by symmetry
             decides = min(decides, (min(spread, default=math.inf), name))
-    return Comparison(time, found, coarser, times, middles, bands, decides, still, behind)
+    return Comparison(time, compared, coarser, times, middles, bands, decides, still, behind)
 
 
 def _coarser(
@@ -230,7 +230,7 @@ def run_of(
         shift[:, scene.dim :] = 0
         simulation.set_field("position", (position + shift).astype(position.dtype))
     before = after = _state(simulation)
-    found = []
+    curves = []
     for until in times:
         while min(after.time, after.velocity_time) < until:
             simulation.step()
@@ -239,11 +239,11 @@ def run_of(
         began, ended = (s.time if behind else s.velocity_time for s in (before, after))
         velocity = _between(began, before.velocity, ended, after.velocity, until)
         told = measures(Snapshot(until, position, velocity, share * after.mass), scene.dim, _gravity(simulation))
-        found.append({name: value for name, (value, _) in told.items()})
+        curves.append({name: value for name, (value, _) in told.items()})
     for gauge in scene.gauge if still is not None and seed is None else ():
         if not np.ptp(simulation.gauge(gauge.name).values, axis=0).any():
             still.append(gauge.name)  # type: ignore[union-attr]
-    return found
+    return curves
 
 
 class _State(NamedTuple):
@@ -266,13 +266,13 @@ def _between(start: float, first: np.ndarray, end: float, last: np.ndarray, time
     return last if end == start else first + (last - first) * (time - start) / (end - start)
 
 
-def report(found: list[Measure]) -> list[dict[str, Any]]:
+def report(compared: list[Measure]) -> list[dict[str, Any]]:
     """The measures as plain data."""
     return [
         {"name": m.name, "unit": m.unit, "time": m.time, "theirs": m.theirs, "refsim": list(m.ours), "chaos": m.chaos,
          "resolution": m.resolution, "difference": m.difference, "allowed": m.allowed, "holds": m.holds,
          "verdict": m.verdict}
-        for m in found
+        for m in compared
     ]  # fmt: skip
 
 
@@ -325,14 +325,14 @@ def off_by_little(scene: Scene) -> Iterator[tuple[str, Scene]]:
                     break
 
 
-def untouched(scene: Scene, compared: Comparison, found: Mapping[str, float]) -> list[str]:
+def untouched(scene: Scene, compared: Comparison, errors_of: Mapping[str, float]) -> list[str]:
     """Faces of walls that no particle came near, gauges whose values stood still, effects without any action.
 
-    found  {parameter: least error}, see `sensitivities`
+    errors_of  {parameter: least error}, see `sensitivities`
     """
     told = []
     for effect in scene.effects:
-        errors = [error for name, error in found.items() if name.partition(".")[0] == effect.name]
+        errors = [error for name, error in errors_of.items() if name.partition(".")[0] == effect.name]
         if errors and min(errors) == math.inf:
             told.append(f"effect {effect.name}")
         places: list[Any] = [getattr(effect, name, None) for name in ("lower", "upper")]

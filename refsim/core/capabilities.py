@@ -43,14 +43,14 @@ class HasErrata:
         if "paper" not in self.literal:
             return
         defaults = {f.name: f.default for f in msgspec.structs.fields(self)}  # type: ignore[arg-type]
-        for name, own in self.paper.items():
+        for name, printed in self.paper.items():
             value = getattr(self, name)
-            if value not in (own, defaults[name]):
+            if value not in (printed, defaults[name]):
                 raise InputError(
-                    f"{self.name}: literal 'paper' sets {name} = {own!r}, but {name} = {value!r} is given; leave one of"
-                    " them out."
+                    f"{self.name}: literal 'paper' sets {name} = {printed!r}, but {name} = {value!r} is given; leave"
+                    " one of them out."
                 )
-            msgspec.structs.force_setattr(self, name, own)  # type: ignore[arg-type]
+            msgspec.structs.force_setattr(self, name, printed)  # type: ignore[arg-type]
 
     def printed(self) -> frozenset[str]:
         """Errata that are taken as printed. Raises InputError for one that is not among `errata`."""

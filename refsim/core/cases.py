@@ -143,8 +143,10 @@ def other(group: str, **members: Any) -> GroupMaker:
     """A function for an operation's variants: the case's own parameter group with other members."""
 
     def made(case: Case, grid: Discretisation) -> Any:
-        own = GROUPS[group](case, grid)[group]
-        return own._replace(**{name: type(getattr(own, name))(value) for name, value in members.items()})
+        group_of_case = GROUPS[group](case, grid)[group]
+        return group_of_case._replace(
+            **{name: type(getattr(group_of_case, name))(value) for name, value in members.items()}
+        )
 
     return made
 

@@ -93,9 +93,9 @@ class Checked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
             try:
                 msgspec.convert(as_plain(value), kind)
             except (msgspec.ValidationError, OverflowError) as error:
-                words = IN_PYTHON | {"object": _classes(kind)}
+                type_names = IN_PYTHON | {"object": _classes(kind)}
                 raise InputError(
-                    f"{_called(type(self))}: {name}{why(error, value, kind, words, self.removed)}"
+                    f"{_called(type(self))}: {name}{why(error, value, kind, type_names, self.removed)}"
                 ) from None
 
     def __eq__(self, other: object) -> bool:
@@ -146,8 +146,8 @@ def plainly(function: Callable[P, R]) -> Callable[P, R]:
             raise InputError(f"{place}{_misfit(signature, given, named)}") from None
         for name, value in values.items():
             if name in kinds and not _is_of(value, kinds[name]):
-                words = " or ".join(dict.fromkeys(_kinds_in_words(kinds[name])))
-                raise InputError(f"{place}: {name} = {_short(value)} is {word_for(value)}; give {words}.")
+                expected = " or ".join(dict.fromkeys(_kinds_in_words(kinds[name])))
+                raise InputError(f"{place}: {name} = {_short(value)} is {word_for(value)}; give {expected}.")
             if isinstance(value, str | os.PathLike) and "\0" in str(value):
                 raise InputError(f"{place}: {name} = {str(value)!r} has a zero character; leave it out.")
         return function(*given, **named)
@@ -170,18 +170,18 @@ def _arguments(function: Callable[..., Any]) -> tuple[inspect.Signature, dict[st
 
 def _misfit(signature: inspect.Signature, given: tuple[Any, ...], named: Mapping[str, Any]) -> str:
     """Why a function cannot be called so, as the rest of a sentence."""
-    own = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
-    known = [p.name for p in own if p.name not in ("self", "cls")]
-    for name in named if len(own) == len(signature.parameters) else ():
+    parameters = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
+    known = [p.name for p in parameters if p.name not in ("self", "cls")]
+    for name in named if len(parameters) == len(signature.parameters) else ():
         if name not in known:
             return f": there is no {name!r}; {suggestion(name, known)}"
-    unnamed = [p.name for p in own if p.kind is p.POSITIONAL_OR_KEYWORD]
+    unnamed = [p.name for p in parameters if p.kind is p.POSITIONAL_OR_KEYWORD]
     if len(given) > len(unnamed):
         others = ", ".join(known[len([name for name in unnamed if name in known]) :])
         return f": too many values are without a name; give {f'by name {others}' if others else 'fewer'}."
     if twice := [name for name in unnamed[: len(given)] if name in named]:
         return f": {twice[0]} is given twice; give it once."
-    missing = [p.name for p in own[len(given) :] if p.default is p.empty and p.name not in named]
+    missing = [p.name for p in parameters[len(given) :] if p.default is p.empty and p.name not in named]
     return f": {missing[0]} is missing; give {missing[0]} = a value."
 
 
@@ -231,9 +231,9 @@ def _kinds(owner: type) -> tuple[tuple[str, Any], ...]:
 def _classes(kind: Any) -> str:
     """The structs inside a type, in words."""
     inner = typing.get_args(kind)
-    found = [k.__name__ for k in (kind, *inner, *itertools.chain.from_iterable(map(typing.get_args, inner)))
+    class_names = [k.__name__ for k in (kind, *inner, *itertools.chain.from_iterable(map(typing.get_args, inner)))
              if isinstance(k, type) and issubclass(k, msgspec.Struct)]  # fmt: skip
-    return " or ".join(found) if found else "a mapping"
+    return " or ".join(class_names) if class_names else "a mapping"
 
 
 def as_plain(value: Any) -> Any:
@@ -253,30 +253,30 @@ def why(
     if isinstance(error, OverflowError):
         return f" = {_short(value)} is too large for a number; check it."
     said, _, path = str(error).partition(" - at `$")
-    inside, found = path.rstrip("`"), value
+    inside, item = path.rstrip("`"), value
     for index in re.findall(r"\[(\d+)\]", inside):
-        found = found[int(index)]
+        item = item[int(index)]
     if inside.endswith("[...]"):  # of a table of lists, without its key
-        key, found = next(((key, part) for key, part in found.items() if not isinstance(part, list)), ("", found))
+        key, item = next(((key, part) for key, part in item.items() if not isinstance(part, list)), ("", item))
         inside = inside.replace("[...]", f".{key}")
     if said.startswith("Invalid enum value"):
         choices = _choices(kind)
-        if removed and found in removed:
-            return f"{inside} = {found!r} was removed; give {removed[found]!r}."
-        if isinstance(found, str):
-            return f"{inside} = {found!r} is not possible; {suggestion(found, map(str, choices))}"
-        return f"{inside} = {found!r} is not possible; choose from {', '.join(map(repr, choices))}."
+        if removed and item in removed:
+            return f"{inside} = {item!r} was removed; give {removed[item]!r}."
+        if isinstance(item, str):
+            return f"{inside} = {item!r} is not possible; {suggestion(item, map(str, choices))}"
+        return f"{inside} = {item!r} is not possible; choose from {', '.join(map(repr, choices))}."
     if bound := re.match(r"Expected `\w+` ([<>]=?) (\S+)", said):
         zero = {">": "a positive number", ">=": "zero or a positive number"} if float(bound[2]) == 0 else {}
         limit = zero.get(bound[1], f"{SIDES[bound[1]]} {float(bound[2]):g}")
-        return f"{inside} = {_short(found)} is not possible; give {limit}."
+        return f"{inside} = {_short(item)} is not possible; give {limit}."
     match = re.match(r"Expected `([^`]+)`(?: of length (?:at least )?(\d+))?", said)
     if not match:
-        return f"{inside} = {_short(found)} is not possible ({said[:1].lower()}{said[1:]}); correct it."
+        return f"{inside} = {_short(item)} is not possible ({said[:1].lower()}{said[1:]}); correct it."
     if match[2]:
-        return f"{inside} has {len(found)} values; give {match[2]}."
+        return f"{inside} has {len(item)} values; give {match[2]}."
     expected = " or ".join(words.get(name, name) for name in match[1].split(" | "))
-    return f"{inside} = {_short(found)} is {word_for(found)}; give {expected}."
+    return f"{inside} = {_short(item)} is {word_for(item)}; give {expected}."
 
 
 def given_keys(part: Any, owner: str, takes: Mapping[str, tuple[str, ...]]) -> list[str]:

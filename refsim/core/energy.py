@@ -70,8 +70,8 @@ class EnergyState:
             rows = cKDTree(position[first : first + ROWS])
             near = rows.sparse_distance_matrix(tree, reach, output_type="ndarray")
             i, j = near["i"] + first, near["j"]
-            own = i < j
-            part = amount(potential(near["v"][own], i[own], j[own]))
+            once = i < j
+            part = amount(potential(near["v"][once], i[once], j[once]))
             value, size = value + part.value, size + part.size
         return Amount(value, size)
 
@@ -105,8 +105,8 @@ def compression_energy(
     s = np.asarray(density, dtype=float) / rest_density
     if clamped:
         s = np.maximum(s, _zero_pressure(np.asarray(stiffness, dtype=float), exponent, internal_pressure))
-    own = np.log(s) if exponent == 1 else (s ** (exponent - 1) - 1) / (exponent - 1)
-    work = np.asarray(stiffness) * (own + 1 / s - 1) + internal_pressure * (s - 1)
+    expansion = np.log(s) if exponent == 1 else (s ** (exponent - 1) - 1) / (exponent - 1)
+    work = np.asarray(stiffness) * (expansion + 1 / s - 1) + internal_pressure * (s - 1)
     return np.asarray(mass, dtype=float) * work / rest_density
 
 
@@ -115,8 +115,8 @@ def compression_amount(work: NDArray, modulus: NDArray, dtype: Any) -> Amount:
 
     modulus  m_i dp/drho = m_i c^2 at the rest density [J]
     """
-    found = amount(work)
-    return found._replace(size=found.size + float(np.finfo(dtype).eps) * float(modulus.sum()))
+    energy = amount(work)
+    return energy._replace(size=energy.size + float(np.finfo(dtype).eps) * float(modulus.sum()))
 
 
 def _zero_pressure(stiffness: NDArray, exponent: int, internal_pressure: float) -> NDArray:

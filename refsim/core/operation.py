@@ -167,13 +167,13 @@ class Operation:
     def equations(self) -> list[Callable]:
         """Functions of reference.py that the plain NumPy program in operations.py calls, directly or through others."""
         waiting: list[Any] = [inspect.unwrap(self.program("numpy"))]
-        found = dict[Any, None]()
+        functions = dict[Any, None]()
         while waiting:
             place = waiting.pop(0)
-            if place not in found:
-                found[place] = None
+            if place not in functions:
+                functions[place] = None
                 waiting += _called(place)
-        return [f for f in found if inspect.isfunction(f) and f.__module__.endswith(".reference")]
+        return [f for f in functions if inspect.isfunction(f) and f.__module__.endswith(".reference")]
 
     def bind(self, program: str, lookup: Callable[[str], Any]) -> Callable[[], None]:
         """A call without arguments: the program of that name on the values that `lookup` gives for its arguments."""
@@ -226,8 +226,8 @@ class Fused(Operation):
         for part in self.parts:
             taken = [given[self.together.called(part, name)] for name in part.arguments("numpy")]
             answer = part.program("numpy")(*taken, rows=rows)
-            for own, terms in answer.items():
-                name = self.together.called(part, own)
+            for output, terms in answer.items():
+                name = self.together.called(part, output)
                 total[name] = tuple(map(sum, zip(total.get(name, (0, 0)), terms)))  # type: ignore[assignment]
         return total
 
@@ -427,11 +427,11 @@ def _called(place: Any) -> Iterator[Any]:
     known = vars(sys.modules[place.__module__])
     for part in ast.walk(ast.parse(textwrap.dedent(inspect.getsource(place)))):
         named = [part.func] if isinstance(part, ast.Call) else part.bases if isinstance(part, ast.ClassDef) else []
-        found = [known.get(name.id) for name in named if isinstance(name, ast.Name)]
+        callees = [known.get(name.id) for name in named if isinstance(name, ast.Name)]
         if isinstance(part, ast.Attribute) and isinstance(part.value, ast.Name):
             module = known.get(part.value.id)
-            found = [getattr(module, part.attr, None)] if inspect.ismodule(module) else []
-        for one in found:
+            callees = [getattr(module, part.attr, None)] if inspect.ismodule(module) else []
+        for one in callees:
             judges = inspect.isroutine(one) or inspect.isclass(one)
             if judges and (one.__module__ or "").rpartition(".")[2] in ("reference", "operations"):
                 yield one
@@ -447,10 +447,12 @@ def _arguments(function: Callable) -> tuple[str, ...]:
 @functools.cache
 def _program(module: str, function: str, backend: str, packed: str) -> Callable:
     place = importlib.import_module(module)
-    found = getattr(place, function)
+    program = getattr(place, function)
     if packed:
-        return getattr(place, packed).packed(found)
-    return _ungrouped(found.program(backend) if hasattr(found, "program") else found)  # of a body, what is made of it
+        return getattr(place, packed).packed(program)
+    return _ungrouped(
+        program.program(backend) if hasattr(program, "program") else program
+    )  # of a body, what is made of it
 
 
 def _ungrouped(function: Callable) -> Callable:

@@ -35,8 +35,8 @@ def heed_while_importing() -> None:
     program = (getattr(sys, "argv", None) or [""])[0]
     word = os.path.splitext(os.path.basename(program))[0]
     as_module = word == "-m" and ("-m", "refsim") in zip(sys.orig_argv, sys.orig_argv[1:])
-    own = word == "refsim" or as_module or os.path.realpath(program) in COMMANDS
-    if own and "--multiprocessing-fork" not in sys.orig_argv:
+    is_refsim = word == "refsim" or as_module or os.path.realpath(program) in COMMANDS
+    if is_refsim and "--multiprocessing-fork" not in sys.orig_argv:
         with suppress(ValueError):  # not in the main thread
             for number in _numbers():
                 if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
@@ -84,9 +84,9 @@ def handling_signals(act: Callable[[int, Any], Any] = _interrupt, last: bool = F
         _heeded.clear()
     others = sys.unraisablehook
 
-    def lost(found: Any) -> None:
-        if not issubclass(found.exc_type, KeyboardInterrupt):
-            return others(found)
+    def lost(unraisable: Any) -> None:
+        if not issubclass(unraisable.exc_type, KeyboardInterrupt):
+            return others(unraisable)
         timer = threading.Timer(AGAIN, _thread.interrupt_main)
         timer.daemon = True
         timer.start()

@@ -89,17 +89,17 @@ class Bar:
 
     def _show(self) -> None:
         share, gone = self.done / self.whole if self.whole else 1.0, time.perf_counter() - self.began
-        words = f"{in_time(gone)} gone"
+        elapsed = f"{in_time(gone)} gone"
         if self.first < self.done < self.whole:
-            words += f", {in_time(gone * (self.whole - self.done) / (self.done - self.first))} left"
-        words += f": {self.caption}" if self.caption else ""
+            elapsed += f", {in_time(gone * (self.whole - self.done) / (self.done - self.first))} left"
+        elapsed += f": {self.caption}" if self.caption else ""
         with suppress(OSError):  # of a terminal that has closed
             if self.renewed:
-                self._renew(share, words)
+                self._renew(share, elapsed)
             else:
-                say(f"{share:4.0%} {words}")
+                say(f"{share:4.0%} {elapsed}")
 
-    def _renew(self, share: float, words: str) -> None:
+    def _renew(self, share: float, caption: str) -> None:
         from rich.live import Live
         from rich.progress_bar import ProgressBar
         from rich.table import Table
@@ -110,7 +110,7 @@ class Bar:
             Bar.line = Live(console=console, auto_refresh=False, redirect_stdout=False, redirect_stderr=False)
             Bar.line.start()
             console.show_cursor(True)  # also where the process is killed
-        state, said = Table.grid(padding=(0, 1)), Text(words)
+        state, said = Table.grid(padding=(0, 1)), Text(caption)
         said.truncate(max(Bar.line.console.width - LENGTH - 7, 1), overflow="ellipsis")
         state.add_row(f"{share:4.0%}", ProgressBar(1.0, share, width=LENGTH), said)
         Bar.line.update(state, refresh=True)

@@ -207,8 +207,8 @@ def determinant(m):
 
 def inverse(m):
     """m^-1 of matrices; an error E changes it by m^-1 E m^-1."""
-    found = np.linalg.inv(m.value)
-    return Terms(found, np.abs(found) @ m.size @ np.abs(found), 2)
+    inverted = np.linalg.inv(m.value)
+    return Terms(inverted, np.abs(inverted) @ m.size @ np.abs(inverted), 2)
 
 
 def certain(value):

@@ -13,9 +13,9 @@ PACKAGES = ("numpy", "numba", "llvmlite", "numba-cuda", "cupy-cuda13x")
 def commit() -> str | None:
     """Git commit of the sources that run, or of those that a release was built from; None where neither is known."""
     package = Path(__file__).resolve().parents[1]
-    words = ("git", "-C", str(package), "rev-parse", "--show-toplevel", "HEAD")
+    command = ("git", "-C", str(package), "rev-parse", "--show-toplevel", "HEAD")
     try:
-        root, head = subprocess.run(words, capture_output=True, text=True, timeout=20, check=True).stdout.splitlines()
+        root, head = subprocess.run(command, capture_output=True, text=True, timeout=20, check=True).stdout.splitlines()
         if Path(root).resolve() == package.parent:
             return head
     except (OSError, subprocess.SubprocessError, ValueError):
@@ -26,7 +26,7 @@ def commit() -> str | None:
 
 def version() -> str:
     """The version and, where it is known, the commit: 0.2.0+g followed by ten digits (PEP 440, a local version)."""
-    return VERSION if (found := commit()) is None else f"{VERSION}+g{found[:10]}"
+    return VERSION if (revision := commit()) is None else f"{VERSION}+g{revision[:10]}"
 
 
 @functools.cache
@@ -34,10 +34,10 @@ def versions() -> dict[str, str]:
     """Versions of Python and of the packages that compute; nothing is imported for it."""
     import importlib.metadata  # here, because it takes a tenth of the time that importing refsim does
 
-    found = {"python": platform.python_version()}
+    numbers = {"python": platform.python_version()}
     for name in PACKAGES:
         try:
-            found[name] = importlib.metadata.version(name)
+            numbers[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
             continue
-    return {"refsim": version()} | found
+    return {"refsim": version()} | numbers

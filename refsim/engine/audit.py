@@ -67,7 +67,7 @@ class Auditor:
 
     def uncounted(self) -> tuple[str, ...]:
         """What follows from no energy, by effect."""
-        return tuple(f"{name}: {words}" for name, account in self.accounts.items() for words in account.uncounted)
+        return tuple(f"{name}: {part}" for name, account in self.accounts.items() for part in account.uncounted)
 
     def energies(self, run: State) -> dict[str, Amount]:
         """All parts of the energy [J; J/m in 2D] in the present state, velocities at the positions' time.

@@ -50,11 +50,11 @@ class Balances:
             finding = effect.inspected(run.plan.grid, run.host)
             if finding is None:
                 continue
-            reason, words = finding
+            reason, message = finding
             if reason:
-                raise RunStopped(reason, f"In step {run.steps} to {run.time:.6g} s {words}.")
+                raise RunStopped(reason, f"In step {run.steps} to {run.time:.6g} s {message}.")
             run.add_note(
-                f"{effect.name} inspection", f"{effect.name}: in step {run.steps}, at {run.time:.6g} s, {words}"
+                f"{effect.name} inspection", f"{effect.name}: in step {run.steps}, at {run.time:.6g} s, {message}"
             )
 
     def look(self, run: State) -> None:
@@ -67,10 +67,10 @@ class Balances:
             if not abs(drift) > rounding:
                 continue
             share = abs(drift) / start.exchangeable if start.exchangeable > 0 else math.inf
-            words = (
+            message = (
                 f"{effect.name}: in step {run.steps} at {run.time:.6g} s the {effect.balanced} has changed by"
                 f" {drift:.3g} J, {100 * share:.2g} % of what can be exchanged, although nothing enters or leaves"
             )
             if 0 < effect.largest_drift < share:
-                raise RunStopped(effect.stops_as, f"{words}: {effect.remedy}.")
-            run.add_note(f"{effect.name} balance", f"{words}; rounding explains {rounding:.2g} J: {effect.remedy}.")
+                raise RunStopped(effect.stops_as, f"{message}: {effect.remedy}.")
+            run.add_note(f"{effect.name} balance", f"{message}; rounding explains {rounding:.2g} J: {effect.remedy}.")

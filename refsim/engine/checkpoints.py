@@ -138,8 +138,8 @@ def snapshot(
     try:
         numbers = json.dumps(msgspec.to_builtins(clock), allow_nan=False)
     except ValueError:
-        words = "no checkpoint was written because a number of the run beside its fields is not finite"
-        raise RunStopped("non_finite", f"{words}; {KEPT}") from None
+        message = "no checkpoint was written because a number of the run beside its fields is not finite"
+        raise RunStopped("non_finite", f"{message}; {KEPT}") from None
     return Checkpoint(arrays, {"scene": text, "clock": numbers})
 
 

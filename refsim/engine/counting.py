@@ -58,11 +58,11 @@ class Counting:
     def after_step(self, run: State) -> None:
         """Look where it is due. Raises RunStopped where told and counted density are far apart."""
         if self.acts and run.steps % self.every == 0:
-            words = self.judged(run)
+            note = self.judged(run)
             if self.latest is not None and abs(self.latest.difference) > abs(self.greatest or 0.0):
                 self.greatest = self.latest.difference
-            if words:
-                run.add_note(LOOKED, words)
+            if note:
+                run.add_note(LOOKED, note)
 
     def judged(self, run: State) -> str:
         """Look now: a note, or "". Raises RunStopped as `after_step`; nothing that a checkpoint holds is changed."""
@@ -73,14 +73,14 @@ class Counting:
         if counts is None or not abs(counts.difference) > NOTED:
             return ""
         side = "above" if counts.difference > 0 else "below"
-        words = (
+        message = (
             f"{LIQUID}: in step {run.steps} at {run.time:.6g} s a density of {counts.counted:.4g}"
             f" kg/m^{run.plan.grid.dim} is counted inside the liquid, {abs(counts.difference):.1%} {side} the advanced"
             " one: volumes and levels are off by as much; "
         )
         if abs(counts.difference) > LARGEST:
-            raise RunStopped("miscounted", f"{words}add particle_shifting, or set density = 'summation'.")
-        return f"{words}restoring brings both together, particle_shifting keeps the particles even"
+            raise RunStopped("miscounted", f"{message}add particle_shifting, or set density = 'summation'.")
+        return f"{message}restoring brings both together, particle_shifting keeps the particles even"
 
     def report(self) -> dict[str, Any] | None:
         """For the report of a run."""

@@ -286,9 +286,9 @@ class _Run:
         simulation.balances.inspect(simulation)
         if simulation.auditor is not None:
             simulation.auditor.look(simulation, note=False)
-        words = simulation.counting.judged(simulation)
-        if words and LOOKED not in simulation.remarks:
-            simulation.notes.append(words)
+        note = simulation.counting.judged(simulation)
+        if note and LOOKED not in simulation.remarks:
+            simulation.notes.append(note)
             self._log_notes()
         if self.folder is not None:
             assert self.writer is not None

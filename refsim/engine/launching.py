@@ -26,8 +26,8 @@ def _call(state: State, effects: Iterable[Effect | None], p: Pass) -> Callable[[
     groups: dict[str, Any] = {}
     for effect in effects:
         groups |= {} if effect is None else state.parameters[effect.name]
-    own = {name: getattr(state, name) for name in ("extremes", "displacement", "timestep", "build_position")}
-    return bind_pass(p, state.backend, (groups, state.shared, state.fields, own))
+    of_loop = {name: getattr(state, name) for name in ("extremes", "displacement", "timestep", "build_position")}
+    return bind_pass(p, state.backend, (groups, state.shared, state.fields, of_loop))
 
 
 def start(state: State) -> None:
@@ -107,6 +107,6 @@ def needed(state: State, name: str) -> frozenset[int]:
     return state.needs[name]
 
 
-def launch_pass(state: State, p: Pass, *own: dict[str, Any]) -> None:
+def launch_pass(state: State, p: Pass, *arrays: dict[str, Any]) -> None:
     """Launch a pass outside a step: what it takes stands in `own`, or with all passes."""
-    state.timings.run(p.operation, bind_pass(p, state.backend, (*own, state.shared, state.fields)))
+    state.timings.run(p.operation, bind_pass(p, state.backend, (*arrays, state.shared, state.fields)))

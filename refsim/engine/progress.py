@@ -35,8 +35,8 @@ class Progress:
             return
         limiter = simulation.last.limiter if simulation.last else ""
         self.time = simulation.time
-        words = f"{self.time:.4g} of {self.until:.4g} s, step {simulation.steps:,}, {limiter} limit"
-        self.bar.to(self.time, words)
+        caption = f"{self.time:.4g} of {self.until:.4g} s, step {simulation.steps:,}, {limiter} limit"
+        self.bar.to(self.time, caption)
 
     def _head(self, simulation: State) -> None:
         self.time = simulation.time

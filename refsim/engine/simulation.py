@@ -163,8 +163,8 @@ class Simulation(State, Shown):
         self.lists.velocities_set |= name in ("position", "velocity")
         self.lists.velocities_changed()
         for effect in effects_with(self.plan.effects, FollowsSettings):
-            for own, following in effect.after_setting(name, self.host).items():
-                self.write_field(own, following)
+            for field, following in effect.after_setting(name, self.host).items():
+                self.write_field(field, following)
         if self.auditor is not None:
             self.auditor.renew()
         self.balances.renew(self)

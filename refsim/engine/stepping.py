@@ -247,11 +247,11 @@ class DeviceStepper:
         """All that a step launches, in order, and what each launch touches."""
         s, plan, backend = self.state, self.state.plan, self.state.backend.name
         forces = [(name, call, p) for (name, rare, call), (_, p) in zip(s.force_calls, s.force_passes) if not rare]
-        own = frozenset({"acceleration", "extremes", "displacement"})
+        fields = frozenset({"acceleration", "extremes", "displacement"})
         motion = [(name, _cleared(call)) for name, call in s.motion_calls]
         steps: list[tuple[str, Callable[[], None], Accesses | None]] = [
             *((*call, accesses(p, backend)) for call, (_, p) in zip(s.begin_calls, plan.begin)),
-            ("", self._clear, Accesses(own, own)),
+            ("", self._clear, Accesses(fields, fields)),
             *((name, call, accesses(p, backend)) for name, call, p in forces),
             ("sph.extremes", _cleared(s.extremes_call), accesses(Pass("sph.extremes"), backend)),
             ("choose_step", self._choose, Accesses(frozenset({"extremes", "timestep"}), frozenset({"timestep"}))),

@@ -57,8 +57,8 @@ class Timings:
         try:
             yield
         finally:
-            own = Seconds.now().less(began).less(self._parted().less(before))
-            self.parts[name] = self.parts.get(name, Seconds()).plus(own)
+            seconds = Seconds.now().less(began).less(self._parted().less(before))
+            self.parts[name] = self.parts.get(name, Seconds()).plus(seconds)
 
     def begin_steps(self) -> None:
         """What was not counted until the first call of this is the part "start"."""
@@ -110,10 +110,10 @@ class Timings:
         began, before = time.perf_counter(), self.counted
         with self.part("writing") if stage in WRITING else nullcontext():
             yield
-        own = time.perf_counter() - began - (self.counted - before)
-        self.stages[stage] = self.stages.get(stage, 0.0) + own
+        seconds = time.perf_counter() - began - (self.counted - before)
+        self.stages[stage] = self.stages.get(stage, 0.0) + seconds
         self.launches[stage] = self.launches.get(stage, 0) + 1
-        self.counted += own
+        self.counted += seconds
 
     def costs(self, elapsed: float) -> list[StageCost]:
         """Every stage, the longest first; "other" is what is left of the `elapsed` seconds."""
@@ -121,6 +121,6 @@ class Timings:
         seconds["other"] = max(elapsed - self.counted, 0.0)
         whole = sum(seconds.values()) or 1.0
         return [
-            StageCost(stage, own, own / whole, self.launches.get(stage, 0), self.first_calls.get(stage, 0.0))
-            for stage, own in sorted(seconds.items(), key=lambda item: -item[1])
+            StageCost(stage, took, took / whole, self.launches.get(stage, 0), self.first_calls.get(stage, 0.0))
+            for stage, took in sorted(seconds.items(), key=lambda item: -item[1])
         ]

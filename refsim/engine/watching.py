@@ -44,9 +44,9 @@ def watch(state: State, done: StepOutcome, field: Callable[[str], np.ndarray]) -
 def _note_density(state: State, dense: int) -> None:
     """Add a note to the run where more particles than may be are above the first bound of the liquid's density."""
     if dense > most_dense(state):
-        words = f"{LIQUID}: from step {state.steps} on, at {state.time:.6g} s, {dense} of {state.count} particles"
+        message = f"{LIQUID}: from step {state.steps} on, at {state.time:.6g} s, {dense} of {state.count} particles"
         bound = f"more than {100 * CROWD:g} %, are denser than {DENSE:g} times the rest density"
-        state.add_note(LIQUID, f"{words}, {bound}: take a larger sound_speed, or a shorter step with iisph")
+        state.add_note(LIQUID, f"{message}, {bound}: take a larger sound_speed, or a shorter step with iisph")
 
 
 def _note_stops(state: State) -> None:
@@ -59,10 +59,10 @@ def _note_stops(state: State) -> None:
         return
     extrapolated = state.lists.around_walls
     advice = "a smaller spacing" if extrapolated else "box_walls with model = 'extrapolated'"
-    words = (
+    message = (
         f"up to step {state.steps}, at {state.time:.6g} s, planes have stopped {100 * share:.2g} % of the particles"
         f" in a step: the walls do not hold the liquid; take {advice}, or a smaller support_radius"
     )
-    state.add_note("planes", words)
+    state.add_note("planes", message)
     if share > HELD and extrapolated and state.plan.grid.solids is None:
-        raise RunStopped("held_by_planes", f"{words[0].upper()}{words[1:]}.")
+        raise RunStopped("held_by_planes", f"{message[0].upper()}{message[1:]}.")

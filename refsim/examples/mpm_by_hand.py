@@ -68,9 +68,9 @@ def move_nodes(momentum, grid_mass):
 def to_particles(x, velocity):
     """Velocities (n, 2) [m/s] and their gradients (n, 2, 2) [1/s] that particles take from the nodes (APIC)."""
     nodes, weight, vector = weights(x)
-    found = velocity[nodes[..., 0], nodes[..., 1]]
-    gradient = 4 / WIDTH**2 * np.einsum("nk,nka,nkb->nab", weight, found, vector)
-    return np.einsum("nk,nka->na", weight, found), gradient
+    node_velocity = velocity[nodes[..., 0], nodes[..., 1]]
+    gradient = 4 / WIDTH**2 * np.einsum("nk,nka,nkb->nab", weight, node_velocity, vector)
+    return np.einsum("nk,nka->na", weight, node_velocity), gradient
 
 
 def bounce(side=32, until=1.0, height=0.3, report=print):

@@ -60,13 +60,13 @@ def acceleration(x, v, rest, mass):
     Pressure: -sum_j m (p_i/rho_i^2 + p_j/rho_j^2) grad W. Viscosity (Monaghan 1992) slows down what approaches. A wall
     is liquid that does not move, with a pressure of its own: it gives back no more energy than it took.
     """
-    own = slice(len(x) - len(rest))
-    vector, r = pairs(x[own], x)
+    fluid = slice(len(x) - len(rest))
+    vector, r = pairs(x[fluid], x)
     rho = density(r, rest, mass)
     share = pressure(rho) / rho**2
-    approach = np.minimum(np.einsum("ijk,ijk->ij", v[own, None] - v, vector), 0.0)
+    approach = np.minimum(np.einsum("ijk,ijk->ij", v[fluid, None] - v, vector), 0.0)
     damping = -VISCOSITY * SOUND * SUPPORT * approach / (r**2 + 0.01 * SUPPORT**2)
-    push = share[own, None] + share + damping / (0.5 * (rho[own, None] + rho))
+    push = share[fluid, None] + share + damping / (0.5 * (rho[fluid, None] + rho))
     return -mass * np.einsum("ij,ijk->ik", push * kernel_slope(r), vector) + GRAVITY
 
 

@@ -100,12 +100,12 @@ def shares_of_faces(
     for face in walled:
         friction[face] += (beyond[face] / faces_of)[:, None]
     for axis in range(dim):
-        own = [face for face in walled if "xyz".index(face[1]) == axis]
-        none = ~np.logical_or.reduce([beyond[face] for face in own]) if own else np.ones(count, bool)
-        for face in own:
+        faces = [face for face in walled if "xyz".index(face[1]) == axis]
+        none = ~np.logical_or.reduce([beyond[face] for face in faces]) if faces else np.ones(count, bool)
+        for face in faces:
             pressure[face][:, axis] += beyond[face]
-        if own and gravity[axis] != 0:
-            pressure[own[min(int(gravity[axis] > 0), len(own) - 1)]][:, axis] += none
+        if faces and gravity[axis] != 0:
+            pressure[faces[min(int(gravity[axis] > 0), len(faces) - 1)]][:, axis] += none
         else:
             for face in walled:
                 pressure[face][:, axis] += none * beyond[face] / faces_of

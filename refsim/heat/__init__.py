@@ -185,7 +185,7 @@ class HeatConduction(
             "latent_heat": (lambda v: v >= 0, "zero or a positive number"),
             "melting_point": (lambda v: v >= ABSOLUTE_ZERO, f"a temperature above {ABSOLUTE_ZERO} deg C"),
         }
-        for name, (test, words) in rules.items():
+        for name, (test, expected) in rules.items():
             given = getattr(self, name)
             if given is None:
                 continue
@@ -193,7 +193,7 @@ class HeatConduction(
                 raise InputError(f"{self.name}: {name} is an empty list; give a number, or one for each substance.")
             for value in np.atleast_1d(np.asarray(given, dtype=float)):
                 if not (math.isfinite(value) and test(value)):
-                    raise InputError(f"{self.name}: {name} = {value} is not possible; give {words}.")
+                    raise InputError(f"{self.name}: {name} = {value} is not possible; give {expected}.")
         if self.tolerance >= 1 or self.residual >= 1:
             raise InputError(f"{self.name}: tolerance and residual are shares of an error; give numbers below 1.")
         if self.melts and self.melting_point is None:
@@ -224,21 +224,21 @@ class HeatConduction(
             )
 
     def fields(self, others: Others) -> tuple[Field, ...]:
-        own = [TEMPERATURE, HEAT_CAPACITY]
+        fields = [TEMPERATURE, HEAT_CAPACITY]
         if self.melts:
-            own += [ENTHALPY, MELTING_POINT, LATENT_HEAT]
+            fields += [ENTHALPY, MELTING_POINT, LATENT_HEAT]
         if self.held:
-            own.append(RESERVOIR)
+            fields.append(RESERVOIR)
         if not self.conducts:
-            return tuple(own)
-        own += [CONDUCTIVITY, TEMPERATURE_RANGE]
+            return tuple(fields)
+        fields += [CONDUCTIVITY, TEMPERATURE_RANGE]
         if self.compensates:
-            own += [COMPENSATION_X, COMPENSATION_REST]
+            fields += [COMPENSATION_X, COMPENSATION_REST]
         if self._limited_by_sums():
-            own.append(EXCHANGE_RATE)
+            fields.append(EXCHANGE_RATE)
         if not self._volume_is_given(others):
-            own.append(VOLUME if LIQUID in others else dataclasses.replace(VOLUME, state=True))
-        return tuple(own)
+            fields.append(VOLUME if LIQUID in others else dataclasses.replace(VOLUME, state=True))
+        return tuple(fields)
 
     def _volume_is_given(self, others: Others) -> bool:
         rest = (e for e in others.values() if e.name not in (self.name, LIQUID))  # the liquid asks this effect, too
@@ -382,9 +382,9 @@ class HeatConduction(
         number, limits = self.largest_number, {}
         if self._limited_by_sums():
             each = lattice_sum(self.conduction(grid), grid)
-            own = 1 / each if self.scheme == "explicit" else KEEPS_RANGE
-            number = own if self.scheme == "explicit" else min(number, own)
-            limits["exchange"] = StepLimit.exchanging(own * each)
+            share = 1 / each if self.scheme == "explicit" else KEEPS_RANGE
+            number = share if self.scheme == "explicit" else min(number, share)
+            limits["exchange"] = StepLimit.exchanging(share * each)
         return {"conduction": StepLimit.constant(number * grid.spacing**2 / diffusivity), **limits}
 
     def _limited_by_sums(self) -> bool:
@@ -395,14 +395,14 @@ class HeatConduction(
         limits = self.step_limits(grid, others)
         if "exchange" not in limits:
             return ()
-        words = (
+        reason = (
             f"{self.name}: scheme {self.scheme!r} keeps temperatures in their range while no particle's sum of"
             f" exchanges s exceeds {limits['exchange'].length:.3g}, on the lattice up to a step of"
             f" {limits['conduction'].length:.3g} s; where particles crowd or store less heat,"
         )
         if grid.step > 0:
-            return (f"{words} the fixed step of {grid.step:.3g} s is not shortened, and the run may stop",)
-        return (f"{words} limit 'exchange' shortens the step",)
+            return (f"{reason} the fixed step of {grid.step:.3g} s is not shortened, and the run may stop",)
+        return (f"{reason} limit 'exchange' shortens the step",)
 
     def greatest_diffusivity(self, grid: Discretisation, others: Others) -> float:
         """Largest k/(rho c) [m^2/s] that any of the materials could have; with Shao & Song M11 the largest k."""
@@ -431,8 +431,8 @@ class HeatConduction(
         *factors, level = (np.asarray(field(name), dtype=float) for name in names)
         capacity = functools.reduce(np.multiply, factors)
         if self.held:
-            own = field("reservoir") == 0
-            capacity, level = capacity[own], level[own]
+            no_reservoir = field("reservoir") == 0
+            capacity, level = capacity[no_reservoir], level[no_reservoir]
         return capacity, level
 
     def is_closed(self, grid: Discretisation, others: Others) -> bool:
@@ -441,8 +441,8 @@ class HeatConduction(
             return False
         stored = {"temperature", "enthalpy", "heat_capacity", "mass", *(("volume",) * ("M11" in self.printed()))}
         passes = [p for effect in others.values() if effect.name != self.name for p in effect.passes(others)]
-        own = [p for p in self.passes(others) if p.stage != "motion"]
-        return not any(stored & {*p.writes, *p.updates} for p in (*passes, *own))
+        of_conduction = [p for p in self.passes(others) if p.stage != "motion"]
+        return not any(stored & {*p.writes, *p.updates} for p in (*passes, *of_conduction))
 
     def balance(self, field: Callable[[str], np.ndarray]) -> Balance:
         """Heat [J]; that which can be exchanged is half of sum C |T - mean T|, or of sum m |H - mean H|."""

@@ -100,15 +100,15 @@ def _conduction_follows(group, inputs, kernel):
     multiplied by rho c: s_i would be a million times the case's, beyond what a GPU's table of passes is made for and
     unstable for RKL1 with latent heat, whose answer one rounding would then change completely.
     """
-    case, factor, own = inputs.case, float(group.factor), {}
+    case, factor, members = inputs.case, float(group.factor), {}
     if group.unit_capacity != case.literal:
         factor *= STORED if case.literal else 1 / STORED
-        own["factor"] = factor
+        members["factor"] = factor
     grid = Case("", int(group.dim), case.position, case.spacing, float(group.support_radius)).grid("float64")
     made = conduction_group(grid, laplacian=int(group.laplacian), factor=factor)._asdict()
     if group.planned_passes:  # a GPU that finds the number of passes does not look at their bound
-        own["most_passes"] = group.most_passes
-    return own | {name: made[name] for name in ("inverse_radius", "inverse_volume", "scale")}
+        members["most_passes"] = group.most_passes
+    return members | {name: made[name] for name in ("inverse_radius", "inverse_volume", "scale")}
 
 
 VARIATIONS[Conduction] = Variation(

@@ -186,7 +186,7 @@ def flow(i, lane, exchanges, temperature, flow):
 
 
 @formula(ordered=True)
-def staged(y, start, change, flow, flow_start, rate, coefficients):
+def stage_change(y, start, change, flow, flow_start, rate, coefficients):
     """y' - y of a stage. In another order its differences become those of products, and the mean drifts."""
     before, back, share, share_start = coefficients
     return back * (start - y) - before * change + rate * (share * flow + share_start * flow_start)
@@ -220,9 +220,9 @@ def advance(i, lane, exchanges, stage, inverse, substance, plan, k, new_temperat
                 rate *= substance.heat_capacity[i]
                 origin = type(y)(0)
             coefficients = table[k, 0], table[k, 1], table[k, 2], table[k, 3]
-            own = staged(y, origin, stage.change[i], total, stage.flow_start[i], rate, coefficients)
-            stage.change[i] = own
-            value = y + own
+            change = stage_change(y, origin, stage.change[i], total, stage.flow_start[i], rate, coefficients)
+            stage.change[i] = change
+            value = y + change
             new[i] = value
             if substance is not None:
                 new_temperature[i] = at_enthalpy(i, stage.start[i] + value, substance)

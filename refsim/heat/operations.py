@@ -85,10 +85,10 @@ class Pairs:
     """Both directions of every pair within h, in the order of i, then j; `weight` is g_ij = dt G_ij [J/K]."""
 
     def __init__(self, position, volume, conductivity, timestep, conduction, period):
-        h, found = float(conduction.support_radius), [np.zeros((2, 0), int)]
+        h, pairs = float(conduction.support_radius), [np.zeros((2, 0), int)]
         for place, _, distance in pair_blocks(position, position, period=period):
-            found.append(np.argwhere((distance < h) & (distance > 0)).T + [[place.start], [0]])
-        self.i, self.j = np.concatenate(found, axis=1)
+            pairs.append(np.argwhere((distance < h) & (distance > 0)).T + [[place.start], [0]])
+        self.i, self.j = np.concatenate(pairs, axis=1)
         x, volume, conductivity = _f(position, volume, conductivity)
         away = x[self.i] - x[self.j]
         self.x = away if period is None else nearest_image(away, period)
@@ -235,12 +235,12 @@ def one_sided(body: Body, step: Step, temperature):
     for backwards in (False, True):
         running = before.copy()
         for k in range(count.max(initial=0)):
-            own = np.flatnonzero(count > k)
-            pair = first[own] + (count[own] - 1 - k if backwards else k)
+            active = np.flatnonzero(count > k)
+            pair = first[active] + (count[active] - 1 - k if backwards else k)
             reached = before if step.conduction.frozen else running
             j = pairs.j[pair]
-            i, j = _side(own, reached, pairs.inverse), _side(j, before, pairs.inverse)
-            running[own] += i.inverse * ref.exchange(i, j, Of(weight=pairs.weight[pair]))
+            i, j = _side(active, reached, pairs.inverse), _side(j, before, pairs.inverse)
+            running[active] += i.inverse * ref.exchange(i, j, Of(weight=pairs.weight[pair]))
         before = running
         size = max(size, np.abs(before).max(initial=0))
     return {"temperature": (before, np.full(len(before), 4 * size))}

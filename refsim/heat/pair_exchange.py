@@ -51,15 +51,15 @@ def pair_exchange(
     inverse = scratch.array("heat inverse", volume.shape[0], volume.dtype)
     invert_capacities(mass, volume, heat_capacity, reservoir, conduction, inverse)
     given = Exchanging(position, volume, conductivity, inverse, timestep, conduction, period, temperature)
-    xp, seen, wrapped = scratch.backend.library()
-    members, first, found = colours(xp, seen(position), conduction, period)
+    xp, to_xp, from_xp = scratch.backend.array_library()
+    members, first, cell_pairs = colours(xp, to_xp(position), conduction, period)
     if scratch.backend.name == "cuda":
-        members, first, found = wrapped(members), wrapped(first), list(map(wrapped, found))
-        for backwards, order in ((0, found), (1, found[::-1])):
+        members, first, cell_pairs = from_xp(members), from_xp(first), list(map(from_xp, cell_pairs))
+        for backwards, order in ((0, cell_pairs), (1, cell_pairs[::-1])):
             for cells in order:
                 exchange_cells(cells, members, first, np.int32(backwards), given)
     else:
-        cells, ends = joined(found)
+        cells, ends = joined(cell_pairs)
         for backwards in (0, 1):
             exchange_colours(cells, ends, members, first, np.int32(backwards), given)
 
@@ -84,8 +84,8 @@ def exchange_colours(cells, ends, members, first, backwards, given):
     """M(4) for all pairs of the cells of one colour after the other: one launch on a CPU [degrees C]."""
     for n in range(ends.shape[0] - 1):
         colour = ends.shape[0] - 2 - n if backwards else n
-        own = cells[ends[colour] : ends[colour + 1]]
-        over_rows(exchange_cells_of, own.shape[0], (own, members, first, backwards, given))
+        pairs = cells[ends[colour] : ends[colour + 1]]
+        over_rows(exchange_cells_of, pairs.shape[0], (pairs, members, first, backwards, given))
 
 
 @formula
@@ -139,8 +139,8 @@ def colours(xp: Any, position: Any, conduction: Conduction, period: Period | Non
     cell = xp.empty((len(position), 3), dtype=xp.int64)
     for axis, wraps in enumerate(number):
         if period is not None and wraps:
-            own = float(period[axis]) / wraps
-            cell[:, axis] = xp.floor(position[:, axis] * (1.0 / own)).astype(xp.int64) % wraps
+            width = float(period[axis]) / wraps
+            cell[:, axis] = xp.floor(position[:, axis] * (1.0 / width)).astype(xp.int64) % wraps
         else:
             least, most = REACH - OFFSET, OFFSET - 1 - REACH
             cell[:, axis] = xp.clip(xp.floor(position[:, axis] * (1.0 / side)), least, most).astype(xp.int64)
@@ -152,7 +152,7 @@ def colours(xp: Any, position: Any, conduction: Conduction, period: Period | Non
     first = xp.flatnonzero(begins)
     key, cell = key[first], cell[first]
     place = xp.arange(len(key))
-    found = [xp.stack((place, place), axis=1)]
+    cell_pairs = [xp.stack((place, place), axis=1)]
     for step in FORWARD:
         if conduction.dim == 2 and step[2]:
             continue
@@ -166,17 +166,17 @@ def colours(xp: Any, position: Any, conduction: Conduction, period: Period | Non
         there = key[at] == wanted
         parity = cell[:, axis] // abs(step[axis]) % 2
         for wanted in (0, 1):
-            own = xp.flatnonzero(there & (parity == wanted))
-            found.append(xp.stack((own, at[own]), axis=1))
+            here = xp.flatnonzero(there & (parity == wanted))
+            cell_pairs.append(xp.stack((here, at[here]), axis=1))
     ends = xp.concatenate((first, xp.full(1, len(members), dtype=first.dtype)))
-    whole = [xp.ascontiguousarray(pairs.astype(xp.int32)) for pairs in found if len(pairs)]
+    whole = [xp.ascontiguousarray(pairs.astype(xp.int32)) for pairs in cell_pairs if len(pairs)]
     return members.astype(xp.int32), ends.astype(xp.int32), whole
 
 
-def joined(found: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def joined(colours_of_pairs: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """(pairs of cells of all colours (p, 2), first of each colour and the end)."""
-    cells = np.concatenate(found) if found else np.zeros((0, 2), np.int32)
-    return cells, np.cumsum([0, *map(len, found)])
+    cells = np.concatenate(colours_of_pairs) if colours_of_pairs else np.zeros((0, 2), np.int32)
+    return cells, np.cumsum([0, *map(len, colours_of_pairs)])
 
 
 def cell_numbers(side: float, period: Period | None) -> tuple[int, ...]:

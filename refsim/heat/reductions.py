@@ -29,7 +29,7 @@ def weigh_exchanges(body, neighbours, step, scratch):
     inverse = scratch.array("heat inverse", n, real)
     largest = scratch.array("heat largest", 1, real)
     partial = scratch.array("heat largest of chunks", CHUNKS, real)
-    weigh(body, neighbours, step, exchanges, inverse, partial)
+    exchange_weights(body, neighbours, step, exchanges, inverse, partial)
     largest[0] = partial.max()
     return exchanges, inverse, largest
 
@@ -74,19 +74,19 @@ def weigh_and_pack(i, body, neighbours, seconds, conduction, period, exchanges):
             exchanges, (x, y, z),
         )  # fmt: skip
     total = type(conduction.support_radius)(0)
-    found = np.uint64(0)
+    kept = np.uint64(0)
     for k in range(count):
         g = exchanges.weight[first + k * stride]
-        exchanges.entries[first + found * stride] = neighbours.entries[first + k * stride]
-        exchanges.weight[first + found * stride] = g
+        exchanges.entries[first + kept * stride] = neighbours.entries[first + k * stride]
+        exchanges.weight[first + kept * stride] = g
         total += g
-        found += np.uint64(g != type(g)(0))
-    exchanges.count[i] = found
+        kept += np.uint64(g != type(g)(0))
+    exchanges.count[i] = kept
     return total
 
 
 @kernel
-def weigh(chunk, conductor, neighbours, step, exchanges, inverse, partial):
+def exchange_weights(chunk, conductor, neighbours, step, exchanges, inverse, partial):
     """The exchanges of the particles of a chunk with weights [J/K], their 1/C_i [K/J], and its largest s_i."""
     real = partial.dtype.type
     begin, end = limits(chunk, inverse.shape[0])
@@ -94,10 +94,10 @@ def weigh(chunk, conductor, neighbours, step, exchanges, inverse, partial):
     for i in range(begin, end):
         total = weigh_and_pack(i, conductor, neighbours, step.timestep[1], step.conduction, step.period, exchanges)
         inverse[i] = capacity_of(i, conductor, step.conduction)
-        own = inverse[i] * total
-        if not own < real(np.inf):
-            own = real(np.inf)
-        most = max(most, own)
+        diagonal = inverse[i] * total
+        if not diagonal < real(np.inf):
+            diagonal = real(np.inf)
+        most = max(most, diagonal)
     partial[chunk] = most
 
 
@@ -124,7 +124,7 @@ def flow_along(i, lane, gradient, direction, share, exchanges):
 
 
 @formula
-def turned(i, own, flow, inverse, direction, image):
+def new_direction(i, own, flow, inverse, direction, image):
     """Write p and A p = C p - sum_j g (p_j - p_i) [K; J] of particle i; p A p. A p is 0 for a reservoir, where p is."""
     real = type(own)
     through = real(0)
@@ -135,7 +135,7 @@ def turned(i, own, flow, inverse, direction, image):
 
 
 @formula
-def stepped(i, length, inverse, direction, image, solution, residual, gradient):
+def new_solution(i, length, inverse, direction, image, solution, residual, gradient):
     """x += alpha p, r -= alpha A p, z = r/C of particle i [K; J; K]; r z."""
     solution[i] += length * direction[i]
     residual[i] -= length * image[i]
@@ -146,19 +146,19 @@ def stepped(i, length, inverse, direction, image, solution, residual, gradient):
 def update_direction(exchanges, inverse, gradient, dots, old, direction, image, scratch):
     """p = z + beta p_before, A p and p A p."""
     partial = scratch.array("heat partial", CHUNKS, np.float64)
-    turn_chunk(exchanges, inverse, gradient, dots, old, direction, image, partial)
+    direction_chunk(exchanges, inverse, gradient, dots, old, direction, image, partial)
     dots[1] = partial.sum()
 
 
 def update_solution(inverse, direction, image, dots, solution, residual, gradient, scratch):
     """x += alpha p, r -= alpha A p, z = r/C and r z."""
     partial = scratch.array("heat partial", CHUNKS, np.float64)
-    step_chunk(inverse, direction, image, dots, solution, residual, gradient, partial)
+    solution_chunk(inverse, direction, image, dots, solution, residual, gradient, partial)
     dots[2], dots[0] = dots[0], partial.sum()
 
 
 @kernel
-def turn_chunk(chunk, exchanges, inverse, gradient, dots, old, direction, image, partial):
+def direction_chunk(chunk, exchanges, inverse, gradient, dots, old, direction, image, partial):
     """p = z + beta p_before [K], A p [J], and p A p, of a chunk."""
     share = step_ratio(dots[0], dots[2], direction.dtype.type)
     begin, end = limits(chunk, direction.shape[0])
@@ -166,16 +166,16 @@ def turn_chunk(chunk, exchanges, inverse, gradient, dots, old, direction, image,
     for i in range(begin, end):
         own = gradient[i] + share * old[i]
         flow = flow_along(i, None, gradient, old, share, exchanges)
-        total += turned(i, own, flow, inverse, direction, image)
+        total += new_direction(i, own, flow, inverse, direction, image)
     partial[chunk] = total
 
 
 @kernel
-def step_chunk(chunk, inverse, direction, image, dots, solution, residual, gradient, partial):
+def solution_chunk(chunk, inverse, direction, image, dots, solution, residual, gradient, partial):
     """x += alpha p, r -= alpha A p, z = r/C [K; J; K], and r z, of a chunk."""
     length = step_ratio(dots[0], dots[1], direction.dtype.type)
     begin, end = limits(chunk, direction.shape[0])
     total = 0.0
     for i in range(begin, end):
-        total += stepped(i, length, inverse, direction, image, solution, residual, gradient)
+        total += new_solution(i, length, inverse, direction, image, solution, residual, gradient)
     partial[chunk] = total

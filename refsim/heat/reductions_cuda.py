@@ -10,7 +10,7 @@ import numpy as np
 from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel
 from refsim.backends.primitives import four_of, largest_of_block, set_four, sum_of_block
 from refsim.heat.kernels import capacity_of, factor_in, weight_at
-from refsim.heat.reductions import flow_along, step_ratio, stepped, turned
+from refsim.heat.reductions import flow_along, new_direction, new_solution, step_ratio
 from refsim.heat.shapes import ExchangeColumns
 from refsim.neighbours.formulas import to_nearest_image
 from refsim.neighbours.rows import over_lanes, row_of
@@ -25,7 +25,7 @@ def weigh_exchanges(body, neighbours, step, scratch):
     largest = scratch.array("heat largest", 1, real)
     placed = scratch.array("placed", (n, 4), real)
     begin(body.position, body.volume, placed, largest)
-    weigh(placed, body, step, exchanges, inverse, largest)
+    exchange_weights(placed, body, step, exchanges, inverse, largest)
     return exchanges, inverse, largest
 
 
@@ -40,7 +40,7 @@ def begin(position, volume, placed, largest):
 
 
 @cuda_kernel(rows_of="inverse", lanes="exchanges")
-def weigh(placed, conductor, step, exchanges, inverse, largest):
+def exchange_weights(placed, conductor, step, exchanges, inverse, largest):
     """The weights of every particle's neighbours [J/K], 0 beyond h, 1/C_i [K/J], and the largest s_i."""
     conductivity, conduction = conductor.conductivity, step.conduction
     lanes = len(exchanges.lanes)
@@ -90,24 +90,24 @@ def weigh(placed, conductor, step, exchanges, inverse, largest):
 def update_direction(exchanges, inverse, gradient, dots, old, direction, image, scratch):
     """p = z + beta p_before, A p and p A p."""
     partial = _partial_sums(direction.shape[0] * len(exchanges.lanes), "heat partial turn", scratch)
-    turn_blocks(exchanges, inverse, gradient, dots, old, image, partial, direction)
+    direction_blocks(exchanges, inverse, gradient, dots, old, image, partial, direction)
     add_up(partial, np.int32(1), scratch.array("heat one", 1, np.int32), dots)
 
 
 def update_solution(inverse, direction, image, dots, solution, residual, gradient, scratch):
     """x += alpha p, r -= alpha A p, z = r/C and r z."""
     partial = _partial_sums(direction.shape[0], "heat partial", scratch)
-    step_blocks(inverse, direction, image, dots, residual, gradient, partial, solution)
+    solution_blocks(inverse, direction, image, dots, residual, gradient, partial, solution)
     add_up(partial, np.int32(0), scratch.array("heat one", 1, np.int32), dots)
 
 
 def _partial_sums(threads, name, scratch):
     """An entry for each block of so many threads."""
-    return scratch.array(name, (threads + step_blocks.threads - 1) // step_blocks.threads, np.float64)
+    return scratch.array(name, (threads + solution_blocks.threads - 1) // solution_blocks.threads, np.float64)
 
 
 @cuda_kernel(lanes="exchanges")
-def turn_blocks(exchanges, inverse, gradient, dots, old, image, partial, direction):
+def direction_blocks(exchanges, inverse, gradient, dots, old, image, partial, direction):
     """p = z + beta p_before [K], A p [J], and p A p of each block."""
     lanes = len(exchanges.lanes)
     i, lane = cuda.grid(1) // lanes, cuda.grid(1) % lanes
@@ -117,7 +117,7 @@ def turn_blocks(exchanges, inverse, gradient, dots, old, image, partial, directi
         own = gradient[i] + share * old[i]
         flow = flow_along(i, (lane, lanes), gradient, old, share, exchanges)
         if lane == 0:
-            total = turned(i, own, flow, inverse, direction, image)
+            total = new_direction(i, own, flow, inverse, direction, image)
     shared = cuda.shared.array(THREADS_PER_BLOCK, np.float64)
     whole = sum_of_block(shared, total)
     if cuda.threadIdx.x == 0:
@@ -125,13 +125,13 @@ def turn_blocks(exchanges, inverse, gradient, dots, old, image, partial, directi
 
 
 @cuda_kernel
-def step_blocks(inverse, direction, image, dots, residual, gradient, partial, solution):
+def solution_blocks(inverse, direction, image, dots, residual, gradient, partial, solution):
     """x += alpha p, r -= alpha A p, z = r/C [K; J; K], and r z of each block."""
     i = cuda.grid(1)
     total = 0.0
     if i < solution.shape[0]:
         length = step_ratio(dots[0], dots[1], solution.dtype.type)
-        total = stepped(i, length, inverse, direction, image, solution, residual, gradient)
+        total = new_solution(i, length, inverse, direction, image, solution, residual, gradient)
     shared = cuda.shared.array(THREADS_PER_BLOCK, np.float64)
     whole = sum_of_block(shared, total)
     if cuda.threadIdx.x == 0:

@@ -195,20 +195,22 @@ def solve(exchanges, inverse, conduction, scratch, temperature):
     Every direction is a polynomial in A/C of the old temperatures, so that sum C T is kept without a correction.
     """
     n, real = temperature.shape[0], temperature.dtype
-    names = ("residual", "gradient", "direction", "turned", "image", "solution")
-    residual, gradient, direction, turned, image, solution = (scratch.array(f"heat {k}", n, real) for k in names)
+    names = ("residual", "gradient", "direction", "next_direction", "image", "solution")
+    residual, gradient, direction, next_direction, image, solution = (
+        scratch.array(f"heat {k}", n, real) for k in names
+    )
     dots = scratch.array("heat dots", 3, np.float64)
     every = 8 if scratch.backend.name == "cuda" else 1  # passes between looks at the residual, which a GPU waits for
-    _, turn, step = reduced(scratch)
+    _, update_direction, update_solution = reduced(scratch)
     flow(exchanges, temperature, residual)
     for array in (direction, image, solution, dots):
         scratch.backend.assign(array, 0)
-    step(inverse, direction, image, dots, solution, residual, gradient, scratch)
+    update_solution(inverse, direction, image, dots, solution, residual, gradient, scratch)
     first, passes = None, 1
     while True:
-        turn(exchanges, inverse, gradient, dots, direction, turned, image, scratch)
-        direction, turned = turned, direction
-        step(inverse, direction, image, dots, solution, residual, gradient, scratch)
+        update_direction(exchanges, inverse, gradient, dots, direction, next_direction, image, scratch)
+        direction, next_direction = next_direction, direction
+        update_solution(inverse, direction, image, dots, solution, residual, gradient, scratch)
         passes += 1
         if first is None or passes % every == 0:
             now, _, before = (float(v) for v in scratch.host(dots))

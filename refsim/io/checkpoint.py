@@ -239,14 +239,14 @@ def _opened(path: str | os.PathLike[str], what: str) -> Iterator[tuple[BufferedR
 
 
 def _head(block: bytes, path: str | os.PathLike[str], what: str) -> re.Match[bytes]:
-    found = HEAD.match(block)
+    match = HEAD.match(block)
     if not block.startswith(f"refsim {what}\n".encode()):
         raise Unreadable(what, path, f"is not a {what} (it does not begin as one)")
-    if found is not None and int(found[3]) != VERSION:
-        raise Unreadable(what, path, f"has format version {int(found[3])}, and this refsim reads version {VERSION}")
-    if found is None or found.end() != BLOCK:
+    if match is not None and int(match[3]) != VERSION:
+        raise Unreadable(what, path, f"has format version {int(match[3])}, and this refsim reads version {VERSION}")
+    if match is None or match.end() != BLOCK:
         raise Unreadable(what, path, f"is cut short or damaged (its first lines are not those of a {what})")
-    return found
+    return match
 
 
 def _written_ns(path: Path, what: str = "checkpoint") -> int:

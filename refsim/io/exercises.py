@@ -79,8 +79,8 @@ class Exercises:
 
     def __call__(self, exercise: int, answer: Any) -> None:
         """Judge an answer and print the verdict."""
-        found = self.verdicts[exercise] = self.verdict(exercise, answer)
-        print(f"Exercise {exercise}: {'right' if found.right else 'not yet'}: {found.words}")
+        verdict = self.verdicts[exercise] = self.verdict(exercise, answer)
+        print(f"Exercise {exercise}: {'right' if verdict.right else 'not yet'}: {verdict.words}")
 
 
 def tried(answer: Any, given: list[Any]) -> str:
@@ -92,13 +92,13 @@ def tried(answer: Any, given: list[Any]) -> str:
     said = []
     for place, value in enumerate(given):
         if isinstance(value, np.ndarray):
-            words = " ".join(np.array2string(value, precision=3, threshold=6, edgeitems=1).split())
-            words = f"{words} of shape {value.shape}"
+            text = " ".join(np.array2string(value, precision=3, threshold=6, edgeitems=1).split())
+            text = f"{text} of shape {value.shape}"
         elif isinstance(value, float) or callable(value):
-            words = f"{value:.6g}" if isinstance(value, float) else value.__name__
+            text = f"{value:.6g}" if isinstance(value, float) else value.__name__
         else:
             continue
-        said.append(f"{names[place]} = {words}" if len(names) == len(given) else words)
+        said.append(f"{names[place]} = {text}" if len(names) == len(given) else text)
     return f" Tried: {', '.join(said)}." if said else ""
 
 
@@ -107,15 +107,15 @@ def read(text: str, unit: str) -> float:
 
     Raises WrongAnswer.
     """
-    found = WRITTEN.fullmatch(text.strip().replace(",", ".").replace("\u2212", "-"))
+    match = WRITTEN.fullmatch(text.strip().replace(",", ".").replace("\u2212", "-"))
     try:
-        value = float(found[1]) / float(found[2] or 1) if found else None
+        value = float(match[1]) / float(match[2] or 1) if match else None
     except (ValueError, ZeroDivisionError):
         value = None
-    if found is None or value is None:
+    if match is None or value is None:
         raise WrongAnswer(f"this is {text!r}; write one number, such as 0.5 or 3/16.")
     units = next(units for units in UNITS if unit in units)
-    written = found[3].strip().replace("\u00b7", " ") or unit
+    written = match[3].strip().replace("\u00b7", " ") or unit
     if written not in units:
         raise WrongAnswer(f"{text!r} is not {f'in {unit}' if unit else 'a plain number'}, and that is asked for.")
     return value * units[written] / units[unit]
@@ -138,33 +138,33 @@ def numbers(answer: Any, shape: tuple[int, ...], unit: str = "") -> np.ndarray:
     if answer is None:
         raise WrongAnswer("this is None: a function that gives nothing back lacks its `return`.")
     try:
-        found = np.asarray(answer, dtype=float)
+        values = np.asarray(answer, dtype=float)
     except (TypeError, ValueError):
         raise WrongAnswer(f"this is {answer!r}; asked for: {wanted}.") from None
-    if found.shape != shape:
-        raise WrongAnswer(f"this has the shape {found.shape}; asked for: {wanted}.")
-    if not np.isfinite(found).all():
+    if values.shape != shape:
+        raise WrongAnswer(f"this has the shape {values.shape}; asked for: {wanted}.")
+    if not np.isfinite(values).all():
         raise WrongAnswer(
             "some of it is infinite or no number: look for a division by zero, or a negative number under a root."
         )
-    return found
+    return values
 
 
 def mask(answer: Any, count: int) -> np.ndarray:
     """The answer as True or False for each of `count` particles; raises WrongAnswer."""
-    found = np.asarray(answer)
-    if found.dtype.kind in "iu" and (found.shape != (count,) or found.max(initial=0) > 1):
+    values = np.asarray(answer)
+    if values.dtype.kind in "iu" and (values.shape != (count,) or values.max(initial=0) > 1):
         raise WrongAnswer(
             f"these are indices of particles, and a mask is asked for: True or False for each of the {count}."
             f" Make `marked = np.zeros({count}, bool)`, then `marked[indices] = True`."
         )
-    if found.dtype != bool:
+    if values.dtype != bool:
         raise WrongAnswer(
-            f"these are values of type {found.dtype}, and a mask is True or False: compare them with a limit."
+            f"these are values of type {values.dtype}, and a mask is True or False: compare them with a limit."
         )
-    if found.shape != (count,):
-        raise WrongAnswer(f"this has the shape {found.shape}; a mask has one value for each of the {count} particles.")
-    return found
+    if values.shape != (count,):
+        raise WrongAnswer(f"this has the shape {values.shape}; a mask has one value for each of the {count} particles.")
+    return values
 
 
 def called(answer: Any, *given: Any) -> Any:
@@ -174,12 +174,12 @@ def called(answer: Any, *given: Any) -> Any:
             f"this is {type(answer).__name__}, and a function is asked for: give its name, without brackets."
         )
     try:
-        found = answer(*given)
+        value = answer(*given)
     except Exception as error:
         raise WrongAnswer(f"your function stops with {type(error).__name__}: {error}.") from None
-    if found is None or found is ...:
+    if value is None or value is ...:
         raise WrongAnswer(f"{OPEN}, and end the function with `return`.")
-    return found
+    return value
 
 
 def compare(
@@ -199,9 +199,9 @@ def compare(
 
     if near(right, within):
         return
-    for words, other in wrong.items():
+    for mistake, other in wrong.items():
         if near(*(other if isinstance(other, Approximate) else (other, within))):
-            raise WrongAnswer(words)
+            raise WrongAnswer(mistake)
     share = float((value * right).sum() / (right**2).sum())
     tens = round(np.log10(share)) if share > 0 else 0
     if near(-right, within):

@@ -90,8 +90,10 @@ def read_origin(path: Path) -> Origin:
     if not os.path.lexists(file):
         return Origin()
     saved = read_checkpoint(file, ORIGIN)
-    words = {name: str(saved.attributes[name]) for name in ("scene", "units", "meanings")}
-    return Origin(words["scene"], saved.arrays, json.loads(words["units"]), json.loads(words["meanings"]))
+    attributes = {name: str(saved.attributes[name]) for name in ("scene", "units", "meanings")}
+    return Origin(
+        attributes["scene"], saved.arrays, json.loads(attributes["units"]), json.loads(attributes["meanings"])
+    )
 
 
 class ParticleWriter:
@@ -201,8 +203,8 @@ class ParticleWriter:
     def _origin_file(self) -> dict[Path, Content]:
         """The file that says what makes the frames."""
         origin, file = self._origin or Origin(), self.folder / "origin.h5"
-        words = {"units": json.dumps(dict(origin.units)), "meanings": json.dumps(dict(origin.meanings))}
-        return {file: checkpoint_bytes(file, origin.arrays, {"scene": origin.scene, **words}, ORIGIN)}
+        attributes = {"units": json.dumps(dict(origin.units)), "meanings": json.dumps(dict(origin.meanings))}
+        return {file: checkpoint_bytes(file, origin.arrays, {"scene": origin.scene, **attributes}, ORIGIN)}
 
     def _write_collection(self, heads: Sequence[Head]) -> None:
         name = escape(self.folder.name)
@@ -255,11 +257,11 @@ def refuse_older(folder: Path) -> None:
 
 def heads_of(path: Path) -> list[Head]:
     """The heads of the frames of a collection, in order of time. Raises InputError where there is none."""
-    found = [read_head(file) for file in frame_files(path)]
-    if not found:
+    heads = [read_head(file) for file in frame_files(path)]
+    if not heads:
         refuse_older(path.parent)
         raise InputError(f"there are no frames of {path}; give the folder of a run that has written one.")
-    return found
+    return heads
 
 
 def read_particles(
@@ -272,12 +274,12 @@ def read_particles(
 
     Raises InputError when there is no frame, or one is damaged.
     """
-    heads, found = heads_of(Path(path)), []
+    heads, frames_read = heads_of(Path(path)), []
     for head in heads[frames] if isinstance(frames, slice) else [heads[k] for k in sorted(frames)]:
         names = ["position", *(name for name in head.fields if fields is None or name in fields)]
         data = read_arrays(head, names, check=True)
-        found.append(Frame(head.time, data.pop("position"), data))
-    return found
+        frames_read.append(Frame(head.time, data.pop("position"), data))
+    return frames_read
 
 
 def _checked_field(name: str, components: int, dtype: DTypeLike) -> tuple[int, np.dtype]:

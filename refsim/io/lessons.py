@@ -57,13 +57,13 @@ def shown(text: str) -> str:
 def cells(text: str) -> list[Cell]:
     """The pieces of a lesson, in order, without its header and judges."""
     text = HEADER.sub("", shown(text))
-    found: list[Cell] = []
+    parts: list[Cell] = []
     place = 0
     for block in BLOCK.finditer(text):
-        found += [Cell("markdown", text[place : block.start()]), Cell("code" if block[1] else "answer", block[2])]
+        parts += [Cell("markdown", text[place : block.start()]), Cell("code" if block[1] else "answer", block[2])]
         place = block.end()
-    found.append(Cell("markdown", text[place:]))
-    return [cell for cell in found if cell.text.strip()]
+    parts.append(Cell("markdown", text[place:]))
+    return [cell for cell in parts if cell.text.strip()]
 
 
 def notebook(text: str, printed: Sequence[str] = ()) -> str:
@@ -72,23 +72,23 @@ def notebook(text: str, printed: Sequence[str] = ()) -> str:
     printed  what each cell of code has printed, in their order
     """
     pieces, inside = [Cell("answer", INSTALL)], False
-    for kind, words in cells(text):
+    for kind, content in cells(text):
         if kind == "markdown":  # what a fold holds besides code is folded by itself
-            words = f"{FOLD}\n{words}" if inside else words
-            inside = words.count("<details>") > words.count("</details>")
-            words = re.sub(FOLD + r"\s*</details>", "", words + ("\n</details>" if inside else ""))
+            content = f"{FOLD}\n{content}" if inside else content
+            inside = content.count("<details>") > content.count("</details>")
+            content = re.sub(FOLD + r"\s*</details>", "", content + ("\n</details>" if inside else ""))
         elif kind == "answer":
-            words = "# @title Worked answer: run it, or unfold and read it\n" + words
-        pieces.append(Cell(kind, words))
+            content = "# @title Worked answer: run it, or unfold and read it\n" + content
+        pieces.append(Cell(kind, content))
     made: list[dict[str, Any]] = []
     said = iter(printed)
-    for number, (kind, words) in enumerate((piece for piece in pieces if piece.text.strip()), 1):
-        cell: dict[str, Any] = {"cell_type": "code", "id": f"cell-{number}", "metadata": {}, "source": words.strip()}
+    for number, (kind, content) in enumerate((piece for piece in pieces if piece.text.strip()), 1):
+        cell: dict[str, Any] = {"cell_type": "code", "id": f"cell-{number}", "metadata": {}, "source": content.strip()}
         if kind == "markdown":
             made.append(cell | {"cell_type": "markdown"})
         else:
-            words = next(said, "")
-            output = [{"name": "stdout", "output_type": "stream", "text": words}] if words else []
+            content = next(said, "")
+            output = [{"name": "stdout", "output_type": "stream", "text": content}] if content else []
             more = {"metadata": FOLDED if kind == "answer" else {}, "execution_count": None, "outputs": output}
             made.append(cell | more)
     about = {"kernelspec": KERNEL, "language_info": {"name": "python"}}
@@ -101,10 +101,10 @@ def script(text: str) -> str:
     Answers are comments.
     """
     parts = []
-    for number, words in enumerate(CELL.split(HEADER.sub("", shown(text)))):
+    for number, cell in enumerate(CELL.split(HEADER.sub("", shown(text)))):
         if number % 2:
-            parts.append(f"# %%\n{words.strip()}\n")
-        elif words.strip():
-            lines = "\n".join(f"# {line}".rstrip() for line in words.strip().splitlines())
+            parts.append(f"# %%\n{cell.strip()}\n")
+        elif cell.strip():
+            lines = "\n".join(f"# {line}".rstrip() for line in cell.strip().splitlines())
             parts.append(f"# %% [markdown]\n{lines}\n")
     return "\n".join(parts)

@@ -146,9 +146,9 @@ class Run(Shown):
 
     def _rows(self, name: str, number: int) -> NDArray[Any]:
         (name,) = self._chosen([name])
-        found = read_arrays(self._heads[number], [name], number in self._unchecked)[name]
+        array = read_arrays(self._heads[number], [name], number in self._unchecked)[name]
         self._unchecked.discard(number)
-        return found
+        return array
 
     # What was run, and what came of it
 
@@ -202,14 +202,14 @@ class Run(Shown):
         path = self.folder / REPORT
         try:
             with open_regular(path) as file:
-                found = json.load(file)
+                report = json.load(file)
         except OSError as error:
             raise InputError(f"report {path} cannot be read ({error.strerror}); a checkpoint writes it.") from None
         except ValueError as error:
             raise InputError(f"report {path} is damaged ({error}); run the scene again.") from None
-        if not (isinstance(found, dict) and {"start", "end"} <= set(found.get("ledger", ()))):
+        if not (isinstance(report, dict) and {"start", "end"} <= set(report.get("ledger", ()))):
             raise InputError(f"report {path} is not that of a run; give the folder of a run.")
-        return found
+        return report
 
     # For other libraries
 

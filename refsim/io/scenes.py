@@ -34,8 +34,8 @@ def scene_to_checkpoint(plan: Plan) -> tuple[str, dict[str, np.ndarray]]:
     for number, part in enumerate(scene.solid):
         kept = isinstance(part, SolidMesh | SolidCells)
         if kept and solids is not None:
-            own = slice(*solids.lattice.first[number : number + 2])
-            arrays[f"start.cells.{number}"] = solids.lattice.cell[own] + cells
+            rows = slice(*solids.lattice.first[number : number + 2])
+            arrays[f"start.cells.{number}"] = solids.lattice.cell[rows] + cells
         solid.append(SolidCells(**_substance(part)) if kept else part)
     return scene_to_toml(msgspec.structs.replace(scene, fluid=fluid, solid=tuple(solid))), arrays
 

@@ -17,11 +17,11 @@ GAUGES, KIND = "gauges.hdf5", "file of gauges"
 
 def write_series(path: Path, series: Iterable[GaugeSeries]) -> None:
     """Replace the file by one with these series. Raises InputError or RunStopped where the disk refuses."""
-    arrays, words = {}, {}
+    arrays, attributes = {}, {}
     for one in series:
         arrays[f"{one.name}.time"], arrays[f"{one.name}.values"] = one.time, one.values
-        words[one.name] = json.dumps({"kind": one.kind, "columns": one.columns, "units": one.units})
-    write_checkpoint(path, arrays, words, keep=1, what=KIND)
+        attributes[one.name] = json.dumps({"kind": one.kind, "columns": one.columns, "units": one.units})
+    write_checkpoint(path, arrays, attributes, keep=1, what=KIND)
 
 
 def read_series(path: Path) -> dict[str, GaugeSeries]:
@@ -32,10 +32,10 @@ def read_series(path: Path) -> dict[str, GaugeSeries]:
         raise InputError(
             f"{error.sentence}; a run of a scene with [[gauge]] writes it with its first checkpoint."
         ) from None
-    found = {}
+    series = {}
     for name, text in saved.attributes.items():
-        words = json.loads(str(text))
-        columns, units = tuple(words["columns"]), tuple(words["units"])
+        attributes = json.loads(str(text))
+        columns, units = tuple(attributes["columns"]), tuple(attributes["units"])
         values = saved.arrays[f"{name}.values"].reshape(-1, len(columns))
-        found[name] = GaugeSeries(name, words["kind"], saved.arrays[f"{name}.time"], values, columns, units)
-    return found
+        series[name] = GaugeSeries(name, attributes["kind"], saved.arrays[f"{name}.time"], values, columns, units)
+    return series

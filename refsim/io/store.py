@@ -64,8 +64,8 @@ def read_stored(path: Path, notes: list[str] | None = None, whole: Path | None =
         ) from error
     head = HEAD.match(content)
     if head is not None and head[1].decode() == _digest(path.name, content[head.end() :]):
-        found: dict[str, Any] = json.loads(b"{" + content[head.end() :])
-        return found
+        stored: dict[str, Any] = json.loads(b"{" + content[head.end() :])
+        return stored
     why = "has no digest at its beginning" if head is None else "does not match its digest"
     set_aside(whole or path, why, notes)
     return None

@@ -118,30 +118,30 @@ def read_head(path: Path) -> Head:
 
 def head_of(path: Path, text: bytes | bytearray, size: int) -> Head:
     """The head of a file of `size` bytes that begins with `text`. Raises InputError as `read_head` does."""
-    found = HEAD.match(text)
-    if found is None:
+    match = HEAD.match(text)
+    if match is None:
         raise InputError(f"frame {path} is damaged, or not of refsim (it does not begin as one); {ADVICE}.")
-    if int(found[1]) != VERSION:
+    if int(match[1]) != VERSION:
         raise InputError(
-            f"frame {path} has version {int(found[1])}, and this refsim reads version {VERSION}; {ADVICE}."
+            f"frame {path} has version {int(match[1])}, and this refsim reads version {VERSION}; {ADVICE}."
         )
     try:
         begin = text.index(BEGIN) + len(BEGIN)
-        words = text[:begin].decode()
-        little = '"LittleEndian"' in words
+        xml = text[:begin].decode()
+        little = '"LittleEndian"' in xml
         kinds = {name: dtype.newbyteorder("<" if little else ">") for dtype, name in DTYPES.items()}
-        arrays = [(html.unescape(n), int(c), kinds[t], begin + int(o)) for t, n, c, o in ARRAY.findall(words)]
-        time = re.search('Name="TimeValue"[^>]*>([^<]*)<', words)
-        count = int(words.partition('NumberOfPoints="')[2].partition('"')[0])
+        arrays = [(html.unescape(n), int(c), kinds[t], begin + int(o)) for t, n, c, o in ARRAY.findall(xml)]
+        time = re.search('Name="TimeValue"[^>]*>([^<]*)<', xml)
+        count = int(xml.partition('NumberOfPoints="')[2].partition('"')[0])
         _, components, dtype, end = arrays[-1]
         if size != end + 8 + count * components * dtype.itemsize + len(END):
             raise ValueError
     except (ValueError, IndexError, KeyError):
         raise InputError(f"frame {path} is cut short or damaged; {ADVICE}.") from None
-    own = arrays[3:]  # behind the positions and the two arrays of vertices
+    fields = arrays[3:]  # behind the positions and the two arrays of vertices
     return Head(
-        path, float(time[1]) if time else np.nan, count, arrays[0][2], {name: (c, t) for name, c, t, _ in own},
-        {"position": arrays[0][3]} | {name: place for name, _, _, place in own},
+        path, float(time[1]) if time else np.nan, count, arrays[0][2], {name: (c, t) for name, c, t, _ in fields},
+        {"position": arrays[0][3]} | {name: place for name, _, _, place in fields},
     )  # fmt: skip
 
 
@@ -152,7 +152,7 @@ def read_arrays(head: Head, names: Collection[str], check: bool = False) -> dict
 
     Raises InputError where the file is damaged or has changed.
     """
-    found = {}
+    arrays = {}
     kinds = {"position": (3, head.dtype), **head.fields}
     try:
         with open_regular(head.path) as file:
@@ -166,7 +166,7 @@ def read_arrays(head: Head, names: Collection[str], check: bool = False) -> dict
                 file.seek(head.places[name] + 8)
                 values = np.frombuffer(file.read(head.count * components * dtype.itemsize), dtype)
                 values = values.astype(dtype.newbyteorder("="))
-                found[name] = values if components == 1 else values.reshape(head.count, components)
+                arrays[name] = values if components == 1 else values.reshape(head.count, components)
     except (OSError, ValueError):
         raise InputError(f"frame {head.path} was changed while it was read; read it again.") from None
-    return found
+    return arrays

@@ -45,22 +45,24 @@ def extraction(name: str, dtype: str) -> dict:
     state = (value < 0).astype(np.uint8)
     if name == "narrow_band":
         state[abs(value) > 0.9 * h] = 2
-    found = {"blocks": blocks, "node_value": value, "node_state": state, "table": case_table(case.dim)}
-    found["contour"] = Contour(np.dtype(dtype).type(h), np.dtype(dtype).type(0))
-    return found | follow(found)
+    inputs = {"blocks": blocks, "node_value": value, "node_state": state, "table": case_table(case.dim)}
+    inputs["contour"] = Contour(np.dtype(dtype).type(h), np.dtype(dtype).type(0))
+    return inputs | follow(inputs)
 
 
 def follow(inputs: dict) -> dict:
     """Later arguments of the extraction from blocks, states, values, table and contour."""
-    found = {n: v for n, (v, _) in operations.classify(inputs["blocks"], inputs["node_state"]).items()}
-    found = {n: v.astype(np.uint8) for n, v in found.items()}
-    found["edge_first"] = Backend("numpy").running_sum(BITS_SET[found["crossings"]])
-    found["facet_first"] = Backend("numpy").running_sum(inputs["table"].count[found["cell_case"]])
-    cells = operations.facets(inputs["blocks"], *found.values(), inputs["table"])
-    found |= {n: v.astype(np.int32) for n, (v, _) in cells.items()}
-    points = operations.edge_points(inputs["blocks"], inputs["node_value"], inputs["contour"], found["vertex_edge"])
-    found["vertex_position"] = points["vertex_position"][0].astype(inputs["node_value"].dtype)
-    return found
+    classified = {n: v for n, (v, _) in operations.classify(inputs["blocks"], inputs["node_state"]).items()}
+    classified = {n: v.astype(np.uint8) for n, v in classified.items()}
+    classified["edge_first"] = Backend("numpy").running_sum(BITS_SET[classified["crossings"]])
+    classified["facet_first"] = Backend("numpy").running_sum(inputs["table"].count[classified["cell_case"]])
+    cells = operations.facets(inputs["blocks"], *classified.values(), inputs["table"])
+    classified |= {n: v.astype(np.int32) for n, (v, _) in cells.items()}
+    points = operations.edge_points(
+        inputs["blocks"], inputs["node_value"], inputs["contour"], classified["vertex_edge"]
+    )
+    classified["vertex_position"] = points["vertex_position"][0].astype(inputs["node_value"].dtype)
+    return classified
 
 
 @groups(

@@ -21,16 +21,16 @@ def cell_states(i, blocks, node_state):
     """
     space = block_bits(blocks) == 2
     corners = 8 if space else 4
-    own = int(node_state[i])
+    state = int(node_state[i])
     crossings = 0
-    case = own & 1
-    complete = own < 2
+    case = state & 1
+    complete = state < 2
     for c in range(1, corners):
         other = state_at(blocks, node_state, i, c & 1, (c >> 1) & 1, c >> 2)
         if other > 1:
             complete = False
         else:
-            if (c == 1 or c == 2 or c == 4) and own + other == 1:
+            if (c == 1 or c == 2 or c == 4) and state + other == 1:
                 crossings |= c
             case |= other << c
     if not complete:

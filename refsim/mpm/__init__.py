@@ -281,8 +281,8 @@ class MpmLiquid(
             return amount(state.field("mass") * h**2 / 8 * (state.field("affine") ** 2).sum(1))
 
         printed = self.printed() - {"M13"}
-        words = (f"the printed readings {self.cited(printed)}",) if printed else ()
-        return EnergyAccount({"compression": compression, "affine": affine}, words)
+        uncounted = (f"the printed readings {self.cited(printed)}",) if printed else ()
+        return EnergyAccount({"compression": compression, "affine": affine}, uncounted)
 
     def largest_mass_ratio(self, others: Others) -> float:
         return MASS_RATIO
@@ -455,13 +455,13 @@ class MpmWalls(Effect, HasPlanes, frozen=True, kw_only=True):
     def nodes(self, grid: Discretisation, cell_size: float) -> WallNodes:
         """The nodes on and beyond each face, and its rule."""
         lower, upper, rules = np.full(3, -OPEN), np.full(3, OPEN), np.zeros(6)
-        own = {"sticky": self.sticky_faces, "slip": self.slip_faces, "separating": self.separating_faces}
-        own["none"] = self.open_faces
+        faces_of = {"sticky": self.sticky_faces, "slip": self.slip_faces, "separating": self.separating_faces}
+        faces_of["none"] = self.open_faces
         for axis in range(grid.dim):
             lower[axis] = math.floor(self.lower[axis] / cell_size + 1e-6)
             upper[axis] = math.ceil(self.upper[axis] / cell_size - 1e-6)
             for side in (2 * axis, 2 * axis + 1):
-                rule = next((name for name, faces in own.items() if FACES[side] in faces), self.rule)
+                rule = next((name for name, faces in faces_of.items() if FACES[side] in faces), self.rule)
                 rules[side] = RULES[rule]
         return WallNodes(lower.astype(np.int32), upper.astype(np.int32), rules.astype(np.int32))
 
@@ -469,6 +469,6 @@ class MpmWalls(Effect, HasPlanes, frozen=True, kw_only=True):
 _ANY = Discretisation(3, "float64", 1.0, 2.0, 0)  # for methods whose result does not depend on it
 
 
-def _others_push(own: Effect, others: Others) -> bool:
+def _others_push(effect: Effect, others: Others) -> bool:
     """Whether another effect adds to the particles' acceleration."""
-    return any("acceleration" in p.updates for e in others.values() if e is not own for p in e.passes(others))
+    return any("acceleration" in p.updates for e in others.values() if e is not effect for p in e.passes(others))

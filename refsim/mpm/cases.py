@@ -270,7 +270,7 @@ STEPS = np.array([0.25, 0.25])
 TURN = np.array([[0.5, -1.0, 0.25], [1.0, 0.25, 0.0], [2.0, 0.0, -0.5]])
 
 
-def turn(dim: int) -> np.ndarray:
+def velocity_gradient(dim: int) -> np.ndarray:
     """A velocity gradient."""
     return TURN * (np.arange(3) < dim)[:, None] * (np.arange(3) < dim)
 
@@ -333,8 +333,8 @@ def _stencil(dim):
     weight = weight_of(grid)
     inputs = {
         "grid": grid, "background": background, "liquid": WATER, "timestep": STEPS, "mass": [2.0], "velocity": v[None],
-        "affine": turn(dim).reshape(1, 9), "volume_ratio": [1.5], "acceleration": None, "cluster_share": None,
-        "inverse_spread": None, "embedding": None,
+        "affine": velocity_gradient(dim).reshape(1, 9), "volume_ratio": [1.5], "acceleration": None,
+        "cluster_share": None, "inverse_spread": None, "embedding": None,
     }  # fmt: skip
     return case, inputs, weight, v, arm
 
@@ -343,7 +343,7 @@ def _stencil(dim):
 def one_stencil(dim):
     """Mass 2 kg, J = 3/2, by the affine field, on 3^dim nodes."""
     case, inputs, weight, v, arm = _stencil(dim)
-    field = 2.0 * (v + arm @ turn(dim).T) - 1.125 * arm
+    field = 2.0 * (v + arm @ velocity_gradient(dim).T) - 1.125 * arm
     inputs["kernel_gradient"] = None
     return Exact(case, inputs, {"node_mass": 2.0 * weight, "node_momentum": weight[:, None] * field})
 
@@ -353,7 +353,7 @@ def force_through_the_gradient():
     """(4.17) as printed: -K grad B_j; along an axis h B' = -1/2, 0, 1/2, so that it is the weight times a slope."""
     case, inputs, weight, v, arm = _stencil(3)
     slope = np.where(arm == 0, 0.0, 0.25 * arm / LINE[0] * 0.5)  # B'/B on the outer nodes: -+ (1/2)/(1/8)/h
-    field = 2.0 * (v + arm @ turn(3).T)
+    field = 2.0 * (v + arm @ velocity_gradient(3).T)
     push = -1.125 * weight[:, None] * slope
     inputs["kernel_gradient"] = KernelGradient(1)
     return Exact(case, inputs, {"node_mass": 2.0 * weight, "node_momentum": weight[:, None] * field + push})
@@ -540,8 +540,8 @@ def _moving(dim):
     """Nodes with the velocity c + G x, from which APIC takes c + G x_p and G."""
     case, grid, background = alone(dim)
     c = np.array([1.0, -2.0, 0.5]) * (np.arange(3) < dim)
-    v = c + 2.0 * node_table(grid.blocks) @ turn(dim).T
-    own = c + turn(dim) @ case.position[0]
+    v = c + 2.0 * node_table(grid.blocks) @ velocity_gradient(dim).T
+    own = c + velocity_gradient(dim) @ case.position[0]
     inputs = {
         "grid": grid, "background": background, "liquid": WATER, "timestep": STEPS, "node_velocity": v,
         "volume_ratio": [1.5], "build_position": None, "cluster_share": None, "inverse_spread": None,
@@ -553,7 +553,7 @@ def _moving(dim):
 
 def _taken(dim, deformation):
     case, inputs, own = _moving(dim)
-    a, trace = turn(dim), np.trace(turn(dim))
+    a, trace = velocity_gradient(dim), np.trace(velocity_gradient(dim))
     ratio = 1.5 * (1 + 0.25 * trace)
     inputs["deformation"] = deformation
     expected = {

@@ -26,9 +26,9 @@ def count_all(i, position, volume_ratio, node_mass, cell, background, counting, 
             for kx in range(3):
                 node = step_node(blocks, cell[i], kx, ky, kz)
                 total += wz[kz] * wy[ky] * wx[kx] * (node_mass[node] / counting.cell_mass)
-    own = volume_ratio[i] * total
-    crowding[i] = own
-    return own if own < real(math.inf) else real(math.inf)
+    ratio = volume_ratio[i] * total
+    crowding[i] = ratio
+    return ratio if ratio < real(math.inf) else real(math.inf)
 
 
 def count(position, volume_ratio, node_mass, background, counting, grid, greatest_crowding, crowding):

@@ -63,12 +63,12 @@ def stencils(position, background, grid, centre=None):
     centre  of the points' velocity fields (n, 3) [m], by default their positions
     """
     x, nodes, h, dim = _f(position), node_table(grid.blocks), float(background.cell_size), _dim(background)
-    found, step = [np.zeros((2, 0), int)], max(1, BLOCK_BYTES // (64 * max(len(nodes), 1)))
+    pairs, step = [np.zeros((2, 0), int)], max(1, BLOCK_BYTES // (64 * max(len(nodes), 1)))
     for first in range(0, len(x), step):
         axes = zip(x[first : first + step, :dim].T / h, nodes.T)
         near = np.logical_and.reduce([np.abs(np.subtract.outer(u, j)) < 1.5 + 1e-6 for u, j in axes])
-        found.append(np.argwhere(near).T + [[first], [0]])
-    p, j = np.concatenate(found, axis=1)
+        pairs.append(np.argwhere(near).T + [[first], [0]])
+    p, j = np.concatenate(pairs, axis=1)
     arm = h * nodes[j] - x[p]
     arm[:, dim:] = 0.0
     unsure = 2 + _rounding(background.cell_size) * np.abs(x[p]) / h

@@ -42,12 +42,12 @@ def split_mass(p):
 
 
 def node_mass(j, p, jp):
-    """(4.10) m_j = sum_p m_p B_j(x_p) [kg]."""
+    """Before (4.10): m_j = sum_p m_p B_j(x_p) [kg]."""
     return p.mass * jp.weight
 
 
 def node_momentum(j, p, jp):
-    """(4.15) (mv)_j = sum_p m_p B_j(x_p) (v_p + A_p (x_j - x_p)) [kg m/s]."""
+    """(4.10), (4.15) (mv)_j = sum_p m_p B_j(x_p) (v_p + A_p (x_j - x_p)) [kg m/s]."""
     return p.mass * jp.weight * (p.velocity + p.affine @ jp.arm)
 
 

@@ -23,7 +23,7 @@ def plot_gauges(run: str | os.PathLike[str], output: str | os.PathLike[str], siz
     path = output_path(output, "picture", ".png", ".pdf", ".svg")
     figure = Figure(figsize=(size[0] / DOTS, 0.4 * size[1] / DOTS * len(parts)), dpi=DOTS, layout="constrained")
     for axes, (one, unit) in zip(figure.subplots(len(parts), 1, sharex=True, squeeze=False)[:, 0], parts):
-        names = [name for name, own in zip(one.columns, one.units) if own == unit]
+        names = [name for name, column_unit in zip(one.columns, one.units) if column_unit == unit]
         for name in names:
             axes.plot(one.time, one[name], label=name, linewidth=1)
         axes.set_title(one.name, loc="left", fontsize="medium")

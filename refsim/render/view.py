@@ -94,8 +94,8 @@ def _page(title: str, head: dict[str, Any], blobs: dict[str, bytes]) -> str:
         f'<script id="{name}" type="text/plain">{base64.b64encode(gzip.compress(blob, 6, mtime=0)).decode()}</script>'
         for name, blob in blobs.items()
     )
-    words = json.dumps(head, allow_nan=False).replace("<", "\\u003c")
-    marks = {"@TITLE@": html.escape(title), "@HEAD@": words, "@DATA@": data}
+    head_json = json.dumps(head, allow_nan=False).replace("<", "\\u003c")
+    marks = {"@TITLE@": html.escape(title), "@HEAD@": head_json, "@DATA@": data}
     return re.sub("|".join(marks), lambda mark: marks[mark[0]], PAGE.read_text(encoding="utf-8"))
 
 

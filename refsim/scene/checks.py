@@ -105,18 +105,18 @@ def _check_magnitudes(place: str, part: Any, least: float = SMALLEST) -> None:
 @functools.cache
 def _lengths(kind: type) -> frozenset[str]:
     """Names of the members whose unit is the metre."""
-    return frozenset(name for name, words in describe(kind).items() if unit_of(words) == "m")
+    return frozenset(name for name, meaning in describe(kind).items() if unit_of(meaning) == "m")
 
 
 def _check_magnitude(place: str, name: str, value: Any, least: float = 0.0, most: float = GREATEST) -> None:
     """Raise InputError for a number that is not finite, or whose magnitude is outside the accepted range."""
     if not isinstance(value, int | float) or value == 0 or least <= abs(value) <= most:
         return
-    words = f"{value:g}" if isinstance(value, float) else f"{str(value)[:12]}..."
+    number = f"{value:g}" if isinstance(value, float) else f"{str(value)[:12]}..."
     if isinstance(value, float) and not math.isfinite(value):
-        raise InputError(f"{place}: {name} = {words} is not possible; give a finite number.")
+        raise InputError(f"{place}: {name} = {number} is not possible; give a finite number.")
     kind = "small" if abs(value) < least else "large"
-    raise InputError(f"{place}: {name} = {words} is too {kind} to be meant in SI units; correct it.")
+    raise InputError(f"{place}: {name} = {number} is too {kind} to be meant in SI units; correct it.")
 
 
 def _effects(scene: Scene) -> dict[str, Effect]:
@@ -261,19 +261,19 @@ def crowded(
         yield from overlapping(grid, state, scene)
         return
     where = ", ".join(f"{x:.4g}" for x in grid.absolute(state.position[first])[: grid.dim])
-    words = (
+    message = (
         f"{filling[first]:.3g} times the particles of a lattice of the spacing are counted at ({where}) m, those of"
         " walls and solids among them"
     )
     if filling[first] > TWICE:
-        raise InputError(f"scene: {words}: parts of it fill one place twice; move them apart, or leave one out.")
+        raise InputError(f"scene: {message}: parts of it fill one place twice; move them apart, or leave one out.")
     ends, alone = np.cumsum(state.sizes).tolist(), dataclasses.replace(grid, period=(0.0, 0.0, 0.0))
     for part, begin, end in zip(scene.fluid, [0, *ends][-len(scene.fluid) - 1 :], ends[-len(scene.fluid) :]):
         if isinstance(part, Cloud) and end > begin:
             cells = Cells(state.position[begin:end], alone)
             if cells.at_particles(cells.filled(volume[begin:end]), end - begin).max() > LATTICE:
                 return
-    yield f"{words}: parts that overlap press each other apart; leave a spacing between their particles"
+    yield f"{message}: parts that overlap press each other apart; leave a spacing between their particles"
 
 
 def overlapping(grid: Discretisation, state: InitialState, scene: Scene) -> Iterator[str]:
@@ -323,18 +323,18 @@ def check_places(state: InitialState, bounds: Any, solids: Nodes | None) -> None
         return
     from scipy.spatial import cKDTree
 
-    own = state.position[: len(solids.lattice.key)]
+    solid = state.position[: len(solids.lattice.key)]
     if bounds is not None:
-        outside = np.flatnonzero(((own < bounds.lower) | (own > bounds.upper)).any(1))
+        outside = np.flatnonzero(((solid < bounds.lower) | (solid > bounds.upper)).any(1))
         if len(outside):
             raise InputError(
                 f"scene: [[solid]] number {solids.lattice.body[outside[0]] + 1} reaches outside the walls"
                 f" ({len(outside)} of its particles); move it in or make the walls wider."
             )
-    liquid = state.position[len(own) :]
-    if len(liquid) and len(own):
+    liquid = state.position[len(solid) :]
+    if len(liquid) and len(solid):
         reach = 0.5 * solids.spacing
-        near, _ = cKDTree(own).query(liquid, distance_upper_bound=reach)
+        near, _ = cKDTree(solid).query(liquid, distance_upper_bound=reach)
         inside = np.flatnonzero(near < reach * (1 - 1e-6))
         if len(inside):
             raise InputError(

@@ -83,8 +83,8 @@ def tables_of(text: str, source: str) -> dict[str, Any]:
             raise RecursionError
         return tables
     except ValueError as error:  # tomllib's own, and Python's for whole numbers of thousands of digits
-        words = str(error)
-        raise InputError(f"{source} is not TOML: {words[:1].lower()}{words[1:]}; correct that place.") from None
+        message = str(error)
+        raise InputError(f"{source} is not TOML: {message[:1].lower()}{message[1:]}; correct that place.") from None
     except RecursionError:
         raise InputError(f"{source}: its tables or lists are nested too deeply; a scene needs four levels.") from None
 
@@ -312,8 +312,8 @@ def struct_of(
     missing = [name for name, f in fields.items() if f.required and name not in values]
     if missing:
         meaning = describe(owner).get(missing[0])
-        words = f" ({meaning})" if meaning else ""
-        raise InputError(f"{source}: {at}the key {missing[0]!r}{words} is missing; add it.")
+        description = f" ({meaning})" if meaning else ""
+        raise InputError(f"{source}: {at}the key {missing[0]!r}{description} is missing; add it.")
     made = {}
     for name, value in values.items():
         try:

@@ -127,11 +127,11 @@ def _packed(
     still, volume = cKDTree(still[kept]), volume[kept]
     for _ in range(STEPS):
         tree = cKDTree(moving)
-        own, beside = (tree.sparse_distance_matrix(other, reach, 2, "ndarray") for other in (tree, still))
-        i = np.concatenate([own["i"], beside["i"]])
-        apart = moving[i] - np.concatenate([moving[own["j"]], still.data[beside["j"]]])
-        each = np.concatenate([np.full(len(own), d**grid.dim), volume[beside["j"]]])
-        r = np.concatenate([own["v"], beside["v"]])
+        moving_pairs, beside = (tree.sparse_distance_matrix(other, reach, 2, "ndarray") for other in (tree, still))
+        i = np.concatenate([moving_pairs["i"], beside["i"]])
+        apart = moving[i] - np.concatenate([moving[moving_pairs["j"]], still.data[beside["j"]]])
+        each = np.concatenate([np.full(len(moving_pairs), d**grid.dim), volume[beside["j"]]])
+        r = np.concatenate([moving_pairs["v"], beside["v"]])
         slope = each * kernel_slope(r, kernel) / np.maximum(r, 1e-9 * d)
         shift = -0.5 * (0.5 * reach) ** 2 * np.stack([np.bincount(i, slope * a, len(moving)) for a in apart.T], 1)
         length = np.linalg.norm(shift, axis=1)

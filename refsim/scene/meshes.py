@@ -108,8 +108,8 @@ def read_mesh(path: str | os.PathLike[str], what: str = "mesh", opened: list[str
             " file, or install the package."
         ) from None
     except Exception as error:  # trimesh raises whatever its readers do
-        words = getattr(error, "strerror", None) or " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"{what}: {str(path)!r} cannot be read ({words}); give a mesh file.") from None
+        reason = getattr(error, "strerror", None) or " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"{what}: {str(path)!r} cannot be read ({reason}); give a mesh file.") from None
     check_triangles(vertices, faces, str(path), what)
     return read
 

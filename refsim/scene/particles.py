@@ -89,10 +89,10 @@ def _solid_particles(
     mass = solids.of_bodies("density") * solid_volume(grid, effects)
     velocity = solids.of_bodies("velocity")
     for k, body in enumerate(solids.bodies):
-        own = slice(*solids.lattice.first[k : k + 2])
+        rows = slice(*solids.lattice.first[k : k + 2])
         if body.mass is not None:
-            mass[own] *= fitting_share(f"[[solid]] number {k + 1}", body.mass, mass[own].sum())
-        velocity[own] += np.cross(body.spin, position[own] - position[own].mean(0))
+            mass[rows] *= fitting_share(f"[[solid]] number {k + 1}", body.mass, mass[rows].sum())
+        velocity[rows] += np.cross(body.spin, position[rows] - position[rows].mean(0))
     return position, velocity, mass
 
 
@@ -122,10 +122,10 @@ def lattice_mass(grid: Discretisation, effects: Mapping[str, Effect]) -> float:
 def _per_particle(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
     """One value for all particles, or one for each, as an array of this shape."""
     try:
-        found = as_floats(values)
-        if found.shape not in (shape, shape[1:]):
+        array = as_floats(values)
+        if array.shape not in (shape, shape[1:]):
             raise ValueError
-        return np.broadcast_to(found, shape)
+        return np.broadcast_to(array, shape)
     except (TypeError, ValueError):
         each = "3 numbers" if len(shape) == 2 else "one"
         raise InputError(

@@ -74,14 +74,14 @@ def merged_passes(
 def _same_but_candidates(
     effect: Effect, p: Pass, other: Effect, q: Pass, parameters: Mapping[str, Mapping[str, Any]]
 ) -> bool:
-    def bound(p: Pass) -> dict[str, str | None]:
+    def names_of(p: Pass) -> dict[str, str | None]:
         return {name: field_name for name, field_name in p.names.items() if name != "candidates"}
 
-    if (p.operation, p.writes, p.updates, bound(p)) != (q.operation, q.writes, q.updates, bound(q)):
+    if (p.operation, p.writes, p.updates, names_of(p)) != (q.operation, q.writes, q.updates, names_of(q)):
         return False
     names = {p.names.get(name, name) or "" for name in REGISTRY[p.operation].arguments("numpy")}
-    own, its = parameters[effect.name], parameters[other.name]
-    return all(_same(own.get(name), its.get(name)) for name in names)
+    ours, its = parameters[effect.name], parameters[other.name]
+    return all(_same(ours.get(name), its.get(name)) for name in names)
 
 
 def _same(a: Any, b: Any) -> bool:

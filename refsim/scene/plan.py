@@ -69,8 +69,8 @@ class Plan(Shown):
     def launches(self, on_demand: bool = False) -> tuple[str, ...]:
         """Names of the operations that one step launches, in order."""
         before = [p.operation for _, p in self.begin]
-        own = [p.operation for effect, p in self.motion if effect is not None]
-        return (*before, *(p.operation for _, p in self.passes if on_demand or not p.on_demand), *own)
+        motion = [p.operation for effect, p in self.motion if effect is not None]
+        return (*before, *(p.operation for _, p in self.passes if on_demand or not p.on_demand), *motion)
 
     def all_passes(self) -> tuple[tuple[Effect | None, Pass], ...]:
         """Passes of every stage, in order."""

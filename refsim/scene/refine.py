@@ -136,11 +136,11 @@ def spaced(scene: Scene, count: int, finer: int, ratio: float = RATIO) -> tuple[
         raise InputError(f"levels = {count} with {finer} of them finer is not possible; give at least one, and fewer.")
     if not 1.1 <= ratio <= 4:
         raise InputError(f"ratio = {ratio:g} of two spacings is not possible; give 1.1 to 4.")
-    found: dict[int, float] = {0: 1.0}
+    factors: dict[int, float] = {0: 1.0}
     for k in (*range(1, finer + 1), *range(-1, finer - count, -1)):
-        wanted = found[k - 1 if k > 0 else k + 1] * ratio ** math.copysign(1, k)
-        found[k] = _nearest(scene, wanted)
-    return tuple(found[k] for k in sorted(found))
+        wanted = factors[k - 1 if k > 0 else k + 1] * ratio ** math.copysign(1, k)
+        factors[k] = _nearest(scene, wanted)
+    return tuple(factors[k] for k in sorted(factors))
 
 
 def fitting(scene: Scene, wanted: float) -> float:

@@ -78,8 +78,8 @@ class Scene(Checked, frozen=True, kw_only=True):
         for path, value in changes.items():
             place, *inner = path.split("__")
             of_effect = inner and place not in self.__struct_fields__
-            words = ["effects", place] if of_effect else [_known(path, place, fields)]
-            scene = _changed(path, scene, [*words, *inner], value)
+            keys = ["effects", place] if of_effect else [_known(path, place, fields)]
+            scene = _changed(path, scene, [*keys, *inner], value)
         return scene
 
 
@@ -91,11 +91,11 @@ def _known(path: str, name: str, names: Sequence[str]) -> str:
     return name
 
 
-def _changed(path: str, part: Any, words: Sequence[str], value: Any) -> Any:
+def _changed(path: str, part: Any, keys: Sequence[str], value: Any) -> Any:
     """A part of a scene with another value at the place to which the words lead, through effects by their names."""
-    if not words:
+    if not keys:
         return value
-    word, *inner = words
+    word, *inner = keys
     if isinstance(part, tuple):
         names = [getattr(each, "name", "") if isinstance(each, Effect) else str(k) for k, each in enumerate(part)]
         k = names.index(_known(path, word, names))

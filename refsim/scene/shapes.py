@@ -207,7 +207,7 @@ class FluidMesh(Checked, tag="mesh", tag_field="shape", frozen=True, kw_only=Tru
 
 def as_floats(values: Any) -> np.ndarray:
     """Numbers as an array of float64. Raises TypeError or ValueError for anything else."""
-    found = np.asarray(values)
-    if found.dtype.kind not in "iuf":
-        raise TypeError(f"{found.dtype} are no numbers")
-    return found.astype(float)
+    array = np.asarray(values)
+    if array.dtype.kind not in "iuf":
+        raise TypeError(f"{array.dtype} are no numbers")
+    return array.astype(float)

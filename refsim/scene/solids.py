@@ -143,8 +143,8 @@ class SolidMesh(Solid, tag="mesh", frozen=True, kw_only=True):
 
         surface = self.mesh()
         mesh = trimesh.Trimesh(surface.vertices + surface.origin, surface.faces, process=False)
-        column, own = np.unique(points[:, :2], axis=0, return_inverse=True)
-        own = own.reshape(-1)
+        column, column_of = np.unique(points[:, :2], axis=0, return_inverse=True)
+        column_of = column_of.reshape(-1)
         below = np.column_stack([column, np.full(len(column), mesh.bounds[0, 2] - 1.0)])
         up = np.broadcast_to([0.0, 0.0, 1.0], below.shape)
         place, ray, _ = mesh.ray.intersects_location(below, up, multiple_hits=True)
@@ -154,10 +154,10 @@ class SolidMesh(Solid, tag="mesh", frozen=True, kw_only=True):
         first = np.cumsum(crossings) - crossings
         above = np.zeros(len(points), int)
         for number in range(crossings.max(initial=0)):
-            there = crossings[own] > number
-            above[there] += hits[first[own[there]] + number, 1] > points[there, 2]
+            there = crossings[column_of] > number
+            above[there] += hits[first[column_of[there]] + number, 1] > points[there, 2]
         result = above % 2 == 1
-        doubtful = crossings[own] % 2 == 1
+        doubtful = crossings[column_of] % 2 == 1
         if doubtful.any():
             result[doubtful] = winding(points[doubtful] - surface.origin, surface.corners) > 0.5
         return result

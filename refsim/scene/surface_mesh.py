@@ -170,14 +170,14 @@ def surface_mesh(vertices: np.ndarray, faces: np.ndarray, source: str = "mesh", 
     faces = _turned_outwards(vertices, faces, patch, meet.pairs, near, name, said)
     kept, meeting = np.arange(len(faces)), np.zeros(0, bool)
     if len(meet.pairs) or (np.bincount(edge_numbers(faces)[0].ravel()) != 2).any():
-        words = ""
+        turned = ""
         if len(meet.pairs):
             first = _at(vertices[faces[meet.pairs[0, 0]]].mean(0) + origin)
             count = len(np.unique(meet.pairs))
-            words = (
+            turned = (
                 f" ({_counted(count, 'triangle meets', 'triangles meet')} others, the first near {first} of the file)"
             )
-        said.append(f"inside is where the winding number exceeds 1/2{words}")
+        said.append(f"inside is where the winding number exceeds 1/2{turned}")
         vertices, faces, kept, meeting = boundary(vertices, faces, meet, near, name)
         lost = np.setdiff1d(np.flatnonzero(hole == 0), kept).size
         if lost:
@@ -356,8 +356,8 @@ def _closed(
         start, end = ends[e].tolist()[:: -1 if net[k] > 0 else 1]  # against the triangle, as the fill runs
         following.setdefault((p, start), []).extend([(p, end)] * abs(int(net[k])))
     new, added = [], []  # (three corners, patch, edges of the hole, whether the patch ends there)
-    for found in _loops(following):
-        p, loop = found[0][0], [v for _, v in found]
+    for edges in _loops(following):
+        p, loop = edges[0][0], [v for _, v in edges]
         ends_here = any((min(u, v), max(u, v)) in alone for u, v in zip(loop, [*loop[1:], loop[0]]))
         around = vertices[loop]
         if len(loop) == LIKE_TODAY and np.diff(np.linalg.norm(around[:2] - around[2:], axis=1)) < 0:
@@ -399,9 +399,9 @@ def _turned_outwards(
     if len(first) > 1:  # just outside of a patch the others count alone
         deep = np.round(winding((middle + step)[first], corners)) % 2 == 1
     for k in np.flatnonzero(inverted & meets).tolist():
-        own = patch == k
-        about = winding((middle - step)[own], vertices[faces[~own]])
-        deep[k] = np.average(about > 0.5, weights=areas(corners[own])) > 0.5 + TIE
+        facets = patch == k
+        about = winding((middle - step)[facets], vertices[faces[~facets]])
+        deep[k] = np.average(about > 0.5, weights=areas(corners[facets])) > 0.5 + TIE
     if (deep & ~inverted & ~meets).any():
         raise InputError(
             f"{name} has a body inside another body, and neither is wound as a cavity; remove the"

@@ -185,11 +185,11 @@ class ShapeMatching(Effect, HasErrata, Inspects, JudgesStart, frozen=True, kw_on
         ratio = float(mean[worst])
         if abs(ratio - 1) <= OFF:
             return None
-        words = (
+        message = (
             f"neighbours in [[solid]] number {worst + 1} are {ratio:.3g} spacings apart in the mean: take a shorter"
             " step, or a larger half_width or stiffness of shape_matching"
         )
-        return ("shape_lost" if ratio > LOST else ""), words
+        return ("shape_lost" if ratio > LOST else ""), message
 
     def energy(self, grid: Discretisation, others: Others) -> EnergyAccount:
         """None: the pull towards the best rigid motion follows from no energy."""

@@ -37,12 +37,12 @@ def boxes_of(lattice: Lattice, half_width: int) -> Boxes:
     for first, end in zip(lattice.first[:-1], lattice.first[1:]):
         if first == end:
             continue
-        own = cell[first:end] - cell[first:end].min(0)
-        origin[first:end] = first + ((own - own.mean(0)) ** 2).sum(1).argmin()
-        own[:, 2] += height
-        place[first:end] = own
-        side = np.maximum(side, own.max(0) + 1)
-        height = int(own[:, 2].max()) + 1 + half_width
+        cells = cell[first:end] - cell[first:end].min(0)
+        origin[first:end] = first + ((cells - cells.mean(0)) ** 2).sum(1).argmin()
+        cells[:, 2] += height
+        place[first:end] = cells
+        side = np.maximum(side, cells.max(0) + 1)
+        height = int(cells[:, 2].max()) + 1 + half_width
     place[:, 2] += half_width
     columns, rows, planes = (int(n) for n in side + (half_width, half_width, 2 * half_width))
     flat = (place[:, 2] * rows + place[:, 1]) * columns + place[:, 0]
@@ -60,9 +60,9 @@ def _ranges(place: np.ndarray, planes: int, half_width: int) -> np.ndarray:
     border = np.searchsorted(place[:, 2], np.arange(planes + 1))
     ranges[:, 0], ranges[:, 1] = border[:-1], border[1:]
     for p in range(planes):
-        own = place[border[p] : border[p + 1]]
-        if len(own):
-            ranges[p, 2:4] = own[:, 1].min(), own[:, 1].max() + 1
+        cells = place[border[p] : border[p + 1]]
+        if len(cells):
+            ranges[p, 2:4] = cells[:, 1].min(), cells[:, 1].max() + 1
         near = place[border[max(p - half_width, 0)] : border[min(p + half_width + 1, planes)]]
         if len(near):
             ranges[p, 4:8] = near[:, 1].min(), near[:, 1].max() + 1, near[:, 0].min(), near[:, 0].max() + 1

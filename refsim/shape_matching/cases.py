@@ -52,8 +52,8 @@ def tables(case):
     direct = operations.direct_neighbours(phase, place, lattice)["direct"][0].astype(np.int32)
     older = operations.direct_neighbours(before, place, lattice)["direct"][0]
     empty = np.full((count, (2 * half_width(case) + 1) ** 3), -1)
-    found = operations.regions(older, None, lattice, empty, np.zeros(count, int))
-    return lattice, direct, found["region"][0].astype(np.int32), found["region_count"][0].astype(np.int32)
+    regions = operations.regions(older, None, lattice, empty, np.zeros(count, int))
+    return lattice, direct, regions["region"][0].astype(np.int32), regions["region_count"][0].astype(np.int32)
 
 
 def _phase(case):

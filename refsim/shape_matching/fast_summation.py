@@ -297,8 +297,8 @@ def match_nodes(
     s, solid_position, region_share, region, region_count, boxes, matching, region_center, region_anchor, rotation
 ):
     """Center, anchor and rotation of node s' region from its box or, if it is not the whole box, member by member."""
-    found, sums = match_box(s, solid_position, boxes)
-    if found != region_count[s] or found <= 1:
+    counted, sums = match_box(s, solid_position, boxes)
+    if counted != region_count[s] or counted <= 1:
         sums = kernels.match_sums(s, solid_position, region_share, region, matching.half_width)
     kernels.match_end(s, sums, solid_position, region_share, region, matching, region_center, region_anchor, rotation)
 
@@ -306,8 +306,8 @@ def match_nodes(
 @kernel(ordered=True)
 def goal_nodes(s, velocity, solid_position, goals, place, boxes, matching, timestep, acceleration, solid_velocity):
     """Pull of node s [m/s^2] from the sums of its box or, if its region is not the whole box, member by member."""
-    found, sums = goal_box(s, solid_position, boxes, matching.spacing)
-    if found != goals.region_count[s]:
+    counted, sums = goal_box(s, solid_position, boxes, matching.spacing)
+    if counted != goals.region_count[s]:
         sums = kernels.goal_sums(s, solid_position, goals.region, goals.region_anchor, goals.rotation, matching)
     kernels.goal_end(s, sums, goals.region_count, place, velocity, matching, timestep, acceleration, solid_velocity)
 
@@ -316,8 +316,8 @@ def goal_nodes(s, velocity, solid_position, goals, place, boxes, matching, times
 def motion_nodes(s, solid_position, solid_velocity, members, boxes, matching, region_velocity, region_spin):
     """Velocity and spin of node s' region from its box or, if it is not the whole box, member by member."""
     share, region, count, center = members
-    found, mass, sums = motion_box(s, solid_position, solid_velocity, center, boxes)
-    if found != count[s] or found <= 1 or too_small(mass, sums, matching):
+    counted, mass, sums = motion_box(s, solid_position, solid_velocity, center, boxes)
+    if counted != count[s] or counted <= 1 or too_small(mass, sums, matching):
         mass, sums = kernels.motion_sums(s, solid_position, solid_velocity, share, region, center)
     kernels.motion_end(s, mass, sums, solid_velocity, matching, region_velocity, region_spin)
 
@@ -327,8 +327,8 @@ def damp_nodes(
     s, solid_position, solid_velocity, region_count, motions, place, boxes, matching, timestep, acceleration
 ):
     """Damping of node s [m/s^2] from the sums of its box or, if its region is not the whole box, member by member."""
-    found, sums = damp_box(s, solid_position, solid_velocity, boxes)
-    if found != region_count[s]:
+    counted, sums = damp_box(s, solid_position, solid_velocity, boxes)
+    if counted != region_count[s]:
         region, _, center, mean, spin = motions
         sums = kernels.damp_sums(s, solid_position, solid_velocity, region, center, mean, spin)
     kernels.damp_end(s, sums, region_count, place, matching, timestep, acceleration)

@@ -23,10 +23,10 @@ EPSILON = 2.220446049250313e-16  # of float64
 def find(key, wanted, first, end):
     """Place of `wanted` among the sorted keys [first, end); EMPTY if it is absent."""
     low = first + lower_bound(key[first:end], wanted)
-    found = EMPTY
+    particle = EMPTY
     if low < end and key[low] == wanted:
-        found = low
-    return found
+        particle = low
+    return particle
 
 
 @kernel(ordered=True)
@@ -51,14 +51,14 @@ def classify(i, identity, direct, phase):
     """Phase of particle i, if it is a node: at its body's surface if a direct neighbour is missing; a flag."""
     if identity[i] < direct.shape[0]:
         s = identity[i]
-        found = INTERIOR
+        kind = INTERIOR
         if direct[s, 13] == EMPTY:
-            found = FLUID
+            kind = FLUID
         else:
             for slot in range(27):
                 if direct[s, slot] == EMPTY:
-                    found = SURFACE
-        phase[i] = found
+                    kind = SURFACE
+        phase[i] = kind
 
 
 @kernel(ordered=True)

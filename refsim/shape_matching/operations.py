@@ -90,9 +90,9 @@ def regions(direct, rebuild, lattice, region, region_count):
             members = {s} if (direct[s] != EMPTY).any() else set()
             for _ in range(n // 2):
                 members = ref.one_step_farther(members, direct)
-            found = np.array(sorted(members), int)
-            region[s], count[s] = EMPTY, len(found)
-            region[s, (cell[found] - cell[s] + n // 2) @ [n**2, n, 1]] = found
+            reached = np.array(sorted(members), int)
+            region[s], count[s] = EMPTY, len(reached)
+            region[s, (cell[reached] - cell[s] + n // 2) @ [n**2, n, 1]] = reached
     return {"region": certain(region), "region_count": certain(count)}
 
 
@@ -147,7 +147,7 @@ def match(solid_position, region_share, region, matching, rotation):
     q = np.where(decided[:, None], np.where((q * before).sum(1)[:, None] >= 0, q, -q), before)
     terms = np.where(decided, a.size.max((1, 2)), 1.0) / scaled
     gap = np.where(decided, np.maximum(gap, 1e-300) / terms, 1.0)
-    anchor = ref.anchor(c, Terms(ref.turn(q), rank=2), c0)
+    anchor = ref.anchor(c, Terms(ref.rotation_matrix(q), rank=2), c0)
     spread = c.size + (lengths(c0.value) * (1 + 1 / gap))[:, None]
     return {
         "region_center": where(Terms(held), Terms(c.value, spread, 1), 0.0),
@@ -170,7 +170,7 @@ def pull(
     """a_i += alpha (g_i - x_i)/(t dt) [m/s^2], and the velocity [m/s] after the kick; timestep = (t, dt) [s]."""
     pairs, (kick, drift) = members(region), (float(t) for t in timestep)
     s = Fields(row=np.arange(len(region)), count=np.maximum(region_count, 1))
-    r = Fields(anchor=region_anchor, turn=ref.turn(np.asarray(rotation, dtype=float)))
+    r = Fields(anchor=region_anchor, turn=ref.rotation_matrix(np.asarray(rotation, dtype=float)))
     rest = float(matching.spacing) * pairs[2]
     goal = over_members(pairs, s, r, x=apart(pairs, solid_position), rest=rest)(ref.goal)
     start, rows = Terms(acceleration, rank=1), np.asarray(place)[: len(region)]

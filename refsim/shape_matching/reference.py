@@ -66,7 +66,7 @@ def covariance(products, mass, center, rest_center):
     return products - mass * outer(center, rest_center)
 
 
-def turn(q):
+def rotation_matrix(q):
     """R(q) = (1 - 2 |u|^2) 1 + 2 u u^T + 2 w [u]x of the quaternion (w, u), dimensionless."""
     w, u = q[..., 0, None, None], q[..., None, 1:]
     squared, products = (u * u).sum(-1, keepdims=True), np.swapaxes(u, -1, -2) * u
@@ -75,7 +75,7 @@ def turn(q):
 
 def quadratic_form(a):
     """K of tr(R(q)^T A) = q^T K q + tr A, by polarisation of R; [kg m^2] as A, or dimensionless."""
-    mixed = [[(turn(p + q) - turn(p - q)) / 4 for q in np.eye(4)] for p in np.eye(4)]
+    mixed = [[(rotation_matrix(p + q) - rotation_matrix(p - q)) / 4 for q in np.eye(4)] for p in np.eye(4)]
     return np.einsum("pqab,...ab->...pq", mixed, a)
 
 

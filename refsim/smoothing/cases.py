@@ -43,9 +43,9 @@ class AtHalf(NamedTuple):
 def at_half(kernel: str, dim: int) -> AtHalf:
     """The kernel of this name in 2D or 3D."""
     share, slope, *scales = AT_HALF[kernel]
-    own = scales[dim - 2] / RADIUS**dim
+    value = scales[dim - 2] / RADIUS**dim
     pair = at(f"pair_{dim}d", PLACES[dim], dim=dim)
-    return AtHalf(own, share, own * slope / RADIUS, smoothing(kernel, RADIUS, dim), pair)
+    return AtHalf(value, share, value * slope / RADIUS, smoothing(kernel, RADIUS, dim), pair)
 
 
 def for_each_kernel(

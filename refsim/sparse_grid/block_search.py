@@ -55,9 +55,9 @@ def write_nodes(c, position, inverse_cell, shift, blocks, chunks, node):
         jx = cell_of_product(position[i, 0], inverse_cell, shift)
         jy = cell_of_product(position[i, 1], inverse_cell, shift)
         jz = cell_of_product(position[i, 2], inverse_cell, shift) if blocks.neighbour.shape[1] == 27 else 0
-        found = find_node_near(blocks, jx, jy, jz, guess)
-        node[i] = found
-        guess = found >> 6
+        k = find_node_near(blocks, jx, jy, jz, guess)
+        node[i] = k
+        guess = k >> 6
 
 
 @kernel(rows_of="held")
@@ -76,9 +76,9 @@ def sum_chunks(b, held, total):
     """held[c, b] <- points of block b in the chunks before c; the points of all."""
     before = 0
     for c in range(held.shape[0]):
-        own = held[c, b]
+        count = held[c, b]
         held[c, b] = before
-        before += own
+        before += count
     total[b] = before
 
 
@@ -103,9 +103,9 @@ def sort_block(b, node, block_first, by_block, total, first, point):
         first[node[by_block[k]]] += 1
     before = begin
     for c in range(low, low + 64):
-        own = first[c]
+        count = first[c]
         first[c] = before
-        before += own
+        before += count
     for k in range(begin, end):
         i = by_block[k]
         point[first[node[i]]] = i

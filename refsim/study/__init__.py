@@ -83,18 +83,18 @@ def study(
     if not 0 < error < 1:
         raise InputError(f"error = {error:g} is not possible; give a relative error between 0 and 1, such as 0.01.")
     require_backend(backend)
-    found = observable_of(observable, plan)
+    watched = observable_of(observable, plan)
     left_out: list[str] = []
     remarks: list[str] = []  # about damaged results
     factors = spaced(scene, levels, levels // 2 if finer is None else finer, ratio) if "spacing" in chosen else (1.0,)
     settings = _settings(scene, plan, factors, chosen, with_spacing, backend, left_out)
     place = None if folder is None else Path(folder)
-    runs = _measured(settings, found, reaches, threads, place, say, progress, remarks)
+    runs = _measured(settings, watched, reaches, threads, place, say, progress, remarks)
     worked = [(s.scene.spacing, r.value) for s, r in runs if s.kind == "spacing" and not r.failed]
     return Study(
         scene=scene,
-        observable=found.name if reaches is None else f"time({found.name} = {reaches:g})",
-        unit=found.unit if reaches is None else "s",
+        observable=watched.name if reaches is None else f"time({watched.name} = {reaches:g})",
+        unit=watched.unit if reaches is None else "s",
         runs=tuple(runs),
         convergence=replace(converge(*zip(*worked)), scale=reference.scale if reference else 0.0) if worked else None,
         error=error,
@@ -173,8 +173,8 @@ def _measured(
 ) -> list[tuple[Setting, Reading]]:  # fmt: skip
     """Readings of all settings, the cheapest run first; those that the folder has are not run again."""
     keys = [key_of(setting, observable, reaches, threads) for setting in settings]
-    found = [kept(folder, key, remarks) for key in keys]
-    work = {k: weighed(settings[k])[0] for k, reading in enumerate(found) if reading is None}
+    readings = [kept(folder, key, remarks) for key in keys]
+    work = {k: weighed(settings[k])[0] for k, reading in enumerate(readings) if reading is None}
     left = sorted(work, key=work.__getitem__)
     if left:
         before = f", {len(settings) - len(left)} are on file" if len(left) < len(settings) else ""
@@ -186,7 +186,7 @@ def _measured(
         say(f"{count} of {len(left)}: {setting.label}" + (f"; about {in_time(rest)} of steps left" if rest else ""))
         how = setting, observable, reaches, threads
         make, read = partial(measure, *how, progress), partial(key_of, *how)
-        found[k] = reading = kept_or_made(folder, keys[k], setting, make, read, keys[k])
+        readings[k] = reading = kept_or_made(folder, keys[k], setting, make, read, keys[k])
         done, took = done + work[k], took + reading.wall
         say(f"  {reading}")
-    return [(setting, reading) for setting, reading in zip(settings, found) if reading is not None]
+    return [(setting, reading) for setting, reading in zip(settings, readings) if reading is not None]

@@ -37,9 +37,9 @@ def _finer(of: Panel, point: Point) -> Iterator[Point]:
     """The point wherever it ran, and all that differ from it in a smaller spacing or step, whatever their precision."""
     for other in of.points.values():
         if other.place >= 0 and other.program == point.program and _physics(other) == _physics(point):
-            theirs, own = ([p.knobs.get(name, 0.0) for name in FINE] for p in (other, point))
-            alike = theirs == own and other.knobs["dtype"] == point.knobs["dtype"]
-            if alike or (theirs != own and all(a <= b for a, b in zip(theirs, own))):
+            theirs, ours = ([p.knobs.get(name, 0.0) for name in FINE] for p in (other, point))
+            alike = theirs == ours and other.knobs["dtype"] == point.knobs["dtype"]
+            if alike or (theirs != ours and all(a <= b for a, b in zip(theirs, ours))):
                 yield other
 
 
@@ -50,8 +50,8 @@ def _physics(point: Point) -> dict[str, Any]:
 
 def settings(of: Panel, kind: str) -> list[tuple[float, Point]]:
     """The panel's points of a kind that were measured and came to an end, with their errors, the cheapest first."""
-    found = [(most(of, p), p) for p in of.points.values() if kind_of(p) == kind and p.place >= 0 and not p.failed]
-    return sorted(found, key=lambda pair: price(pair[1]))
+    sufficient = [(most(of, p), p) for p in of.points.values() if kind_of(p) == kind and p.place >= 0 and not p.failed]
+    return sorted(sufficient, key=lambda pair: price(pair[1]))
 
 
 def price(point: Point) -> float:
@@ -112,7 +112,7 @@ def checked(error: float | None, seconds: float | None) -> None:
         raise InputError(f"advise: {seconds:g} seconds are not possible; give a positive number.")
 
 
-def text_of(of: Panel, error: float, kind: str, found: tuple[float, Point] | None) -> str:
+def text_of(of: Panel, error: float, kind: str, sufficient: tuple[float, Point] | None) -> str:
     """The answer as text."""
     about, uncertainty, nearest = of.about, of.reference()[2], least(of, kind)
     lines = [f"{about.words}: an error of {percent(error)} {about.relative}"]
@@ -120,9 +120,9 @@ def text_of(of: Panel, error: float, kind: str, found: tuple[float, Point] | Non
         return f"{lines[0]}\n  no meaning: the reference is known to {percent(uncertainty)} ({about.uncertain})"
     if nearest is None:
         return f"{lines[0]}\n  not measured on a {kind.upper()}"
-    if found is None:
+    if sufficient is None:
         lines.append("  not reached; the least error has:")
-    bound, point = found or nearest
+    bound, point = sufficient or nearest
     lines.append(f"  setting    {point.words}; error at most {in_words(of, bound)}")
     lines.append(f"  measured   {duration(point.seconds)} on {of.where(point)}")
     if point.bytes:
@@ -133,7 +133,7 @@ def text_of(of: Panel, error: float, kind: str, found: tuple[float, Point] | Non
     return "\n".join([*lines, *(f"  note       {note}" for note in (about.remark,) if note)])
 
 
-def data_of(of: Panel, error: float, kind: str, found: tuple[float, Point] | None) -> dict[str, Any]:
+def data_of(of: Panel, error: float, kind: str, sufficient: tuple[float, Point] | None) -> dict[str, Any]:
     """The answer as plain values."""
 
     def plain(pair: tuple[float, Point] | None) -> dict[str, Any] | None:
@@ -148,6 +148,6 @@ def data_of(of: Panel, error: float, kind: str, found: tuple[float, Point] | Non
     return {
         "observable": of.name, "words": of.about.words, "relative": of.about.relative,
         "reference": of.about.reference, "uncertainty": of.reference()[2], "error": error,
-        "backend": "cuda" if kind == "gpu" else "cpu", "answer": plain(found), "nearest": plain(least(of, kind)),
+        "backend": "cuda" if kind == "gpu" else "cpu", "answer": plain(sufficient), "nearest": plain(least(of, kind)),
         "peer": plain(cheapest(of, error, "peer")), "scene": None,
     }  # fmt: skip

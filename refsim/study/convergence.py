@@ -109,8 +109,8 @@ def converge(spacing: Sequence[float], value: Sequence[float]) -> Convergence:
     h, q = [float(spacing[k]) for k in order], [float(value[k]) for k in order]
     spread = float(np.ptp(q))
     if len(q) < 3:
-        words = "fewer than three levels: no order can be observed"
-        return Convergence(q[0], CAUTIOUS * spread if len(q) > 1 else math.nan, math.nan, False, words)
+        reason = "fewer than three levels: no order can be observed"
+        return Convergence(q[0], CAUTIOUS * spread if len(q) > 1 else math.nan, math.nan, False, reason)
     if spread == 0:
         return Convergence(q[0], 0.0, math.nan, False, "the same value at all levels")
     p = observed_order(h[:3], q[:3])
@@ -124,8 +124,8 @@ def converge(spacing: Sequence[float], value: Sequence[float]) -> Convergence:
     off = abs(extrapolated(h[:2], q[:2], min(p, used)) - q[0])
     factor = SAFE if trusted else CAUTIOUS
     why = "" if trusted else f", because the order is not between {TRUSTED[0]:g} and {TRUSTED[1]:g}"
-    words = f"Richardson extrapolation with the observed order {p:.2f}; factor {factor:g} of safety{why}"
-    return Convergence(limit, factor * off, p, True, words, factor)
+    reason = f"Richardson extrapolation with the observed order {p:.2f}; factor {factor:g} of safety{why}"
+    return Convergence(limit, factor * off, p, True, reason, factor)
 
 
 def extrapolated(spacing: Sequence[float], value: Sequence[float], order: float) -> float:

@@ -20,16 +20,16 @@ def local_modules(path: Path) -> dict[str, Path]:
     itself do not count.
     """
     path = path.resolve()
-    found: dict[str, Path] = {}
+    modules: dict[str, Path] = {}
     waiting = [] if path.is_relative_to(REFSIM) else [("", path)]
     while waiting:
         importer, text = waiting.pop()
         for name in _imported(text, importer):
-            file = None if name in found else _file_of(name, path.parent)
+            file = None if name in modules else _file_of(name, path.parent)
             if file is not None and file != path:
-                found[name] = file
+                modules[name] = file
                 waiting.append((name, file))
-    return found
+    return modules
 
 
 def forget(modules: dict[str, Path]) -> None:
@@ -62,8 +62,8 @@ def _imported(file: Path, importer: str) -> Iterator[str]:
         elif isinstance(node, ast.Call) and ast.unparse(node.func).rpartition(".")[2] in BY_NAME:
             names = [arg.value for arg in node.args if isinstance(arg, ast.Constant) and isinstance(arg.value, str)]
         for name in names:
-            words = name.split(".")
-            yield from (".".join(words[: k + 1]) for k in range(len(words)))
+            parts = name.split(".")
+            yield from (".".join(parts[: k + 1]) for k in range(len(parts)))
 
 
 def _file_of(name: str, folder: Path) -> Path | None:

@@ -28,17 +28,17 @@ def bytes_of(plan: Plan, backend: str) -> dict[str, int]:
     grid, n = plan.grid, plan.grid.count
     listed = neighbour_list(plan, backend)
     walls = 0 if plan.walls is None else len(plan.walls.position)
-    found = {
+    parts = {
         "fields": sum(plan.bytes_of_fields().values()),
         "positions_at_list_build": 3 * n * np.dtype(grid.dtype).itemsize,
         "walls": walls * 4 * np.dtype(grid.dtype).itemsize,
         "neighbour_list": listed["bytes"] if listed else 0,
     }
     if walls and listed:
-        found["walls"] += n * (WALL_CAPACITY * 4 + 12)  # the list of walls near each particle
+        parts["walls"] += n * (WALL_CAPACITY * 4 + 12)  # the list of walls near each particle
     for effect in effects_with(plan.effects, HoldsOtherMemory):
-        found |= effect.bytes_at_start(grid, plan.grid.local(plan.state.position), plan.effects, backend)
-    return found | {"total": sum(found.values())}
+        parts |= effect.bytes_at_start(grid, plan.grid.local(plan.state.position), plan.effects, backend)
+    return parts | {"total": sum(parts.values())}
 
 
 def check_memory(plan: Plan, backend: str) -> None:
@@ -46,8 +46,8 @@ def check_memory(plan: Plan, backend: str) -> None:
 
     On a GPU the host holds the fields alone: what the device has no memory for stops the run.
     """
-    found = bytes_of(plan, backend)
-    each = (found["fields"] if backend == "cuda" else found["total"]) / plan.grid.count
+    needed = bytes_of(plan, backend)
+    each = (needed["fields"] if backend == "cuda" else needed["total"]) / plan.grid.count
     countable("scene: a run of it", [plan.grid.count], each, "particles", grid=plan.grid)
 
 

@@ -253,13 +253,13 @@ def _from_file(name: str, path: Path, function: str) -> Observable:
         raise InputError(f"observable {name!r}: there is no file {path}; write the path of a Python file.")
     forget(local_modules(path))
     try:
-        found = runpy.run_path(str(path)).get(function)
+        measure = runpy.run_path(str(path)).get(function)
     except (Exception, SystemExit) as error:  # the file is the user's program
         raise InputError(f"observable {name!r}: {path} cannot be run ({_words(error)}); correct it.") from error
-    if not callable(found):
+    if not callable(measure):
         raise InputError(f"observable {name!r}: {path} has no function {function!r}; write FILE.py:function.")
-    unit = str(getattr(found, "unit", ""))
-    return Observable(f"{path.stem}.{function}", unit, found, digest_of(name), *_watch(found))
+    unit = str(getattr(measure, "unit", ""))
+    return Observable(f"{path.stem}.{function}", unit, measure, digest_of(name), *_watch(measure))
 
 
 def _watch(function: Callable[..., Any]) -> Iterator[Any]:
@@ -273,8 +273,8 @@ def digest_of(name: str) -> str:
     if not path.endswith(".py"):
         return _digest(name)
     files = {"": Path(path), **local_modules(Path(path))}
-    found = [(module, hashlib.sha256(file.read_bytes()).hexdigest()) for module, file in sorted(files.items())]
-    return _digest(repr((function, found)))
+    digests = [(module, hashlib.sha256(file.read_bytes()).hexdigest()) for module, file in sorted(files.items())]
+    return _digest(repr((function, digests)))
 
 
 def _function_digest(function: Callable[..., Any], seen: set[int]) -> str:

@@ -92,12 +92,12 @@ def _plain(axis: Any) -> None:
 
 def _sources(study: Any, axes: Any) -> None:
     """Bars of the error of the scene as it is, by source."""
-    found = sorted(study.sources().items(), key=lambda item: item[1])
-    axes.barh([name for name, _ in found], [100 * error for _, error in found], 0.6, color=BLUE)
-    for k, (_, error) in enumerate(found):
+    sources = sorted(study.sources().items(), key=lambda item: item[1])
+    axes.barh([name for name, _ in sources], [100 * error for _, error in sources], 0.6, color=BLUE)
+    for k, (_, error) in enumerate(sources):
         axes.annotate(f" {100 * error:.2g} %", (100 * error, k), va="center", fontsize=9)
     axes.axvline(100 * study.error, color=GREY, lw=1)
-    if any(error > 0 for _, error in found):
+    if any(error > 0 for _, error in sources):
         axes.set_xscale("log")
         axes.margins(x=0.25)
         _plain(axes.xaxis)

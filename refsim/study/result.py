@@ -116,17 +116,17 @@ class Study:
         step       2 |Q(dt/2) - Q(dt)|, for a method of first order in the step
         precision, tolerance, backend  |Q' - Q|, with the other precision, a tenth of the tolerance, the other backend
         """
-        base, found = self.base, {}
+        base, errors = self.base, {}
         if base is None:
             return {}
         if self.convergence is not None and math.isfinite(self.convergence.uncertainty):
-            found["spacing"] = self.convergence.bound(base.value)
+            errors["spacing"] = self.convergence.bound(base.value)
         for kind in ("support", "step", "precision", "tolerance", "backend"):
             changes = [abs(r.value - base.value) for _, r in self.of(kind)]
             change = self._relative(max(changes), base.value) if changes else None
             if change is not None:
-                found[kind] = TWICE.get(kind, 1.0) * change
-        return found
+                errors[kind] = TWICE.get(kind, 1.0) * change
+        return errors
 
     def cheapest(self, error: float | None = None) -> Advice | None:
         """The cheapest setting whose error is bounded by `error` (the study's); None where that cannot be said.
@@ -137,19 +137,19 @@ class Study:
         limit, base = self.convergence, self.base
         if limit is None or not math.isfinite(limit.uncertainty):
             return None
-        found = []
+        sufficient = []
         for setting, reading in self.of("spacing"):
             for other, ratio, share, change in self._alternatives(base):
                 if limit.bound(reading.value) + change <= error:
                     known = other is None or setting.factor == 1
                     scene = setting.scene if other is None else other.scene
                     backend = setting.backend if other is None else other.backend
-                    found.append(
+                    sufficient.append(
                         Advice(error, setting.scene.spacing, scene.dtype, backend, reading.seconds * ratio,
                                reading.bytes * share, known)
                     )  # fmt: skip
-        if found:
-            return min(found, key=lambda advice: (advice.seconds, advice.spacing))
+        if sufficient:
+            return min(sufficient, key=lambda advice: (advice.seconds, advice.spacing))
         return self._finer(error)
 
     def _alternatives(self, base: Reading | None) -> list[tuple[Setting | None, float, float, float]]:
@@ -305,7 +305,7 @@ class Study:
             "words": "" if limit is None else limit.words,
             "reference": None if self.reference is None else vars(self.reference),
             "sources": self.sources(),
-            "cheapest": {name: None if found is None else vars(found) for name, found in advice.items()},
+            "cheapest": {name: None if setting is None else vars(setting) for name, setting in advice.items()},
             "runs": self.rows(),
             "left_out": list(self.left_out),
             "notes": list(self.notes),

@@ -321,8 +321,8 @@ def key_of(
     where  on what its seconds depend; this machine by default
     """
     digest = scene_digest(setting.scene)
-    words = (setting.backend, observable.digest, reaches, threads, source_digest(), versions())
-    digest.update(repr((*words, machine() if where is None else where)).encode())
+    inputs = (setting.backend, observable.digest, reaches, threads, source_digest(), versions())
+    digest.update(repr((*inputs, machine() if where is None else where)).encode())
     return digest.hexdigest()[:20]
 
 
@@ -389,8 +389,8 @@ def kept_or_made(
     Raises InputError where `read`, a digest of the files that the run reads, is not what it was `before`.
     """
     with nullcontext() if folder is None else in_turn(folder / f"{key}.json.lock"):
-        if (found := kept(folder, key)) is not None:
-            return found
+        if (stored := kept(folder, key)) is not None:
+            return stored
         reading = make()
         if read() != before:
             raise InputError(f"{setting.label}: a file that it reads has changed since the call; call it again.")

@@ -141,8 +141,8 @@ class Batch:
 
     def kept(self, key: str) -> Reading | None:
         """The reading on file, also where another call kept it that had fewer runs."""
-        found = runs.kept(self.folder, key, self.notes)
-        return runs.kept(self.place(key), key, self.notes) if found is None and len(self.keys) > MANY else found
+        reading = runs.kept(self.folder, key, self.notes)
+        return runs.kept(self.place(key), key, self.notes) if reading is None and len(self.keys) > MANY else reading
 
     def perform(self, **how: Any) -> Generator[tuple[Outcome, Reading | None], None, None]:
         """Perform the tasks (`refsim.cluster.perform`); each outcome with its reading, None where there is none."""

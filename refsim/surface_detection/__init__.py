@@ -313,5 +313,5 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
 
 def detection_in(others: Others) -> SurfaceDetection:
     """The scene's surface detection, or one with the default settings where the scene has none."""
-    found = others.get(SurfaceDetection.name)
-    return found if isinstance(found, SurfaceDetection) else SurfaceDetection()
+    detection = others.get(SurfaceDetection.name)
+    return detection if isinstance(detection, SurfaceDetection) else SurfaceDetection()

@@ -13,10 +13,10 @@ ENOUGH = 3  # neighbours; a particle with fewer is spray (Jiang & Zhu E20)
 def near_surface(i, number_density, asymmetry, near_surface_limit, near_surface):
     """J(12) delta_i <= lambda delta0; with `asymmetry` also particles whose neighbours stand on one side, |sum_j W_ij
     x_ij| >= limit (Jiang & Zhu E23); a flag."""
-    found = number_density[i] <= near_surface_limit.number_density
+    near = number_density[i] <= near_surface_limit.number_density
     if asymmetry is not None:
-        found = found or asymmetry[i] >= near_surface_limit.asymmetry
-    near_surface[i] = found
+        near = near or asymmetry[i] >= near_surface_limit.asymmetry
+    near_surface[i] = near
 
 
 @kernel

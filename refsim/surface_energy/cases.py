@@ -52,7 +52,7 @@ def reconstruction(name: str, dtype: str) -> dict:
     position = case.position.astype(dtype)
     before = extraction(name, dtype)
     h, dim, blocks = cell_size(case), case.dim, before["blocks"]
-    found = {
+    arrays = {
         "interior_position": position,
         "interior_number": case.random("interior_number").permutation(case.count).astype(np.int32),
         "cells": listed(case, position, dtype),
@@ -60,40 +60,40 @@ def reconstruction(name: str, dtype: str) -> dict:
     }
 
     def work_out(function, *names, **inputs):
-        scope = {**before, **found, **inputs}
+        scope = {**before, **arrays, **inputs}
         answer = getattr(operations, function)(*(scope[n] for n in names))
         return {n: v.astype(dtype) if v.dtype.kind == "f" else v.astype(np.int32) for n, (v, _) in answer.items()}
 
-    found |= work_out("facet_samples", "vertex_position", "facets")
-    found["area_before"] = area_units(found["sample_area"], h, dim)
-    found["dice"] = Dice(np.int64(7), np.int64(min(4 * len(before["facets"]), 300)))
-    found |= work_out("candidates", "vertex_position", "facets", "area_before", "dice")
-    found["candidate_cells"] = listed(case, found["candidate_position"], dtype)
-    found["accepted"] = np.zeros(len(found["candidate_position"]), np.uint8)
-    found["sample_cells"] = listed(case, found["sample_position"], dtype)
-    found |= work_out(
+    arrays |= work_out("facet_samples", "vertex_position", "facets")
+    arrays["area_before"] = area_units(arrays["sample_area"], h, dim)
+    arrays["dice"] = Dice(np.int64(7), np.int64(min(4 * len(before["facets"]), 300)))
+    arrays |= work_out("candidates", "vertex_position", "facets", "area_before", "dice")
+    arrays["candidate_cells"] = listed(case, arrays["candidate_position"], dtype)
+    arrays["accepted"] = np.zeros(len(arrays["candidate_position"]), np.uint8)
+    arrays["sample_cells"] = listed(case, arrays["sample_position"], dtype)
+    arrays |= work_out(
         "offsets", "interior_position", "interior_number", "cells", "blocks", "surface_term", "sample_position",
         "sample_cells",
     )  # fmt: skip
-    found["sample_count"] = np.zeros(case.count, np.int32)
-    found["fit_cells"] = listed(case, found["fit_position"], dtype, 0.5)
-    found |= work_out("fit_weights", "fit_position", "fit_cells", "blocks", "surface_term")
-    found["active"] = np.flatnonzero(found["node_weight"]).astype(np.int32)
+    arrays["sample_count"] = np.zeros(case.count, np.int32)
+    arrays["fit_cells"] = listed(case, arrays["fit_position"], dtype, 0.5)
+    arrays |= work_out("fit_weights", "fit_position", "fit_cells", "blocks", "surface_term")
+    arrays["active"] = np.flatnonzero(arrays["node_weight"]).astype(np.int32)
     names = ("fit_splines", "fit_cells", "blocks", "surface_term", "node_weight", "active")
-    found |= work_out("fit", *names)
-    found["query_position"], found["outward"] = found["sample_position"], found["offset_direction"]
-    found["spline_cells"] = listed(case, found["query_position"], dtype, 0.5)
+    arrays |= work_out("fit", *names)
+    arrays["query_position"], arrays["outward"] = arrays["sample_position"], arrays["offset_direction"]
+    arrays["spline_cells"] = listed(case, arrays["query_position"], dtype, 0.5)
     names = ("query_position", "spline_cells", "blocks", "surface_term", "coefficients", "outward")
-    found |= work_out("mls_normals", *names)
+    arrays |= work_out("mls_normals", *names)
     random = case.random("vertex_normal")
     normal = random.normal(size=before["vertex_position"].shape)
-    found["vertex_normal"] = (normal / np.linalg.norm(normal, axis=1, keepdims=True)).astype(dtype)
-    found["inset_position"] = 0 * before["vertex_position"]
-    found["node_force"] = np.full((nodes(blocks), 3), 0.01, dtype)  # so that adding differs from assigning
-    found |= work_out("components", "blocks", "node_state")
-    found["component_size"] = np.zeros(case.count, np.int32)
-    found["extent"] = np.zeros(case.count, np.uint8)
-    return found
+    arrays["vertex_normal"] = (normal / np.linalg.norm(normal, axis=1, keepdims=True)).astype(dtype)
+    arrays["inset_position"] = 0 * before["vertex_position"]
+    arrays["node_force"] = np.full((nodes(blocks), 3), 0.01, dtype)  # so that adding differs from assigning
+    arrays |= work_out("components", "blocks", "node_state")
+    arrays["component_size"] = np.zeros(case.count, np.int32)
+    arrays["extent"] = np.zeros(case.count, np.uint8)
+    return arrays
 
 
 @groups(
@@ -250,15 +250,15 @@ def _candidates(x, facets, before, dice, expected, place):
     case, _, inputs = lone(2)
     inputs |= {"vertex_position": [[a, 7.0, 0.0] for a in x], "facets": np.array(facets, np.int32)}
     inputs |= {"area_before": np.array(before, np.int64), "dice": Dice(*map(np.int64, dice))}
-    found = np.array([[a, 7.0, 0.0] for a in place])
-    return Exact(case, inputs, {"candidate_facet": np.array(expected), "candidate_position": found})
+    position = np.array([[a, 7.0, 0.0] for a in place])
+    return Exact(case, inputs, {"candidate_facet": np.array(expected), "candidate_position": position})
 
 
 @closed_form("surface_energy.candidates")
 def candidates_on_two_segments():
     """Areas 1 : 3: of four candidates, one to each quarter, the first falls on the first segment; all on the line."""
-    words = [reference.hash_word(1, k, 1) >> 8 for k in range(4)]
-    x = [words[0] / 2**24] + [1 + 3 * w / 2**24 for w in words[1:]]
+    hashes = [reference.hash_word(1, k, 1) >> 8 for k in range(4)]
+    x = [hashes[0] / 2**24] + [1 + 3 * w / 2**24 for w in hashes[1:]]
     return _candidates([0, 1, 4], [[0, 1], [1, 2]], [0, 1 << 20, 4 << 20], (1, 4), [0, 1, 1, 1], x)
 
 
@@ -370,9 +370,9 @@ def end_fit(dim: int):
     point = np.zeros((4, 3))
     point[:, :dim] = 1.0
     point[:2, 0] = 1.5, 99.0
-    found = fitted(dim, 1, point, 0, (2, 1), one_block(dim))
-    found[1]["fit_splines"][1] = 0.0
-    return found
+    fit = fitted(dim, 1, point, 0, (2, 1), one_block(dim))
+    fit[1]["fit_splines"][1] = 0.0
+    return fit
 
 
 def _weights(inputs):
@@ -477,8 +477,8 @@ def two_separate_particles(dim):
     number = {tuple(c): i for i, c in enumerate(j.tolist())}
     label = np.full(len(j), -1)
     for corner in (0, 8):
-        own = [number[corner + a, b, c] for a in (0, 1) for b in (0, 1) for c in (0, 1)[: dim - 1]]
-        label[own] = min(own)
+        component = [number[corner + a, b, c] for a in (0, 1) for b in (0, 1) for c in (0, 1)[: dim - 1]]
+        label[component] = min(component)
     inputs |= {"blocks": blocks, "cells": grid.by_cell(place, blocks), "interior_position": place}
     inputs |= {"node_label": label.astype(np.int32), "node_state": (label >= 0).astype(np.uint8)}
     return Exact(case, inputs, {"node_label": label, "component_size": [1, 2, 2]})

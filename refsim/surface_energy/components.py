@@ -37,17 +37,17 @@ def join(node_label, i, other):
 def label_block(b, blocks, node_state, node_label, inside):
     """Chains of labels to the lowest node of each component within block b, and how many of its nodes are inside."""
     bits = block_bits(blocks)
-    low, found = 64 * b, 0
+    low, inside_nodes = 64 * b, 0
     for i in range(low, low + 64):
         node_label[i] = -1
         if node_state[i] == 1:
-            found += 1
+            inside_nodes += 1
             node_label[i] = i
-    inside[b] = NONE if found == 0 else (ALL if found == 64 else SOME)
-    if found == 64:
+    inside[b] = NONE if inside_nodes == 0 else (ALL if inside_nodes == 64 else SOME)
+    if inside_nodes == 64:
         for i in range(low, low + 64):
             node_label[i] = low
-    elif found > 0:
+    elif inside_nodes > 0:
         for axis in range(3 if bits == 2 else 2):
             step = 1 << (axis * bits)
             for i in range(low, low + 64):

@@ -200,7 +200,7 @@ def offsets(
     o = formulas.place_over(sample_position, s, j, surface_term)
     space = blocks.neighbour.shape[1] == 27
     limit = real(formulas.REACH * formulas.REACH)
-    best, second, found = limit, limit, -1
+    best, second, closest = limit, limit, -1
     for turn in range(2):
         for reach in range(1, 3):
             if reach == 2 and formulas.equally_near(best) < real(1):
@@ -218,17 +218,17 @@ def offsets(
                             u = difference(o, formulas.place_over(interior_position, p, j, surface_term))
                             squared = dot(u, u)
                             if turn == 1:
-                                if squared < limit and formulas.comes_before(p, found, interior_number):
-                                    found = p
+                                if squared < limit and formulas.comes_before(p, closest, interior_number):
+                                    closest = p
                             elif squared < best:
-                                best, second, found = squared, best, p
+                                best, second, closest = squared, best, p
                             elif squared < second:
                                 second = squared
         limit = formulas.equally_near(best)
         if not second < limit:
             break
-    nearest[s] = found
-    put(offset_direction, s, away_from(found, o, j, interior_position, surface_term))
+    nearest[s] = closest
+    put(offset_direction, s, away_from(closest, o, j, interior_position, surface_term))
     if fit_position is not None:
         distance = surface_term.offset * h
         for c in range(3):
@@ -237,15 +237,15 @@ def offsets(
 
 
 @formula
-def away_from(found, o, j, interior_position, surface_term):
+def away_from(closest, o, j, interior_position, surface_term):
     """Section 4.3.1: n = (o - x_p)/|o - x_p|, dimensionless, of a position o over node j.
 
-    0 without a particle `found`, and where the position is the particle's.
+    0 without a particle `closest`, and where the position is the particle's.
     """
     zero = type(surface_term.cell_size)(0)
-    if found < 0:
+    if closest < 0:
         return zero, zero, zero
-    u = difference(o, formulas.place_over(interior_position, found, j, surface_term))
+    u = difference(o, formulas.place_over(interior_position, closest, j, surface_term))
     squared = dot(u, u)
     if not squared > zero:
         return zero, zero, zero

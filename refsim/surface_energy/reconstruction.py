@@ -222,11 +222,11 @@ class Reconstruction:
 
         The volume within facets whose corners move along straight lines is a polynomial of degree dim in the distance.
         """
-        xp, seen, _ = self.backend.library()
-        facets, h = seen(mesh.facets), float(self.term.cell_size)
+        xp, to_xp, _ = self.backend.array_library()
+        facets, h = to_xp(mesh.facets), float(self.term.cell_size)
         if not len(facets):
             return float(self.term.inset)
-        place, direction = seen(mesh.vertices).astype(float), seen(vertex_normal).astype(float)
+        place, direction = to_xp(mesh.vertices).astype(float), to_xp(vertex_normal).astype(float)
         first = place[facets[0, 0]]
         corner, move = (place[facets] - first)[:, :, : self.dim], h * direction[facets][:, :, : self.dim]
         radius = self.tension.radius(self.dim)

@@ -147,8 +147,8 @@ class SurfaceOfRun(SurfaceSamples):
 
     def reconstruct_enclosing(self, position: Any, identity: Any, mass: Any, volume_ratio: Any) -> int:
         """The surface of particles at `position` (n, 3) [m] that encloses their volume, sum m J/rho0."""
-        xp, seen, _ = self.backend.library()
-        return self.reconstruct(position, identity, seen(mass).astype(xp.float64) * seen(volume_ratio))
+        xp, to_xp, _ = self.backend.array_library()
+        return self.reconstruct(position, identity, to_xp(mass).astype(xp.float64) * to_xp(volume_ratio))
 
     def reconstruct(self, position: Any, identity: Any, held: Any = None) -> int:
         """The surface of particles at `position` (n, 3) [m], with m J [kg] of each to enclose their volume; `version`.
@@ -161,8 +161,8 @@ class SurfaceOfRun(SurfaceSamples):
         owner = None
         if self.faces:
             position, owner = self._with_images(position)
-            _, seen, wrapped = self.backend.library()
-            identity = wrapped(seen(identity)[owner])
+            _, to_xp, from_xp = self.backend.array_library()
+            identity = from_xp(to_xp(identity)[owner])
             held = None if held is None else held[owner]
         volume = None if held is None else float(held.sum()) / self.rest_density
         self.latest = self.reconstruction.surface(position, volume=volume, number=identity)
@@ -187,8 +187,8 @@ class SurfaceOfRun(SurfaceSamples):
 
     def _with_images(self, position: Any) -> tuple[Any, Any]:
         """(particles and their images in the walls near them, the particle of each)."""
-        xp, seen, wrapped = self.backend.library()
-        place, owner = seen(position), xp.arange(position.shape[0], dtype=np.int32)
+        xp, to_xp, from_xp = self.backend.array_library()
+        place, owner = to_xp(position), xp.arange(position.shape[0], dtype=np.int32)
         for axis in range(self.dim):
             places, owners = [place], [owner]
             for face in (f for f in self.faces if f.axis == axis):
@@ -198,17 +198,17 @@ class SurfaceOfRun(SurfaceSamples):
                 places.append(image)
                 owners.append(owner[near])
             place, owner = xp.concatenate(places), xp.concatenate(owners)
-        return wrapped(xp.ascontiguousarray(place)), owner
+        return from_xp(xp.ascontiguousarray(place)), owner
 
     def _keep_free(self, position: Any, identity: Any, owner: Any) -> None:
         """Of the surface of liquid and images keep what bounds the liquid, and add the edges of its wetted areas.
 
         A wall is a plane of nodes, so that no facet crosses it. position of particles and images, owner of each.
         """
-        xp, seen, wrapped = self.backend.library()
-        found, samples = self.latest, self.latest.samples
-        place, facets, dtype = seen(found.sample_place), seen(found.mesh.facets), np.dtype(self.dtype)
-        before, after = seen(found.mesh.vertices), seen(found.inset_mesh.vertices)
+        xp, to_xp, from_xp = self.backend.array_library()
+        surface, samples = self.latest, self.latest.samples
+        place, facets, dtype = to_xp(surface.sample_place), to_xp(surface.mesh.facets), np.dtype(self.dtype)
+        before, after = to_xp(surface.mesh.vertices), to_xp(surface.inset_mesh.vertices)
         free, bounding = xp.ones(len(place), bool), xp.ones(len(facets), bool)
         for face in self.faces:
             free &= face.inward * (place[:, face.axis] - face.plane) > 0
@@ -227,27 +227,27 @@ class SurfaceOfRun(SurfaceSamples):
             lines.append(line)
             normals.append(out)
         edge, line, normal = (xp.ascontiguousarray(xp.concatenate(p).astype(dtype)) for p in (places, lines, normals))
-        liquid = Liquid(position, identity, found.blocks, found.cells)
-        nearest, _, _ = self.reconstruction.offsets(liquid, wrapped(edge), False)
-        beside = seen(nearest)
+        liquid = Liquid(position, identity, surface.blocks, surface.cells)
+        nearest, _, _ = self.reconstruction.offsets(liquid, from_xp(edge), False)
+        beside = to_xp(nearest)
         tense = (beside >= 0) & (
-            seen(found.component_size)[xp.maximum(beside, 0)] >= self.tension.least_component(self.dim)
+            to_xp(surface.component_size)[xp.maximum(beside, 0)] >= self.tension.least_component(self.dim)
         )
         edge, line, normal, beside = edge[tense], line[tense], normal[tense], beside[tense]
         parts = (
-            (seen(samples.position)[free], edge),
-            (seen(samples.normal)[free], normal),
-            (seen(samples.area)[free], xp.zeros(len(edge), dtype)),
-            (owner[seen(samples.nearest)[free]], owner[beside]),
+            (to_xp(samples.position)[free], edge),
+            (to_xp(samples.normal)[free], normal),
+            (to_xp(samples.area)[free], xp.zeros(len(edge), dtype)),
+            (owner[to_xp(samples.nearest)[free]], owner[beside]),
             (xp.zeros((int(free.sum()), 3), dtype), line),
         )
-        arrays = [wrapped(xp.ascontiguousarray(xp.concatenate(part).astype(part[0].dtype))) for part in parts]
+        arrays = [from_xp(xp.ascontiguousarray(xp.concatenate(part).astype(part[0].dtype))) for part in parts]
         self.assign(*arrays)
         count = self.reconstruction.sample_counts(self.sample_nearest, self.count)
-        kept = wrapped(xp.ascontiguousarray(facets))
+        kept = from_xp(xp.ascontiguousarray(facets))
         self.latest = replace(
-            found, samples=Samples(*[*arrays[:4], count]), mesh=Mesh(found.mesh.vertices, kept),
-            inset_mesh=Mesh(found.inset_mesh.vertices, kept), component_size=found.component_size[: self.count],
+            surface, samples=Samples(*[*arrays[:4], count]), mesh=Mesh(surface.mesh.vertices, kept),
+            inset_mesh=Mesh(surface.inset_mesh.vertices, kept), component_size=surface.component_size[: self.count],
         )  # fmt: skip
 
     def _edges(self, facets: Any, touches: Any, place: Any, face: Face) -> tuple[Any, Any]:
@@ -255,7 +255,7 @@ class SurfaceOfRun(SurfaceSamples):
 
         Facets turn left seen from outside, so that the normal is the edge turned about the wall's: edge x inward.
         """
-        xp, _, _ = self.backend.library()
+        xp, _, _ = self.backend.array_library()
         if self.dim == 2:
             row, corner = xp.nonzero(touches)
             middle = place[facets[row, corner]]

@@ -20,8 +20,8 @@ def _normals(case, random):
         kernel = smoothing("wendland_c2", case.support_radius, case.dim)
         term = NormalTerm(1.0, np.int32(0))
         volume = case.spacing**case.dim * one
-        found = operations.color_gradient(everyone, volume, one, None, None, kernel, term)["surface_normal"]
-        return found.value[: case.count]
+        normal = operations.color_gradient(everyone, volume, one, None, None, kernel, term)["surface_normal"]
+        return normal.value[: case.count]
     values = 0.7 * vectors(case, random)
     values[3::7] = 0
     return values

@@ -122,24 +122,24 @@ def calibrate(
     if model not in SETTINGS:
         raise InputError(f"calibrate: there is no model {model!r}; choose from {', '.join(SETTINGS)}.")
     place = {"model": model, "dim": dim, "kernels": kernels, "liquid": density}
-    own = [e for e in entries if all(e.get(name, "summation") == value for name, value in place.items())]
-    if not own:
+    chosen = [e for e in entries if all(e.get(name, "summation") == value for name, value in place.items())]
+    if not chosen:
         raise InputError(
             f"calibrate: the map has no drops of {model} in {dim}D with {kernels} kernels and density = {density!r}."
         )
     support = float(BASE["support"]) if support_radius is None else support_radius / spacing
-    line = [_judged(entry, None if radius is None else radius / spacing) for entry in own]
+    line = [_judged(entry, None if radius is None else radius / spacing) for entry in chosen]
     if sound_speed is None:
-        found = _at(line, support, float(BASE["stiffness"]), model)
+        measured = _at(line, support, float(BASE["stiffness"]), model)
     else:
-        found = _at_sound_speed(line, support, sigma / (rest_density * sound_speed**2 * spacing), model)
-    if found["uncertainty"] > MOST_UNCERTAIN:
+        measured = _at_sound_speed(line, support, sigma / (rest_density * sound_speed**2 * spacing), model)
+    if measured["uncertainty"] > MOST_UNCERTAIN:
         raise InputError(
-            f"calibrate: {model} has no one surface tension at h = {support:.3g} d and S = {found['stiffness']:.3g}:"
-            f" {_disagreement(found)}; choose another model or setting."
+            f"calibrate: {model} has no one surface tension at h = {support:.3g} d and S = {measured['stiffness']:.3g}:"
+            f" {_disagreement(measured)}; choose another model or setting."
         )
-    ratio, nominal = found["ratio"], sigma / found["ratio"]
-    speed = sound_speed or math.sqrt(nominal / (rest_density * spacing * found["stiffness"]))
+    ratio, nominal = measured["ratio"], sigma / measured["ratio"]
+    speed = sound_speed or math.sqrt(nominal / (rest_density * spacing * measured["stiffness"]))
     grid = Discretisation(dim, "float64", spacing, support * spacing, 0)
     options: Any = {"kernels": kernels, "density": density}
     liquid = WeaklyCompressible(rest_density=rest_density, sound_speed=speed, **options)
@@ -151,16 +151,16 @@ def calibrate(
         }
         effect = msgspec.structs.replace(effect, **named)
     return Calibration(
-        effect=effect, nominal=nominal, nominal_error=nominal * found["uncertainty"], ratio=ratio,
-        laplace=found["laplace"], rayleigh=found["rayleigh"], uncertainty=found["uncertainty"], sound_speed=speed,
-        stiffness=found["stiffness"], beside=BESIDE.get(model, ()),
+        effect=effect, nominal=nominal, nominal_error=nominal * measured["uncertainty"], ratio=ratio,
+        laplace=measured["laplace"], rayleigh=measured["rayleigh"], uncertainty=measured["uncertainty"],
+        sound_speed=speed, stiffness=measured["stiffness"], beside=BESIDE.get(model, ()),
     )  # fmt: skip
 
 
-def _disagreement(found: Mapping[str, Any]) -> str:
-    if not math.isfinite(found["ratio"]):
+def _disagreement(measured: Mapping[str, Any]) -> str:
+    if not math.isfinite(measured["ratio"]):
         return "no drop both stayed whole and oscillated"
-    return f"Laplace's law gives {found['laplace']:.3g} and Rayleigh's {found['rayleigh']:.3g} of the nominal one"
+    return f"Laplace's law gives {measured['laplace']:.3g} and Rayleigh's {measured['rayleigh']:.3g} of the nominal one"
 
 
 def _judged(entry: Mapping[str, Any], radius: float | None) -> dict[str, Any]:
@@ -185,11 +185,11 @@ def _judged(entry: Mapping[str, Any], radius: float | None) -> dict[str, Any]:
         return {**result, "uncertainty": math.inf}
     parts = [0.5 * (laplace - rayleigh)]
     for d in drops:  # each drop's distance from the mean of all, and its deviation over the seeds
-        found = [0.5 * (d["laplace"] + d["rayleigh"]) - ratio]
-        found.append(
+        errors = [0.5 * (d["laplace"] + d["rayleigh"]) - ratio]
+        errors.append(
             0.5 * math.hypot(d["laplace_spread"], d["rayleigh_spread"]) if d["seeds"] > 1 else ONE_SEED * ratio
         )
-        parts += [part / math.sqrt(len(drops)) for part in found]
+        parts += [part / math.sqrt(len(drops)) for part in errors]
     return {**result, "uncertainty": math.sqrt(sum(part**2 for part in parts)) / ratio}
 
 
@@ -205,7 +205,7 @@ def same(value: float, other: float) -> bool:
     return math.isclose(value, other, rel_tol=SAME)
 
 
-def _at(own: Sequence[Mapping[str, Any]], support: float, stiffness: float, model: str) -> dict[str, Any]:
+def _at(measured: Sequence[Mapping[str, Any]], support: float, stiffness: float, model: str) -> dict[str, Any]:
     """The map at (h/d, S), one of which is the base's."""
     based = same(stiffness, float(BASE["stiffness"]))
     if not based and not same(support, float(BASE["support"])):
@@ -215,16 +215,16 @@ def _at(own: Sequence[Mapping[str, Any]], support: float, stiffness: float, mode
         )
     axis, place = ("support", support) if based else ("stiffness", stiffness)
     fixed = "stiffness" if based else "support"
-    line = sorted((e for e in own if same(e[fixed], float(BASE[fixed]))), key=lambda e: e[axis])
-    words, unit = ("h", " d") if based else ("S", "")
+    line = sorted((e for e in measured if same(e[fixed], float(BASE[fixed]))), key=lambda e: e[axis])
+    quantity, unit = ("h", " d") if based else ("S", "")
     if not line:
-        raise InputError(f"calibrate: the map has no drops of {model} with {words} = {place:.3g}{unit}.")
+        raise InputError(f"calibrate: the map has no drops of {model} with {quantity} = {place:.3g}{unit}.")
     below = [e for e in line if e[axis] <= place * (1 + SAME)]
     above = [e for e in line if e[axis] >= place * (1 - SAME)]
     if not below or not above:
         low, high = line[0][axis], line[-1][axis]
-        reach = f"{words} = {low:g}{unit} alone" if low == high else f"{words} from {low:g} to {high:g}{unit}"
-        raise InputError(f"calibrate: {words} = {place:.3g}{unit} is outside the map of {model}, which has {reach}.")
+        reach = f"{quantity} = {low:g}{unit} alone" if low == high else f"{quantity} from {low:g} to {high:g}{unit}"
+        raise InputError(f"calibrate: {quantity} = {place:.3g}{unit} is outside the map of {model}, which has {reach}.")
     first, last = below[-1], above[0]
     for end in (first, last):
         if end["reach"]:
@@ -242,25 +242,25 @@ def _at(own: Sequence[Mapping[str, Any]], support: float, stiffness: float, mode
     return {**mixed, "stiffness": stiffness, "uncertainty": uncertainty}
 
 
-def _at_sound_speed(own: Sequence[Mapping[str, Any]], support: float, wanted: float, model: str) -> dict[str, Any]:
+def _at_sound_speed(measured: Sequence[Mapping[str, Any]], support: float, wanted: float, model: str) -> dict[str, Any]:
     """The map where S of the nominal tension times the ratio is `wanted` = sigma/(rho0 c^2 d)."""
-    own = [e for e in own if not e["reach"] and math.isfinite(e["ratio"])]
-    line = sorted({e["stiffness"] for e in own if same(e["support"], support)})
+    measured = [e for e in measured if not e["reach"] and math.isfinite(e["ratio"])]
+    line = sorted({e["stiffness"] for e in measured if same(e["support"], support)})
     if not same(support, float(BASE["support"])):
         line = [float(BASE["stiffness"])]
-    reached = [(s, s * _at(own, support, s, model)["ratio"]) for s in line]
+    reached = [(s, s * _at(measured, support, s, model)["ratio"]) for s in line]
     for stiffness, product in reached:
         if same(product, wanted):
-            return _at(own, support, stiffness, model)
+            return _at(measured, support, stiffness, model)
     for (low, at_low), (high, at_high) in itertools.pairwise(reached):
         if at_low <= wanted <= at_high:
             for _ in range(60):  # by bisection: the product grows with S
                 middle = math.sqrt(low * high)
-                if middle * _at(own, support, middle, model)["ratio"] < wanted:
+                if middle * _at(measured, support, middle, model)["ratio"] < wanted:
                     low = middle
                 else:
                     high = middle
-            return _at(own, support, math.sqrt(low * high), model)
+            return _at(measured, support, math.sqrt(low * high), model)
     span = " to ".join(f"{p:.3g}" for p in sorted({reached[0][1], reached[-1][1]})) if reached else "nothing"
     raise InputError(
         f"calibrate: sigma/(rho0 c^2 d) = {wanted:.3g} is outside the map of {model}, which has {span} at h ="

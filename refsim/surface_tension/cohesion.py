@@ -183,8 +183,8 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
         if stiffness is None:
             return 1.0
         supports, drops = zip(*self.measured[grid.dim], strict=True)
-        found = [np.interp(math.log(stiffness), *np.array([(math.log(s), share) for s, share in d]).T) for d in drops]
-        return float(np.interp(grid.support_radius / grid.spacing, supports, found))
+        shares = [np.interp(math.log(stiffness), *np.array([(math.log(s), share) for s, share in d]).T) for d in drops]
+        return float(np.interp(grid.support_radius / grid.spacing, supports, shares))
 
     def keeps_drops(self) -> bool:
         return bool(self.measured) and self == self._plain()
@@ -217,11 +217,13 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
             return
         stiffness, support = self._measured_at(grid, others), grid.support_radius / grid.spacing
         if stiffness is None:
-            words = "no drops of this liquid were measured with it"
+            reason = "no drops of this liquid were measured with it"
             if grid.dim in self.shown and self._as_measured(others):
                 jump, frequency = self.shown[grid.dim]
-                words = f"drops of this liquid have {jump} of it by their pressure jump, {frequency} by their frequency"
-            yield f"{self.name}: surface_tension is nominal: {words}"
+                reason = (
+                    f"drops of this liquid have {jump} of it by their pressure jump, {frequency} by their frequency"
+                )
+            yield f"{self.name}: surface_tension is nominal: {reason}"
             return
         supports, drops = zip(*self.measured[grid.dim], strict=True)
         begin = f"{self.name}: surface_tension is that of drops measured with"
@@ -316,12 +318,12 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
 
     def margins(self, grid: Discretisation, others: Others) -> Iterator[Margin]:
         if (number := self.collapse_number(grid, others)) > 0:
-            words = (
+            consequence = (
                 f"its cohesion compresses the bulk by about {100 * (compression(number) - 1):.0f} % (P_int"
                 f" = {number:.2g} rho0 c^2; beyond {COLLAPSE} the liquid collapses): take a larger sound_speed, or set"
                 " balance_pressure = true"
             )
-            yield Margin("P_int/(rho0 c^2)", number, STRAINED, beyond=words)
+            yield Margin("P_int/(rho0 c^2)", number, STRAINED, beyond=consequence)
         for limit in self.stiffness_limits(grid, others):
             yield from stiffness_margin(*limit, grid, others)
 
@@ -373,8 +375,8 @@ def stiffness_margin(sigma: float, largest: float, fate: str, grid: Discretisati
     if not pressure_is_replaced(others):
         value = sigma / (fluid.rest_density * fluid.sound_speed**2 * grid.spacing)
         needed = at_least("sound_speed", fluid.sound_speed * math.sqrt(max(1.0, value / largest)), "m/s")
-        words = f"sigma/(rho0 c^2 d) = {value:.2g} is above {largest:g}, up to which {fate}: take {needed}"
-        yield Margin("sigma/(rho0 c^2 d)", value, largest, beyond=words)
+        consequence = f"sigma/(rho0 c^2 d) = {value:.2g} is above {largest:g}, up to which {fate}: take {needed}"
+        yield Margin("sigma/(rho0 c^2 d)", value, largest, beyond=consequence)
 
 
 def spreading_note(name: str, term: str) -> str:
@@ -422,5 +424,5 @@ def one_of(owner: str, **given: float | None) -> None:
     names = list(given)
     chosen = [name for name, value in given.items() if value is not None]
     if len(chosen) != 1:
-        words = {0: "neither", 2: "both"}.get(len(chosen), "several")
-        raise InputError(f"{owner}: {words} of {' and '.join(names)} given; give exactly one of them.")
+        number = {0: "neither", 2: "both"}.get(len(chosen), "several")
+        raise InputError(f"{owner}: {number} of {' and '.join(names)} given; give exactly one of them.")

@@ -77,7 +77,7 @@ def calibrate_contact_angle(
     check_given(this, **given, support_radius=support_radius)
     support = float(BASE["support"]) if support_radius is None else support_radius / spacing
     stiffness = float(BASE["stiffness"])
-    own = [
+    measured = [
         entry
         for entry in (wetting_map() if settings is None else settings)
         if entry["dim"] == dim
@@ -85,9 +85,9 @@ def calibrate_contact_angle(
         and same(entry["stiffness"], stiffness)
         and entry.get("liquid", "summation") == density
     ]
-    there = [entry for entry in own if same(entry["support"], support)]
+    there = [entry for entry in measured if same(entry["support"], support)]
     if not there:
-        known = ", ".join(f"{entry['support']:g}" for entry in own) or "none"
+        known = ", ".join(f"{entry['support']:g}" for entry in measured) or "none"
         raise InputError(
             f"{this}: the map has no sessile drops in {dim}D with {kernels} kernels at h = {support:.3g} d and"
             f" density = {density!r}; it has h/d = {known}."

@@ -195,8 +195,8 @@ def points_of(given: Sweep, folder: Path, source: str) -> list[Point]:
                 _seed(tables, value, source)
             else:
                 set_parameter(tables, name, value, source)
-        words = ", ".join(f"{name} = {value}" for name, value in chosen.items())
-        points.append(Point(chosen, scene_from_dict(tables, f"{source}: {given.scene} with {words}")))
+        chosen_values = ", ".join(f"{name} = {value}" for name, value in chosen.items())
+        points.append(Point(chosen, scene_from_dict(tables, f"{source}: {given.scene} with {chosen_values}")))
     return points
 
 

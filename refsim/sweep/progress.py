@@ -42,10 +42,10 @@ class Progress:
         gone = time.perf_counter() - self.began
         left = gone * (self.total - self.done) / self.done
         if outcome.error is not None:
-            words = f"not computed: {outcome.error}"
+            outcome_text = f"not computed: {outcome.error}"
         elif reading.failed:
-            words = reading.failed
+            outcome_text = reading.failed
         else:
-            words = f"{reading.value:.6g} in {in_time(outcome.seconds)}"
+            outcome_text = f"{reading.value:.6g} in {in_time(outcome.seconds)}"
         rest = f"; about {in_time(left)} left" if self.count < len(self.weights) else ""
-        self.say(f"{self.count:.0f} of {len(self.weights)}, {task.name}: {words}{rest}")
+        self.say(f"{self.count:.0f} of {len(self.weights)}, {task.name}: {outcome_text}{rest}")

@@ -33,10 +33,10 @@ def by_halves(points: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
     while len(points) and np.diff(first).max() > size:
         place = points[order]
         side = np.maximum.reduceat(place, first[:-1]) - np.minimum.reduceat(place, first[:-1])
-        own = np.repeat(np.arange(len(first) - 1), np.diff(first))
-        along = place[np.arange(len(place)), side.argmax(1)[own]]
+        group = np.repeat(np.arange(len(first) - 1), np.diff(first))
+        along = place[np.arange(len(place)), side.argmax(1)[group]]
         sort = np.argsort(along, kind="stable")
-        order = order[sort[np.argsort(own.astype(np.min_scalar_type(len(first)))[sort], kind="stable")]]
+        order = order[sort[np.argsort(group.astype(np.min_scalar_type(len(first)))[sort], kind="stable")]]
         first = np.unique(np.concatenate([first, (first[:-1] + first[1:] + 1) // 2]))
     return order, first
 
@@ -49,17 +49,17 @@ def clusters(corners: np.ndarray, dtype: str) -> Clusters:
     corners = np.asarray(corners, dtype=dtype).astype(float)
     order, first = by_halves(corners.mean(1), max(LEAST, round(np.sqrt(len(corners)) / 4)))
     corners = corners[order]
-    own = np.repeat(np.arange(len(first) - 1), np.diff(first))
+    group = np.repeat(np.arange(len(first) - 1), np.diff(first))
     across = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(across, axis=1)
-    area = np.where(np.bincount(own, area)[own] > 0, area, 1.0)
-    weight = area / np.bincount(own, area)[own]
+    area = np.where(np.bincount(group, area)[group] > 0, area, 1.0)
+    weight = area / np.bincount(group, area)[group]
     center, dipole = np.zeros((len(first) - 1, 3)), np.zeros((len(first) - 1, 3))
     for axis in range(3):
-        center[:, axis] = np.bincount(own, weight * corners[:, :, axis].mean(1), len(center))
-        dipole[:, axis] = np.bincount(own, across[:, axis], len(center))
+        center[:, axis] = np.bincount(group, weight * corners[:, :, axis].mean(1), len(center))
+        dipole[:, axis] = np.bincount(group, across[:, axis], len(center))
     radius = np.zeros(len(center))
-    np.maximum.at(radius, own, np.linalg.norm(corners - center[own, None], axis=2).max(1))
+    np.maximum.at(radius, group, np.linalg.norm(corners - center[group, None], axis=2).max(1))
     return Clusters(
         center.astype(dtype), dipole.astype(dtype), (FAR * radius).astype(dtype), first.astype(np.int32),
         corners.reshape(-1, 9).astype(dtype),

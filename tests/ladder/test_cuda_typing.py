@@ -27,7 +27,7 @@ from refsim.neighbours.rows import NeighbourColumns
 
 CAPABILITY = (8, 0)
 IN_DOUBLE = {
-    **dict.fromkeys(("turn_blocks", "step_blocks", "add_up"), "dots of conjugate gradients are taken in float64"),
+    **dict.fromkeys(("direction_blocks", "solution_blocks", "add_up"), "dots of conjugate gradients are in float64"),
     **dict.fromkeys(("plan_chebyshev", "choose_step", "send_clock"), "one thread, in float64 as on the host"),
     **dict.fromkeys(
         (

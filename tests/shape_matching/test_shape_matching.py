@@ -16,7 +16,7 @@ from tests.running import advanced
 
 # Rotations
 def rotation_matrix(q):
-    return reference.turn(q)
+    return reference.rotation_matrix(q)
 
 
 def quaternion(axis, degrees):

@@ -150,8 +150,8 @@ def measure_drops(given: argparse.Namespace) -> int:
         rows[row["key"]] = row
         write(given.output, rows)
         first, second = (row.get(name, math.nan) for name in shown)
-        words = f"{row['stopped'] or 'ok':<12} {first:7.3f} {second:7.3f} {row['seconds']:7.1f} s"
-        print(f"{time.perf_counter() - began:5.0f}  {row['key']:<58} {words}", flush=True)
+        row_text = f"{row['stopped'] or 'ok':<12} {first:7.3f} {second:7.3f} {row['seconds']:7.1f} s"
+        print(f"{time.perf_counter() - began:5.0f}  {row['key']:<58} {row_text}", flush=True)
 
     measured(missing, given.seconds, keep, given.jobs, given.scheduler, given.backend)
     left = sum(p.key not in rows for p in wanted)

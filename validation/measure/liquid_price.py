@@ -57,7 +57,7 @@ def tank(h: float, liquid: dict[str, Any], model: Any, more: tuple[Any, ...], ce
 def measured(threads: int, cells: int = CELLS, last: int = LAST) -> dict[str, dict[str, float]]:
     """Processor seconds of a step from FIRST to `last` that keeps the list, of one that builds it, and of the mean."""
     tanks = {name: Simulation(tank(*given, cells), "cpu", threads) for name, given in TANKS.items()}
-    found: dict[str, dict[str, list[float]]] = {name: {"kept": [], "built": []} for name in tanks}
+    seconds: dict[str, dict[str, list[float]]] = {name: {"kept": [], "built": []} for name in tanks}
     for simulation in tanks.values():
         take_steps(simulation, FIRST)
     for _ in range(FIRST, last):
@@ -66,12 +66,13 @@ def measured(threads: int, cells: int = CELLS, last: int = LAST) -> dict[str, di
             log = simulation.search.log
             builds, began = log.rebuilds, time.process_time()
             simulation.step()
-            found[name]["kept" if log.rebuilds == builds else "built"].append(time.process_time() - began)
+            seconds[name]["kept" if log.rebuilds == builds else "built"].append(time.process_time() - began)
     medians = {
-        name: {kind: statistics.median(own) for kind, own in kinds.items() if own} for name, kinds in found.items()
+        name: {kind: statistics.median(spent) for kind, spent in kinds.items() if spent}
+        for name, kinds in seconds.items()
     }
-    for name, own in medians.items():  # a mean of steps at their medians, which no other work on the machine moves
-        own["mean"] = sum(own[kind] * len(found[name][kind]) for kind in list(own)) / (last - FIRST)
+    for name, spent in medians.items():  # a mean of steps at their medians, which no other work on the machine moves
+        spent["mean"] = sum(spent[kind] * len(seconds[name][kind]) for kind in list(spent)) / (last - FIRST)
     return medians
 
 
@@ -82,8 +83,8 @@ def rows(stored: dict[str, Any]) -> list[str]:
     for name in TANKS:
         papers = name if "papers'" in name else papers
         cells = [name]
-        for own in stored.values():
-            steps, others = own["tanks"][name], own["tanks"][papers]
+        for stored_row in stored.values():
+            steps, others = stored_row["tanks"][name], stored_row["tanks"][papers]
             over = "; ".join(f"{steps[kind] / others[kind]:.2f}" for kind in ("kept", "mean"))
             cells.append(f"{1e3 * steps['kept']:.1f}" + f" ({over})" * (name != papers))
         if name != papers or not lines:

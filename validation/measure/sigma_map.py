@@ -107,15 +107,15 @@ def _read(row: Mapping[str, Any]) -> bool:
 
 
 def _of_radius(rows: Sequence[Mapping[str, Any]], radius: float) -> dict[str, Any]:
-    own = [r for r in rows if r["radius"] == radius and _read(r)]
-    found: dict[str, Any] = {"radius": radius, "seeds": len(own)}
+    valid = [r for r in rows if r["radius"] == radius and _read(r)]
+    row: dict[str, Any] = {"radius": radius, "seeds": len(valid)}
     for name in ("laplace", "rayleigh"):
-        values = [r[name] for r in own]
-        found |= {
+        values = [r[name] for r in valid]
+        row |= {
             name: float(np.mean(values)),
-            f"{name}_spread": float(np.std(values, ddof=1)) if len(own) > 1 else None,
+            f"{name}_spread": float(np.std(values, ddof=1)) if len(valid) > 1 else None,
         }
-    return found
+    return row
 
 
 def at_base(entry: Mapping[str, Any]) -> bool:
@@ -128,8 +128,8 @@ def at_base(entry: Mapping[str, Any]) -> bool:
 
 def published(context: Context, rows: str) -> Result:
     """The rows and settings on file; `rows` is the file's digest."""
-    found = read_rows()
-    return Result({"settings": condensed(found), "rows": found})
+    stored = read_rows()
+    return Result({"settings": condensed(stored), "rows": stored})
 
 
 def drop(context: Context, **point: Any) -> Result:

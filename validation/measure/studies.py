@@ -160,17 +160,17 @@ class Further:
     run: Reading
 
 
-def further(found: Study, solved: Solved, threads: int | None, backend: str = "cpu") -> Further:
+def further(finished: Study, solved: Solved, threads: int | None, backend: str = "cpu") -> Further:
     """The spacing that the study advises for two thirds of the error of its finest level, with whole cells."""
-    setting, finest = max(found.of("spacing"), key=lambda pair: pair[0].factor)
-    limit = found.convergence
-    advice = None if limit is None else found.cheapest(limit.bound(finest.value) / FURTHER)
+    setting, finest = max(finished.of("spacing"), key=lambda pair: pair[0].factor)
+    limit = finished.convergence
+    advice = None if limit is None else finished.cheapest(limit.bound(finest.value) / FURTHER)
     if limit is None or advice is None or advice.measured:
-        raise InputError(f"{found.scene.name}: its study cannot be continued ({'; '.join(found.answers()[:1])}).")
-    factor = fitting(found.scene, found.scene.spacing / advice.spacing)
-    scene = refined(found.scene, factor, solved.with_spacing)
+        raise InputError(f"{finished.scene.name}: its study cannot be continued ({'; '.join(finished.answers()[:1])}).")
+    factor = fitting(finished.scene, finished.scene.spacing / advice.spacing)
+    scene = refined(finished.scene, factor, solved.with_spacing)
     one = Setting("spacing", f"spacing {scene.spacing:.4g} m", factor, scene, backend)
-    run = measure(one, observable_of(solved.observable, make_plan(found.scene)), None, threads)
+    run = measure(one, observable_of(solved.observable, make_plan(finished.scene)), None, threads)
     finer = setting.scene.spacing / scene.spacing
     value = limit.value + (finest.value - limit.value) * finer**-limit.order
     power = math.log(advice.seconds / finest.seconds, setting.scene.spacing / advice.spacing)
@@ -186,18 +186,18 @@ HEAD = (
 def row(name: str, threads: int | None, backend: str = "cpu") -> str:
     """One row of the table; a study whose values do not fall into order is not continued."""
     solved = SOLVED[name]
-    found = solved.study(name, threads=threads, backend=backend, folder=ROOT / "results" / "study" / name)
-    limit, answer, sources = found.convergence, solved.answer(), found.sources()
+    result = solved.study(name, threads=threads, backend=backend, folder=ROOT / "results" / "study" / name)
+    limit, answer, sources = result.convergence, solved.answer(), result.sources()
     assert limit is not None
     shares = ", ".join(percent(sources[kind]) if kind in sources else "-" for kind in ("spacing", "support", "step"))
     order, later = "-", "-"
     if limit.asymptotic:
-        finer = further(found, solved, threads, backend)
+        finer = further(result, solved, threads, backend)
         order = f"{limit.order:.2f}"
         later = f"{finer.value:.5g}, {finer.run.value:.5g}"
         print(f"{name}: {finer.spacing:.3g} m, {finer.seconds:.3g} s foreseen, {finer.run.seconds:.3g} s taken")
     return (
-        f"| `{name}` | {answer:.5g} {found.unit} | {limit.value:.5g} ± {limit.uncertainty:.2g} | {order}"
+        f"| `{name}` | {answer:.5g} {result.unit} | {limit.value:.5g} ± {limit.uncertainty:.2g} | {order}"
         f" | {percent(limit.value / answer - 1, signed=True)} | {shares} | {later} |"
     )
 

@@ -207,15 +207,15 @@ def fate(row: Mapping[str, Any]) -> str:
 
 
 def _of_share(rows: Sequence[Mapping[str, Any]], share: float) -> dict[str, Any]:
-    own = [r for r in rows if r["share"] == share]
-    caps = [r for r in own if fate(r) == "cap"]
-    caps = caps if 2 * len(caps) > len(own) else []
+    of_share = [r for r in rows if r["share"] == share]
+    caps = [r for r in of_share if fate(r) == "cap"]
+    caps = caps if 2 * len(caps) > len(of_share) else []
     angles, circles = [r["angle"] for r in caps], [r["circle"] for r in caps if math.isfinite(r["circle"])]
     return {
         "share": share, "angle": round(float(np.mean(angles)), 2) if angles else None,
         "spread": round(float(np.std(angles, ddof=1)), 2) if len(angles) > 1 else None,
-        "circle": round(float(np.mean(circles)), 2) if circles else None, "drops": len(own),
-        "fates": dict(sorted(Counter(map(fate, own)).items())),
+        "circle": round(float(np.mean(circles)), 2) if circles else None, "drops": len(of_share),
+        "fates": dict(sorted(Counter(map(fate, of_share)).items())),
     }  # fmt: skip
 
 

@@ -162,9 +162,9 @@ def contact(position: Array, floor: float, h: float, dim: int) -> dict[str, floa
     if len(points) < 8:
         return dict.fromkeys(("angle", "radius", "roughness"), float("nan"))
     matrix = np.column_stack([2 * points, np.ones(len(points))])
-    found, *_ = np.linalg.lstsq(matrix, (points**2).sum(1), rcond=None)
-    centre = found[:dim]
-    radius = math.sqrt(found[dim] + float(centre @ centre))
+    coefficients, *_ = np.linalg.lstsq(matrix, (points**2).sum(1), rcond=None)
+    centre = coefficients[:dim]
+    radius = math.sqrt(coefficients[dim] + float(centre @ centre))
     away = np.linalg.norm(points - centre, axis=1)
     angle = math.degrees(math.acos(min(1.0, max(-1.0, (floor - centre[1]) / radius))))
     return {"angle": angle, "radius": radius / h, "roughness": float(away.std() / radius)}

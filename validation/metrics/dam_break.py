@@ -115,8 +115,8 @@ def fit_time_offset(time: ArrayLike, front: ArrayLike, data: FrontData, max_offs
     trial = np.linspace(-max_offset, max_offset, 201)
     best = int(np.argmin([misfit(offset) for offset in trial]))
     bounds = trial[max(best - 1, 0)], trial[min(best + 1, len(trial) - 1)]
-    found = minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 1e-9})
-    offset = float(found.x) if found.fun <= misfit(trial[best]) else float(trial[best])
+    minimum = minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 1e-9})
+    offset = float(minimum.x) if minimum.fun <= misfit(trial[best]) else float(trial[best])
     limit = max_offset * (1.0 - 1e-4)
     return OffsetFit(offset, float(np.sqrt(misfit(offset))), int(usable.sum()), abs(offset) > limit)
 

@@ -243,10 +243,10 @@ def oscillation(time: NDArray, moment: NDArray) -> dict[str, float]:
         return a * np.exp(-decay * t) * np.cos(omega * t + phase) + rest
 
     try:
-        (a, decay, omega, *_), _ = found = curve_fit(swing, t, q, (q[0], 1 / guess, 2 * math.pi / guess, 0.0, 0.0))
+        (a, decay, omega, *_), _ = fit = curve_fit(swing, t, q, (q[0], 1 / guess, 2 * math.pi / guess, 0.0, 0.0))
     except RuntimeError:
         return none
-    misfit = float(np.sqrt(((swing(t, *found[0]) - q) ** 2).mean()) / abs(a))
+    misfit = float(np.sqrt(((swing(t, *fit[0]) - q) ** 2).mean()) / abs(a))
     omega = abs(omega)
     free = 2 * math.pi / math.sqrt(omega**2 + decay**2)
     return {"period": 2 * math.pi / omega, "free": free, "decay": float(decay), "misfit": misfit}
@@ -282,16 +282,16 @@ def surface(position: NDArray, spacing: float, radius: float) -> dict[str, Any]:
     """
     x = position.astype(float)
     x = x - np.median(x, axis=0)
-    own = np.linalg.norm(x, axis=1) <= NEAR * radius
-    drop = x[own]
-    found = {"area": float("nan"), "gap": float("nan"), "thrown": int((~own).sum())}
+    near = np.linalg.norm(x, axis=1) <= NEAR * radius
+    drop = x[near]
+    measures = {"area": float("nan"), "gap": float("nan"), "thrown": int((~near).sum())}
     try:
         vertices, faces = surface_mesh(drop, spacing)
-        found["area"] = 1 / sphericity(vertices, faces)
-        found["gap"] = float(np.quantile(cKDTree(drop).query(vertices)[0], 0.99) / spacing)
+        measures["area"] = 1 / sphericity(vertices, faces)
+        measures["gap"] = float(np.quantile(cKDTree(drop).query(vertices)[0], 0.99) / spacing)
     except ValueError:  # torn apart
         pass
-    return found
+    return measures
 
 
 def near_of(position: NDArray) -> float:

@@ -28,13 +28,13 @@ def vortex_error(position: NDArray, velocity: NDArray, time: float, reynolds: fl
 
 def fitted(place: NDArray, position: NDArray, values: NDArray, reach: float) -> NDArray:
     """Linear fits at `place` (m, 2) [m] of values (n,) at `position` (n, 2) [m], weighted by (1 - r/reach)^2."""
-    found = np.empty(len(place))
+    fit = np.empty(len(place))
     for k, x in enumerate(place):
         away = position - x
         weight = np.clip(1 - np.hypot(*away.T) / reach, 0, None)
         rows = np.column_stack([np.ones(len(away)), away]) * weight[:, None]
-        found[k] = np.linalg.lstsq(rows, values * weight, rcond=None)[0][0]
-    return found
+        fit[k] = np.linalg.lstsq(rows, values * weight, rcond=None)[0][0]
+    return fit
 
 
 # Ghia, Ghia & Shin, J. Comput. Phys. 48 (1982) 387, tables I and II, Re = 100: u/U over y at x = 1/2, v/U over x

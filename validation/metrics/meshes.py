@@ -17,13 +17,13 @@ def eigenvalues(matrix: Any) -> np.ndarray:
 def smallest_angles(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
     """Smallest angle of each triangle [degrees]; 0 where two corners coincide."""
     corner = vertices[facets]
-    found = np.full(len(facets), 180.0)
+    angle = np.full(len(facets), 180.0)
     for k in range(3):
         u, v = corner[:, (k + 1) % 3] - corner[:, k], corner[:, (k + 2) % 3] - corner[:, k]
         size = np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1)
         cosine = (u * v).sum(1) / np.where(size > 0, size, 1.0)
-        found = np.minimum(found, np.where(size > 0, np.degrees(np.arccos(np.clip(cosine, -1, 1))), 0.0))
-    return found
+        angle = np.minimum(angle, np.where(size > 0, np.degrees(np.arccos(np.clip(cosine, -1, 1))), 0.0))
+    return angle
 
 
 def neighbouring_facets(facets: np.ndarray) -> np.ndarray:

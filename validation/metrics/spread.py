@@ -71,10 +71,10 @@ def seen_from_above(position: ArrayLike, spacing: float, many: int = 5) -> dict[
     inside = np.delete(area, outside)
     stretch, weight = 0.0, 0
     for k in np.flatnonzero(sizes >= many):
-        own = points[part == k]
-        middle = 0.5 * (own[:, :2].max(0) + own[:, :2].min(0))
-        radius = np.linalg.norm(own[:, :2] - middle, axis=1).max() / spacing + 0.5 * REACH
-        stretch += sizes[k] * np.pi * radius**2 / (covered(own, spacing).sum() * CELL**2)
+        part_points = points[part == k]
+        middle = 0.5 * (part_points[:, :2].max(0) + part_points[:, :2].min(0))
+        radius = np.linalg.norm(part_points[:, :2] - middle, axis=1).max() / spacing + 0.5 * REACH
+        stretch += sizes[k] * np.pi * radius**2 / (covered(part_points, spacing).sum() * CELL**2)
         weight += int(sizes[k])
     return {
         "parts": int((sizes >= many).sum()), "lone": int((sizes == 1).sum()), "largest": float(sizes[0] / len(points)),
@@ -118,11 +118,11 @@ def euler(filled: NDArray) -> int:
     """Euler characteristic of a union of closed cubes: corners - edges + faces - cubes."""
     total = 0
     for joined in itertools.product((False, True), repeat=3):  # axes along which a cell of the complex is a joint
-        found = filled
+        cells = filled
         for axis in np.flatnonzero(joined):
-            ahead, behind = (np.delete(found, end, axis) for end in (0, -1))
-            found = ahead | behind
-        total += (-1) ** (3 - sum(joined)) * int(found.sum())
+            ahead, behind = (np.delete(cells, end, axis) for end in (0, -1))
+            cells = ahead | behind
+        total += (-1) ** (3 - sum(joined)) * int(cells.sum())
     return total
 
 

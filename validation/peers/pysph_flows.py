@@ -99,5 +99,5 @@ def work(flow: str, scheme: str, cells: int, times: list[float], viscosity: floa
 
     Watched().run(words)
     spent = time.process_time() - clock["began"]
-    found = {name: np.array(values) for name, values in seen.items()}
-    return {**found, "seconds": spent, "steps": clock["steps"]}
+    series = {name: np.array(values) for name, values in seen.items()}
+    return {**series, "seconds": spent, "steps": clock["steps"]}

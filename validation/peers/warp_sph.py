@@ -135,7 +135,7 @@ def programs() -> tuple[Any, ...]:
         i = wp.hash_grid_point_id(grid, wp.tid())
         x = position[i]
         v = velocity[i]
-        own = pressure[i]
+        pressure_i = pressure[i]
         force = wp.vec3(0.0, 0.0, 0.0)
         cohesion = wp.vec3(0.0, 0.0, 0.0)
         for j in wp.hash_grid_query(grid, x, reach):
@@ -148,7 +148,7 @@ def programs() -> tuple[Any, ...]:
                 a = 1.0 - q
                 m = mass[j]
                 volume = m / (density[j] * apart)
-                push = c.share * volume * (own + pressure[j]) * (c.slope * (20.0 * q * a * a * a))
+                push = c.share * volume * (pressure_i + pressure[j]) * (c.slope * (20.0 * q * a * a * a))
                 force += push * away
                 force += (c.viscosity * volume * apart * (c.laplacian * a)) * (velocity[j] - v)
                 shape = c.repulsion * poly6(q * c.stretch) - c.attraction * poly6(q)
@@ -225,7 +225,7 @@ def work(
         return (time.perf_counter() - began) / steps
 
     start()
-    found = {"acceleration": a.numpy().copy()} if accelerations else {}
+    answer = {"acceleration": a.numpy().copy()} if accelerations else {}
     wide = h + skin
     ways = {"each step": (h, 1), "with skin": (wide, every)}
     seconds = {
@@ -249,6 +249,6 @@ def work(
         except Exception as error:  # of any kind: what cannot be recorded is launched one by one
             why = f"{type(error).__name__}: {error}".splitlines()[0][:200]
     return {
-        **found, "particles": n, "seconds": seconds, "speed": speed, "centre": centre, "graph": why,
+        **answer, "particles": n, "seconds": seconds, "speed": speed, "centre": centre, "graph": why,
         "device": str(wp.get_device(device).name),
     }  # fmt: skip

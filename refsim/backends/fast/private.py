@@ -56,7 +56,7 @@ _lost: dict[str, str] = {}
 @functools.cache
 def names(feature: str) -> SimpleNamespace | None:
     """The names of a feature; None, noted in `lost`, where Numba lacks one of them."""
-    found = SimpleNamespace()
+    looked_up = SimpleNamespace()
     for name in FEATURES[feature].names:
         module, _, path = name.partition(":")
         try:
@@ -67,8 +67,8 @@ def names(feature: str) -> SimpleNamespace | None:
             disable_private(feature, name)
             return None
         if "." not in path:
-            setattr(found, path, value)
-    return found
+            setattr(looked_up, path, value)
+    return looked_up
 
 
 def disable_private(feature: str, name: str) -> None:

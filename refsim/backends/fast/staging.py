@@ -88,15 +88,15 @@ def _read(context: Any, builder: ir.IRBuilder, signature: Any, values: Any) -> A
     most = word(AT_A_TIME)
     number = builder.select(builder.icmp_unsigned("<", values[2], most), values[2], most)
 
-    def put(part: Any, at: Any, value: Any) -> None:
+    def store_at(part: Any, at: Any, value: Any) -> None:
         store = builder.store(value, builder.bitcast(builder.gep(part, [at]), value.type.as_pointer()))
         store.align = context.get_abi_sizeof(value.type.element)
 
     def four(at: Any, numbers: list[Any]) -> None:
         rows = [builder.zext(builder.load(builder.gep(begin, [m])), word) for m in numbers]
-        for kind, source, own in zip(arrays, sources, parts):
-            for part, value in zip(own, _components(context, builder, kind, source, rows)):
-                put(part, at, value)
+        for kind, source, part_of in zip(arrays, sources, parts):
+            for part, value in zip(part_of, _components(context, builder, kind, source, rows)):
+                store_at(part, at, value)
 
     whole = builder.and_(number, word(-FOUR))
     start, loop, rest = builder.block, builder.append_basic_block("four"), builder.append_basic_block("rest")
@@ -114,7 +114,7 @@ def _read(context: Any, builder: ir.IRBuilder, signature: Any, values: Any) -> A
         beyond = [builder.add(whole, word(n)) for n in range(FOUR)]
         four(whole, [builder.select(builder.icmp_unsigned("<", m, last), m, last) for m in beyond])
     item = parts[0][0].type.pointee
-    put(parts[0][0], number, ir.Constant(ir.VectorType(item, WIDE), [item(math.inf)] * WIDE))
+    store_at(parts[0][0], number, ir.Constant(ir.VectorType(item, WIDE), [item(math.inf)] * WIDE))
     return builder.and_(builder.add(number, word(WIDE - 1)), word(-WIDE))
 
 
@@ -137,10 +137,10 @@ def _components(context: Any, builder: ir.IRBuilder, kind: Any, source: Any, row
         for n, place in enumerate(places):
             four = builder.insert_element(four, builder.load(place), ir.IntType(32)(n))
         return [four]
-    found = [builder.load(builder.bitcast(place, ir.VectorType(item, 3).as_pointer())) for place in places]
-    for load in found:
+    vectors = [builder.load(builder.bitcast(place, ir.VectorType(item, 3).as_pointer())) for place in places]
+    for load in vectors:
         load.align = context.get_abi_sizeof(item)
-    a, b, c, d = found
+    a, b, c, d = vectors
     low, lower = shuffled(a, b, 0, 3, 1, 4), shuffled(c, d, 0, 3, 1, 4)
     high, higher = shuffled(a, b, 2, 5), shuffled(c, d, 2, 5)
     return [

@@ -257,7 +257,7 @@ class MeshBoundary(
         return "distances in a band around the mesh"
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
-        return tuple(f"{self.name}: {words}" for words in self.placed(grid).notes)
+        return tuple(f"{self.name}: {note}" for note in self.placed(grid).notes)
 
     def ledger(self, field: Callable[[str], np.ndarray]) -> dict[str, float]:
         """Number of corrections, and of particles that were corrected."""

@@ -199,8 +199,8 @@ def isosurface(band: NarrowBand, level: float = 0.0) -> tuple[Any, Any]:
     """(vertices (v, 3) [m] relative to the mesh's origin, facets (f, 3) int32) of phi = level [m]."""
     backend, blocks = band.backend, band.blocks
     at = type(band.grid.spacing)(level)
-    _, seen, wrapped = backend.library()
-    state = wrapped((seen(band.field.distance) < at).astype(np.uint8))
+    _, to_xp, from_xp = backend.array_library()
+    state = from_xp((to_xp(band.field.distance) < at).astype(np.uint8))
     cells = edges_and_facets(backend, blocks, state, 3)
     corner = backend.empty((cells.vertex_edge.shape[0], 3), band.field.distance.dtype)
     contour = Contour(band.grid.spacing, at)
@@ -270,7 +270,7 @@ def relaxed(
         step = STEP * (1.0 if printed else DECAY**iteration)
         program(position, neighbours, field, relaxation_step(radius, step, seed, printed, dtype), other, step_length)
         position, other = other, position
-        lengths = backend.library()[1](step_length)
+        lengths = backend.array_library()[1](step_length)
         moved += float(lengths.max())
         residuals.append(float(lengths.sum(dtype=np.float64)) / (radius * count))
         if watch is not None:

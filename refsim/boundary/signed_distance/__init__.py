@@ -291,8 +291,8 @@ def band_blocks(backend: Backend, triangles: Triangles, grid: BandGrid) -> tuple
         backend, "list_blocks", triangles=triangles, band_grid=grid, block_first=first, pair_key=key,
         pair_triangle=triangle,
     )  # fmt: skip
-    xp, see, give = backend.library()
-    key, triangle = see(key), see(triangle)
+    xp, to_xp, from_xp = backend.array_library()
+    key, triangle = to_xp(key), to_xp(triangle)
     order = xp.argsort(key, kind="stable")
     key, triangle = key[order], triangle[order]
     begins = xp.ones(pairs, dtype=bool)
@@ -300,8 +300,8 @@ def band_blocks(backend: Backend, triangles: Triangles, grid: BandGrid) -> tuple
     place = xp.flatnonzero(begins)
     keys = key[place]
     ends = xp.full(1, pairs, np.int32)
-    lists = TriangleLists(give(xp.concatenate([place.astype(np.int32), ends])), give(triangle))
-    return Blocks(*map(give, blocks_of(keys, 3, xp))), lists
+    lists = TriangleLists(from_xp(xp.concatenate([place.astype(np.int32), ends])), from_xp(triangle))
+    return Blocks(*map(from_xp, blocks_of(keys, 3, xp))), lists
 
 
 def block_rows(keys: np.ndarray) -> np.ndarray:

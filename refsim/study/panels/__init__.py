@@ -166,8 +166,8 @@ class Panel:
         if about.limit_of is None:
             return about.value, about.scale, about.uncertainty
         points = [self.points[key] for key in about.limit_of]
-        found = converge([p.knobs["spacing"] for p in points], [p.value for p in points if p.value is not None])
-        return found.value, abs(found.value), found.relative
+        limit = converge([p.knobs["spacing"] for p in points], [p.value for p in points if p.value is not None])
+        return limit.value, abs(limit.value), limit.relative
 
     def error(self, point: Point) -> float:
         """Relative error of a point; infinite where it failed."""
@@ -193,8 +193,8 @@ class Panel:
 def abouts() -> dict[str, PanelSpec]:
     """What every panel observes, by name, in the order of their pages."""
     files = [file for file in FOLDER.iterdir() if file.name.endswith(".toml")]
-    found = {file.name.removesuffix(".toml"): tomllib.loads(file.read_text(encoding="utf-8")) for file in files}
-    known = {name: msgspec.convert(tables["panel"], PanelSpec) for name, tables in found.items()}
+    tables_of = {file.name.removesuffix(".toml"): tomllib.loads(file.read_text(encoding="utf-8")) for file in files}
+    known = {name: msgspec.convert(tables["panel"], PanelSpec) for name, tables in tables_of.items()}
     return dict(sorted(known.items(), key=lambda item: (item[1].page, item[0])))
 
 
@@ -222,10 +222,10 @@ def parse(text: str) -> Panel:
             raise ValueError(f"its schema is {data['schema']!r}, not {SCHEMA!r}")
         about = abouts()[data["name"]]
         points = _points(about)
-        for found in msgspec.convert(data["points"], list[Point]):
-            own = points[found.key]
-            given = {name: getattr(own, name) for name in GIVEN}
-            points[found.key] = msgspec.structs.replace(found, **given)
+        for point in msgspec.convert(data["points"], list[Point]):
+            setting = points[point.key]
+            given = {name: getattr(setting, name) for name in GIVEN}
+            points[point.key] = msgspec.structs.replace(point, **given)
         return Panel(data["name"], about, msgspec.convert(data["places"], tuple[Machine, ...]), points)
     except (KeyError, TypeError, ValueError) as error:  # msgspec.ValidationError is a ValueError
         raise InputError(f"this is no stored panel ({error}); measure it anew (refsim study).") from None
@@ -234,6 +234,6 @@ def parse(text: str) -> Panel:
 def as_text(panel: Panel) -> str:
     """What was measured of the panel as its file: one point a line, without what is at its default."""
     head = {"schema": SCHEMA, "name": panel.name, "places": msgspec.to_builtins(panel.places)}
-    found = (msgspec.to_builtins(point) for point in panel.points.values() if point.place >= 0)
-    lines = [json.dumps({k: v for k, v in one.items() if k not in GIVEN}, allow_nan=False) for one in found]
+    rows = (msgspec.to_builtins(point) for point in panel.points.values() if point.place >= 0)
+    lines = [json.dumps({k: v for k, v in one.items() if k not in GIVEN}, allow_nan=False) for one in rows]
     return json.dumps(head)[:-1] + ', "points": [\n' + ",\n".join(lines) + "\n]}\n"

@@ -52,12 +52,12 @@ def fit_oscillation(times: NDArray, values: NDArray, expected: float) -> tuple[f
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", OptimizeWarning)
-                found, _ = curve_fit(curve, times, values, guess, maxfev=4000)
+                fit, _ = curve_fit(curve, times, values, guess, maxfev=4000)
         except RuntimeError:
             continue
-        rest = float(np.std(values - curve(times, *found)) / max(np.std(line), 1e-30))
-        if found[4] > 0 and found[3] > -0.1 * expected and not rest >= best[2]:
-            best = (float(found[4]), float(found[3]), rest, abs(float(found[2])))
+        rest = float(np.std(values - curve(times, *fit)) / max(np.std(line), 1e-30))
+        if fit[4] > 0 and fit[3] > -0.1 * expected and not rest >= best[2]:
+            best = (float(fit[4]), float(fit[3]), rest, abs(float(fit[2])))
     return best
 
 

@@ -36,8 +36,8 @@ def measured(
     Raises InputError for an unknown key and a backend that is not there.
     """
     require_backend(backend)
-    own = (p for p in panel.points.values() if p.program == OWN)
-    chosen = list(keys) or [p.key for p in own if p.knobs["backend"] == backend]
+    of_refsim = (p for p in panel.points.values() if p.program == OWN)
+    chosen = list(keys) or [p.key for p in of_refsim if p.knobs["backend"] == backend]
     if unknown := [key for key in chosen if key not in panel.points]:
         raise InputError(f"panel {panel.name!r} has no setting {unknown[0]!r}; it has {', '.join(panel.points)}.")
     read = read or (lambda point, number: reading_of(panel, point, scene_of(panel, point, number)))
@@ -51,15 +51,15 @@ def measured(
         waiting = [key for key in waiting if not runs[key][-1].failed]
     places = (*panel.places, place or _here(backend))
     points = {
-        key: _point(panel, panel.points[key], found, len(places) - 1)
-        for key, found in runs.items() if not found[0].failed.startswith(MISSING)
+        key: _point(panel, panel.points[key], readings_of, len(places) - 1)
+        for key, readings_of in runs.items() if not readings_of[0].failed.startswith(MISSING)
     }  # fmt: skip
     return replace(panel, places=places, points=points)
 
 
-def merged(stored: Panel, found: Panel) -> Panel:
+def merged(stored: Panel, measured_panel: Panel) -> Panel:
     """The stored panel with what was measured in place of what it had."""
-    return replace(stored, places=found.places, points={**stored.points, **found.points})
+    return replace(stored, places=measured_panel.places, points={**stored.points, **measured_panel.points})
 
 
 def reading_of(panel: Panel, point: Point, scene: Scene) -> Reading:
@@ -102,7 +102,7 @@ def _here(backend: str) -> Machine:
     return Machine(machine().partition(",")[0], 1, today, device=device, versions=dict(versions()))
 
 
-def rows(stored: Panel, found: Panel) -> list[dict[str, Any]]:
+def rows(stored: Panel, measured_panel: Panel) -> list[dict[str, Any]]:
     """One row for each setting that was measured, as plain values; `stored_...` are those on file."""
     return [
         {
@@ -111,15 +111,15 @@ def rows(stored: Panel, found: Panel) -> list[dict[str, Any]]:
             "particles": point.particles, "steps": point.steps, "stored_value": stored.points[key].value,
             "stored_error": stored.error(stored.points[key]), "stored_seconds": stored.points[key].seconds,
         }
-        for key, point in found.points.items()
+        for key, point in measured_panel.points.items()
     ]  # fmt: skip
 
 
-def text(stored: Panel, found: Panel) -> str:
+def text(stored: Panel, measured_panel: Panel) -> str:
     """The same as a table for a terminal."""
     value, _, uncertainty = stored.reference()
     about, cells, failed = stored.about, [], []
-    for row in rows(stored, found):
+    for row in rows(stored, measured_panel):
         if row["failed"]:
             failed.append(f"{row['setting']}: {row['failed']}")
             continue

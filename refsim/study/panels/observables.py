@@ -147,8 +147,8 @@ def detection_2d(simulation: Simulation) -> tuple[float, float]:
     spent = share * sum(seconds - before.get(name, 0.0) for name, seconds in stages if name.startswith(DETECTING))
     with np.load(str(FOLDER / f"{simulation.plan.scene.name}.npz")) as stored:
         truth = stored["surface"]
-    found = simulation.field("surface").astype(bool)
-    return spent, 1 - 2 * int((found & truth).sum()) / max(int(found.sum()) + int(truth.sum()), 1)
+    marked = simulation.field("surface").astype(bool)
+    return spent, 1 - 2 * int((marked & truth).sum()) / max(int(marked.sum()) + int(truth.sum()), 1)
 
 
 def _spent(values: list[Any]) -> float:
@@ -241,16 +241,16 @@ def damped_cosine(time: np.ndarray, value: np.ndarray, guess: float) -> dict[str
     fits = []
     for share in (0.94, 0.98, 1.02):
         try:
-            found, spread = curve_fit(curve, time, value, p0=[value[0], share * guess, 0.1, 0.0, 0.0], maxfev=20000)
+            fit, spread = curve_fit(curve, time, value, p0=[value[0], share * guess, 0.1, 0.0, 0.0], maxfev=20000)
         except RuntimeError:
             continue
-        fits.append((float(((curve(time, *found) - value) ** 2).mean()), found, spread))
+        fits.append((float(((curve(time, *fit) - value) ** 2).mean()), fit, spread))
     if not fits:
         return dict.fromkeys(("frequency", "error", "damping", "amplitude", "misfit"), float("nan"))
-    misfit, found, spread = min(fits, key=lambda f: f[0])
+    misfit, fit, spread = min(fits, key=lambda f: f[0])
     return {
-        "frequency": float(np.hypot(found[1], found[2])), "error": float(np.sqrt(spread[1, 1])),
-        "damping": float(found[2]), "amplitude": float(abs(found[0])), "misfit": float(np.sqrt(misfit)),
+        "frequency": float(np.hypot(fit[1], fit[2])), "error": float(np.sqrt(spread[1, 1])),
+        "damping": float(fit[2]), "amplitude": float(abs(fit[0])), "misfit": float(np.sqrt(misfit)),
     }  # fmt: skip
 
 

@@ -26,8 +26,8 @@ def pair_virials(simulation: Simulation) -> tuple[NDArray, NDArray, NDArray]:
     """
     grid = simulation.plan.grid
     position = simulation.field("position").astype(float)
-    found = cKDTree(position).query_pairs(grid.support_radius, output_type="ndarray")
-    i, j = np.concatenate([found, found[:, ::-1]]).T
+    pairs = cKDTree(position).query_pairs(grid.support_radius, output_type="ndarray")
+    i, j = np.concatenate([pairs, pairs[:, ::-1]]).T
     order = np.argsort(i, kind="stable")
     i, j = i[order], j[order]
     acceleration = _accelerations(simulation, i, j)
@@ -81,15 +81,15 @@ def inner_pressure(simulation: Simulation, radii: Iterable[float]) -> float:
     i, j, virial = pair_virials(simulation)
     away = np.sqrt((position**2).sum(1))
     nearer, farther = np.minimum(away[i], away[j]), np.maximum(away[i], away[j])
-    found = []
+    pressures = []
     for radius in radii:
         volume = 4 / 3 * np.pi * radius**3 if dim == 3 else np.pi * radius**2
         # A line of the length h that cuts the ball has an end nearer than this.
         cut = (farther > radius) & (nearer < math.hypot(radius, simulation.plan.grid.support_radius))
         whole = virial[farther <= radius].sum()
         shares = share_inside(position[i[cut]], position[j[cut]], radius)
-        found.append((whole + (shares * virial[cut]).sum()) / (dim * volume))
-    return float(np.mean(found))
+        pressures.append((whole + (shares * virial[cut]).sum()) / (dim * volume))
+    return float(np.mean(pressures))
 
 
 def share_inside(first: NDArray, second: NDArray, radius: float) -> NDArray:

@@ -100,9 +100,9 @@ class DeviceReconstruction(Reconstruction):
         return super().force(samples, blocks)
 
     def sample_counts(self, nearest: Any, count: int) -> Any:
-        xp, seen, wrapped = self.backend.library()
-        own = seen(nearest)
-        return wrapped(xp.bincount(own[own >= 0], minlength=count).astype(np.int32))
+        xp, to_xp, from_xp = self.backend.array_library()
+        particle = to_xp(nearest)
+        return from_xp(xp.bincount(particle[particle >= 0], minlength=count).astype(np.int32))
 
     def most_in_a_cell(self, surface: Surface) -> int:
         return surface.most_in_a_cell or 0

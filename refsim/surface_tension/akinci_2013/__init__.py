@@ -162,11 +162,11 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
             near, value = neighbours_in_support(grid), self.area_coefficient(grid, others) / unit
             largest, fate = LARGEST_AREA / near, "fly apart" if value * near >= SHATTERING_AREA else "boil"
             name = "area_acceleration/(gamma rho0)"
-            words = (
+            consequence = (
                 f"{name} = {value:.3g} is above {largest:.2g}, up to which drops with {near:.0f} neighbours come to"
                 f" rest: they {fate}; a shorter step does not help"
             )
-            yield Margin(name, value, largest, beyond=words)
+            yield Margin(name, value, largest, beyond=consequence)
 
     def _unstable(self, grid: Discretisation, others: Others) -> Iterator[str]:
         """Notes on an area term that changes angular momentum, stands alone, or adds kinetic energy."""

@@ -131,11 +131,11 @@ class CsfWang2019(Effect, KnowsLimits, HasErrata, FollowsScene, PullsParticles, 
         yield from stiffness_margin(self.surface_tension, LARGEST_STIFFNESS, BECAME_DROPS, grid, others)
         fluid = liquid_of(others)
         least = LEAST_VISCOSITY * math.sqrt(fluid.rest_density * self.surface_tension * grid.spacing)
-        words = (
+        consequence = (
             f"dynamic_viscosity {fluid.dynamic_viscosity:.3g} Pa s is below {least:.3g} Pa s = {LEAST_VISCOSITY:g}"
             " sqrt(rho0 sigma d), the least with which cubes became drops in one piece"
         )
-        yield Margin("dynamic_viscosity [Pa s]", fluid.dynamic_viscosity, least, least=True, beyond=words)
+        yield Margin("dynamic_viscosity [Pa s]", fluid.dynamic_viscosity, least, least=True, beyond=consequence)
 
     def nominal_tension(self, grid: Discretisation, others: Others) -> float:
         """sigma [N/m]."""

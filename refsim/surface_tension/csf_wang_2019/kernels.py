@@ -60,15 +60,15 @@ def curvature_pair(r, x_ij, mass_j, density_j, interface_normal_i, interface_nor
 def curvature(i, lane, position, mass, density, interface_normal, neighbours, gradient_smoothing, continuum, curvature):
     """Renormalised divergence of the unit normals over the active neighbours [1/m]; 0 off the surface."""
     n = three(interface_normal, i)
-    found = type(n[0])(0)
+    kappa = type(n[0])(0)
     if active(dot(n, n), continuum):
         divergence, spread = neighbour_sum(
             curvature_pair, i, lane, neighbours, position, None, mass, density, interface_normal, gradient_smoothing,
             continuum,
         )  # fmt: skip
-        found = formulas.curvature(divergence, spread, continuum)
+        kappa = formulas.curvature(divergence, spread, continuum)
     if first_lane(lane):
-        curvature[i] = found
+        curvature[i] = kappa
 
 
 @pair

@@ -201,21 +201,21 @@ class Dong2016(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=True)
         yield from super().margins(grid, others)
         if self.coheres():
             share = grid.support_radius / grid.spacing
-            words = (
+            consequence = (
                 f"with a support radius of {share:.3g} spacings only the neighbours along the diagonals of the lattice"
                 " attract: drops were found to freeze in the shape they have and to tremble, with up to 14 % of their"
                 " initial kinetic energy"
             )
-            yield Margin("support_radius/spacing", share, math.sqrt(3), least=True, beyond=words)
+            yield Margin("support_radius/spacing", share, math.sqrt(3), least=True, beyond=consequence)
         unmeasured = self._corrects() and self.coheres() and self._measured_at(grid, others) is None
         if unmeasured and (sigma := self.nominal_tension(grid, others)) > 0:
             value = self.correction_coefficient(grid, others) * liquid_of(others).rest_density * grid.spacing / sigma
             fate = "fly apart" if value >= SHATTERING_CORRECTION else "swell"
-            words = (
+            consequence = (
                 f"correction = {value:.3g} sigma/(rho0 d) is above {LARGEST_CORRECTION:g}, up to which drops come to"
                 f" rest at their density: they {fate}; a shorter step does not help"
             )
-            yield Margin("correction rho0 d/sigma", value, LARGEST_CORRECTION, beyond=words)
+            yield Margin("correction rho0 d/sigma", value, LARGEST_CORRECTION, beyond=consequence)
 
     def _rest_distance(self, grid: Discretisation) -> float:
         return grid.spacing if self.rest_distance is None else self.rest_distance

@@ -107,11 +107,11 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         own = self._own_tension(grid, others)
-        words = (
+        note = (
             f"{self.name}: the gradient energy does not act in the bulk: drops were found to spread, or to come to rest"
             " in the shape they have, with particles that gather in pairs"
         )
-        return (*super().notes(grid, others), *([words] if own > 0 else []))
+        return (*super().notes(grid, others), *([note] if own > 0 else []))
 
     def stiffness_limits(self, grid: Discretisation, others: Others) -> Iterator[tuple[float, float, str]]:
         if own := self._own_tension(grid, others):

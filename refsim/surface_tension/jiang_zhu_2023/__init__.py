@@ -336,29 +336,29 @@ class JiangZhu2023(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=T
         fluid = liquid_of(others)
         if self.pair_mode == "soft":
             number = abs(self._pressure(grid, others)) / (fluid.rest_density * fluid.sound_speed**2)
-            words = (
+            consequence = (
                 f"with pair_mode 'soft' the pair force of {number:.2g} rho0 c^2 is above {LARGEST_SOFT:g}, up to which"
                 " drops come to rest: take a larger sound_speed"
             )
-            yield Margin("pull of the soft pair force/(rho0 c^2)", number, LARGEST_SOFT, beyond=words)
+            yield Margin("pull of the soft pair force/(rho0 c^2)", number, LARGEST_SOFT, beyond=consequence)
         if not (self.balance_pressure and self.acts_on_all_pairs()):
             least = fluid.rest_density * fluid.sound_speed * grid.support_radius / LEAST_VISCOUS
-            words = (
+            consequence = (
                 f"with unbalanced cohesion and a viscosity of {fluid.dynamic_viscosity:g} Pa s, below rho0 c"
                 f" h/{LEAST_VISCOUS:g} = {least:.3g} Pa s, drops may gain kinetic energy"
             )
-            yield Margin("dynamic_viscosity [Pa s]", fluid.dynamic_viscosity, least, least=True, beyond=words)
+            yield Margin("dynamic_viscosity [Pa s]", fluid.dynamic_viscosity, least, least=True, beyond=consequence)
         if self._area() != "none":
             value, name, largest = self.ratio_of_area(others), "area_ratio", self._largest_area(others)
             if self._area() == "color":
                 unit = abs(self.signed_gamma(grid, others)) * fluid.rest_density
                 value = AKINCI_RATIO if self.area_acceleration is None else self.area_acceleration / unit
                 name = "area_acceleration/(gamma rho0)"
-            words = (
+            consequence = (
                 f"{name} = {value:.3g} is above {largest:.3g}, up to which drops with {fluid.kernels} kernels come to"
                 " rest in one piece; a shorter step does not help"
             )
-            yield Margin(name, value, largest, beyond=words)
+            yield Margin(name, value, largest, beyond=consequence)
 
     def _unstable(self, grid: Discretisation, others: Others) -> Iterator[str]:
         """Notes on pairs that are switched, and on an area term that changes angular momentum."""
@@ -393,12 +393,12 @@ class JiangZhu2023(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=T
 
     def _detection(self, others: Others) -> SurfaceDetection:
         """Detection of N and S: the scene's, with this effect's threshold and printed readings."""
-        found = detection_in(others)
-        wanted = (*found.literal, *sorted(self.printed() & {"E5", "E6", "E10", "E23"}))
-        threshold = found.threshold if self.threshold is None else self.threshold
+        detection = detection_in(others)
+        wanted = (*detection.literal, *sorted(self.printed() & {"E5", "E6", "E10", "E23"}))
+        threshold = detection.threshold if self.threshold is None else self.threshold
         changes = SurfaceDetection.paper if "paper" in self.literal else {}
         literal = tuple(dict.fromkeys(wanted))
-        return msgspec.structs.replace(found, literal=literal, threshold=threshold, **changes)
+        return msgspec.structs.replace(detection, literal=literal, threshold=threshold, **changes)
 
     def _alpha(self, dim: int) -> float:
         return ALPHA[3] if "E7" in self.printed() else ALPHA[dim]

@@ -111,14 +111,14 @@ tension_and_central_momentum_pair, tension_and_central_momentum = together(
 @pair
 def marked_pair(surface_weight_j, surface_j, zero):
     """1 for a neighbour with a weight, a NaN or a mark, else 0."""
-    found = zero
+    marked = zero
     if surface_weight_j is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
         if surface_weight_j != zero:
-            found = type(zero)(1)
+            marked = type(zero)(1)
     if surface_j is not None:  # noqa: SIM102
         if surface_j != 0:
-            found = type(zero)(1)
-    return found
+            marked = type(zero)(1)
+    return marked
 
 
 @formula
