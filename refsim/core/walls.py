@@ -29,6 +29,13 @@ class WallViscosity(NamedTuple):
     coefficient: float  # mu_b [Pa s]
 
 
+class Holding(NamedTuple):
+    """Friction at wall particles that holds the liquid, as the kernels take it."""
+
+    coefficient: float  # [Pa s]
+    steepness: int  # n of the factor (1 - r/h)^n
+
+
 class WallMotion(NamedTuple):
     """Planes beyond which wall particles move, infinite for none, and their velocity."""
 

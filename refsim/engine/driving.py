@@ -42,8 +42,8 @@ class Driving:
             self.volume = self.forces.volumes(run, np.where(moving, plan.walls.volume, 0.0))
             extrapolated = any(effect.extrapolates() for effect in effects_with(plan.effects, BringsWalls))
             pushing = self.forces.passes if extrapolated else ()
-            self.passes = [part for part in self.forces.passes if part[1].operation == FRICTION]
-            self.pressing = [part for part in pushing if part[1].operation != FRICTION]
+            self.passes = [part for part in self.forces.passes if part[1].operation in FRICTION]
+            self.pressing = [part for part in pushing if part[1].operation not in FRICTION]
         self.renew()
 
     def renew(self) -> None:

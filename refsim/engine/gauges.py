@@ -196,8 +196,8 @@ class Gauges:
         """The launches that make a force: equal shares of components together."""
         plan = run.plan
         grid, dim = plan.grid, plan.grid.dim
-        of_friction = tuple(part for part in self.walls.passes if part[1].operation == FRICTION)
-        of_pressure = tuple(part for part in self.walls.passes if part[1].operation != FRICTION)
+        of_friction = tuple(part for part in self.walls.passes if part[1].operation in FRICTION)
+        of_pressure = tuple(part for part in self.walls.passes if part[1].operation not in FRICTION)
         owner = gauge.on if gauge.on in plan.wall_rows else "box_walls"
         first, last = plan.wall_rows[owner]
         whole = np.ones((last - first, dim))

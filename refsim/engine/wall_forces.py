@@ -13,7 +13,7 @@ from refsim.engine.launching import launch_pass
 from refsim.engine.state import State
 
 OF_LIQUID = ("one_way_coupling.wall_pressure",)  # forces of walls whose own pressure is a sum over the liquid
-FRICTION = "one_way_coupling.wall_viscosity"
+FRICTION = ("one_way_coupling.wall_viscosity", "adami_2012.hold")
 
 
 class WallForces:

@@ -41,6 +41,7 @@ from refsim.smoothing import lattice, smoothing
 from refsim.sph import operations as operations
 from refsim.sph.flow import at_least, fast_flow
 from refsim.sph.resting_start import depths
+from refsim.sph.shear import delivered
 
 LIQUID = "weakly_compressible"  # name of the effect that brings the liquid
 DETECTION = "surface_detection"  # name of the effect that finds its surface
@@ -142,7 +143,7 @@ class WallFrameGravity(NamedTuple):
 class CentralViscosity(NamedTuple):
     """Parameters of the viscosity along the line of centres in kernels."""
 
-    coefficient: float  # (dim + 2) mu [Pa s], see `central_coefficient`
+    coefficient: float  # (dim + 2) mu over what layers feel of it [Pa s]
 
 
 @functools.lru_cache(maxsize=64)
@@ -598,8 +599,15 @@ class WeaklyCompressible(
 
     def central_friction(self, grid: Discretisation) -> dict[str, Any]:
         """Parameter group of the viscosity along the line of centres."""
+        return {"central_viscosity": CentralViscosity(grid.real(self.line_viscosity(grid)))}
+
+    def line_viscosity(self, grid: Discretisation) -> float:
+        """(dim + 2) mu [Pa s], of a viscosity along the line of centres over what sliding layers feel of it."""
         coefficient = central_coefficient(self.dynamic_viscosity, grid.dim)
-        return {"central_viscosity": CentralViscosity(grid.real(coefficient))}
+        if not self.central():
+            return coefficient
+        filled = self.particle_volume(grid) / grid.spacing**grid.dim
+        return coefficient / (filled * delivered(grid.support_radius / grid.spacing, grid.dim))
 
     def spreading(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         """Parameter groups of an advanced density: of its diffusion and of its return to the counted one."""

@@ -21,6 +21,7 @@ from refsim.core.effect import EFFECTS, Discretisation, Effect
 from refsim.core.period import period_group
 from refsim.scene.solids import voxelised
 from refsim.surface_energy import Tension, surface_term
+from tests import layers
 from validation import pairs
 
 D, H, RHO, C, MU = 0.14, 0.37, 870.0, 60.0, 0.4  # spacing [m], support radius [m], rho0, c [m/s], mu [Pa s]
@@ -129,6 +130,19 @@ def smoothing_group(name, dim):
         "slope_scale": norm(name, dim) / H ** (dim + 1), "laplacian_scale": 2 * dim / second / H ** (dim + 2),
         "shape": NUMBERS[name], "dim": dim,
     }  # fmt: skip
+
+
+def along_centres(dim):
+    """(dim + 2) mu along the line of centres, over what layers of the lattice feel that slide along each other."""
+    felt = layers.friction(H / D, dim) @ np.arange(1, math.ceil(H / D) + 1) ** 2
+    return (dim + 2) * MU / (felt * mass(dim) / RHO / D**dim)
+
+
+def holds(k, dim):
+    """Whether liquid between walls of whole cells does not slip that feel a friction of k times (1 - r/h)^3."""
+    volume = mass(dim) / RHO / D**dim
+    of_liquid, of_wall = (volume * s / (dim + 2) * layers.friction(H / D, dim, n) for s, n in ((LINE[dim], 0), (k, 3)))
+    return layers.judged(layers.drag(of_liquid, of_wall, 24), MU)[1] == pytest.approx(1, rel=1e-5)
 
 
 # What each effect is to hand out, from its paper's equations: {group: {member: value}}.
@@ -559,6 +573,7 @@ def jz(**changes):
 
 # (effects of the scene, the one under test first; what it is to hand out, by dimension; dimensions)
 PULL = rs.Gravity(acceleration=(0.3, -9.7, 0.0))
+LINE = {dim: along_centres(dim) for dim in (2, 3)}
 SETUPS = {
     "liquid": ((WATER,), liquid),
     "tait": ((water(state="tait", clamp_pressure=False),), lambda dim: liquid(dim, exponent=7, clamp=0)),
@@ -566,9 +581,9 @@ SETUPS = {
     "cubic spline": ((water(kernels="cubic_spline"),), lambda dim: liquid(dim, "cubic_spline")),
     # Jiang & Zhu E24, E3
     "printed liquid": ((water(literal=("all",)),), lambda dim: liquid(dim, gradient=0.5, viscosity=-MU)),
-    # zeta = 5 eta/3 of Espanol & Revenga 2003 in 3D: (dim + 2) mu along the line of centres
+    # zeta = 5 eta/3 of Espanol & Revenga 2003 in 3D
     "central viscosity": ((water(viscosity="central"),),
-        lambda dim: liquid(dim, viscosity=0.0, central=(dim + 2) * MU)),
+        lambda dim: liquid(dim, viscosity=0.0, central=LINE[dim])),
     "inviscid": ((water(dynamic_viscosity=0.0),), lambda dim: liquid(dim, viscosity=0.0)),
     "cohesive liquid": ((WATER, jz()), lambda dim: liquid(dim,
         pressure=bulk_pressure(lambda r: jiang_zhu(dim)["cohesion"]["gamma"] * jiang_zhu_shape(r, dim,
@@ -636,7 +651,7 @@ SETUPS = {
         lambda dim: dong(dim) | {"viscosity": {"coefficient": MU}, "central_viscosity": None}),
     "dong's solver, central viscosity": ((rs.Dong2016(surface_tension=SIGMA, solver="hu_adams"),
         water(viscosity="central")),
-        lambda dim: dong(dim) | {"viscosity": None, "central_viscosity": {"coefficient": (dim + 2) * MU}}),
+        lambda dim: dong(dim) | {"viscosity": None, "central_viscosity": {"coefficient": LINE[dim]}}),
     "he": ((rs.He2014(surface_tension=SIGMA, air_pressure=200.0), WATER),
         lambda dim: he(dim, SIGMA / he_unit_tension(dim, "wendland"), 200.0)),
     "he, mueller": ((rs.He2014(surface_tension=SIGMA), water(kernels="mueller")),
@@ -650,7 +665,7 @@ SETUPS = {
         lambda dim: normal_term(dim) | {"normal_tension": {"coefficient": 2.5, "printed_mass": 1}}),
     "iisph": ((rs.ImplicitPressure(), WATER), implicit),
     "iisph, central viscosity": ((rs.ImplicitPressure(), water(viscosity="central")),
-        lambda dim: implicit(dim) | {"viscosity": None, "central_viscosity": {"coefficient": (dim + 2) * MU}}),
+        lambda dim: implicit(dim) | {"viscosity": None, "central_viscosity": {"coefficient": LINE[dim]}}),
     "iisph, other settings": ((rs.ImplicitPressure(relaxation=0.4, tolerance=2e-3, iterations=(3, 50)), WATER),
         lambda dim: implicit(dim, 0.4, 2e-3, 3, 50)),
     "two-way": ((rs.TwoWayCoupling(), WATER, rs.ShapeMatching()), coupling, (3,)),
@@ -697,6 +712,9 @@ SETUPS = {
     "surface of a run": (lambda dim: (rs.SurfaceEnergy(surface_tension=SIGMA, contact_angle=70.0), MPM[dim], BETWEEN),
         surface_of_run),
     "mesh": ((block_of(), WATER), lambda dim: mesh(), (3,)),
+    "walls that hold": ((rs.BoxWalls(lower=WALLS[0], upper=WALLS[1], open_faces=("+y",), model="extrapolated",
+        no_slip=True), water(viscosity="central")), lambda dim: box_walls(dim) | {"lean": dict.fromkeys("xyz", 0.0),
+        "holding": {"coefficient": lambda k, group: holds(k, dim), "steepness": 3}}),
     "mesh, other settings": ((block_of(literal=("E27",), correction="point", every_particle=True), WATER,
         rs.Gravity(acceleration=(0.2, 0.4, -9.0))), lambda dim: mesh((0.2, 0.4, -9.0), 0, 1, 1), (3,)),
 }  # fmt: skip

@@ -58,18 +58,6 @@ def test_what_cannot_be_is_refused_in_one_sentence(changes, words):
         make_plan(channel().with_(**changes))
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_no_slip_is_friction_of_twice_the_viscosity(dtype):
-    """Also of a moving face; by what a plate drags in a few steps, whatever the liquid's viscosity."""
-    plate = {"box_walls__no_slip": True, "box_walls__viscosity": 0.0, "dtype": dtype}
-    for mu in (0.5, 3.0):
-        held = channel().with_(**plate, weakly_compressible__dynamic_viscosity=mu)
-        given = held.with_(box_walls__no_slip=False, box_walls__viscosity=2 * mu)
-        a, b = (run(scene, 3, "numpy").field("velocity") for scene in (held, given))
-        assert np.array_equal(a, b)
-        assert a[:, 0].max() > 0
-
-
 def test_a_short_period_is_refused_by_pair_exchange():
     heat = rs.HeatConduction(scheme="pair_exchange")
     scene = channel(effects=(LIQUID, heat))

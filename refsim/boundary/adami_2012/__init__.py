@@ -10,17 +10,18 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import msgspec
 
 from refsim.boundary.adami_2012 import operations as operations
+from refsim.boundary.adami_2012.no_slip import RESOLVED, STEEPNESS, holding_rate, holding_share
 from refsim.core.capabilities import BalancesCohesion, BringsWalls, FollowsScene, SumsDensity, effects_with
 from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
-from refsim.core.walls import WallViscosity
+from refsim.core.scalars import int32
+from refsim.core.walls import Holding, WallViscosity
 from refsim.sph import LIQUID, lean, liquid_of
 
 WALL_PRESSURE = Field("wall_pressure", "Pa", "pressure of the wall particles, from the liquid", rows="walls")
 WALL_STRAIN = Field("wall_strain", "m^(2 dim)/s", "strain of the liquid at the wall particles", rows="walls")
-NO_SLIP = 2.0  # viscosities of the liquid with which it slips along walls by a tenth of a spacing (docs/solutions.md)
 LEAST_SHARE = 1e-3  # of a cell that a wall particle fills
 
 
@@ -50,7 +51,11 @@ class ParticleWalls(Effect, BringsWalls, FollowsScene, SumsDensity, frozen=True,
             raise InputError(
                 f"{self.name}: no_slip needs a liquid with viscosity; give {liquid.name} a dynamic_viscosity."
             )
-        return msgspec.structs.replace(self, model=model, viscosity=NO_SLIP * liquid.dynamic_viscosity, no_slip=False)
+        return msgspec.structs.replace(self, model=model)
+
+    def layer_volumes(self, grid: Discretisation, others: Others) -> tuple[float, ...]:
+        """Volumes of flat walls of each layer over those of as much lattice [-]; () for whole cells."""
+        return ()
 
     def extrapolates(self) -> bool:
         return self.model == "extrapolated"
@@ -62,6 +67,10 @@ class ParticleWalls(Effect, BringsWalls, FollowsScene, SumsDensity, frozen=True,
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         return (*self.pressure_passes(others), *self.friction_passes())
+
+    def rubs(self) -> bool:
+        """Whether there is friction at its particles."""
+        return self.no_slip or self.viscosity > 0
 
     def pressure_passes(self, others: Others) -> tuple[Pass, ...]:
         """Extrapolation from the liquid and push of all walls, of the first effect with such walls."""
@@ -78,20 +87,35 @@ class ParticleWalls(Effect, BringsWalls, FollowsScene, SumsDensity, frozen=True,
         )
 
     def friction_passes(self) -> tuple[Pass, ...]:
-        """Friction at the wall particles, where there is a viscosity."""
-        if self.viscosity == 0:
+        """Friction at the wall particles, where there is some."""
+        if not self.rubs():
             return ()
-        names = {"smoothing": "gradient_smoothing"}
-        return (Pass("one_way_coupling.wall_viscosity", updates=("acceleration",), names=names),)
+        operation = "adami_2012.hold" if self.no_slip else "one_way_coupling.wall_viscosity"
+        return (Pass(operation, updates=("acceleration",), names={"smoothing": "gradient_smoothing"}),)
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         groups: dict[str, Any] = lean(grid, others) if self.extrapolates() else {}
+        if self.no_slip:
+            steepness = int32(STEEPNESS[liquid_of(others).central()])
+            return groups | {"holding": Holding(grid.real(self._holding(grid, others)), steepness)}
         return groups | ({"wall_viscosity": WallViscosity(grid.real(self.viscosity))} if self.viscosity > 0 else {})
 
+    def _holding(self, grid: Discretisation, others: Others) -> float:
+        """Coefficient of the friction by which liquid does not slip [Pa s]."""
+        liquid, volumes = liquid_of(others), self.layer_volumes(grid, others)
+        share = holding_share(grid.support_radius / grid.spacing, grid.dim, liquid.central(), volumes)
+        return share * liquid.line_viscosity(grid)
+
     def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
-        if self.viscosity == 0:
+        if not self.rubs():
             return {}
-        return {"wall friction": StepLimit.friction(grid, self.viscosity, liquid_of(others).rest_density)}
+        density = liquid_of(others).rest_density
+        if not self.no_slip:
+            return {"wall friction": StepLimit.friction(grid, self.viscosity, density)}
+        central, volumes = liquid_of(others).central(), self.layer_volumes(grid, others)
+        rate = holding_rate(grid.support_radius / grid.spacing, grid.dim, central, volumes)
+        seconds = RESOLVED * density * grid.spacing**2 / (self._holding(grid, others) * rate)
+        return {"wall friction": StepLimit.constant(seconds)}
 
 
 def account(others: Others) -> EnergyAccount | None:

@@ -1,19 +1,24 @@
 """Inputs and closed forms of walls after Adami, Hu & Adams 2012."""
 
+import math
+
 import numpy as np
 
 from refsim.boundary.akinci_2012 import BoxWalls
-from refsim.core.cases import Exact, at, example, groups, takes
-from refsim.core.walls import WallParticles
+from refsim.core.cases import Exact, at, closed_form, example, groups, takes
+from refsim.core.scalars import int32
+from refsim.core.walls import Holding, WallMotion, WallParticles
 from refsim.smoothing.cases import for_each_kernel
 from refsim.sph import Fluid, WallFrameGravity
 
 takes("adami_2012.strain", fluid="rest_density")
 takes("adami_2012.extrapolation", fluid="rest_density clamp internal_pressure")
 takes("adami_2012.wall_force", fluid="clamp internal_pressure")
+takes("adami_2012.hold", smoothing="support_radius dim")
 example(BoxWalls(lower=(-0.03, -0.03, -0.5), upper=(0.8, 0.8, 0.8)))
 
 
+groups(holding=lambda case, grid: Holding(grid.real(0.7), int32(3)))
 groups(lean=lambda case, grid: WallFrameGravity(*map(grid.real, (2.0, -9.0, 1.5 if case.dim == 3 else 0.0))))
 
 
@@ -103,3 +108,34 @@ def pushed_by_its_wall(w):
     return Exact(
         _beside(place), inputs, {"acceleration": [[0.0, -push[0], 0.0], push[1] * np.array([0.5, 3.0, -0.25])]}
     )
+
+
+@closed_form("adami_2012.hold")
+def held_by_its_wall():
+    """h = 2 m, r = 1 m: lap W = 45/(pi h^6) (h - r), (1 - r/h)^3 = 1/8; a = k V_b lap W/(8 rho) e e.(v_b - v)."""
+    place = np.array([[0.0, 0.6, 0.8]])
+    velocity, along = np.array([[1.0, -2.0, 0.5]]), np.array([0.0, -0.6, -0.8])
+    drag = 3.0 * 0.25 * 45 / (math.pi * 64) / 8 / 500.0
+    inputs = {
+        "walls": WallParticles(place, np.array([0.25])), "velocity": velocity, "density": [500.0],
+        "holding": Holding(3.0, 3), "wall_motion": None, "period": None,
+    }  # fmt: skip
+    return Exact(at("held", [0, 0, 0], place), inputs, {"acceleration": -drag * (velocity @ along)[:, None] * along})
+
+
+@closed_form("adami_2012.hold")
+def drawn_by_moving_walls():
+    """The same with walls before and beyond planes of each axis; those beyond move, and are twice to seven times as
+    large."""
+    resting = held_by_its_wall()
+    place = np.array([[0.0, 0.6, 0.8], [0.0, 0.6, -0.8], [-1, 0, 0], [0, -1, 0], [0.8, 0, -0.6]])
+    wall, volume = np.array([3.0, -4.0, -1.0]), 0.25 * np.array([1, 2, 3, 5, 7])
+    lower, upper = np.array([-0.9, -0.9, -0.7]), np.array([np.inf, np.inf, 0.7])
+    moves = np.array([True, True, True, True, False])
+    apart = np.where(moves[:, None], wall, 0) - resting.inputs["velocity"]
+    drag = 3.0 * volume * 45 / (math.pi * 64) / 8 / 500.0
+    inputs = resting.inputs | {
+        "walls": WallParticles(place, volume), "wall_motion": WallMotion(lower, upper, wall),
+    }  # fmt: skip
+    pull = (drag * (apart * place).sum(1)) @ place
+    return Exact(at("drawn", [0, 0, 0], place), inputs, {"acceleration": pull[None, :]})

@@ -4,9 +4,9 @@ from refsim.backends.compile import kernel
 from refsim.backends.tuples import dot, over
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector
-from refsim.smoothing.formulas import gradient_factor, kernel_value
+from refsim.smoothing.formulas import gradient_factor, kernel_value, safe_distance, viscosity_laplacian
 from refsim.sph.formulas import borne_pressure, corrected
-from refsim.sph.kernels import LIQUID_PHASE
+from refsim.sph.kernels import LIQUID_PHASE, wall_moves
 
 FILM = 1e-3  # weight of a film on solids where there is liquid, too
 
@@ -100,3 +100,28 @@ def wall_force(
     if correction_diagonal is not None:
         force = corrected(correction_diagonal[i], correction_mixed[i], force)
     add_vector(acceleration, i, lane, over(force, density[i]))
+
+
+@pair
+def holding_pair(r, x_ij, velocity_i, place_j, volume_j, smoothing, holding, wall_motion):
+    """Viscosity along the line of centres times (1 - r/h)^n of a wall particle, at rest or moving [N/m^3]."""
+    parting = -dot(velocity_i, x_ij)
+    if wall_motion is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
+        if wall_moves(place_j, wall_motion):
+            parting += dot(wall_motion.velocity, x_ij)
+    near, apart = type(r)(1) - r * smoothing.inverse_radius, safe_distance(r, smoothing)
+    f = holding.coefficient * volume_j * viscosity_laplacian(r, smoothing)
+    for _ in range(holding.steepness):
+        f *= near
+    f = f * parting / (apart * apart)  # a product with 1/r^2 may overflow: its factors are taken in any order
+    return f * x_ij[0], f * x_ij[1], f * x_ij[2]
+
+
+@kernel
+def hold(i, position, velocity, density, walls, smoothing, holding, wall_motion, period, acceleration):
+    """Friction of walls that hold the liquid; added to the acceleration [m/s^2]."""
+    force = neighbour_sum(
+        holding_pair, i, None, walls, position, period, velocity, walls.position, walls.volume, smoothing, holding,
+        wall_motion,
+    )  # fmt: skip
+    add_vector(acceleration, i, None, over(force, density[i]))

@@ -6,7 +6,7 @@ from refsim.boundary.adami_2012 import reference as ref
 from refsim.core.operation import SYMMETRY, operations
 from refsim.core.terms import Terms, maximum, where
 from refsim.neighbours.sums import Fields, neighbours, wall_particles
-from refsim.sph.operations import symmetric
+from refsim.sph.operations import moving, symmetric
 
 operation = operations(paper="Adami, Hu & Adams 2012")
 _CORRECTION = "correction_diagonal correction_mixed"
@@ -75,3 +75,17 @@ def wall_force(
     if correction_diagonal is not None:
         a = Fields(b=symmetric(correction_diagonal, correction_mixed)).at(rows).b @ a
     return {"acceleration": a}
+
+
+@operation(
+    "no slip", paper="this project; Espanol & Revenga 2003", adds="acceleration", optional="wall_motion period",
+    variants=("wall_motion period", "", "wall_motion"), tolerance=16.0,
+    reason="those of sph.central_viscosity, and the power of 1 - r/h",
+    invariants=SYMMETRY, broken={1: "translation rotation", 2: "rotation"},
+)  # fmt: skip
+def hold(position, velocity, density, walls, smoothing, holding, wall_motion=None, period=None, rows=None):
+    """Acceleration [m/s^2] by walls that hold the liquid, at rest or moving by `wall_motion` beyond its planes."""
+    i = Fields(position=position, velocity=velocity, density=density)
+    w = wall_particles(walls, velocity=moving(walls, wall_motion))
+    at_walls = neighbours(i, w, smoothing, period=period, rows=rows)
+    return {"acceleration": at_walls(ref.holding_force, k=holding.coefficient, n=int(holding.steepness))}

@@ -1,7 +1,7 @@
 """Walls after Adami, Hu & Adams 2012: the term of one pair in each sum."""
 
-from refsim.core.terms import maximum, where
-from refsim.sph.reference import internal_pressure
+from refsim.core.terms import clip, maximum, where
+from refsim.sph.reference import internal_pressure, steepness
 
 
 def share(w, j, wj):
@@ -38,3 +38,9 @@ def strain(w, f, wf):
 def wall_force(i, w, iw):
     """a_i = -(1/rho_i) B_i sum_w V_w (p_i + p_w) grad W_iw [m/s^2]."""
     return -w.volume * (i.pressure + w.pressure) / i.density * iw.gradient
+
+
+def holding_force(i, w, iw, k, n):
+    """a_i = (2 k/rho_i) sum_w V_w F_iw (1 - r/h)^n e_iw e_iw.(v_w - v_i) [m/s^2], F of the liquid's viscosity."""
+    shape = 2 * k * w.volume / i.density * steepness(iw.r, iw.h, iw.dim) * clip(1 - iw.r / iw.h, 0, 1) ** n
+    return shape * (iw.e @ (w.velocity - i.velocity)) * iw.e

@@ -40,7 +40,7 @@ class BoxWalls(ParticleWalls, HasPlanes, HasErrata, frozen=True, kw_only=True):
                   extrapolated with an advanced density, else mirrored
     open_faces    faces without wall, of "-x", "+x", "-y", "+y", "-z", "+z"
     viscosity     mu_b of the friction between liquid and wall particles [Pa s]; 0 for free slip
-    no_slip       friction that holds the liquid at the wall: twice the liquid's viscosity
+    no_slip       friction with which the liquid's velocity at the walls is theirs
     moving_faces  faces that move in their own plane and drag the liquid by their friction
     velocity      of the moving faces [m/s]
     literal       readings of Akinci et al.: their own choice "g" (g = 1 in V_b, not calibrated); or "paper" or "all",
@@ -105,16 +105,17 @@ class BoxWalls(ParticleWalls, HasPlanes, HasErrata, frozen=True, kw_only=True):
                 )
         if grid.dim == 2 and self.velocity[2] != 0:
             raise InputError(f"{self.name}: velocity has a z part in a 2D scene; set it to 0.")
-        if self.moving_faces and self.viscosity == 0:
+        if self.moving_faces and not self.rubs():
             raise InputError(
                 f"{self.name}: moving_faces drag the liquid by friction only; set no_slip, or give a viscosity above 0."
             )
         if any(self.velocity) and not self.moving_faces:
             raise InputError(f"{self.name}: a velocity is given and no face moves; name it in moving_faces.")
         rivals = [e.name for e in others.values() if isinstance(e, BringsWalls) and e.name != self.name]
-        if self.viscosity > 0 and rivals:
+        if self.rubs() and rivals:
+            key = "no_slip" if self.no_slip else "viscosity"
             raise InputError(
-                f"{self.name}: its viscosity would act at the particles of {rivals[0]} as well; give viscosity to"
+                f"{self.name}: its {key} would act at the particles of {rivals[0]} as well; give {key} to"
                 f" {rivals[0]}, whose friction acts at all walls, or leave it out."
             )
 
@@ -149,10 +150,20 @@ class BoxWalls(ParticleWalls, HasPlanes, HasErrata, frozen=True, kw_only=True):
             return None
         if self.extrapolates():
             return self._beside(position, grid, others)
+        sums = wall_kernel_sums(position, liquid_of(others).sum_kernel(), grid.support_radius, grid.dim, grid.period)
+        return WallParticles(position, self._factor(grid, others) / sums)
+
+    def _factor(self, grid: Discretisation, others: Others) -> float:
+        """g of V_b."""
         shape = liquid_of(others).sum_kernel()
-        factor = 1.0 if "g" in self.printed() else calibrated_factor(shape, grid.support_radius, grid.spacing, grid.dim)
-        sums = wall_kernel_sums(position, shape, grid.support_radius, grid.dim, grid.period)
-        return WallParticles(position, factor / sums)
+        return 1.0 if "g" in self.printed() else calibrated_factor(shape, grid.support_radius, grid.spacing, grid.dim)
+
+    def layer_volumes(self, grid: Discretisation, others: Others) -> tuple[float, ...]:
+        if self.extrapolates():
+            return ()
+        liquid = liquid_of(others)
+        layer, _ = lattice_layers(liquid.sum_kernel(), grid.support_radius, grid.spacing, grid.dim)
+        return (self._factor(grid, others) / layer[0] / liquid.particle_volume(grid),)
 
     def _beside(self, position: np.ndarray, grid: Discretisation, others: Others) -> WallParticles:
         """Cells at (m, 3) [m] less what other walls fill of them: each at the centre of the rest."""

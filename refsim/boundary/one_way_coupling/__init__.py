@@ -28,7 +28,7 @@ from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.walls import WallParticles
-from refsim.smoothing import smoothing
+from refsim.smoothing import Smoothing, smoothing
 from refsim.sph import acceleration_of, liquid_of, pressure_is_replaced
 
 MOST_LAYERS = 100  # of boundary particles
@@ -66,7 +66,7 @@ class MeshBoundary(
                     the liquid, Adami et al.) or "mirrored" (boundary particles on the surface and below it, as in the
                     patent); by default extrapolated with an advanced density, else mirrored
     viscosity       mu_b of the friction between liquid and boundary particles [Pa s]; 0 for free slip
-    no_slip         friction that holds the liquid at the wall: twice the liquid's viscosity
+    no_slip         friction with which the liquid's velocity at the walls is zero
     adhesion        beta [m^4/(kg s^2)], coefficient of the attraction by boundary particles; 0 for none
     correction      of particles that would enter the solid: "swept" (where their path enters it), "point" (where their
                     step ends, as printed) or "none"
@@ -171,16 +171,27 @@ class MeshBoundary(
         if self.extrapolates():
             share, position = self.placed(grid).cells(grid.spacing, adami_2012.layers(grid))
             return WallParticles(position, share * liquid_of(others).particle_volume(grid))
-        solid, radius = self.placed(grid), self.radius or 0.5 * grid.spacing
-        shape = liquid_of(others).sum_kernel()
+        solid, shape = self.placed(grid), liquid_of(others).sum_kernel()
         parts = (solid.position, *solid.beneath)
-        if self.volume_factor or "E30" in self.printed():
-            factors = (self.volume_factor or 1.0,) * len(parts)
-        else:
-            factors = layer_factors(shape, grid.support_radius, grid.spacing, radius, len(parts))
         position = np.concatenate(parts)
-        factor = np.repeat(factors, [len(part) for part in parts])
+        factor = np.repeat(self._factors(grid, others, len(parts)), [len(part) for part in parts])
         return WallParticles(position, factor / wall_kernel_sums(position, shape, grid.support_radius, 3))
+
+    def _factors(self, grid: Discretisation, others: Others, layers: int, own: bool = True) -> tuple[float, ...]:
+        """g of each layer, the calibrated ones where not `own`."""
+        if own and (self.volume_factor or "E30" in self.printed()):
+            return (self.volume_factor or 1.0,) * layers
+        shape, radius = liquid_of(others).sum_kernel(), self.radius or 0.5 * grid.spacing
+        return layer_factors(shape, grid.support_radius, grid.spacing, radius, layers)
+
+    def layer_volumes(self, grid: Discretisation, others: Others) -> tuple[float, ...]:
+        """All layers lack the same; volumes follow the factors of V_b."""
+        if self.extrapolates():
+            return ()
+        layers = self._layers(grid)
+        depth = layer_depth(liquid_of(others).sum_kernel(), grid.support_radius, grid.spacing, layers)
+        given, calibrated = (self._factors(grid, others, layers, own) for own in (True, False))
+        return tuple(depth / grid.spacing * g / c for g, c in zip(given, calibrated))
 
     def filled(self, grid: Discretisation, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return self.taken(grid, points) if self.extrapolates() else super().filled(grid, points)
@@ -279,16 +290,8 @@ def layer_factors(shape: str, support_radius: float, spacing: float, radius: flo
     from refsim.smoothing.reference import kernel_value
 
     kernel = smoothing(shape, support_radius, 3)
-
-    def of_plane(away: float) -> float:
-        """Integral of W over a plane at distance `away` [1/m]."""
-        rim = math.sqrt(max(support_radius**2 - away**2, 0.0))
-        node, weight = np.polynomial.legendre.leggauss(200)
-        rho = 0.5 * rim * (node + 1)
-        return float((0.5 * rim * weight * 2 * math.pi * rho * kernel_value(np.hypot(rho, away), kernel)).sum())
-
-    _, lacking = lattice_layers(shape, support_radius, spacing, 3)
-    lacking /= sum(of_plane((k + 1) * spacing) for k in range(layers))  # s d
+    of_plane = functools.partial(_of_plane, kernel)
+    lacking = layer_depth(shape, support_radius, spacing, layers)
     apart = 2 * radius
     far = math.ceil(2 * support_radius / apart) + 1
     a, b = np.meshgrid(np.arange(-far, far + 1), np.arange(-far, far + 1))
@@ -296,3 +299,21 @@ def layer_factors(shape: str, support_radius: float, spacing: float, radius: flo
     area = 0.5 * math.sqrt(3) * apart**2
     others = [sum(of_plane(abs(k - m) * spacing) for m in range(layers) if m != k) for k in range(layers)]
     return tuple(lacking * (area * own + other) for other in others)
+
+
+def layer_depth(shape: str, support_radius: float, spacing: float, layers: int) -> float:
+    """s d [m], volume of a calibrated layer per area; see `layer_factors`."""
+    kernel = smoothing(shape, support_radius, 3)
+    _, lacking = lattice_layers(shape, support_radius, spacing, 3)
+    return lacking / sum(_of_plane(kernel, (k + 1) * spacing) for k in range(layers))
+
+
+def _of_plane(kernel: Smoothing, away: float) -> float:
+    """Integral of W over a plane at distance `away` [1/m]."""
+    from refsim.smoothing.reference import kernel_value
+
+    h = float(kernel.support_radius)
+    rim = math.sqrt(max(h**2 - away**2, 0.0))
+    node, weight = np.polynomial.legendre.leggauss(200)
+    rho = 0.5 * rim * (node + 1)
+    return float((0.5 * rim * weight * 2 * math.pi * rho * kernel_value(np.hypot(rho, away), kernel)).sum())
