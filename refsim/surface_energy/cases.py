@@ -262,6 +262,13 @@ def candidates_on_two_segments():
     return _candidates([0, 1, 4], [[0, 1], [1, 2]], [0, 1 << 20, 4 << 20], (1, 4), [0, 1, 1, 1], x)
 
 
+@closed_form("surface_energy.candidates")
+def candidates_of_one_unit_of_area():
+    """Two segments of one unit each, and a candidate on each."""
+    x = [k + (reference.hash_word(1, k, 1) >> 8) / 2**24 for k in range(2)]
+    return _candidates([0, 1, 2], [[0, 1], [1, 2]], [0, 1, 2], (1, 2), [0, 1], x)
+
+
 # Facets without area: all candidates on the last of them
 closed_form(
     "surface_energy.candidates",

@@ -56,7 +56,7 @@ SWAPPED = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.M
 
 
 def functions_behind(operation):
-    """The operation's kernel and every function of refsim that it calls, directly or through others."""
+    """The operation's kernel and every function of refsim that it names, directly or through others."""
     found, waiting = {}, [operation.program("cpu")]
     while waiting:
         function = inspect.unwrap(waiting.pop())
@@ -65,15 +65,16 @@ def functions_behind(operation):
             continue
         found[key] = function
         for node in ast.walk(parsed(function)):
-            for name in [node.func, *node.args] if isinstance(node, ast.Call) else []:  # some are handed over
-                with contextlib.suppress(Exception):
-                    called = inspect.unwrap(eval(ast.unparse(name), dict(function.__globals__)))
-                    if (
-                        inspect.isfunction(called)
-                        and called.__module__.startswith("refsim.")
-                        and not called.__module__.startswith(SHARED)
-                    ):
-                        waiting.append(called)
+            if not isinstance(node, (ast.Name, ast.Attribute)):  # some are handed over, or chosen
+                continue
+            with contextlib.suppress(Exception):
+                called = inspect.unwrap(eval(ast.unparse(node), dict(function.__globals__)))
+                if (
+                    inspect.isfunction(called)
+                    and called.__module__.startswith("refsim.")
+                    and not called.__module__.startswith(SHARED)
+                ):
+                    waiting.append(called)
     return list(found.values())
 
 
@@ -99,9 +100,10 @@ def sites(tree, flags=False):
     names = {n.id for n in nodes if isinstance(n, ast.Name)}
     taken = {n.arg for n in nodes if isinstance(n, ast.arg)}
     other = {"j": "i", "b": "i", "i": "j" if "j" in names else ""}
-    typed = {part for node in nodes if of_type(node) for part in ast.walk(node)}  # of which only the type is taken
+    skipped = {part for node in nodes if of_type(node) for part in ast.walk(node)}  # of which only the type is taken
+    skipped |= {part for node in getattr(tree.body[0], "decorator_list", ()) for part in ast.walk(node)}  # left out
     for number, node in enumerate(nodes):
-        if node in typed:
+        if node in skipped:
             continue
         if isinstance(node, (ast.BinOp, ast.AugAssign)) and type(node.op) in SWAPPED:
             yield number, lambda n: setattr(n, "op", SWAPPED[type(n.op)]())

@@ -42,13 +42,13 @@ def _beside(wall_position):
     return at("beside_walls", position, wall_position)
 
 
-def _extrapolated(phase, wanted, wet=(0.0, 0.0), **cohesion):
+def _extrapolated(phase, wanted, wet=(0.0, 0.0), pressure=(300.0, 500.0), clamp=0, **cohesion):
     """Wall particles 1 m from both particles and far away."""
     place = np.array([[0.0, 1.0, 0.0], [0.0, 9.0, 0.0]])
     inputs = {
-        "density": [1000.0, 500.0], "pressure": [300.0, 500.0], "lean": WallFrameGravity(2.0, -9.0, 1.5),
+        "density": [1000.0, 500.0], "pressure": [*pressure], "lean": WallFrameGravity(2.0, -9.0, 1.5),
         "walls": WallParticles(place, np.full(2, 0.5)), "period": None, "phase": phase and np.array(phase, np.int32),
-        "wet": phase and np.array(wet), "fluid": Fluid(2000.0, 4e5, 1, 0, **cohesion),
+        "wet": wet and phase and np.array(wet), "fluid": Fluid(2000.0, 4e5, 1, clamp, **cohesion),
     }  # fmt: skip
     return Exact(_beside(place), inputs, {"wall_pressure": [wanted, 0.0]})
 
@@ -62,6 +62,12 @@ for_each_kernel(
         None, 0.5 * (250.0 + 1000.0 * -9.0 + 487.5 - 500.0 * -9.0), internal_pressure=200.0
     ),
     beside_a_solid=lambda w: _extrapolated([0, 1], 300.0 + 1000.0 * -9.0),
+    beside_a_dry_solid=lambda w: _extrapolated([0, 1], 300.0 + 1000.0 * -9.0, wet=None),
+    # pressures below 1 Pa are kept
+    clamped_liquid=lambda w: _extrapolated(
+        None, 0.5 * (0.5 + 1000.0 * -9.0 + 0.25 - 500.0 * -9.0), pressure=(0.5, 0.25), clamp=1
+    ),
+    thin_films=lambda w: _extrapolated([1, 2], 0.25 * 0.5 + 0.75 * 0.25, wet=[0.1, 0.3], pressure=(18000.5, -17999.75)),
     # p_1 + rho_1 g.(0, 1, 0) of liquid, and with 1/1000 of the weight a film of p_2 - rho0 g.(0, 1, 0)
     beside_a_film=lambda w: _extrapolated([0, 1], (300.0 - 9000.0 + 1e-3 * (500.0 + 18000.0)) / 1.001, wet=[0.0, 1.0]),
     # mean of max(0, p_1 + rho0 g.(0, 1, 0)) = 0 and p_2 - rho0 g.(0, 1, 0) by their wetness

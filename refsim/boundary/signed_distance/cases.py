@@ -206,6 +206,18 @@ closed_form("signed_distance.nearest", nodes_of_a_cube=lambda: _cube("unsigned_d
 closed_form("signed_distance.signs", signs_of_a_cube=lambda: _cube("distance"))
 
 
+@closed_form("signed_distance.signs")
+def signs_by_a_winding_number_above_one_half():
+    """Three faces of a far cube, 1/6 each, and a small part of a fourth wind around all nodes 1/2 + 1/400 times."""
+    far, unit = 1e4, np.array([[1.0, -1, -1], [1, 1, -1], [1, 1, 1], [1, -1, 1]])
+    faces = [np.roll(unit, axis, 1)[corners] for axis in range(3) for corners in ([0, 1, 2], [0, 2, 3])]
+    corners = far * np.array([*faces, [[-1, 0, 0], [-1, 0, 0.25], [-1, 0.25, 0]]])
+    inputs = band_of("unit_cube", "float64")
+    given = {"winding_clusters": clusters(corners, "float64"), "unclear": np.ones_like(inputs["unclear"])}
+    nodes = np.minimum(np.abs(cube_distance(0.5 * operations.node_table(inputs["band_blocks"]))), 1.25)
+    return Exact(CASES["unit_cube"](), given, {"distance": np.where(inputs["closest"] >= 0, -nodes, nodes)})
+
+
 @closed_form("signed_distance.fill")
 def inside_of_a_thick_box():
     """Nodes deeper than the band of 1/8 m are at -1/8 m; blocks whose line ends inside are followed by inside."""
