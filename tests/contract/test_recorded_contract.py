@@ -9,7 +9,7 @@ from refsim import simulate
 from refsim.contract import Target
 from refsim.contract.answers import CLOUDS
 from refsim.contract.bounds import Bounds, edge_terms, oracle
-from refsim.contract.properties import CONSERVED, TOTALS, Usual, descriptions, force_bound, on_grid
+from refsim.contract.properties import CONSERVED, TOTALS, Usual, by_ranks, descriptions, force_bound, on_grid
 from refsim.contract.trajectories import Snapshot
 from refsim.contract.whole_runs import Measure, compare, measures, sensitivities
 from refsim.core.operation import REGISTRY
@@ -38,6 +38,37 @@ def test_other_descriptions_of_a_cloud_are_as_ever(dim, variant, recorded):
         inputs, back = other()
         found[name] = told(inputs), back(np.arange(3.0 * len(inputs["position"])).reshape(-1, 3))
     recorded(found)
+
+
+@pytest.mark.parametrize("ranks", [2, 4])
+@pytest.mark.parametrize("variant", [0, 2])
+def test_ranks_get_their_share_and_what_is_within_reach(variant, ranks, monkeypatch):
+    """Each particle once, in slices along x; behind them all others within the list's reach, across a border too."""
+    target = target_of("sph.momentum", variant)
+    usual, given = Usual(target, CLOUDS[3]), []
+
+    def launch(target, inputs, *arguments, owned=None, **named):
+        given.append((inputs["position"], owned))
+        return kept(target, inputs, *arguments, owned=owned, **named)
+
+    assert by_ranks(usual, ranks).error <= 1
+    kept = Target.launch
+    monkeypatch.setattr(Target, "launch", launch)
+    assert by_ranks(usual, ranks).passed
+    x, period = usual.inputs["position"], usual.inputs["period"]
+    reach = usual.inputs.case.list_radius * (1 + usual.inputs.case.skin)
+    assert np.array_equal(np.concatenate([p[:owned] for p, owned in given]), x[np.argsort(x[:, 0], kind="stable")])
+    assert len(given) == ranks
+    for places, owned in given:
+        ghosts = {tuple(place) for place in places[owned:]}
+        own = {tuple(place) for place in places[:owned]}
+        for place in x:
+            d = np.abs(places[:owned] - place)
+            if period is not None:
+                lengths = np.where(np.array(period[:3]) > 0, period[:3], np.inf)
+                d = np.minimum(d, lengths - d)
+            near = min(np.sqrt((d * d).sum(1))) < reach
+            assert (tuple(place) in ghosts) == (near and tuple(place) not in own)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -77,6 +108,10 @@ def test_bounds_are_as_ever(operation, variant, recorded):
                     plain = next(bounds.growing(name, value, scale, start))
                     closed = next(bounds.growing(name, value, None, start))
                     found[f"{name} {dim} {rows is None} {share}"] = plain, closed, bounds.near()
+                    bounds.conditioned, bounds.jumps = lambda n=name: {n: 5.0}, lambda n=name: {n: 3.0}
+                    _, more, most = bounds.growing(name, value, scale, start)
+                    assert more - plain == pytest.approx(5.0 * share * bounds.factor, rel=1e-3)
+                    assert most - more == pytest.approx(3.0 * share)
     recorded(found)
 
 
