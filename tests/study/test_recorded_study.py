@@ -160,6 +160,30 @@ def test_seconds_of_a_study_are_those_of_steps_without_what_first_calls_take(tmp
     assert timed.wall == pytest.approx(29.0)  # where the clock did not go on
 
 
+def test_a_value_is_reached_between_two_looks():
+    """Of a run of 0.3 s a step looks are 5 s apart at the least: by a straight line between those about the value."""
+    for values, reaches, expected in (
+        (lambda t: 2 + t**2, 40.0, (5.1, 10.2)), (lambda t: 2 - t**2, -40.0, (5.1, 10.2)), (lambda t: 7.0, 7.0, None),
+        (lambda t: t, 9000.0, "only 2000"), (lambda t: -t, -9000.0, "only -2000"),
+        (lambda t: 2.0 * (t > 1999.8), 1.0, (1999.2, 2000.1)),
+    ):  # fmt: skip
+        run = types.SimpleNamespace(time=0.0, plan=types.SimpleNamespace(scene=types.SimpleNamespace(end_time=2000.0)))
+        looks, clock = [], types.SimpleNamespace(step=lambda run=run: setattr(run, "time", round(run.time + 0.3, 9)))
+        observable = lambda run, v=values, looks=looks: (looks.append(run.time), v(run.time))[1]  # noqa: E731
+        observable.name = "own"
+        if isinstance(expected, str):
+            with pytest.raises(errors.InputError, match=expected):
+                runs._when(run, observable, reaches, clock)
+            assert np.diff(looks[:-1]).min() >= 2000 / runs.SAMPLES * (1 - 1e-9)
+        elif expected is None:
+            assert runs._when(run, observable, reaches, clock) == 0.0
+        else:
+            a, b = expected
+            line = a + (reaches - values(a)) / (values(b) - values(a)) * (b - a)
+            assert runs._when(run, observable, reaches, clock) == pytest.approx(line)
+            assert looks[-2:] == pytest.approx([a, b])
+
+
 def test_what_a_scene_costs_leaves_out_what_first_calls_take(monkeypatch):
     """Of ten timed steps of 2 s of the processor, 4 s by the clock, one calls a stage first, for 4 s."""
     clock, plan, steps = Clock(), make_plan(tank()), []

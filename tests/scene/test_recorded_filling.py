@@ -1,0 +1,103 @@
+"""Cells that a body leaves: shares and centres by loops over points, and what fills them in numbers."""
+
+import math
+import types
+
+import numpy as np
+import pytest
+
+from refsim.core.effect import Discretisation
+from refsim.scene import filling
+from refsim.scene.filling import AROUND, PARTS, Room, room_in, room_of_block
+
+D = 0.2
+
+
+def ball(points):
+    return ((points - [0.5, 0.4, 0.3]) ** 2).sum(1) < 0.37**2
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_rooms_of_blocks_have_cells_around_them(dim):
+    lower, cells, step = np.array([0.1, 0.2, 0.3 * (dim == 3)]), np.array([3, 2, 4 if dim == 3 else 1]), np.full(3, D)
+    room = room_of_block(lower, cells, step, dim)
+    around = math.ceil(filling.REACH) + 1
+    expected = {}
+    for i in range(-around, cells[0] + around):
+        for j in range(-around, cells[1] + around):
+            for k in range(-around * (dim == 3), cells[2] + around * (dim == 3)):
+                at = lower + (np.array([i, j, k]) + 0.5) * D
+                within = 0 <= i < cells[0] and 0 <= j < cells[1] and 0 <= k < cells[2]
+                expected[tuple(np.round(at if dim == 3 else at * [1, 1, 0], 9))] = float(within)
+    assert {tuple(np.round(p, 9)): s for p, s in zip(room.place, room.share)} == expected
+    assert np.array_equal(room.centre, room.place)
+
+
+def test_what_lies_in_a_body_is_counted_by_points():
+    """Whole where the points about a cell are all within, none where none is, else by a lattice of points in it."""
+    room = room_of_block(np.zeros(3), np.array([4, 4, 3]), np.full(3, D), 3)
+    room = Room(room.place, np.where(np.arange(len(room.place)) % 3 == 0, 0.5, 1.0) * (room.share > 0), room.centre)
+    found, cut = room_in(room, D, ball), 0
+    about = [np.array([x, y, z]) * AROUND * D for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)]
+    steps = [((k + 0.5) / PARTS - 0.5) * D for k in range(PARTS)]
+    for place, own, share, centre in zip(room.place, room.share, found.share, found.centre):
+        near = ball(place + about)
+        inner = np.array([place + np.array([x, y, z]) for x in steps for y in steps for z in steps])
+        within = inner[ball(inner)]
+        part = len(within) / len(inner) if near.any() and not near.all() else float(near.all())
+        middle = within.mean(0) if 0 < part < 1 else place
+        assert share == pytest.approx(own * part, abs=1e-12)
+        assert centre == pytest.approx(middle, abs=1e-12)
+        cut += 0 < part < 1
+    assert cut > 20
+
+
+def test_parts_leave_a_rest_whose_centre_balances_theirs():
+    random = np.random.default_rng(1)
+    place = random.uniform(size=(40, 3))
+    parts = [(random.uniform(0, 0.6, 40), place + random.uniform(-0.1, 0.1, (40, 3))) for _ in range(2)]
+    share, centre = filling._rest(place, *parts)
+    for k in range(40):
+        left = min(max(1 - parts[0][0][k] - parts[1][0][k], 0.0), 1.0)
+        assert share[k] == pytest.approx(left)
+        if left > filling.LEAST:
+            whole = left * centre[k] + sum(part[k] * middle[k] for part, middle in parts)
+            assert whole == pytest.approx((left + parts[0][0][k] + parts[1][0][k]) * place[k])
+        else:
+            assert np.array_equal(centre[k], place[k])
+
+
+def test_solids_take_what_their_cells_have_in_common_with_others():
+    """Of cells that lie between those of the lattice, by the edges of both."""
+    place = room_of_block(np.zeros(3), np.array([3, 3, 3]), np.full(3, D), 3).place
+    cell = np.array([[0.3, 0.2, 0.9], [1.3, 0.2, 0.9], [5.0, 5.0, 5.0]])
+    grid = Discretisation(3, "float64", D, 0.5, 0, 0.0, None, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    solids = types.SimpleNamespace(lattice=types.SimpleNamespace(cell=cell))
+    share, centre = filling._bodies(place, grid, {}, solids)
+    for at, found, middle in zip(place, share, centre):
+        total, moment = 0.0, np.zeros(3)
+        for node in (cell + 0.5) * D:
+            low, high = np.maximum(at, node) - D / 2, np.minimum(at, node) + D / 2
+            if (high > low + 1e-9).all():
+                part = ((high - low) / D).prod()
+                total, moment = total + part, moment + part * (low + high) / 2
+        assert found == pytest.approx(total, abs=1e-9)
+        assert middle == pytest.approx(moment / total if total > 1e-9 else at, abs=1e-9)
+    assert share.sum() > 0.5
+
+
+def test_what_fills_a_room_is_as_ever(recorded):
+    """A block beside solids whose cells lie between its own, in two and three dimensions."""
+    found = {}
+    for dim in (2, 3):
+        cells = np.array([5, 4, 3 if dim == 3 else 1])
+        room = room_of_block(np.zeros(3), cells, np.full(3, D), dim)
+        for shift in (0.0, 0.31, 0.77):
+            cell = np.indices((2, 2, 2 if dim == 3 else 1)).reshape(3, -1).T + shift * (np.arange(3) < dim)
+            cell[:, 2] -= 0.5 * (dim == 2)
+            solids = types.SimpleNamespace(lattice=types.SimpleNamespace(cell=cell))
+            grid = Discretisation(dim, "float64", D, 0.52, 0, 0.0, None, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+            found[f"{dim} {shift}"] = np.sort(filling.filled(room, grid, {}, solids), axis=0)
+            inside = room_in(room, D, ball) if dim == 3 else room
+            found[f"{dim} {shift} ball"] = np.sort(filling.filled(inside, grid, {}, solids), axis=0)
+    recorded(found)
