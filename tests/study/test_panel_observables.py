@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from refsim.study.panels import FOLDER, drops, observables, panel
+from refsim.study.panels import FOLDER, drops, observables, panel, virial
 from refsim.study.panels.scene_factories import SCENE_FACTORIES
 from refsim.study.panels.scenes import scene_of
 
@@ -60,6 +60,24 @@ def test_a_front_is_counted_in_widths_of_the_column_and_kept_values_are_the_last
     assert observables.front(standing()) == pytest.approx(1.4)
     assert observables.kept(np.zeros(6), [9.0, 8.0, 7.0, 6.0, 5.0, 5.5]) == 5.5
     assert math.isnan(observables.kept(np.zeros(6), [9.0, 8.0, 7.0, 6.0, np.inf, 5.5]))
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_pressure_in_balls_is_that_of_the_parts_of_lines_in_them(dim, monkeypatch):
+    """Drawn virials of drawn pairs; lines by ten thousand points each."""
+    random = np.random.default_rng(dim)
+    position, h = random.normal(size=(40, 3)) * [1, 1, dim == 3] + 7.0 * (np.arange(3) < dim), 0.9
+    pairs = np.array([(a, b) for a in range(40) for b in range(40) if 0 < math.dist(position[a], position[b]) < h])
+    virials = random.normal(size=len(pairs))
+    monkeypatch.setattr(virial, "pair_virials", lambda run: (*pairs.T, virials))
+    run = standing(fields={"position": position}, plan={"grid": SimpleNamespace(dim=dim, support_radius=h)})
+    x, along = position - sum(position) / 40, np.linspace(0.0, 1.0, 10001)[:, None]
+    expected = []
+    for radius in (0.5, 0.9, 1.6):
+        volume = math.pi * radius**2 * (4 * radius / 3 if dim == 3 else 1)
+        within = [(((x[a] + along * (x[b] - x[a])) ** 2).sum(1) < radius**2).mean() for a, b in pairs]
+        expected.append(sum(part * one for part, one in zip(within, virials)) / (dim * volume))
+    assert virial.inner_pressure(run, (0.5, 0.9, 1.6)) == pytest.approx(sum(expected) / 3, rel=1e-3)
 
 
 def test_vortices_that_decay_as_one_wave_have_the_rate_1():
