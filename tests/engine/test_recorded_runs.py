@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from refsim import InputError, RunStopped, Simulation, make_plan
+from refsim.backends.arrays import choose
 from refsim.core.effect import Extremes
-from refsim.engine import counting, stepping
+from refsim.engine import counting, lists, stepping
 from refsim.engine.conserved_totals import conserved_totals
 from refsim.engine.driver import simulate
 from refsim.engine.gauges import _row
+from refsim.engine.limits import StepOutcome
 from refsim.engine.motions import Drive, turned
 from refsim.engine.postmortem import examine
 from refsim.engine.watching import watch
@@ -50,6 +52,86 @@ def test_lists_of_a_tank_are_kept_and_built_as_ever(recorded):
         assert run.field(name) == pytest.approx(other.field(name), rel=1e-7, abs=1e-9)
     limiters = dict(sorted(run.limiters.items()))
     recorded({"steps": np.array(rows, float)[::4].tolist(), "log": run.search.log, "limiters": limiters})
+
+
+class Known:
+    """A search of which all that lists ask is drawn."""
+
+    def __init__(self, rng, ahead):
+        self.allowed_displacement, self.looks_ahead, self.rng = 0.3, ahead, rng
+        self.skin, self.asked = None, []
+
+    def ahead(self, length):
+        return 5.0 * length if self.looks_ahead else 0.0
+
+    def margins(self, particles, ways, walls):
+        self.asked.append((*ways, walls))
+        edge = (1.004 if self.rng.random() < 0.5 else 0.996) * 0.2 * self.allowed_displacement
+        first = edge if self.rng.random() < 0.3 else self.rng.uniform(-0.1, 0.4)
+        return [first, self.rng.uniform(-0.1, 0.6)] if self.looks_ahead and ways[1] > 0.2 else [first]
+
+    def reach_further(self, skin):
+        self.skin = skin
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_lists_are_kept_as_the_margins_of_a_second_program_say(seed):
+    """Through drawn steps, looks, builds and changes of velocities."""
+    rng = np.random.default_rng(seed)
+    of = lists.Lists(make_plan(parse_scene(SCENES["tank"], "tank")), choose("numpy"), {})
+    assert (of.needs_no_look(), of.keeps(None), of.expects_look()) == (True, False, False)  # there is no list
+    of.search, of.by_forces, of.skins = Known(np.random.default_rng(seed), seed % 2 > 0), seed % 3 > 0, (0.1, 0.2, 0.3)
+    most, squared, margin, rate, ahead, gained, length, moved, shifted = 0.3, np.inf, 0.0, None, 0.0, 0.0, 0.0, 0.0, 0.0
+    again = Known(np.random.default_rng(seed), seed % 2 > 0)
+
+    def left(length, gained):
+        if rate is None:
+            return margin - 2 * moved
+        return margin + length * rate - 2 * length * gained - 2 * shifted if length <= ahead else 0.0
+
+    for number in range(300):
+        what = rng.choice(["step"] * 9 + ["look", "look", "look", "build", "set", "lose"])
+        if what == "step":
+            length, moved, shifted, change = rng.uniform([0.01, 0, 0, 0], [0.05, 0.05, 0.01, 0.05])
+            way, stopped = rng.uniform(0, 0.5) ** 2, int(rng.random() < 0.1)
+            of.after_step(StepOutcome(length, "", {}, moved, shifted, change, way, stopped, 0))
+            squared, gained = way, gained + change
+            margin, ahead = max(left(length, gained), 0.0), ahead - length
+            if rate is not None and (stopped or margin == 0):
+                margin, rate = 0.0, None
+        elif what == "look":
+            told = of.keeps(None)
+            if not np.isfinite(squared) or not (of.by_forces or of.search.looks_ahead):
+                assert not told
+            else:
+                ahead, gained = again.ahead(length), 0.0
+                way = squared**0.5
+                found = again.margins(None, (way, way + moved * ahead / length if length else way), False)
+                rate = (found[1] - found[0]) / ahead if len(found) > 1 and of.by_forces and ahead > 0 else None
+                margin = found[0] if of.by_forces else 0.0
+                assert told == (found[0] > (0.0 if of.search.looks_ahead else 0.2 * most))
+                assert of.search.asked[-1] == pytest.approx(again.asked[-1])
+        elif what == "build":
+            before = of.built_at
+            of.choose_skin(number)
+            served = number - before
+            skin = 0.3 if served < lists.FEW_STEPS else 0.1 if served > lists.MANY_STEPS else of.search.skin
+            assert of.search.skin == skin
+            of.after_build(number)
+            assert of.built_at == number
+            squared, margin, rate = 0.0, 0.0, None
+        elif what == "set":
+            of.velocities_changed()
+            length, (margin, rate) = 0.0, (margin, None) if rate is None else (0.0, None)
+        else:
+            of.invalidate()
+            squared, margin, rate = np.inf, 0.0, None
+        assert (of.margin, of.ahead, of.gained, of.length) == pytest.approx((margin, ahead, gained, length), abs=1e-15)
+        assert of.squared_displacement == squared
+        assert of.rate == (None if rate is None else pytest.approx(rate))
+        assert of.needs_no_look() == (squared <= most**2 or margin > 0)
+        looks = np.isfinite(squared) and squared**0.5 + moved > most and left(length, gained) <= 0
+        assert of.expects_look() == looks
 
 
 @pytest.mark.parametrize("name", ["tank", "bodies", "material points", "a cloud far away"])
