@@ -166,7 +166,7 @@ def lessons_with_binder(text: str, repository: str) -> str:
     from scripts.release import binder
 
     def started(line: re.Match[str]) -> str:
-        return f"{line[0]} [Start it by Binder](<{binder(repository, f'docs/lessons/{line[1]}.ipynb')}>)"
+        return f"{line[0]} [Start it by Binder]({binder(repository, f'docs/lessons/{line[1]}.ipynb')})"
 
     return LESSON.sub(started, text) if repository else text
 
@@ -193,7 +193,7 @@ def lesson(name: str, repository: str = "") -> str:
     live = f"{name.partition('_')[0]}{IN_THE_BROWSER}.md"
     offered = f"{{download}}`Notebook <{name}.ipynb>`"
     if repository:
-        offered = f"[Start it by Binder](<{binder(repository, f'docs/lessons/{name}.ipynb')}>); {offered}"
+        offered = f"[Start it by Binder]({binder(repository, f'docs/lessons/{name}.ipynb')}); {offered}"
     if (ROOT / "docs" / "lessons" / live).exists():
         offered = f"[In the browser, without installing]({live}); {offered}"
     parts[0] = parts[0].lstrip().replace("\n\n", f"\n\n{offered}\n\n", 1)
@@ -271,12 +271,13 @@ def _kind(found: Any) -> str:
 
 
 def readable(app: Any, tree: Any) -> None:
-    """Sphinx's event `doctree-read`: pictures are links to their files; in tables sentences get a width, and a number
-    and its unit stay on one line.
+    """Sphinx's event `doctree-read`: pictures are links to their files, those of scenes have a class; in tables
+    sentences get a width, and a number and its unit stay on one line.
     """
     for node in tree.findall():
         if node.tagname == "image":
             node.setdefault("scale", 100)  # Sphinx links a scaled picture to its file
+            node["classes"] += ["scene"] * ("/cookbook/" in node["uri"])
         if node.tagname == "entry" and len(words := node.astext()) > 30 and " " in words:
             node["classes"].append("sentences" if len(words) > 80 else "words")
         if node.tagname == "entry":

@@ -31,7 +31,7 @@ PICTURES = """(async () => {
     const style = getComputedStyle(column);
     const available = column.clientWidth - parseFloat(style.paddingLeft) - parseFloat(style.paddingRight);
     const {width, height} = picture.getBoundingClientRect();
-    const inCard = picture.closest('.card') !== null;
+    const inCard = picture.closest('.card, .scene') !== null;
     return [picture.getAttribute('src'), picture.naturalWidth, picture.naturalHeight, available, width, height, inCard];
   });
 })()"""
@@ -80,8 +80,8 @@ def test_pages_fit_the_width_and_formulas_are_typeset(site, tmp_path, width):
 def test_pictures_fill_their_column_and_words_of_code_stay_whole(site, tmp_path, width):
     """On every page; up to the picture's own width, with its own shape. Tables scroll in their box.
 
-    Beside a card, a picture is at least as wide as where `enlarge_words` makes its words legible: at 1,280 pixels the
-    column is, and on a phone it scrolls.
+    A picture that is no scene alone is at least as wide as where `enlarge_words` makes its words legible: at 1,280
+    pixels the column is, and on a phone the picture scrolls.
     """
     browser, wrong, seen = Browser(tmp_path, width, 900), [], 0
     try:
