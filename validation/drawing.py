@@ -83,6 +83,7 @@ def save_picture(figure: Any, path: Path) -> None:
 
 SIGNS = {
     "rho0": "\N{GREEK SMALL LETTER RHO}\N{SUBSCRIPT ZERO}", "rho": "\N{GREEK SMALL LETTER RHO}",
+    "alpha": "\N{GREEK SMALL LETTER ALPHA}", "beta": "\N{GREEK SMALL LETTER BETA}",
     "sigma": "\N{GREEK SMALL LETTER SIGMA}", "gamma": "\N{GREEK SMALL LETTER GAMMA}",
     "lambda": "\N{GREEK SMALL LETTER LAMDA}", "mu": "\N{GREEK SMALL LETTER MU}", "nu": "\N{GREEK SMALL LETTER NU}",
     "eps": "\N{GREEK SMALL LETTER EPSILON}", "pi": "\N{GREEK SMALL LETTER PI}", "^2": "\N{SUPERSCRIPT TWO}",

@@ -125,9 +125,9 @@ def cost_picture(data: Mapping[str, Any]) -> Any:
     ratio.set(title="Two steps over the fan scan", ylabel="share of time [%]", ylim=(0, 130))
     for axes in (whole, ratio):
         axes.set_xscale("log")
-        axes.set_xticks(number, [f"{n:,}" for n in number], rotation=35)
+        axes.set_xticks(number, [f"{n / 1000:.3g}" for n in number])
         axes.xaxis.set_minor_locator(plt.NullLocator())
-        axes.set_xlabel("particles")
+        axes.set_xlabel("thousands of particles")
         axes.grid(True)
         axes.legend(loc="upper left")
     whole.yaxis.set(major_formatter="{x:g}", minor_formatter=plt.NullFormatter())
