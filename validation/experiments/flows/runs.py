@@ -60,7 +60,7 @@ def cavity(context: Context, cells: int, support: float, backend: str) -> Result
             _liquid(10.0, viscosity, "none"),
             refsim.BoxWalls(
                 lower=(0.0, 0.0, 0.0), upper=(1.0, 1.0, 0.0), model="extrapolated", moving_faces=("+y",),
-                velocity=(1.0, 0.0, 0.0), viscosity=2 * DENSITY * viscosity,
+                velocity=(1.0, 0.0, 0.0), no_slip=True,
             ),
         ),
     )  # fmt: skip
