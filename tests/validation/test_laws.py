@@ -14,9 +14,8 @@ from refsim.scene.shapes import Box
 from validation.__main__ import main
 from validation.laws import command, laws
 from validation.laws.command import campaign, table
-from validation.laws.places import hexahedron, turned
 from validation.laws.scenes import Drawn, drawn
-from validation.laws.units import SYMBOLS, Unit, scaled, unit
+from validation.laws.units import SYMBOLS, Unit, hexahedron, scaled, turned, unit
 
 PHASES = (Phase.generate,)
 

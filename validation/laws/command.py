@@ -10,6 +10,7 @@ import traceback
 import warnings
 from collections import Counter, defaultdict
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import hypothesis
@@ -17,10 +18,11 @@ import numba
 
 from refsim.core.effect import EFFECTS
 from refsim.core.errors import InputError, RunStopped
+from refsim.core.writing import write_file
 from refsim.scene.files import scene_to_toml
 from refsim.scene.plan import make_plan
 from refsim.scene.scene import Scene
-from validation.laws import counted, exact  # noqa: F401  (their laws are then known)
+from validation.laws import exact  # noqa: F401  (its laws are then known)
 from validation.laws.laws import LAWS, OWN, Found, run
 from validation.laws.scenes import FEW, MANY, Drawn, drawn
 
@@ -51,16 +53,10 @@ class Tally(NamedTuple):
 def campaign(
     laws: list[str], effects: list[str | None], seconds: float, seed: int, backend: str, until_first: bool = False
 ) -> Tally:
-    """Turns over all laws and effects until the processor time is over; with `until_first` until a law breaks.
-
-    A law with a scene of its own has one turn for all effects.
-    """
+    """Turns over laws and effects until the processor time is over, or a law breaks; laws in OWN have one for all."""
     tally = Tally(defaultdict(Counter), defaultdict(Counter), Counter(), {})
     until, turn = time.process_time() + seconds, 0
-    asked = [
-        (name, each, effect)
-        for k, effect in enumerate(effects) for name in laws for each in LAWS[name] if k == 0 or each not in OWN
-    ]  # fmt: skip
+    asked = [(n, each, e) for k, e in enumerate(effects) for n in laws for each in LAWS[n] if not (k and each in OWN)]
     while turn == 0 or time.process_time() < until:
         for name, each, effect in asked:
             if (turn and time.process_time() > until) or (until_first and tally.breaks):
@@ -181,6 +177,7 @@ def add_options(made: argparse.ArgumentParser) -> None:
     made.add_argument("--law", nargs="+", choices=sorted(LAWS), default=sorted(LAWS), help="all by default")
     made.add_argument("--effect", nargs="+", choices=sorted(EFFECTS), help="scenes with these effects alone")
     made.add_argument("--backend", default="numpy", help="numpy, cpu or cuda (numpy)")
+    made.add_argument("--page", type=Path, help="a page that has the table, which is renewed")
     made.add_argument("--first", action="store_true", help="stop at the first break")
     made.set_defaults(perform=perform)
 
@@ -190,7 +187,12 @@ def perform(given: argparse.Namespace) -> int:
     if not 0 < given.minutes < math.inf:
         raise InputError(f"--minutes = {given.minutes} is not possible; give a positive number.")
     tally = campaign(given.law, given.effect or [None], 60 * given.minutes, given.seed, given.backend, given.first)
-    print(table(tally))
+    found = table(tally)
+    print(found)
+    if given.page:
+        head, mark, rest = given.page.read_text(encoding="utf-8").partition("```text\n")
+        when = f"seed {given.seed}, {given.minutes:g} processor minutes on {given.backend}"
+        write_file(given.page, f"{head}{mark}{when}\n\n{found}\n{rest[rest.index('```') :]}")
     for reason, count in tally.refusals.most_common(30):
         print(f"{count} refused: {reason}")
     for where, scene in tally.breaks.items():

@@ -19,10 +19,9 @@ from refsim.core.effect import EFFECTS, Effect
 from refsim.motion import Motion
 from refsim.scene.scene import Scene
 from refsim.scene.shapes import Cloud
-from refsim.scene.solids import SolidBall, SolidBox
+from refsim.scene.solids import SolidBall, SolidBox, SolidMesh
 from refsim.sph import DIFFUSION
-from validation.laws.places import hexahedron
-from validation.laws.units import Unit, unit, units_of
+from validation.laws.units import Unit, hexahedron, unit, units_of
 
 Draw = Callable[[st.SearchStrategy[Any]], Any]
 Effects = dict[str, Effect]
@@ -33,30 +32,24 @@ BUILT = {LIQUID, "mpm_liquid", "gravity", "box_walls", "mpm_walls", "mesh_bounda
          "two_way_coupling", "melting"}  # fmt: skip
 OF_MPM = {"mpm_liquid", "mpm_walls", "surface_energy"}
 OF_BODIES = {"shape_matching", "two_way_coupling", "melting"}
-SURROUNDINGS = ("free", "free", "box", "box", "box", "mesh", "both", "period")
+SURROUNDINGS = ("free", "free", "free", "box", "box", "box", "box", "mesh", "both", "period", "period")
 BODY = ("", "", "", "", "one", "two")
 SHAPES = ("block", "block", "block", "ball", "notched", "parted")
 # Parameters that say which of the others count, or name files and parts
-UNDRAWN = ("literal", "held", "file", "latent_heat", "surface")
+UNDRAWN = ("literal", "file", "latent_heat", "surface", "cell_size")
 COSTLY = ("quadrature", "contact_angle")  # in space the NumPy backend takes seconds a step
 SUPPORTS = (2.13, 2.62, 3.21)  # spacings; no pair of a lattice is as far apart
 LARGEST_SHIFT, FEW, MANY = 0.1, 300, 3000  # spacings off the lattice; particles for the NumPy backend, for the others
 
 
 class Drawn(NamedTuple):
-    """A scene with what a law needs to vary it.
-
-    seed    of everything that a law draws by itself
-    cells   particles along each axis of the block that the liquid is cut out of
-    filled  whether that block fills the bottom of a box
-    steps   of a run whose answer does not depend on rounding
-    """
+    """A scene with what a law needs to vary it."""
 
     scene: Scene
-    seed: int
-    cells: tuple[int, ...]
-    filled: bool
-    steps: int = 8
+    seed: int  # of everything that a law draws by itself
+    cells: tuple[int, ...]  # particles along each axis of the block that the liquid is cut out of
+    filled: bool  # whether that block fills the bottom of a box
+    steps: int = 8  # of a run whose answer does not depend on rounding
 
     def random(self) -> np.random.Generator:
         """A generator for what the law draws."""
@@ -71,6 +64,7 @@ class Frame(NamedTuple):
     around: str
     scale: Unit
     deep: int  # cells that a mesh takes below the liquid
+    asked: str | None  # the effect that is asked for, whose parameters are drawn more often
 
     def corners(self, lower: Any, upper: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Two corners [m], z = 0 in the plane."""
@@ -120,13 +114,13 @@ def drawn(draw: Draw, effect: str | None = None, most: int = FEW, alike: int | N
     alone = issubclass(kind, PullsParticles) or (kind.replaced and effect not in OF_BODIES)
     if liquid != LIQUID or around in ("period", "mesh", "both") or alone:
         bodies = ""
-    dim = 3 if bodies or around in ("mesh", "both") else choose(draw, (2, 3))
+    dim = 3 if bodies or around in ("mesh", "both") else choose(draw, (2, 2, 3))
     large = most > FEW and draw(st.integers(0, 4)) == 4
     widest = (12, 5) if not large else (int(most ** (1 / 2)), int(most ** (1 / 3)))
     cells = tuple(draw(st.integers(7 if dim == 2 else 4, widest[dim - 2])) for _ in range(dim))
     if around == "period":
         cells = tuple(max(n, 8) if axis == 0 or dim == 2 else n for axis, n in enumerate(cells))
-    frame = Frame(dim, cells, around, scale, 2 if around in ("mesh", "both") else 0)
+    frame = Frame(dim, cells, around, scale, 2 if around in ("mesh", "both") else 0, effect)
     effects: dict[str, Effect] = {liquid: _liquid(draw, liquid, frame, bool(bodies))}
     if choose(draw, (False, True)) or effect == "gravity":
         pull = [0.0, 0.0, 0.0]
@@ -145,6 +139,7 @@ def drawn(draw: Draw, effect: str | None = None, most: int = FEW, alike: int | N
         dim=dim, dtype="float64", spacing=spacing, support_radius=spacing * draw(st.sampled_from(SUPPORTS)),
         fluid=_clouds(seed, frame, shape, taken), solid=solid, effects=tuple(effects.values()), motion=motion,
         period=(spacing * cells[0], spacing * cells[1] * (3 - dim), 0.0) if around == "period" else (0.0, 0.0, 0.0),
+        step_factor=draw(st.sampled_from((1.0, 1.0, 0.5))), skin=choose(draw, (None, None, 0.0, 0.3)),
     )  # fmt: skip
     filled = around == "box" and liquid == LIQUID and not bodies
     return Drawn(scene, seed, cells, filled, draw(st.sampled_from((8, 8, 20) if most <= FEW else (20, 100, 400))))
@@ -178,7 +173,9 @@ def _walls(draw: Draw, effects: Effects, frame: Frame, liquid: str) -> tuple[Mot
     moving: dict[str, Any] = {}
     if frame.around in ("box", "both") and liquid == "mpm_liquid":
         low, high = frame.corners(np.full(dim, -4), top + 4)
-        effects["mpm_walls"] = make_effect(draw, "mpm_walls", frame, lower=low, upper=high)
+        held = choose(draw, ("sticky", "slip", "separating"))
+        faces = {f"{held}_faces": ("-x",), "open_faces": choose(draw, ((), ("+x",)))}
+        effects["mpm_walls"] = make_effect(draw, "mpm_walls", frame, lower=low, upper=high, **faces)
     elif frame.around in ("box", "both"):
         low, high = frame.corners(below, top)
         if choose(draw, (0, 0, 0, 1)):
@@ -201,12 +198,15 @@ def _walls(draw: Draw, effects: Effects, frame: Frame, liquid: str) -> tuple[Mot
         effects["mesh_boundary"] = make_effect(draw, "mesh_boundary", frame, **given)
     if liquid == "mpm_liquid" or choose(draw, (1, 1, 1, 1, 0)):
         return ()
-    sway = {"kind": "sway", "direction": (0.0, 1.0, 0.0), "period": 40 * frame.scale.time}
-    if "moving_faces" in moving:
-        return (Motion(of="moving_faces", amplitude=0.1 * d, **sway),)
-    if "gravity" in effects and choose(draw, (False, True)):
-        return (Motion(of="turn", pivot=(d, d, 0.0), amplitude=0.01, **sway | {"direction": (0.0, 0.0, 1.0)}),)
-    return (Motion(of="gravity", amplitude=0.1 * d, **sway),) if "gravity" in effects else ()
+    of = "moving_faces" if "moving_faces" in moving else choose(draw, ("gravity", "turn"))
+    if of != "moving_faces" and "gravity" not in effects:
+        return ()
+    time, size = frame.scale.time, 0.01 if of == "turn" else 0.1 * d
+    table = {"times": tuple(time * t for t in (0.0, 0.3, 1.0, 3.0)), "values": (0.0, 0.01 * size, 0.1 * size, size)}
+    sway = {"amplitude": size, "period": 40 * time, "ramp": choose(draw, (None, 0.5 * time))}
+    turns = {"pivot": (d, d, 0.0), "direction": (0.0, 0.0, 1.0)} if of == "turn" else {"direction": (0.0, 1.0, 0.0)}
+    kind = choose(draw, ("sway", "sway", "table"))
+    return (Motion(of=of, kind=kind, **turns, **(sway if kind == "sway" else table)),)
 
 
 def _bodies(draw: Draw, effects: Effects, frame: Frame, number: str, effect: str | None) -> tuple[Any, np.ndarray]:
@@ -214,7 +214,7 @@ def _bodies(draw: Draw, effects: Effects, frame: Frame, number: str, effect: str
     solid, taken = [], np.zeros((0, frame.dim), int)
     reach = (0, 0, 0) if frame.around == "box" else (5, 5, 5)
     for _ in range(("", "one", "two").index(number)):
-        size, d, speed = draw(st.integers(2, 3)), frame.scale.length, frame.scale.length / frame.scale.time
+        size, d, speed = draw(st.integers(2, 4)), frame.scale.length, frame.scale.length / frame.scale.time
         most = [n * (2 if axis == 2 else 1) - size + far for axis, (n, far) in enumerate(zip(frame.cells, reach))]
         at = np.array([draw(st.integers(-far, most[axis])) for axis, far in enumerate(reach)])
         own = np.stack(np.meshgrid(*[np.arange(size)] * 3, indexing="ij"), -1).reshape(-1, 3) + at
@@ -224,16 +224,21 @@ def _bodies(draw: Draw, effects: Effects, frame: Frame, number: str, effect: str
         given: dict[str, Any] = {"density": unit("kg/m^3").of(frame.scale) * draw(powers(-0.5, 0.5))}
         if choose(draw, (False, True)):
             given |= {"spin": (0.0, 0.0, 0.01 / frame.scale.time), "velocity": (0.02 * speed, 0.0, 0.01 * speed)}
-        if choose(draw, (False, True)):
+        shape, center = choose(draw, ("box", "ball", "mesh")), tuple(d * (at + size / 2))
+        if shape == "box":
             solid.append(SolidBox(lower=tuple(d * at), upper=tuple(d * (at + size)), **given))
+        elif shape == "mesh":
+            solid.append(SolidMesh(file=hexahedron(1, 1, 1), center=center, size=size * d, **given))
         else:
-            solid.append(SolidBall(center=tuple(d * (at + size / 2)), radius=0.51 * size * d, **given))
+            solid.append(SolidBall(center=center, radius=0.51 * size * d, **given))
     if solid:
         effects["shape_matching"] = make_effect(draw, "shape_matching", frame)
         effects["two_way_coupling"] = make_effect(draw, "two_way_coupling", frame)
         if effect == "melting" or choose(draw, (0, 0, 0, 1)):
             point = choose(draw, (0.5, -0.5))  # of what begins at 0: all stays or all melts
-            effects["heat_conduction"] = make_effect(draw, "heat_conduction", frame, melting_point=point)
+            latent = unit("J/kg").of(frame.scale) * draw(powers(-2, 1))
+            warmth = {"melting_point": point, "latent_heat": latent}
+            effects["heat_conduction"] = make_effect(draw, "heat_conduction", frame, **warmth)
             effects["melting"] = make_effect(draw, "melting", frame)
     return tuple(solid), taken
 
@@ -277,14 +282,14 @@ def _liquid(draw: Draw, name: str, frame: Frame, bodies: bool) -> Effect:
 
 
 def make_effect(draw: Draw, name: str, frame: Frame, **given: Any) -> Effect:
-    """An effect: what it must have, and a third of what it may have, by its schema."""
+    """An effect: what it must have, and a third of what it may have, by its schema; two thirds if it is asked for."""
     kind = EFFECTS[name]
     if {"no_slip", "viscosity"} <= {*kind.__struct_fields__} - {*given}:
         held = choose(draw, (False, False, True)) or bool(given.get("moving_faces"))
         given |= {"no_slip": held} | ({"viscosity": 0.0} if held else {})
     for field in msgspec.structs.fields(kind):
         needed = field.required or kind.scales[:1] == (field.name,)
-        if field.name not in given and (needed or choose(draw, (0, 0, 1))):
+        if field.name not in given and (needed or choose(draw, (0, 1, 1) if name == frame.asked else (0, 0, 1))):
             value = _value(draw, kind, field, frame)
             if value is not None:
                 given[field.name] = value
@@ -298,6 +303,10 @@ def _value(draw: Draw, kind: type[Effect], field: Any, frame: Frame) -> Any:
     own = units_of(kind, frame.dim).get(field.name)
     if field.type is Printed or field.name in UNDRAWN or (frame.dim == 3 and field.name in COSTLY):
         return None
+    if field.name == "held":
+        return choose(draw, ((), (0,)))
+    if field.type is int:
+        return choose(draw, (1, 2, 3))
     if choices := [c for k in inside if typing.get_origin(k) is typing.Literal for c in typing.get_args(k)]:
         return choose(draw, choices) if not isinstance(choices[0], tuple) else None
     if bool in inside:
@@ -306,8 +315,8 @@ def _value(draw: Draw, kind: type[Effect], field: Any, frame: Frame) -> Any:
         return draw(st.integers(0, 10)) / 10
     if not any(k is float or typing.get_origin(k) is typing.Annotated for k in inside) or int in inside:
         return None
-    if kind.name == "mpm_liquid" or (field.name in kind.scales[1:] and field.name != "area_acceleration"):
-        return None  # cells and bounds of MPM follow from each other; other coefficients stand for the first one
+    if field.name in kind.scales[1:] and field.name != "area_acceleration":
+        return None  # other coefficients stand for the first one
     if own is None:  # without a unit: near the default
         usual = field.default
         return usual * draw(powers(0, 0.2)) if isinstance(usual, float) and usual else None
