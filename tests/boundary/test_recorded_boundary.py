@@ -6,7 +6,7 @@ import random
 import numpy as np
 import pytest
 
-from refsim import BoxWalls, InputError
+from refsim import BoxWalls, InputError, MeshBoundary, WeaklyCompressible
 from refsim.boundary import signed_distance as distances
 from refsim.boundary.akinci_2012 import box_layers, calibrated_factor, lattice_layers, wall_kernel_sums
 from refsim.boundary.one_way_coupling.placing import cell_edges, flat_faces, placed_solid
@@ -193,6 +193,15 @@ def test_what_counts_as_unclear_and_across_is_as_ever(recorded):
             assert {t, across[t, c]} == set(np.flatnonzero((edge == edge[t, c]).any(1)))
     recorded({"meeting": distances.unclear_features(marked), "open": distances.unclear_features(
         SurfaceMesh(vertices - 0.5, faces[1:], np.zeros(3)))})  # fmt: skip
+
+
+def test_a_mesh_has_no_energy_of_its_own_and_adhesion_no_account():
+    grid = Discretisation(3, "float64", 0.1, 0.26, 0, 0.0, None)
+    liquid = {"weakly_compressible": WeaklyCompressible(sound_speed=20.0)}
+    mirrored = MeshBoundary(file=str(CUBE), model="mirrored")
+    assert MeshBoundary(file=str(CUBE), model="mirrored", literal=("E30",)).energy(grid, liquid).uncounted == ()
+    assert len(mirrored.energy(grid, liquid).uncounted) == 1
+    assert MeshBoundary(file=str(CUBE), model="mirrored", adhesion=0.5).energy(grid, liquid) is None
 
 
 # Walls of boxes

@@ -1,5 +1,6 @@
 """Studies of made readings, their pictures, orders and clocks, and what observables and reports say in numbers."""
 
+import importlib
 import json
 import math
 import types
@@ -182,6 +183,15 @@ def test_a_value_is_reached_between_two_looks():
             line = a + (reaches - values(a)) / (values(b) - values(a)) * (b - a)
             assert runs._when(run, observable, reaches, clock) == pytest.approx(line)
             assert looks[-2:] == pytest.approx([a, b])
+
+
+def test_tolerances_of_a_scene_are_those_that_end_an_iteration():
+    tolerances = importlib.import_module("refsim.study")._tolerances  # refsim.study is a function, too
+    heat = rs.HeatConduction(temperature=(1.0,), conductivity=1.0, heat_capacity=1.0, tolerance=0.1, residual=0.2)
+    effects = (*tank().effects[:2], rs.ImplicitPressure(tolerance=0.002), heat)
+    expected = [(2, "tolerance", 0.002), (3, "tolerance", 0.1), (3, "residual", 0.2)]
+    assert list(tolerances(tank(effects=effects))) == expected
+    assert not list(tolerances(tank()))
 
 
 def test_what_a_scene_costs_leaves_out_what_first_calls_take(monkeypatch):
