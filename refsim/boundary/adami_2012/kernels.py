@@ -70,7 +70,7 @@ def strain(i, velocity, mass, advanced_excess, phase, liquid_near_walls, walls, 
 
 
 @pair
-def pushing_pair(r, x_ij, density_i, pressure_i, wall_pressure_j, volume_j, smoothing, fluid):
+def push_pair(r, x_ij, density_i, pressure_i, wall_pressure_j, volume_j, smoothing, fluid):
     """J(10) of a wall particle, -V_w (p_i + p_w) grad W_iw [N/m^3], p_i as walls bear it."""
     p = borne_pressure(pressure_i, density_i, fluid)
     f = -volume_j * (p + wall_pressure_j) * gradient_factor(r, smoothing)
@@ -84,18 +84,7 @@ def wall_force(
 ):  # fmt: skip
     """J(10) of liquid and solids with the walls; added to the acceleration [m/s^2]."""
     force = neighbour_sum(
-        pushing_pair,
-        i,
-        lane,
-        walls,
-        position,
-        period,
-        density,
-        pressure,
-        wall_pressure,
-        walls.volume,
-        smoothing,
-        fluid,
+        push_pair, i, lane, walls, position, period, density, pressure, wall_pressure, walls.volume, smoothing, fluid
     )
     if correction_diagonal is not None:
         force = corrected(correction_diagonal[i], correction_mixed[i], force)
