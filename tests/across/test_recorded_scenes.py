@@ -4,6 +4,7 @@ import pathlib
 
 import pytest
 
+import refsim
 from refsim import InputError, Simulation, make_plan
 from refsim.commands.plan import describe_plan
 from refsim.core.plain import plain
@@ -12,7 +13,7 @@ from refsim.scene.files import parse_scene
 from refsim.scene.refine import notes, refined, spaced
 from refsim.study.memory import neighbour_list
 
-EXAMPLES = pathlib.Path(__file__).parents[2] / "refsim" / "examples"
+EXAMPLES = pathlib.Path(refsim.__file__).parent / "examples"  # of the package that is tested
 SCENES = {
     "tank": """
 dim = 2

@@ -6,6 +6,7 @@ import random
 import numpy as np
 import pytest
 
+import refsim
 from refsim import BoxWalls, InputError, MeshBoundary, WeaklyCompressible
 from refsim.boundary import signed_distance as distances
 from refsim.boundary.akinci_2012 import box_layers, calibrated_factor, lattice_layers, wall_kernel_sums
@@ -16,7 +17,7 @@ from refsim.scene import overlaps, solids
 from refsim.scene.surface_mesh import SurfaceMesh, placed_mesh, surface_mesh
 from tests.boundary import damaged_meshes
 
-CUBE = pathlib.Path(__file__).parents[2] / "refsim" / "examples" / "cube.obj"
+CUBE = pathlib.Path(refsim.__file__).parent / "examples" / "cube.obj"
 BOX = (  # corners, and faces wound outwards
     np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)]),
     np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6],
