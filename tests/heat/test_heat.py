@@ -8,7 +8,7 @@ import pytest
 from refsim import Box, Cloud, HeatConduction, InputError, RunStopped, Scene, Simulation, load_scene, make_plan
 from refsim.engine import launching
 from refsim.engine.conserved_totals import conserved_totals
-from refsim.heat import operations
+from refsim.heat import operations, stages
 from tests.running import advanced
 from validation.metrics import heat as exact
 
@@ -234,3 +234,13 @@ def test_one_sided_exchange_stops_unless_its_loss_is_allowed():
     assert stop.value.reason == "heat_lost"
     with pytest.raises(InputError, match="largest_drift"):
         make_plan(bar(largest_drift=-0.1))
+
+
+@pytest.mark.parametrize(("scheme", "most"), [
+    (stages.first_legendre_stages, lambda s: 0.4 * (s**2 + s)),
+    (stages.legendre_stages, lambda s: (s**2 + s - 2) / 4),
+])  # fmt: skip
+def test_a_step_at_the_bound_of_its_stages_takes_no_more(scheme, most):
+    """Meyer, Balsara & Aslam 2014: RKL1, with a margin of 5/4, and RKL2; the number s of stages is odd."""
+    for s in (3, 5, 21, 101):
+        assert [len(list(scheme(share * most(s)))) for share in (0.999, 1.0, 1.001)] == [s, s, s + 2]
