@@ -1,9 +1,9 @@
-"""A sum over neighbours on a GPU that reads their fields packed, four numbers at once, of several neighbours together.
+"""A sum over neighbours on a GPU that reads their fields packed, four numbers at once, and ahead of their use.
 
 A loop that reads an entry of the list, then that neighbour's fields, then computes, waits for the memory twice in each
-round. Here what two or four neighbours need is on its way together. `packed_program` makes such a program of a kernel
-and the pair function of its sum; several sums over `neighbours` in a kernel read the same fields of the neighbour. It
-is compiled for one shape of the smoothing kernel.
+round. Here entries are read three rounds ahead and fields one. `packed_program` makes such a program of a kernel and
+the pair function of its sum; several sums over `neighbours` in a kernel read the same fields of the neighbour. It is
+compiled for one shape of the smoothing kernel.
 """
 
 from __future__ import annotations

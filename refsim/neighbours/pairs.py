@@ -22,8 +22,8 @@ period or None, and then what the pair function names, in its order, each field 
 radius. A list with positions of its own, as of walls, is one of other particles. Without positions (None) the sum goes
 over all entries of the list, near and far; its numbers have the type of FIELD, or of the first value that is no field.
 A branch on a parameter that is None leaves no code. A CPU puts the fields of the near neighbours side by side before it
-computes with them (`refsim.backends.fast.staging`); where the list carries packed fields, those of several
-neighbours are read together (`refsim.neighbours.packed_cuda`).
+computes with them (`refsim.backends.fast.staging`); where the list carries packed fields, those are read ahead of use
+(`refsim.neighbours.packed_cuda`).
 """
 
 from __future__ import annotations
@@ -67,7 +67,6 @@ PLAIN_ROWS = {
     "cpu": "for at in range(listed.start[i], listed.start[i] + listed.count[i]):",
     "cuda": "for at in range(i, i + listed.count[i] * listed.count.shape[0], listed.count.shape[0]):",
 }
-FEW_ROWS, MANY_ROWS = 4, 2  # neighbours whose packed fields a GPU reads together: of one row, and of more
 LOOP = """\
     real = {real}
     {zeros}
@@ -112,22 +111,30 @@ STAGED_LOOP = """\
     return {totals}
 """
 PACKED_LOOP = """\
-    at, left = first, np.int32(count)
-    while left > 0:
-        {entries}
-        {read}
-        at += np.uint64({together}) * stride
-        {near}
-        left = np.int32(left - {together})
+    if count > 0:
+        j = listed.entries[first]
+        following = after = j
+        if count > 1:
+            following = listed.entries[first + stride]
+        if count > 2:
+            after = listed.entries[first + np.uint64(2) * stride]
+        at = first + np.uint64(2) * stride
+        left = np.int32(count)
+        {now}
+        while left > 0:
+            {ahead}
+            following = after
+            at += stride
+            if left > 3:
+                after = listed.entries[at]
+            dx, dy, dz = to_nearest_image(x - x_j, y - y_j, z - z_j, box)
+            r2 = dx * dx + dy * dy + dz * dz
+            if r2 < limit:
+                {theirs}
+                {added}
+            {shifted}
+            left = np.int32(left - 1)
     return {totals}
-"""
-NEAR_PACKED = """\
-{held} = {read}
-dx, dy, dz = to_nearest_image(x - x_j, y - y_j, z - z_j, box)
-r2 = dx * dx + dy * dy + dz * dz
-if r2 < limit and left > {number}:
-    {theirs}
-    {added}
 """
 
 
@@ -194,11 +201,10 @@ def loop_source(
         "added": added(pair),
     }
     source = "listed.position" if "position" in listed else "places"
-    words: dict[str, str] = {}
-    loop, more = NEAR + NEAR_LOOP if near else LOOP, {}
+    loop, more, words = NEAR + NEAR_LOOP if near else LOOP, {}, {}
     if near and "rows" in listed:
-        packed, words = _packed_lines(pair, given)
-        loop, lines, more = NEAR + PACKED_LOOP, lines | packed, _packed_names()
+        lines |= _packed_lines(pair, given)
+        loop, more = NEAR + PACKED_LOOP, _packed_names()
     elif near and "start" in listed and not held and not plain:
         lines, words = lines | _staged_lines(pair, given, source), _staged_words(pair, given, source)
         loop, more = NEAR + STAGED_LOOP, {"staging": staging, "np": np}
@@ -249,38 +255,35 @@ def _packed_names() -> dict[str, Any]:
     return {"four_of": four_of, "np": np}
 
 
-def _packed_lines(pair: Callable, given: Mapping[str, str | None]) -> tuple[dict[str, list[str]], dict[str, str]]:
-    """Lines and words of the loop over packed fields, which reads those of several neighbours before it uses them."""
+def _packed_lines(pair: Callable, given: Mapping[str, str | None]) -> dict[str, list[str]]:
+    """Lines of the loop over packed fields."""
     found = layout(pair, tuple(given[name] for name in fields_of(pair, "j")))
 
     def row(vector: str, scalar: str, at: str) -> list[str]:
         names = [f"{c}_{at}" for c in "xyz"] if not vector else [f"{vector}_{at}{c}" for c in range(3)]
         return [*names, f"{scalar}_{at}" if scalar else "_"]
 
-    def read(at: str) -> tuple[list[str], list[str]]:
-        """Lines that read all fields of the neighbour `at`, and their names."""
+    def read(at: str, index: str) -> tuple[list[str], list[str]]:
+        """Lines that read all fields of the neighbour `index`, and their names."""
         beside = [*found.beside, *[""] * (len(found.vectors) - len(found.beside))]
         rows = [row(vector, scalar, at) for vector, scalar in zip(found.vectors, beside)]
         rows += [[*(f"{name}_{at}" for name in names), *"_" * (4 - len(names))] for names in found.together]
-        lines = [f"{', '.join(names)} = four_of(listed.rows[{n}], {at})" for n, names in enumerate(rows)]
-        lines += [f"{name}_{at} = {name}[{at}]" for name in found.rest]
+        lines = [f"{', '.join(names)} = four_of(listed.rows[{n}], {index})" for n, names in enumerate(rows)]
+        lines += [f"{name}_{at} = {name}[{index}]" for name in found.rest]
         if not rows:
             rows = [[f"{c}_{at}" for c in "xyz"]]
-            lines.append(f"{', '.join(rows[0])} = {entry_of('places', VECTOR, at)}")
+            lines.append(f"{', '.join(rows[0])} = {entry_of('places', VECTOR, index)}")
         names = [name for names in rows for name in names if name != "_"]
         return lines, [*names, *(f"{name}_{at}" for name in found.rest)]
 
-    together = FEW_ROWS if len(found.vectors) + len(found.together) < 2 else MANY_ROWS
-    lines: dict[str, list[str]] = {"entries": [], "read": [], "near": []}
-    theirs = [f"{name}_j = None" for name in fields_of(pair, "j") if given[name] is None]
-    theirs += [f"{v}_j = ({v}_j0, {v}_j1, {v}_j2)" for v in found.vectors[1:]]
-    for m in range(together):
-        own, names = read(f"j{m}")
-        lines["entries"].append(f"j{m} = listed.entries[at + np.uint64({m}) * stride if left > {m} else at]")
-        lines["read"] += own
-        words = {"held": ", ".join(read("j")[1]), "read": ", ".join(names), "number": str(m)}
-        lines["near"] += filled_in(NEAR_PACKED, {"theirs": theirs, "added": added(pair)}, **words).splitlines()
-    return lines, {"together": str(together)}
+    now, held = read("j", "j")
+    ahead, read_ahead = read("n", "following")
+    return {
+        "now": [*now, *(f"{name}_j = None" for name in fields_of(pair, "j") if given[name] is None)],
+        "ahead": ahead,
+        "theirs": [f"{v}_j = ({v}_j0, {v}_j1, {v}_j2)" for v in found.vectors[1:]],
+        "shifted": [f"{', '.join(held)} = {', '.join(read_ahead)}"],
+    }
 
 
 def entry_of(name: str, kind: str | None, index: str) -> str:
