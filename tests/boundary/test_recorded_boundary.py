@@ -2,12 +2,15 @@
 
 import pathlib
 import random
+import types
 
 import numpy as np
 import pytest
 
 import refsim
 from refsim import BoxWalls, InputError, MeshBoundary, WeaklyCompressible
+from refsim.backends.arrays import choose
+from refsim.boundary import sampling
 from refsim.boundary import signed_distance as distances
 from refsim.boundary.akinci_2012 import box_layers, calibrated_factor, lattice_layers, wall_kernel_sums
 from refsim.boundary.one_way_coupling.placing import cell_edges, flat_faces, placed_solid
@@ -203,6 +206,26 @@ def test_a_mesh_has_no_energy_of_its_own_and_adhesion_no_account():
     assert MeshBoundary(file=str(CUBE), model="mirrored", literal=("E30",)).energy(grid, liquid).uncounted == ()
     assert len(mirrored.energy(grid, liquid).uncounted) == 1
     assert MeshBoundary(file=str(CUBE), model="mirrored", adhesion=0.5).energy(grid, liquid) is None
+
+
+def test_angles_of_needles_are_numbers():
+    """Sides along each other, whose product rounding puts beyond 1."""
+    way, along = np.random.default_rng(1).normal(size=(200, 1, 3)), np.array([[0.0], [1.0], [3.0]])
+    vertices, faces = (along * way).reshape(-1, 3), np.arange(600).reshape(-1, 3)
+    table = distances.triangle_table(SurfaceMesh(vertices, faces, np.zeros(3)), "float64")
+    assert np.isfinite(table.normal).all()
+
+
+@pytest.mark.parametrize("radius", [0.01, 1.0, 20.0])
+def test_corners_that_the_isosurface_lacks_are_counted_in_radii(radius, monkeypatch):
+    away = np.array([0.5, 1.7, 1.9, 5.0]) * radius
+    vertices = np.stack([away, 0 * away, 0 * away], axis=1)
+    field = types.SimpleNamespace(distance=np.zeros(1))
+    band = types.SimpleNamespace(
+        backend=choose("numpy"), mesh=types.SimpleNamespace(vertices=vertices), field=field, local=field, spacing=1e-9
+    )
+    monkeypatch.setattr(sampling, "replace", lambda band, field: types.SimpleNamespace(at=lambda v: (away, None)))
+    assert sampling._corners_cut_off(band, np.zeros((1, 3)), radius) == 2
 
 
 # Walls of boxes
