@@ -17,6 +17,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+from refsim.core.streams import any_letter  # noqa: E402
+
 WRITTEN = {"docs/checks.md", "docs/equations.md"}  # whole, by programs that the pages name
 COMMAND = r"`(?:python\s+-m\s+(?:validation|tests)\b|python\s+(?:scripts|tests)/|pytest\s|refsim\s|nox\s+-s\s)[^`]*`"
 MEASURED = re.compile(r"Measured\s+by\s+" + COMMAND)
@@ -83,6 +87,7 @@ def pages() -> list[Path]:
     return [*sorted((ROOT / "docs").rglob("*.md")), *(ROOT / f"{name}.md" for name in ("README", "CONTRIBUTING"))]
 
 
+@any_letter()
 def main(words: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="how many numbers on the pages have a command that gives them")
     parser.add_argument("--without", action="store_true", help="print the lines whose numbers have no command")
