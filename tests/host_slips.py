@@ -170,9 +170,10 @@ def one(module: str, name: str, number: int | None, tests: list[str], seconds: f
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     signal.alarm(int(seconds))  # whose default is the end of the process
     chosen, files = Chosen(tests), {test.partition("::")[0]: None for test in tests}
-    words = ["-q", "-x", "-n", "0", "-p", "no:cacheprovider", "--tb=no", *filter(os.path.exists, files)]
+    options = ["-q", "-x", "-n", "0", "-p", "no:cacheprovider", "--tb=no"]
+    options.append("--assert=plain")  # else pytest warns of refsim, a plugin that was imported before
     with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere), contextlib.redirect_stderr(nowhere):
-        return int(pytest.main(words, [chosen]))
+        return int(pytest.main([*options, *filter(os.path.exists, files)], [chosen]))
 
 
 def tried(job: dict[str, Any]) -> tuple[str, str]:

@@ -53,3 +53,10 @@ def test_quick_tests_come_first_until_half_of_the_time_is_gone():
     assert host_slips.quick(tests, 0.1) == ["a"]
     assert host_slips.quick(tests, 14.0, "c") == ["c", "a", "b"]
     assert host_slips.quick([], 8.0) == []
+
+
+def test_tests_pass_without_a_slip_where_refsim_is_a_plugin_of_pytest():
+    """pytest warns, which is an error here, of a plugin that was imported before it could rewrite its assertions."""
+    quick = "tests/validation/test_host_slips.py::test_quick_tests_come_first_until_half_of_the_time_is_gone"
+    job = {"module": "refsim.study.result", "name": "Study.base", "number": None, "tests": [quick], "seconds": 60.0}
+    assert host_slips.asked(job) == ("refsim.study.result.Study.base: ", quick, 0)
