@@ -87,7 +87,6 @@ def as_on_the_site(app: Any, page: str, source: list[str]) -> None:
         from scripts.cookbook import cards
 
         text = text.replace("<!-- scenes -->", "\n".join(cards()))
-        text = text.replace("<!-- films -->", "\n".join(films()))
         text = text.replace("<!-- gallery -->", "\n".join(gallery()))
     if page == "checks":
         from validation.page import ROWS, table
@@ -198,21 +197,6 @@ def lesson(name: str, repository: str = "") -> str:
         offered = f"[In the browser, without installing]({live}); {offered}"
     parts[0] = parts[0].lstrip().replace("\n\n", f"\n\n{offered}\n\n", 1)
     return re.sub(r"`docs/(\w+)\.md`", r"{doc}`../\1`", "".join(parts))
-
-
-def films() -> Iterator[str]:
-    """A card for each film of `scripts/cookbook.py`: what it shows, the method's source, the commands."""
-    from scripts.cookbook import FILM_FOLDER, FILMS
-
-    yield '<div class="gallery">\n'
-    for name, film in FILMS.items():
-        if (FILM_FOLDER / f"{name}.mp4").exists():
-            yield '<div class="card">\n'
-            yield f'<video src="films/{name}.mp4" controls loop muted playsinline></video>\n'
-            yield f"**{film.shows}** {film.source[:1].upper()}{film.source[1:]}.\n"
-            yield "; ".join(f"`{command}`" for command in film.commands()) + "\n"
-            yield "</div>\n"
-    yield "</div>\n"
 
 
 def gallery() -> Iterator[str]:

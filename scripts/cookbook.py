@@ -1,8 +1,7 @@
-"""Run the recipes of docs/cookbook.md and draw their pictures into figures/cookbook; or make the films of the gallery.
+"""Run the recipes of docs/cookbook.md and draw their pictures into figures/cookbook.
 
     python scripts/cookbook.py             # all, some minutes on two cores
     python scripts/cookbook.py sloshing    # one of them
-    python scripts/cookbook.py --films     # into docs/_site/films, an example of each of the five systems, ten minutes
 
 recipes.json beside the pictures keeps particles, steps and processor seconds of the steps on one thread. Needs
 `pip install "refsim[view]"`. Exit code: 0, 2 for a name that is no recipe, else that of the command that failed.
@@ -13,7 +12,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
-import shutil
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -23,7 +21,6 @@ from typing import Any, NamedTuple
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "figures" / "cookbook"
 MEASURED = FOLDER / "recipes.json"
-FILM_FOLDER = ROOT / "docs" / "_site" / "films"
 sys.path.insert(0, str(ROOT))
 
 from refsim.commands.example import examples  # noqa: E402
@@ -83,40 +80,6 @@ MADE = (
 RECIPES = {recipe.scene: recipe for recipe in MADE}
 
 
-SECONDS, PER_SECOND = 10, 15  # of a film
-
-
-class Film(NamedTuple):
-    """An example, the paper, thesis or patent of its method, what is seen, end [s], options of `refsim render`."""
-
-    name: str
-    source: str
-    shows: str
-    until: float
-    options: str
-
-    def commands(self) -> tuple[str, ...]:
-        """The commands that make the film."""
-        every = self.until / (SECONDS * PER_SECOND - 1)
-        drawn = f"--film {self.name}.mp4 {self.options} --size 1280x720 --per-second {PER_SECOND}"
-        return (
-            f"refsim example {self.name}", f"refsim run {self.name}.toml --until {self.until:g} --every {every:.4g}",
-            f"refsim render {self.name}_run {drawn}",
-        )  # fmt: skip
-
-
-FILMS = {film.name: film for film in (
-    Film("dam_break_2d", "Jiang & Zhu 2023", "A column of liquid collapses in a tank, coloured by speed.", 0.35,
-         "--color velocity"),
-    Film("cohesion", "Dong, Zhang & Chen 2016", "A cube of liquid becomes a drop by cohesion.", 0.04, "--style water"),
-    Film("mpm_droplet", "a thesis on surface tension in MPM", "A box of liquid becomes a drop by surface energy.", 0.25,
-         "--style paper"),
-    Film("melting", "Shao & Song 2017", "A ball of ice falls into warm water and melts.", 2.0, "--style water"),
-    Film("mesh_boundary", "patent CN104318598A", "A column of liquid falls on a pebble, a triangle mesh.", 0.4,
-         "--style water"),
-)}  # fmt: skip
-
-
 def performed(commands: Sequence[str], *of_runs: str) -> int:
     """Perform commands in the current folder, runs with more options; exit code of the one that failed, or 0."""
     from refsim.__main__ import main as command
@@ -140,16 +103,6 @@ def make(recipe: Recipe) -> int:
         if code := performed([f"{recipe.commands()[-1]} --frames {frame} --size 640x480 -o picture.png"]):
             return code
         _keep(recipe, Path("picture.png"), run)
-    return 0
-
-
-def film(made: Film) -> int:
-    """Run and render a film; exit code of the command that failed, or 0."""
-    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
-        if code := performed(made.commands(), "--quiet"):
-            return code
-        FILM_FOLDER.mkdir(parents=True, exist_ok=True)
-        shutil.move(f"{made.name}.mp4", FILM_FOLDER / f"{made.name}.mp4")
     return 0
 
 
@@ -203,19 +156,15 @@ def _anchor(recipe: Recipe) -> str:
 
 @any_letter()
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__.partition(";")[0] if __doc__ else None)
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("name", nargs="*", metavar="NAME", help=f"some of {', '.join(RECIPES)}; all by default")
-    parser.add_argument("--films", action="store_true", help=f"make films: {', '.join(FILMS)}")
     given = parser.parse_args(arguments)
     try:
-        if given.films:
-            codes = map(film, chosen(given.name, FILMS, "film"))
-        else:
-            codes = map(make, chosen(given.name, RECIPES, "recipe"))
+        recipes = chosen(given.name, RECIPES, "recipe")
     except InputError as error:
         print(error, file=sys.stderr)
         return 2
-    return next(filter(None, codes), 0)
+    return next(filter(None, map(make, recipes)), 0)
 
 
 if __name__ == "__main__":

@@ -21,20 +21,18 @@ from validation.experiment import chosen  # noqa: E402
 
 @any_letter()
 def command(
-    document: str | None, pictures: Mapping[str, Callable[..., Any]], folder: Path,
-    arguments: Sequence[str] | None = None, suffix: str = "", options: Mapping[str, Mapping[str, Any]] | None = None,
-) -> int:  # fmt: skip
+    document: str | None,
+    pictures: Mapping[str, Callable[[], Any]],
+    folder: Path,
+    arguments: Sequence[str] | None = None,
+) -> int:
     """Draw the pictures named, all by default; returns the exit code, 2 for a name that is no picture.
 
-    pictures  what makes the figure of a file, called in an empty folder; with options of (name, what was given)
-    suffix    of the files, where the names have none
-    options   more options of the command, by name, as `argparse` takes them
+    pictures  what makes the figure of a file, called in an empty folder
     """
     parser = argparse.ArgumentParser(description=document, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"{', '.join(pictures)}; all by default")
     parser.add_argument("--folder", type=Path, default=folder, help="to write the pictures into")
-    for name, option in (options or {}).items():
-        parser.add_argument(name, **option)
     given = parser.parse_args(arguments)
     import matplotlib.pyplot as plt
 
@@ -46,10 +44,10 @@ def command(
             os.chdir(made)
             try:
                 for name in given.names or pictures:
-                    figure = pictures[name](name, given) if options else pictures[name]()
-                    save_picture(figure, folder / f"{name}{suffix}")
+                    figure = pictures[name]()
+                    save_picture(figure, folder / name)
                     plt.close(figure)
-                    print(folder / f"{name}{suffix}")
+                    print(folder / name)
             finally:
                 os.chdir(before)
     except InputError as error:

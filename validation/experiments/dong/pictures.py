@@ -10,7 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 
-from validation.drawing import BLUE, GREY, ORANGE, plain_title, show_balls, view_matrix, visible_balls
+from validation.drawing import BLUE, GREY, ORANGE, plain_title, seen_thousandths, show_balls, view_matrix, visible_balls
 from validation.experiment import Picture, Results
 from validation.experiments.dong import runs
 from validation.experiments.dong import scene as scenes
@@ -20,7 +20,8 @@ from validation.results import Result
 TOP, SIDE_VIEW = view_matrix(azimuth=-90.0, elevation=90.0), view_matrix(azimuth=-90.0, elevation=1.0)
 COLOURS = [(0.16, 0.50, 0.80), (0.90, 0.45, 0.13), (0.20, 0.62, 0.40), (0.65, 0.35, 0.65), (0.80, 0.65, 0.15)]
 GLASS = (0.55, 0.72, 0.86)  # of what belongs to no larger part
-ROOM_EXTENT = 0.54  # half width [m]
+OBLIQUE = view_matrix(azimuth=12.0, elevation=9.0)
+ROOM_EXTENT, CUBE_EXTENT = 0.54, 0.4  # half widths [m]
 MILLI = 1e-3
 
 
@@ -63,6 +64,34 @@ def _draw_room(place: Any, frame: Mapping[str, Any], spacing: float, view: NDArr
 def _counts(frame: Mapping[str, Any], *names: str) -> str:
     """Counts in words: 1 part, 2 parts."""
     return ", ".join(f"{frame[name]} {name if frame[name] != 1 else name[:-1]}" for name in names)
+
+
+def cube_data(results: Results) -> dict[str, Any]:
+    """Figure 3: the cube, half way to a ball, the ball, the octahedron, half way back, and at the end."""
+    values, position = results["cube_4913"].values, results["cube_4913"].arrays["position"].astype(float)
+    moment = np.array(values["series"]["moment"])
+    top = int(np.argmax(moment))
+    ball = int(np.argmin(np.abs(moment[:top])))
+    after = top + int(np.argmax(moment[top:] <= 0))
+    rows = []
+    for k in (0, ball // 2, ball, top, after, len(moment) - 1):
+        seen = seen_thousandths(position[k] - position[k].mean(0), values["spacing"], OBLIQUE, CUBE_EXTENT)
+        rows.append({"time": values["series"]["time"][k], "moment": moment[k], "position_mm": seen})
+    return {
+        "title": f"Dong, figure 3: a cube of 0.5 m without gravity, {values['particles']:,} particles",
+        "spacing_m": values["spacing"], "rows": rows,
+    }  # fmt: skip
+
+
+def cube_picture(data: Mapping[str, Any]) -> Any:
+    """Draw figure 3."""
+    figure, axes = plt.subplots(1, len(data["rows"]), figsize=(10.4, 2.4))
+    for place, row in zip(axes, data["rows"]):
+        x = np.array(row["position_mm"], dtype=float) * MILLI
+        show_balls(place, x, data["spacing_m"], COLOURS[0], OBLIQUE, CUBE_EXTENT, 420)
+        plain_title(place, f"{row['time']:.2f} s: q4 {row['moment']:+.3f}", fontsize=8)
+    figure.suptitle(data["title"], fontsize=10.5, fontweight="bold")
+    return figure
 
 
 def splash_data(results: Results) -> dict[str, Any]:
@@ -154,6 +183,7 @@ def merging_picture(data: Mapping[str, Any]) -> Any:
 
 
 PICTURES = (
+    Picture("dong_figure_3", cube_data, cube_picture, ("cube_4913",), shaded=True),
     Picture("dong_figure_4", splash_data, splash_picture, ("rest_with", "rest_without"), shaded=True),
     Picture("dong_figure_5", rest_data, rest_picture, ("rest_with", "rest_without")),
     Picture("dong_figure_6", merging_data, merging_picture, ("rest_with",), shaded=True),
