@@ -1,7 +1,7 @@
 """The CUDA backend in Numba's CUDA simulator: kernels, search and whole runs, with tens of particles.
 
 Run it as `NUMBA_ENABLE_CUDASIM=1 NUMBA_DISABLE_JIT=1 pytest tests/ladder/test_cuda_simulator.py`; without the simulator
-everything here is skipped, because compiled kernels would need a GPU (`scripts/gpu_check.py`).
+everything here is skipped, because compiled kernels would need a GPU (`pytest -m gpu`).
 """
 
 import math
@@ -415,7 +415,7 @@ def test_largest_values_do_not_outlive_their_call(cuda):
     for k in range(len(operation.as_computed_by(program).variants))
 ])  # fmt: skip
 def test_operation_agrees_with_its_reference(name, program, variant):
-    """One hard input of the contract; all of them run on a GPU (`scripts/gpu_check.py`)."""
+    """One hard input of the contract; all of them run on a GPU (`pytest -m gpu`)."""
     case = "few_2d" if name == "heat.conjugate_gradient" else "cloud_2d"  # whose iterations are Python's, too
     outcome = contract.run(name, program, "float32", case, variant)
     assert outcome.passed, str(outcome)
