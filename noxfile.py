@@ -26,7 +26,7 @@ NIGHT = {  # minutes, and the command
     "writes": (60, (*PYTHON, "tests/commands/refused_writes.py", "--count", "2000", "--seed", SEED)),
     "laws": (130, (*VALIDATION, "laws", "--minutes", "110", "--seed", SEED)),
     "attack": (75, (*VALIDATION, "attack", "--minutes", "60", "--seed", SEED)),
-    "peers": (180, (*VALIDATION, "run", "boundary", "mpm_droplet", "surface_reconstruction", "timing", "--peers")),
+    "peers": (180, (*VALIDATION, "run", "boundary", "mpm_droplet", "timing", "--peers")),
     "plain": (90, ("env", "REFSIM_PLAIN=1", *PYTEST, "-m", "not gpu", "tests/ladder/test_pairing.py", "-k", "cpu")),
     "lessons": (30, (*PYTHON, "scripts/lessons.py", "--warm")),
     "checks": (960, (*VALIDATION, "check", "--jobs", CORES)),

@@ -1,4 +1,4 @@
-"""Runs of boundary sampling: scorecards, the distance's error and order, and other programs on the same work."""
+"""Runs of boundary sampling: scorecards, the distance's error and order; liquid at meshes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 
 import refsim
 from refsim.backends.arrays import choose
-from refsim.boundary.mesh import SurfaceMesh, load_mesh, surface_mesh
+from refsim.boundary.mesh import SurfaceMesh, surface_mesh
 from refsim.boundary.sampling import MOST_ITERATIONS, relaxed, sample
 from refsim.boundary.signed_distance import NarrowBand, signed_distance
 from refsim.core.errors import RunStopped
@@ -27,9 +26,8 @@ from validation.experiment import Experiment, Measure, Options, Results, RunSpec
 from validation.experiments.boundary import scene as meshes
 from validation.experiments.boundary.scene import FLOW_SHAPES as SOLIDS
 from validation.experiments.boundary.scene import SHAPES, SPACING, SUPPORT
-from validation.metrics.sampling import EXACT_QUERIES, blueness, evenness, near_surface, radius_for, score
+from validation.metrics.sampling import EXACT_QUERIES, evenness, near_surface, radius_for, score
 from validation.metrics.spread import groups, tunnels
-from validation.peers import splishsplash_sampling
 from validation.peers.couplings import DirectForcing, DistanceForces
 from validation.results import Result, real
 from validation.running import Context, on_threads
@@ -106,35 +104,6 @@ def distance_errors(
         })  # fmt: skip
         context.progress((k + 1) / len(spacings))
     return Result({"shape": shape, "rows": rows})
-
-
-def against_peers(context: Context, level: int, count: int, threads: int, rounds: int, scale: float) -> Result:
-    """A mesh to particles, beside pySPlisHSPlasH's surface sampling, in turn.
-
-    scale  of the other program's disks, so that it makes as many particles
-    """
-    made = SHAPES["organic"](level)
-    mesh = meshes.mesh_of(made, "organic")
-    radius = radius_for(mesh.area, count)
-    own, other = [], []
-    with meshes.mesh_file(made) as file, on_threads("cpu", threads):
-        sample(mesh, 4 * radius)
-        for k in range(rounds):
-            began = time.perf_counter()
-            found = sample(load_mesh(Path(file)), radius)  # the other program reads the file, too
-            own.append(time.perf_counter() - began)
-            peer = splishsplash_sampling.run(made.vertices, made.faces, radius, threads, scale)
-            other.append(peer.get("seconds", math.nan))
-            context.progress((k + 1) / rounds)
-    quality = {} if "missing" in peer else {
-        "sampling_ratio": float(np.median(other) / np.median(own)),
-        "peer_quality": blueness(peer["position"], mesh.area), "peer_particles": peer["particles"],
-    }  # fmt: skip
-    return Result({
-        "triangles": len(mesh.faces), "radius": radius, "threads": threads, "particles": len(found.position),
-        "own": own, "other": other, "quality": blueness(found.position, mesh.area),
-        "iterations": found.iterations, **quality, "missing": peer.get("missing", ""),
-    })  # fmt: skip
 
 
 # Runs of liquid at meshes: rain, resting tanks, pouring.
@@ -619,9 +588,6 @@ MEASURED = (*SMOOTH, "cube", "organic")
 def sampling_planned(options: Options) -> list[RunSpec]:
     """Sampling and signed distance."""
     backend, threads = {"backend": options.backend}, {"threads": options.threads}
-    whole, small = {"level": 6, "count": 1_000_000, "scale": 1.28}, {"level": 5, "count": 20_000, "scale": 1.44}
-    size = small if options.quick else whole
-    peers = {**size, "rounds": 3, "threads": options.threads or 2}
     iterations = 200 if options.quick else 400
     return [
         *(RunSpec(f"sampling_{shape}", scorecard, {"shape": shape, "count": 5000, **backend, **threads}, 6.0)
@@ -631,8 +597,6 @@ def sampling_planned(options: Options) -> list[RunSpec]:
         *(RunSpec(f"distance_{shape}", distance_errors,
               {"shape": shape, "spacings": SPACINGS, "level": 6 if shape in SMOOTH else 4, **backend}, 6.0)
           for shape in MEASURED),
-        RunSpec("sampling_peers", against_peers, peers, 900.0,
-            "" if options.peers else "measured with --peers"),
     ]  # fmt: skip
 
 
@@ -659,12 +623,6 @@ def sampling_checks(results: Results, check: Checks) -> None:
             check.run(results, "distance_cube",
                       {"distance_edges": lambda v: max(r["largest_in_spacings"] for r in v["rows"])})  # fmt: skip
         check.run(results, f"distance_{shape}", own, shape)
-    values = results["sampling_peers"].values if "sampling_peers" in results else {}
-    if "sampling_ratio" in values:
-        check("peer_sampling_ratio", values["sampling_ratio"])
-        check("peer_sampling_quality", values["quality"]["variation"] / values["peer_quality"]["variation"])
-        check("peer_sampling_blue", values["quality"]["blue"] / values["peer_quality"]["blue"])
-        check("peer_sampling_count", abs(values["peer_particles"] / values["particles"] - 1))
 
 
 def _order(values: Mapping[str, Any]) -> float:

@@ -1,4 +1,4 @@
-"""Runs of heat conduction: orders in a slab, Stefan's problem, a melting sphere and ranges.
+"""Runs of heat conduction: orders in a slab, claims and ranges. The panel `melt_front` holds Stefan's problem.
 
 Everywhere k = rho = c = 1 (SI units), h = 2.5 d; `number` is k dt/(rho c d^2)."""
 
@@ -20,14 +20,13 @@ from validation.experiment import Experiment, Measure, Options, Results, RunSpec
 from validation.experiments.melting.scene import SCALE
 from validation.experiments.melting.scene import STEP as PAPER_STEP
 from validation.metrics import heat as exact
-from validation.metrics.heat import SCHEMES, SUPPORT, Conductor, cosine_slab, lattice
+from validation.metrics.heat import Conductor, cosine_slab
 from validation.results import Result, real
 from validation.running import Context, take_steps
 from validation.trials import Cell, Trial, hard_case, largest_stable, unguarded
 from validation.work_precision import observed_order
 
 SPACING, LENGTH, END = 0.2, 40, 6.4  # of the slab: [m], spacings along x, [s]
-WALL, START, LATENT = 50.0, -10.0, 100.0  # of ice: held at the surface [deg C], at first [deg C], [J/kg]
 
 
 def across(scheme: str) -> int:
@@ -86,105 +85,6 @@ def order_in_step(context: Context, scheme: str) -> Result:
         slab.run(END / 4, round(END / 4 / (number * SPACING**2)))
         rows.append({"size": number, "error": rms(slab.temperature.reshape(LENGTH // 2, -1) - limit[:, None])})
     return Result({"scheme": scheme, "rows": rows})
-
-
-def ball(cells: int, jitter: float, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    """Particles (n, 3) in units of the spacing about the origin, out to `cells` + a support radius; whether held.
-
-    Jittered by so many spacings, each way; those beyond `cells` are held.
-    """
-    reach = math.ceil(cells + SUPPORT)
-    position = lattice((2 * reach,) * 3, 1.0) - reach
-    position += np.random.default_rng(seed).uniform(-jitter, jitter, position.shape)
-    distance = np.linalg.norm(position, axis=1)
-    position = position[distance < cells + SUPPORT]
-    return position, np.linalg.norm(position, axis=1) >= cells
-
-
-# Stefan's problem with two phases
-
-
-def stefan(context: Context, scheme: str, cells: int, numbers: tuple[float, ...], backend: str = "cpu") -> Result:
-    """Ice of 1 m at -10 deg C beside a wall of particles held at 50: fronts [m] at 40 times to t = 0.1 s.
-
-    The error is that of the melted depth, largest over the last three quarters of the time, over the depth: as it is,
-    and measured from the first held layer, half a spacing behind the surface.
-    """
-    wide, layers, spacing, until = across(scheme), math.ceil(SUPPORT), 1.0 / cells, 0.1
-    position = lattice((cells + layers, wide, wide), spacing) - [layers * spacing, 0.0, 0.0]
-    held = position[:, 0] < 0
-    period = (0.0, wide * spacing, wide * spacing)
-    root = exact.stefan_root(WALL, START, LATENT)
-    start = np.where(held, WALL, START)
-    rows, arrays = [], {}
-    for share, number in enumerate(numbers):
-        made = Conductor(scheme, position, spacing, start, period=period, held=held, ice=(0.0, LATENT), backend=backend)
-        steps = max(4, round(until / (number * spacing**2)))
-        times, depth = until * np.arange(1, steps + 1) / steps, np.empty(steps)
-        for k in range(steps):
-            made.step(until / steps)
-            depth[k] = made.molten()[~held].sum() * spacing / wide**2
-        truth, late = 2 * root * np.sqrt(times), times >= until / 4
-        rows.append({
-            "number": until / steps / spacing**2, "size": spacing, "seconds": made.seconds,
-            "raw": 100 * float((abs(depth - truth) / truth)[late].max()),
-            "shifted": 100 * float((abs(depth + spacing / 2 - truth) / truth)[late].max()),
-            "highest": float(made.temperature.max()), "lowest": float(made.temperature.min()),
-        })  # fmt: skip
-        arrays[f"time_{number:g}"], arrays[f"depth_{number:g}"] = times, depth
-        context.progress((share + 1) / len(numbers))
-    return Result({"scheme": scheme, "cells": cells, "root": root, "until": until, "rows": rows}, arrays)
-
-
-# A sphere of ice that melts
-
-
-def oracle(context: Context, cells: int = 400) -> Result:
-    """The melting sphere in one dimension, and how far half as many cells are off."""
-    made, half = (exact.melting_shell(0.0, 1.0, n, WALL, START, LATENT, 0.6) for n in (cells, cells // 2))
-    return Result(
-        {"melted": made.time[-1], "refinement": float(abs(half.at(made.time) - made.ice).max())},
-        {"time": made.time, "ice": made.ice},
-    )
-
-
-def melting_sphere(
-    context: Context, scheme: str, cells: int, number: float, jitter: float = 0.0, backend: str = "cpu"
-) -> Result:
-    """A ball of ice of 1 m at -10 deg C, all beyond held at 50: radius of the ice [m] until a fifth is left.
-
-    Against the one-dimensional program: with the surface where the particles end, and half a spacing further out. The
-    error is the largest, over the first radius.
-    """
-    position, held = ball(cells, jitter)
-    spacing = 1.0 / cells
-    made = Conductor(
-        scheme, position * spacing, spacing, np.where(held, WALL, START), held=held, ice=(0.0, LATENT),
-        largest_number=1e9, backend=backend,
-    )  # fmt: skip
-    truth = exact.melting_shell(0.0, 1.0, 200, WALL, START, LATENT, 0.6)
-    step = number * spacing**2
-    steps, times, ice = math.ceil(0.8 / step), [0.0], [1.0]
-    while ice[-1] > 0 and len(times) <= steps:
-        made.step(step)
-        times.append(len(times) * step)
-        ice.append(1 - float(made.molten()[~held].mean()))
-        context.progress(1 - ice[-1])
-    at, radius = np.array(times), np.cbrt(np.clip(ice, 0, None))
-    wider = 1 + spacing / 2  # lengths grow by this, times by its square
-    raw = np.cbrt(truth.at(at))
-    shifted = wider * np.cbrt(truth.at(at / wider**2))
-    seen = (radius > 0.2) & (shifted < 1)
-    melted = np.interp(0.0, -np.array(ice), at) if ice[-1] > 0 else at[-1]
-    return Result(
-        {
-            "scheme": scheme, "cells": cells, "number": number, "particles": int((~held).sum()),
-            "raw": 100 * float(abs(radius - raw)[seen].max()),
-            "shifted": 100 * float(abs(radius - shifted)[seen].max()),
-            "melted": float(melted), "melted_exactly": float(truth.time[-1]), "seconds": made.seconds,
-        },
-        {"time": at, "radius": radius, "raw": raw, "shifted": shifted},
-    )  # fmt: skip
 
 
 # What the paper on melting claims of its conduction of heat, equation (4), measured on a cosine in a slab.
@@ -558,73 +458,29 @@ MAPS = {
 }
 
 
-# Heat conduction: orders of every scheme, Stefan's problem and a melting sphere.
-
-
-COLUMNS = (20, 40, 80)
-BEST = "runge_kutta_legendre"
+# Heat conduction: orders of every scheme.
 
 
 def planned(options: Options) -> list[RunSpec]:
     """The runs under the options."""
     slow = "takes minutes with the others; run without --quick" if options.quick else ""
-    ice = {"cells": 40, "numbers": [0.5, 2.0, 8.0]}
-    return [
-        *(RunSpec(f"step_{name}", order_in_step, {"scheme": name}, 5.0, slow) for name in SCHEMES),
-        RunSpec("spacing", order_in_spacing, {}, 4.0),
-        *(RunSpec(f"stefan_{name}", stefan, {"scheme": name, **ice}, 6.0, "" if name == BEST else slow)
-          for name in MELTING),
-        *(RunSpec(f"columns_{cells}", stefan, {"scheme": BEST, "cells": cells, "numbers": [2.0]}, 4.0)
-          for cells in COLUMNS),
-        RunSpec("oracle", oracle, {}, 8.0, slow),
-        *(RunSpec(f"melting_{name}_{cells}", melting_sphere, {"scheme": name, "cells": cells, "number": number},
-              0.005 * cells**3, slow if cells > 10 else "")
-          for name, cells, number in ((BEST, 10, 2.0), (BEST, 20, 2.0), ("implicit", 20, 0.5))),
-    ]  # fmt: skip
+    steps = (RunSpec(f"step_{name}", order_in_step, {"scheme": name}, 5.0, slow) for name in STEPS)
+    return [*steps, RunSpec("spacing", order_in_spacing, {}, 4.0)]
 
 
-def rows_of(results: Results, key: str) -> list[dict[str, Any]]:
-    """The rows of a run; none where it was not performed."""
-    return results[key].values["rows"] if key in results else []
-
-
-def order_of(rows: list[dict[str, Any]], error: str = "error") -> float:
+def order_of(rows: list[dict[str, Any]]) -> float:
     """Observed order over sizes."""
-    return observed_order([real(row["size"]) for row in rows], [real(row[error]) for row in rows])
-
-
-MELTED = {  # runs of the melting sphere
-    f"{BEST}_10": f"{BEST}, R = 10 d", f"{BEST}_20": f"{BEST}, R = 20 d", "implicit_20": "implicit, R = 20 d",
-}  # fmt: skip
+    return observed_order([real(row["size"]) for row in rows], [real(row["error"]) for row in rows])
 
 
 def checks(results: Results, check: Checks) -> None:
     """What each bar is held against."""
     check.run(results, "spacing", {"order_in_spacing": lambda v: order_of(v["rows"])})
-    for name in SCHEMES:
-        order: Quantities = {f"order_{name}": lambda v, name=name: order_of(v["rows"])}
+    for name in STEPS:
+        order: Quantities = {f"order_{name}": lambda v: order_of(v["rows"])}
         check.run(results, f"step_{name}", order)
-    refined = {f"columns_{cells}": rows_of(results, f"columns_{cells}") for cells in COLUMNS}
-    for key, row in ((key, row) for key, rows in refined.items() for row in rows):
-        for name in ("raw", "shifted"):
-            check(f"stefan_{name}", row[name], key, f"{1 / row['size']:.0f} spacings")
-    if all(refined.values()):
-        check("stefan_order", order_of([row for rows in refined.values() for row in rows], "raw"))
-    for name in MELTING:
-        for row in rows_of(results, f"stefan_{name}"):
-            number = f"{row['number']:.2g}"
-            check("stefan_scheme", row["shifted"], f"{name}_{number}", f"{name}, {number}")
-    check.run(results, "oracle", {"oracle_refinement": "refinement"})
-    for key, words in MELTED.items():
-        bar = "melting_front" if key == f"{BEST}_20" else "melting_front_other"
-        check.run(results, f"melting_{key}", {bar: "raw"}, f"{key}_raw", f"{words}, as it is")
-        check.run(results, f"melting_{key}", {bar: "shifted"}, f"{key}_shifted", f"{words}, from the first held layer")
-        late: Quantities = {"melting_time": lambda v: 100 * (v["melted"] / v["melted_exactly"] - 1)}
-        check.run(results, f"melting_{key}", late, key, words)
 
 
 EXPERIMENT = Experiment(
-    name="heat",
-    title="conduction of heat: orders of every scheme, Stefan's problem and a melting sphere",
-    runs=planned, checks=checks,
+    name="heat", title="conduction of heat: orders of every scheme", runs=planned, checks=checks,
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Runs of the reconstruction: normals, the fit's convergence, meshes, stages, and other programs on the same work."""
+"""Runs of the reconstruction: normals, the fit's convergence, meshes, and stages."""
 
 from __future__ import annotations
 
@@ -22,7 +22,6 @@ from validation.experiment import Experiment, Measure, Options, Results, RunSpec
 from validation.experiments.surface_reconstruction import scene
 from validation.experiments.surface_reconstruction.scene import RADII
 from validation.metrics.meshes import edge_counts, eigenvalues, neighbouring_facets, smallest_angles
-from validation.peers import in_turns, pysplashsurf
 from validation.results import Result, real
 from validation.running import Context, beside, median_and_mad, medians, on_threads
 
@@ -269,22 +268,6 @@ def fit_scaling(
     })  # fmt: skip
 
 
-def against_pysplashsurf(context: Context, count: int, rounds: int, threads: int) -> Result:
-    """Level set and marching cubes of both programs on the same block, in turn: medians over all rounds.
-
-    refsim's part is what makes the mesh: cells, node states, facets and exit points.
-    """
-    position = (CELL * scene.lattice_block(count)).astype(np.float32)
-    with on_threads("cpu", threads) as there:
-        made = reconstruction_on(there, 3, "float32", CELL, Tension(surface_tension=1.0))
-        mesh = made.mesh(position)
-        found = in_turns(
-            rounds, lambda: pysplashsurf.run(position, CELL, threads),
-            lambda: medians(lambda: made.mesh(position), there, 3)[0], context.progress, len(position),
-        )  # fmt: skip
-    return Result({**found, "threads": threads, "facets": len(mesh.facets)})
-
-
 # Starts are jitters of the cloud's lattice. Times come from the experiment's run `normals_cost`.
 
 
@@ -439,20 +422,17 @@ def planned(options: Options) -> list[RunSpec]:
     slow = "takes a minute with the others; run without --quick" if quick else ""
     on_gpu = slow if options.backend == "cuda" else "a bar for the GPU, measured with --backend cuda"
     counts = [8_000, 64_000] if quick else [8_000, 64_000, 1_000_000]
-    peer = {"count": 64_000 if quick else 524_288, "rounds": 3, "threads": options.threads or 2}
     return [
         *(RunSpec(f"normals_{shape}", normal_errors, {"shape": shape, **backend}, 8.0) for shape in RADII),
         RunSpec("meshes", meshes, backend, 2.0),
         RunSpec("stages", stages, {"counts": counts, **backend, **threads}, 4.0 if quick else 30.0),
         RunSpec("beside_transfers", beside_transfers, {"cells": 50, "rounds": 3, **backend}, 30.0, on_gpu),
         RunSpec("normals_cost", normals_cost, {**backend, **threads}, 3.0),
-        RunSpec("peer_pysplashsurf", against_pysplashsurf, peer, 40.0,
-            "" if options.peers else "measured with --peers"),
     ]  # fmt: skip
 
 
 def checks(results: Results, check: Checks) -> None:
-    """Normals, topology, convergence and the ratio to the peer; absolute times are shown."""
+    """Normals, topology and convergence; absolute times are shown."""
     for shape in RADII:
         own = {name: lambda v, key=key, part=part: v["rows"][key][part] for name, (key, part) in NORMALS.items()}
         check.run(results, f"normals_{shape}", own, shape)
@@ -464,11 +444,6 @@ def checks(results: Results, check: Checks) -> None:
     if "beside_transfers" in results:
         values = results["beside_transfers"].values
         check("over_transfers", values["ratio"], "cuda", f"{values['particles']:,} particles")
-    if "peer_pysplashsurf" in results and not results["peer_pysplashsurf"].values["missing"]:
-        values = results["peer_pysplashsurf"].values
-        check("peer_ratio", values["ratio"], "pysplashsurf", "pysplashsurf")
-        for name, words in (("refsim", "refsim"), ("peer", "pysplashsurf")):
-            check("peer_time", 1e6 * values[name]["median"], name, words)
 
 
 EXPERIMENT = Experiment(
