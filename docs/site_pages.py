@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import html
 import inspect
 import json
 import re
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -87,7 +85,6 @@ def as_on_the_site(app: Any, page: str, source: list[str]) -> None:
         from scripts.cookbook import cards
 
         text = text.replace("<!-- scenes -->", "\n".join(cards()))
-        text = text.replace("<!-- gallery -->", "\n".join(gallery()))
     if page == "checks":
         from validation.page import ROWS, table
 
@@ -197,37 +194,6 @@ def lesson(name: str, repository: str = "") -> str:
         offered = f"[In the browser, without installing]({live}); {offered}"
     parts[0] = parts[0].lstrip().replace("\n\n", f"\n\n{offered}\n\n", 1)
     return re.sub(r"`docs/(\w+)\.md`", r"{doc}`../\1`", "".join(parts))
-
-
-def gallery() -> Iterator[str]:
-    """A card for each figure: thumbnail, what it shows, paper, claims and their verdicts, command."""
-    from validation.checks import CLAIM, read_all
-    from validation.experiment import discover
-    from validation.page import SYSTEMS
-
-    claims = read_all(CLAIM)
-    yield '<div class="gallery">\n'
-    for name, experiment in discover().items():
-        own = [claim for claim in claims if claim.experiment == name]
-        counted = Counter(claim.word for claim in own)
-        papers = dict.fromkeys(SYSTEMS.get(claim.system, claim.system).partition(":")[0] for claim in own)
-        verdict = ", ".join(f"{number} {words}" for words, number in counted.most_common())
-        for picture in experiment.pictures:
-            if not (ROOT / "figures" / picture.file).exists():
-                continue
-            yield '<div class="card">\n'
-            yield f"![{_caption(picture.name)}](../figures/{picture.file})\n"
-            yield f"**{_caption(picture.name)}.** {experiment.title[:1].upper()}{experiment.title[1:]}.\n"
-            if papers:
-                yield f"{'; '.join(papers)}. [Claims](checks.md): {verdict}.\n"
-            yield f"`python -m validation run {name}`\n"
-            yield "</div>\n"
-    yield "</div>\n"
-
-
-def _caption(name: str) -> str:
-    words = name.replace("_", " ")
-    return html.escape(words[:1].upper() + words[1:])
 
 
 def api() -> Iterator[str]:
