@@ -166,7 +166,8 @@ class Series:
         return near if self.cut is None or self.look.style != "particles" else near & (self.cut(position) <= 0)
 
     def _surface(self, points: NDArray, liquid: bool) -> SurfaceMesh:
-        cell, around = CELL if self.run.dim == 3 else 0.5 * CELL, (self.wall, self.run.closed_box) if liquid else ()
+        cell, solid = CELL if self.run.dim == 3 else 0.5 * CELL, self.run.mesh
+        around = (None if solid is None else solid.distance, self.run.closed_box) if liquid else ()
         return surface_around(points, self.run.spacing, self.run.dim, cell, *around)
 
     def _bodies(self, frame: Frame) -> Iterator[Body]:
@@ -448,7 +449,10 @@ def write_film(
         film = imageio_ffmpeg.write_frames(
             str(beside), (width, height), fps=per_second, codec="libx264", quality=None, macro_block_size=2,
             ffmpeg_log_level="quiet",  # what it refuses is told in one sentence
-            output_params=["-crf", "20", "-preset", "medium", "-movflags", "+faststart", "-f", "mp4"],
+            output_params=[
+                *("-crf", "20", "-preset", "medium", "-threads", "1"), *("-x264-params", "rc-lookahead=10"),  # memory
+                *("-movflags", "+faststart", "-f", "mp4"),
+            ],
         )  # fmt: skip
         at_the_end.callback(film.close)
         with held_back():

@@ -1,7 +1,8 @@
 """From particles to the surface around them, as pictures need it: closed, smooth, the same grid for every frame.
 
 Zhu & Bridson 2005: phi(x) = |x - xbar(x)| - r with the weighted mean xbar of the particles around x; here with Gaussian
-weights, so that it is a few filters of a grid. `refsim.isosurface` extracts the surface phi = 0.
+weights, so that it is a few filters of a grid. VTK extracts the surface phi = 0 in space, `refsim.isosurface` the
+line in the plane.
 """
 
 import itertools
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from refsim.backends.arrays import Backend
 from refsim.core.errors import InputError
 from refsim.isosurface import extract
+from refsim.render.space import pyvista
 
 CELL = 0.5  # of the grid [spacings]
 WIDTH = 0.75  # standard deviation of the Gaussian weights [spacings]
@@ -44,15 +46,16 @@ class Distance(Protocol):
 
 
 def surface_around(
-    position: ArrayLike, spacing: float, dim: int = 3, cell: float = CELL, wall: Distance | None = None,
+    position: ArrayLike, spacing: float, dim: int = 3, cell: float = CELL, solid: Distance | None = None,
     box: tuple[NDArray, NDArray] | None = None,
 ) -> SurfaceMesh:  # fmt: skip
     """The surface around particles at `position` (n, 3) [m] that stand about `spacing` [m] apart.
 
-    cell  of the grid [spacings]
-    wall  distance from solids and walls, negative inside; the surface reaches to a solid next to it, although the
-          liquid's outermost particles stand up to a spacing off, and not beyond
-    box   corners of the walls [m], infinite at open faces: particles are mirrored in its planes, to keep a level flat
+    cell   of the grid [spacings]
+    solid  distance from a solid, negative inside; the surface reaches to it where it is near, although the liquid's
+           outermost particles stand up to a spacing off, and not beyond
+    box    corners of the walls [m], infinite at open faces, which the surface does not cross: particles are mirrored in
+           its planes, to keep a level flat
 
     Raises InputError where the particles are so far apart that the grid would have more than MOST_NODES nodes.
     """
@@ -64,27 +67,43 @@ def surface_around(
         points = np.concatenate([points, images])
     if not len(points):
         return SurfaceMesh(np.zeros((0, 3), np.float32), np.zeros((0, dim), np.int32))
-    first, phi, held = distances(points, spacing, size, None if wall is None else box)
+    first, phi, held = distances(points, spacing, size, box)
 
     def place(nodes: NDArray) -> NDArray[np.float64]:
         corner = np.zeros((len(nodes), 3))
         corner[:, :dim] = (nodes + first) * size
         return corner
 
-    if wall is not None:
+    if solid is not None:
         for near in _parts(np.abs(phi) < 1.5 * spacing):
             places, at = place(near), tuple(near.T)
-            off, planes = wall(places), np.inf if box is None else depth(places, *box)
+            off, planes = solid(places), np.inf if box is None else depth(places, *box)
             share = np.where(off < planes, np.clip(1.0 - off / (CONTACT_RANGE * spacing), 0.0, 1.0), 0.0)
             phi[at] -= CONTACT * spacing * share * held[at]
         for inside in _parts(phi < spacing):
             at = tuple(inside.T)
-            phi[at] = np.maximum(phi[at], -wall(place(inside)) - SUNK * spacing)
+            phi[at] = np.maximum(phi[at], -solid(place(inside)) - SUNK * spacing)
+    if box is not None:
+        for axis, grid in enumerate(np.ogrid[tuple(slice(n) for n in phi.shape)]):
+            x = (grid + first[axis]) * size
+            beyond = np.maximum(box[0][axis] - x, x - box[1][axis]) - SUNK * spacing
+            np.maximum(phi, beyond.astype(np.float32), out=phi)
+    if dim == 3:
+        return _in_space(phi, first, size)
     nodes = _band(phi < 0)
     coordinates = np.zeros((len(nodes), 3), np.int64)
     coordinates[:, :dim] = nodes + first
     mesh = extract(Backend("cpu"), coordinates, phi[tuple(nodes.T)].astype(np.float32), size, dim)
     return SurfaceMesh(mesh.vertices, mesh.facets)
+
+
+def _in_space(phi: NDArray[np.float32], first: NDArray[np.int64], size: float) -> SurfaceMesh:
+    """The surface phi = 0 of a grid by VTK, which pictures in space load anyway: Numba would take 116 MiB more."""
+    grid = pyvista().ImageData(dimensions=phi.shape[::-1])  # its first axis varies fastest
+    grid.point_data["phi"] = phi.reshape(-1)
+    mesh = grid.contour([0.0], "phi", compute_normals=False, compute_scalars=False, method="flying_edges")
+    vertices = (np.asarray(mesh.points, dtype=float)[:, ::-1] + first) * size
+    return SurfaceMesh(vertices.astype(np.float32), mesh.regular_faces.astype(np.int32))
 
 
 def distances(
