@@ -329,54 +329,6 @@ def submerged(
     )  # fmt: skip
 
 
-def hold(simulation: Simulation, place: NDArray) -> None:
-    """Put the particles of the solid back to their `place` (n, 3) [m], at rest."""
-    position, solid = simulation.field("position"), slice(0, len(place))
-    position[solid] = place
-    simulation.set_field("position", position)
-    for name in ("velocity", "followed_velocity"):
-        values = simulation.field(name)
-        values[solid] = 0
-        simulation.set_field(name, values)
-
-
-def lift(simulation: Simulation, count: int) -> float:
-    """Upward force of the water on the solid, the first `count` particles, over that of Archimedes."""
-    mass, up = simulation.field("mass")[:count], simulation.field("acceleration")[:count, 2]
-    volume = count * simulation.plan.grid.spacing**3
-    return float(mass @ (up + GRAVITY)) / (DENSITY * GRAVITY * volume)
-
-
-def held(
-    context: Context, body: tuple[int, int], cells: tuple[int, int], support: float, shake: float, backend: str
-) -> Result:
-    """A solid held in the middle of a tank for 4 s, from the lattice or with water shaken by `shake` spacings.
-
-    buoyancy_off  mean force of the last half second over that of Archimedes, off 1; unrest  its standard deviation;
-    moving  root mean square speed of the water over the sound speed
-    """
-    scene = submerged(body, (cells[1] - body[1]) // 2, cells, support, ARTIFICIAL)
-    simulation = context.simulation(scene, backend)
-    count = body[0] ** 2 * body[1]
-    moves = np.random.default_rng(SEED).uniform(-shake, shake, (simulation.count, 3)) * simulation.plan.grid.spacing
-    moves[:count] = 0
-    simulation.set_field("position", simulation.field("position") + moves)
-    place, forces = simulation.field("position")[:count], []
-    while simulation.time < UNTIL:
-        simulation.step()
-        hold(simulation, place)
-        if simulation.time > UNTIL - MEAN and simulation.steps % 5 == 0:
-            simulation.evaluate()
-            forces.append(lift(simulation, count))
-    water = simulation.field("velocity")[count:]
-    values = {
-        "kind": "solid", "cells": body[0], "high": body[1], "support": support, "shake": shake,
-        "particles": simulation.count, "buoyancy_off": abs(float(np.mean(forces)) - 1),
-        "unrest": float(np.std(forces)), "moving": float(np.sqrt((water**2).sum(1).mean())) / SOUND,
-    }  # fmt: skip
-    return Result(values)
-
-
 def draught(water: NDArray, middle: float, edge: int, wide: int, spacing: float) -> float:
     """Share of a cube's edge below the level of the water far from it; `edge` and `wide` (of the tank) in cells.
 
@@ -500,13 +452,6 @@ DEPTHS, WAVE_SUPPORT = (10, 20, 40), 3.2  # at which the lattice resists shear l
 COLUMNS = ((20, 100), (60, 100))
 
 
-# cells (wide, high) of the solid and (wide, deep) of the tank, shaken by [d]
-HELD = (
-    ((5, 5), (13, 13), 0.0), ((6, 6), (14, 14), 0.0), ((8, 8), (18, 18), 0.0), ((6, 2), (14, 14), 0.0),
-    ((6, 6), (14, 14), 0.1),
-)  # fmt: skip
-
-
 def planned(options: Options) -> list[RunSpec]:
     """Tanks, vortices and waves of three sizes; with --quick one tank and the smallest vortices."""
     made = [_tank("rests", *row) for row in TANKS] + [_tank("papers", *row) for row in OF_PAPERS]
@@ -521,10 +466,6 @@ def planned(options: Options) -> list[RunSpec]:
     for wide, deep in COLUMNS:
         row = {"cells": (wide, deep), "support": 3.0, "backend": "cpu"}
         made.append(RunSpec(f"column_{wide}_{deep}", column, row, estimate=0.02 * wide * deep))
-    for body, cells, shake in HELD:
-        words = f"held_{body[0]}_{body[1]}" + ("_shaken" if shake else "")
-        row = {"body": body, "cells": cells, "support": 3.0, "shake": shake, "backend": "cpu"}
-        made.append(RunSpec(words, held, row, estimate=0.02 * cells[0] ** 3))
     for offset, slope, wide, deep in ON_MESH:
         words = f"mesh_{'slope' if slope else 'floor'}_{deep}" + ("_cut" if offset else "")
         row = {"offset": offset, "slope": slope, "wide": wide, "deep": deep, "backend": "cpu"}
@@ -549,7 +490,6 @@ WORDS = {  # what a run is, by the first word of its key
     "tank": "{dim}D, {kind}, {cells} cells, h = {support:g} d",
     **dict.fromkeys(("vortices", "wave"), "{kind}, {cells} cells, h = {support:g} d"),
     "column": "{wide} x {cells} cells",
-    "held": "{cells} x {high} cells, shaken by {shake:g} d",
     "mesh": "{offset:g} d off the lattice, {cells} cells deep",
     **dict.fromkeys(("rise", "float"), "an edge of {cells} cells"),
 }
