@@ -461,7 +461,7 @@ def inset(v, vertex_position, vertex_normal, surface_term, inset_position):
 
 @kernel
 def surface_force(i, sample_position, sample_area, sample_normal, spline_cells, blocks, surface_term, node_force):
-    """(4.18*): force on node i [N], -k sum_s A_s (I - n n^T) grad B_i(x_s); k has the sign of thesis M1."""
+    """(4.5), (4.18*): force on node i [N], -k sum_s A_s (I - n n^T) grad B_i(x_s); k has the sign of thesis M1."""
     real = type(surface_term.cell_size)
     total = real(0), real(0), real(0)
     space = blocks.neighbour.shape[1] == 27

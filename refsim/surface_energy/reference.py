@@ -144,7 +144,7 @@ def inset(x, n, distance):
 
 
 def pull(area, n, gradient, k):
-    """(4.18*) f_j = -k sum_s A_s (I - n n^T) grad B_j(x_s) [N]; of one sample. Thesis M1 turns the sign of k."""
+    """(4.5), (4.18*) f_j = -k sum_s A_s (I - n n^T) grad B_j(x_s) [N]; of one sample. Thesis M1 turns the sign of k."""
     return -k * area * (gradient - n * (n * gradient).sum(-1, keepdims=True))
 
 
