@@ -2,14 +2,12 @@
 
 import math
 
-import numpy as np
 import pytest
 
 import refsim as rs
-from refsim import make_plan, simulate
+from refsim import make_plan
 from refsim.surface_tension.calibration import BESIDE, SETTINGS
 from refsim.surface_tension.cohesion import KEEPS_DENSITY
-from tests.running import advanced
 
 DOWN = rs.Gravity(acceleration=(0.0, -9.81, 0.0))
 COLUMN = rs.Box(cells=(5, 40, 1))  # 2 m high at a spacing of 0.05 m
@@ -172,49 +170,3 @@ def test_a_crushed_liquid_is_noted_and_stops_by_name(backend, dtype):
     assert simulation.field("density").max() == densest[-1]  # the state was not moved
     (note,) = [n for n in simulation.notes if "denser than 1.1 times" in n]
     assert note.startswith(f"weakly_compressible: from step {first} on")
-
-
-def test_another_bound_of_the_density_lets_the_run_go_on_unchanged(tmp_path):
-    walls = rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.25, 3.0, 0.0))
-    made = scene(DOWN, walls, dtype="float64", **CRUSHED)
-    far = made.with_(weakly_compressible__density_bound=100.0)
-    assert advanced(rs.Simulation(far, "numpy"), 60).field("density").max() > 1500
-    with pytest.raises(rs.RunStopped) as stopped:
-        simulate(made, backend="numpy", output=tmp_path, progress=False)
-    report = stopped.value.report
-    assert report.reason == "compressed"
-    assert "greatest density" in (tmp_path / "postmortem.json").read_text()
-    free = rs.Simulation(far, "numpy")
-    advanced(free, report.steps)
-    there = rs.Simulation.resume(tmp_path / "checkpoint.h5")
-    while there.steps < report.steps:
-        there.step()
-    assert np.array_equal(free.field("position"), there.field("position"))
-    for bound in (1.1, 0.0):
-        with pytest.raises(rs.InputError, match="density_bound"):
-            make_plan(made.with_(weakly_compressible__density_bound=bound))
-
-
-def test_few_dense_particles_among_many_neither_note_nor_stop():
-    """A pair at 1.2 rho0: 2 of 2,502 particles are less, 2 of 1,602 are more than 0.1 %."""
-    for side, noted in ((50, False), (40, True)):
-        place = np.stack(np.meshgrid(*[np.arange(side) * 0.1] * 2, indexing="ij"), -1).reshape(-1, 2)
-        position = np.concatenate([place, [[100.0, 0.0], [100.001, 0.0]]])
-        at_zero = 7 / (math.pi * 0.26**2)  # Wendland C2 in the plane
-        mass = np.append(np.full(side**2, 2.5), [0.6 * 1000 / at_zero] * 2)
-        fluid = (rs.Cloud(position=position, mass=mass),)
-        made = scene(sound=20.0, fluid=fluid, spacing=0.1, support_radius=0.26, dtype="float64")
-        simulation = rs.Simulation(made, "cpu", threads=1)
-        simulation.step()
-        assert any("denser than 1.1" in note for note in simulation.notes) == noted, side
-
-
-def test_densities_count_against_the_own_rest_density():
-    """Steel in water is as dense as it should be."""
-    body = rs.SolidBox(lower=(2.0, 0.0, 0.0), upper=(2.3, 0.3, 0.3), density=7800.0)
-    made = scene(
-        rs.ShapeMatching(), rs.TwoWayCoupling(), sound=20.0, dim=3, fluid=(rs.Box(cells=(3, 3, 3)),), solid=(body,)
-    )
-    simulation = advanced(rs.Simulation(made, "numpy"), 3)
-    assert simulation.field("density").max() == 7800
-    assert not any("denser" in note for note in simulation.notes)

@@ -9,8 +9,7 @@ import refsim as rs
 from refsim import make_plan, simulate
 from refsim.commands.plan import describe_plan
 from refsim.core.capabilities import with_scene_defaults
-from tests.running import advanced, run_to
-from validation import pairs
+from tests.running import advanced
 
 G, DENSITY, DEPTH = 9.81, 1000.0, 1.0
 SOUND = 10 * math.sqrt(G * DEPTH)
@@ -61,55 +60,6 @@ def test_a_step_alone_advances_the_density(tmp_path):
     assert np.median(later / first) > 1 + 100 * simulation.last.length
 
 
-def test_liquid_begins_with_the_pressure_of_rest_and_a_falling_box_without():
-    resting = rs.Simulation(tank(8, 2.6, 2), "cpu")
-    depth = DEPTH - resting.field("position")[:, 1]
-    assert resting.field("pressure") == pytest.approx(DENSITY * G * depth, rel=1e-9)
-    scene = tank(8, 2.6, 2)
-    raised = rs.Scene(
-        dim=2, spacing=scene.spacing, support_radius=scene.support_radius, effects=scene.effects,
-        fluid=(rs.Box(lower=(0.0, 0.5, 0.0), cells=(8, 8, 1)),),
-    )  # fmt: skip
-    assert not rs.Simulation(raised, "cpu").field("pressure").any()
-
-
-@pytest.mark.parametrize(("gradient", "error"), [("plain", 0.026), ("corrected", 0.0)])
-def test_the_correction_gives_the_gradient_of_a_linear_pressure(gradient, error):
-    """Of which a lattice delivers 0.974 at h = 2.6 d; a shaken liquid keeps its momentum to rounding."""
-    scene = rs.Scene(
-        dim=2, spacing=0.1, support_radius=0.26, dtype="float64", fluid=(rs.Box(cells=(14, 14, 1)),),
-        effects=(rs.WeaklyCompressible(sound_speed=10.0, density="continuity", gradient=gradient),),
-    )  # fmt: skip
-    simulation = rs.Simulation(scene, "cpu")
-    x = simulation.field("position")
-    simulation.set_field("advanced_excess", 0.05 * (x[:, 1] - x[:, 1].mean()))
-    simulation.evaluate()
-    inner = (np.abs(x[:, :2] - 0.7) < 0.2).all(1)
-    upward = simulation.field("acceleration")[inner, 1]
-    assert upward == pytest.approx(np.full(inner.sum(), (1 - error) * -0.05 * 100 / DENSITY), rel=1e-3)
-    simulation = jittered(simulation, 0.1)
-    simulation.evaluate()
-    force = simulation.field("mass")[:, None] * simulation.field("acceleration")
-    assert np.abs(force.sum(0)).max() <= 1e-13 * np.abs(force).sum()
-
-
-@pytest.mark.parametrize("pull", [-1.0, 1.0])
-def test_tensile_control_pushes_apart_what_a_negative_pressure_pulls_together(pull):
-    """Two particles in a periodic box; where the pressure is positive nothing changes."""
-    pushes = {}
-    for control in ("none", "everywhere"):
-        scene = rs.Scene(
-            dim=2, spacing=0.1, support_radius=0.26, dtype="float64", period=(1.0, 1.0, 0.0),
-            fluid=(rs.Cloud(position=np.array([[0.5, 0.5, 0.0], [0.6, 0.5, 0.0]])),),
-            effects=(rs.WeaklyCompressible(sound_speed=10.0, density="continuity", tensile_control=control),),
-        )  # fmt: skip
-        simulation = rs.Simulation(scene, "cpu")
-        simulation.set_field("advanced_excess", np.array([2.0 * pull, 5.0]))
-        simulation.evaluate()
-        pushes[control] = simulation.field("acceleration")[0, 0] * simulation.field("density")[0]
-    assert pushes["everywhere"] == pytest.approx(pushes["none"] * (1 if pull > 0 else 7 / 3), rel=1e-12)
-
-
 @pytest.mark.parametrize(
     "rate, effects, told", [(0.01, (rs.Gravity(),), False), (0.03, (rs.Gravity(),), True), (0.03, (), False)]
 )
@@ -140,24 +90,6 @@ def test_shifting_beside_a_surface_brings_the_slow_return():
     ):  # fmt: skip
         liquid = rs.WeaklyCompressible(sound_speed=20.0, **given)
         assert with_scene_defaults((liquid, *effects))["weakly_compressible"].restoring == rate, (given, effects)
-
-
-def test_solids_and_particles_beside_a_mesh_are_shifted_as_they_should():
-    """Solids stay where their motion brings them; what a mesh corrects moves by dt v and the shift."""
-    for other in ("shape_matching", "mesh_boundary"):
-        shifted, plain = (
-            rs.Simulation(made, "numpy")
-            for made in (pairs.scene("particle_shifting", other), pairs.scene("weakly_compressible", other))
-        )
-        shifted.step()
-        shift = shifted.field("shift")
-        solid = shifted.field("phase") != 0 if other == "shape_matching" else np.zeros(len(shift), bool)
-        assert np.abs(shift[~solid]).max() > 1e-7
-        assert not shift[solid].any()
-        if other == "mesh_boundary":
-            plain.step()
-            apart = shifted.field("position") - plain.field("position")
-            assert apart == pytest.approx(shift, abs=1e-12)
 
 
 def test_a_free_surface_that_shifting_is_not_told_of_is_refused():
@@ -211,27 +143,6 @@ def without_walls(**changes):
             effects=(rs.WeaklyCompressible(sound_speed=10.0, **changes),),
         )
     )  # fmt: skip
-
-
-def test_walls_that_do_not_hold_the_liquid_are_noted():
-    """A basin at h = 2.6 d in 3D: planes stop particles between mirrored walls, and none where the liquid rests."""
-    notes = {}
-    for model, density in (("mirrored", "summation"), ("extrapolated", "continuity")):
-        scene = rs.Scene(
-            spacing=0.02, support_radius=0.052, fluid=(rs.Box(cells=(10, 10, 8)),),
-            effects=(
-                rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=4.5, density=density, viscosity="laplacian"),
-                rs.Gravity(),
-                rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.2, 0.2, 0.5), open_faces=("+z",), model=model),
-            ),
-        )  # fmt: skip
-        simulation = rs.Simulation(scene, "cpu", threads=2)
-        run_to(simulation, 0.5)
-        notes[model] = [
-            note for note in simulation.notes if "planes have stopped" in note or "carry the weight" in note
-        ]
-    assert len(notes["mirrored"]) == 2
-    assert not notes["extrapolated"]
 
 
 @pytest.mark.parametrize("model", ["extrapolated", "mirrored"])

@@ -43,27 +43,6 @@ def cells(low, size):
     return np.array(low) + np.indices(size).reshape(3, -1).T
 
 
-@pytest.mark.parametrize("parts", [
-    [((0, 0, 0), (5, 4, 3)), ((0, 0, 3), (5, 4, 3))],
-    [((0, 0, 0), (2, 4, 6)), ((2, 0, 0), (3, 4, 6))],
-    [((0, 0, 0), (5, 4, 2)), ((0, 0, 2), (2, 4, 4)), ((2, 0, 2), (3, 4, 4))],
-    [cells((0, 0, 0), (5, 4, 3)), ((0, 0, 3), (5, 4, 3))],
-    [cells((0, 0, 2), (5, 4, 4)), cells((0, 0, 0), (5, 4, 2))],
-])  # fmt: skip
-def test_a_tank_in_parts_starts_as_one(parts):
-    whole, place = started(tank([((0, 0, 0), (5, 4, 6))], (5, 4, 6)))
-    found, same = started(tank(parts, (5, 4, 6)))
-    assert np.array_equal(same, place)
-    assert np.abs(found - whole).max() < 1e-9
-    assert whole.max() == pytest.approx(5.5)
-
-
-def test_stacked_boxes_in_the_plane():
-    whole, _ = started(tank([((0, 0, 0), (5, 6, 1))], (5, 6, 1), dim=2))
-    found, _ = started(tank([((0, 0, 0), (5, 2, 1)), ((0, 2, 0), (5, 4, 1))], (5, 6, 1), dim=2))
-    assert np.abs(found - whole).max() < 1e-9
-
-
 def test_each_column_of_a_step_has_its_own_surface():
     """A tower on a pool, which is not in balance: under the tower its weight, beside it none."""
     found, place = started(tank([((0, 0, 0), (9, 9, 2)), ((3, 3, 2), (3, 3, 4))], (9, 9, 6)))
