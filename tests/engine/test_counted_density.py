@@ -8,7 +8,6 @@ import pytest
 from refsim import BoxWalls, Cloud, Gravity, RunStopped, Scene, Simulation, WeaklyCompressible, simulate
 from refsim.engine import counting
 from refsim.engine.counting import LARGEST, NOTED, counted
-from tests.running import advanced
 
 D, SOUND = 0.05, 20.0
 
@@ -101,26 +100,6 @@ def test_a_large_difference_stops_the_run(often, tmp_path, factor):
     assert simulation.steps == 4
     assert abs(simulation.counting.latest.difference) > LARGEST
     assert (tmp_path / "run" / "postmortem.json").exists()
-
-
-def test_a_run_that_goes_on_reports_the_same(often, tmp_path):
-    whole = advanced(displaced(block(), 1.03), 4)
-    whole.checkpoint(tmp_path / "middle.h5")
-    resumed = Simulation.resume(tmp_path / "middle.h5")
-    assert resumed.counting.greatest == whole.counting.greatest
-    end = whole.time + 0.006
-    reports = [simulate(run, until=end).density for run in (whole, resumed)]
-    assert reports[0] == reports[1]
-    assert (whole.field("position") == resumed.field("position")).all()
-
-
-def test_looks_change_nothing(monkeypatch):
-    found = []
-    for every in (1, 10**9):
-        monkeypatch.setattr(counting, "EVERY", every)
-        simulation = Simulation(block(dtype="float32", effects=(Gravity(acceleration=(0.0, -1.0, 0.0)),)), "numpy")
-        found.append(advanced(simulation, 5).field("position"))
-    assert (found[0] == found[1]).all()
 
 
 def test_air_between_a_surface_and_a_lid_is_no_liquid():

@@ -9,7 +9,6 @@ import trimesh
 import refsim as rs
 from refsim import make_plan, open_run, simulate
 from refsim.study.observables import observable_of
-from tests.engine.test_run import assert_same_run
 from tests.running import advanced
 
 D, C = 0.01, 10.0
@@ -164,20 +163,6 @@ def test_slow_solids_and_liquid_on_a_grid_move_by_their_velocity(kind):
 
 
 # What leaves
-@pytest.mark.parametrize("kind", ["walls", "solid", "mpm"])
-def test_a_run_far_away_is_resumed_bit_for_bit(tmp_path, kind):
-    at = (FAR, -1_000, FAR if kind == "solid" else 0)
-    plain = advanced(rs.Simulation(scenes(kind, at)), 60)
-    written = advanced(rs.Simulation(scenes(kind, at)), 25)
-    written.checkpoint(tmp_path / "c.h5")
-    resumed = rs.Simulation.resume(tmp_path / "c.h5", scene=scenes(kind, at))
-    assert resumed.plan.grid.origin == plain.plan.grid.origin
-    assert not np.array_equal(plain.host("identity"), np.arange(plain.count))  # sorted
-    assert_same_run(plain, advanced(resumed, 60 - 25))
-    assert np.array_equal(resumed.field("position"), plain.field("position"))
-    assert resumed.plan.state.position.tobytes() == plain.plan.state.position.tobytes()
-
-
 def test_frames_reports_and_observables_are_places_in_the_scene(tmp_path):
     at = np.array([FAR, FAR, 0])
     simulation = rs.Simulation(scenes("walls", at))

@@ -7,18 +7,7 @@ disks stand in `test_run.py`, drops far from the origin in `test_far_away.py`.
 import numpy as np
 import pytest
 
-from refsim import (
-    Box,
-    BoxWalls,
-    Cloud,
-    Gravity,
-    InputError,
-    JiangZhu2023,
-    RunStopped,
-    Scene,
-    Simulation,
-    SurfaceDetection,
-)
+import refsim as rs
 from refsim import WeaklyCompressible as Liquid
 from refsim.engine.conserved_totals import check_particles
 from refsim.io.checkpoint import read_checkpoint, write_checkpoint
@@ -33,12 +22,12 @@ def liquid(fluid, *effects, viscosity=0.5, **changes):
         rest_density=DENSITY, sound_speed=SOUND, dynamic_viscosity=viscosity, kernels="wendland", density="summation"
     )
     parts = fluid if isinstance(fluid, tuple) else (fluid,)
-    return Scene(**{"spacing": D, "support_radius": H, "fluid": parts, "effects": (own, *effects), **changes})
+    return rs.Scene(**{"spacing": D, "support_radius": H, "fluid": parts, "effects": (own, *effects), **changes})
 
 
 def tension(sigma=0.03 * DENSITY * SOUND**2 * H / 7.8):
     """An internal pressure of 3 % of rho0 c^2."""
-    return JiangZhu2023(surface_tension=sigma)
+    return rs.JiangZhu2023(surface_tension=sigma)
 
 
 def block(n):
@@ -47,7 +36,7 @@ def block(n):
 
 def sound(scene, steps):
     """A run after some steps: no particle lost, all finite, no neighbour missed."""
-    run = scene if isinstance(scene, Simulation) else Simulation(scene)
+    run = scene if isinstance(scene, rs.Simulation) else rs.Simulation(scene)
     advanced(run, steps)
     check_particles(run)
     assert run.search.log.missed_neighbours == 0
@@ -64,7 +53,7 @@ def fastest(run):
 
 
 def test_particles_that_meet_at_one_place_in_a_run_part_slowly_and_keep_momentum(tmp_path):
-    run = sound(liquid(Box(cells=(6, 6, 6)), tension()), 5)
+    run = sound(liquid(rs.Box(cells=(6, 6, 6)), tension()), 5)
     run.checkpoint(tmp_path / "edited.h5")
     saved = read_checkpoint(tmp_path / "edited.h5")
     x = saved.arrays["field.position"]
@@ -72,7 +61,7 @@ def test_particles_that_meet_at_one_place_in_a_run_part_slowly_and_keep_momentum
     for name in ("field.position", "build_position", "field.velocity"):
         saved.arrays[name][j] = saved.arrays[name][100]
     write_checkpoint(tmp_path / "edited.h5", saved.arrays, saved.attributes)
-    edited = Simulation.resume(tmp_path / "edited.h5")
+    edited = rs.Simulation.resume(tmp_path / "edited.h5")
     before, _ = momentum(edited)
     after, scale = momentum(sound(edited, 200))
     assert np.linalg.norm(after - before) <= ROUNDINGS * scale
@@ -82,7 +71,7 @@ def test_particles_that_meet_at_one_place_in_a_run_part_slowly_and_keep_momentum
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 def test_a_few_particles_fall_freely_and_are_all_surface(count):
     points = D * np.array([[0.0, 0, 0], [0.4, 0, 0], [0.2, 0.5, 0], [0.1, 0.2, 0.6]])[:count]
-    run = sound(liquid(Cloud(position=points), Gravity(), tension(), SurfaceDetection(each_step=True)), 300)
+    run = sound(liquid(rs.Cloud(position=points), rs.Gravity(), tension(), rs.SurfaceDetection(each_step=True)), 300)
     run.evaluate()
     reached = -9.81 * (run.time - run.last.length / 2)  # velocities are half a step behind
     assert run.field("velocity")[:, 2].astype(float).mean() == pytest.approx(reached, rel=1e-4)
@@ -94,12 +83,12 @@ def test_a_few_particles_fall_freely_and_are_all_surface(count):
 def test_particles_almost_at_one_place_move_in_float64_and_are_refused_in_float32():
     points = block(4)
     points = np.vstack([points, points[21] + [1e-12 * D, 0, 0], [[1.0, 0, 0]], [[1.0 + 1e-12 * D, 0, 0]]])
-    run = sound(liquid(Cloud(position=points), tension(), dtype="float64"), 100)
+    run = sound(liquid(rs.Cloud(position=points), tension(), dtype="float64"), 100)
     total, scale = momentum(run)
     assert np.linalg.norm(total) <= 32 * 2.3e-16 * scale
     assert fastest(run) <= 0.5 * SOUND
-    with pytest.raises(InputError):
-        Simulation(liquid(Cloud(position=points), tension(), dtype="float32"))
+    with pytest.raises(rs.InputError):
+        rs.Simulation(liquid(rs.Cloud(position=points), tension(), dtype="float32"))
 
 
 @pytest.mark.parametrize("heavy", ["one", "half"])
@@ -108,9 +97,9 @@ def test_masses_of_1000_to_1_stop_by_name_or_stay_slow(heavy):
     points = block(8)
     mass = np.full(len(points), DENSITY * D**3)
     mass[219 if heavy == "one" else points[:, 0] > points[:, 0].mean()] *= 1000 if heavy == "one" else 1e-3
-    run = Simulation(liquid(Cloud(position=points, mass=mass)))
+    run = rs.Simulation(liquid(rs.Cloud(position=points, mass=mass)))
     if heavy == "one":
-        with pytest.raises(RunStopped) as stopped:
+        with pytest.raises(rs.RunStopped) as stopped:
             run_to(run, 0.05)
         assert stopped.value.reason == "compressed"
         return
@@ -123,8 +112,8 @@ def test_masses_of_1000_to_1_stop_by_name_or_stay_slow(heavy):
 
 @pytest.mark.parametrize("velocity", [(0.0, 0.0, 0.0), (0.3, -0.2, 0.1)])
 def test_where_nothing_acts_rest_is_bitwise_and_motion_keeps_velocity_and_shape(velocity):
-    cube = Box(cells=(6, 6, 6), velocity=velocity)
-    run = Simulation(liquid(cube, Gravity(acceleration=(0.0, 0.0, 0.0)), tension(0.0), viscosity=0.0))
+    cube = rs.Box(cells=(6, 6, 6), velocity=velocity)
+    run = rs.Simulation(liquid(cube, rs.Gravity(acceleration=(0.0, 0.0, 0.0)), tension(0.0), viscosity=0.0))
     start = run.field("position").astype(float)
     sound(run, 100)
     change = float(np.abs(run.field("velocity") - np.array(velocity, dtype=np.float32)).max())
@@ -141,8 +130,10 @@ def test_particles_on_the_borders_of_cells_move_as_beside_them(dtype, bound):
     lattice = spacing * np.stack(np.meshgrid(*[np.arange(9) - 4.0] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     density, place = [], []
     for shift in (0.0, 0.5 * spacing):
-        cloud = Cloud(position=lattice + shift)
-        run = Simulation(liquid(cloud, tension(), spacing=spacing, support_radius=2.5 * spacing, skin=0.2, dtype=dtype))
+        cloud = rs.Cloud(position=lattice + shift)
+        run = rs.Simulation(
+            liquid(cloud, tension(), spacing=spacing, support_radius=2.5 * spacing, skin=0.2, dtype=dtype)
+        )
         run.evaluate()
         density.append(run.field("density").astype(float))
         place.append(sound(run, 30).field("position").astype(float) - shift)
@@ -153,7 +144,7 @@ def test_particles_on_the_borders_of_cells_move_as_beside_them(dtype, bound):
 
 
 def test_a_particle_that_leaves_at_9_c_is_not_lost_and_disturbs_no_other():
-    cube, flung = Box(cells=(6, 6, 6)), Cloud(position=[[0.5, 0.0, 0.0]], velocity=(9 * SOUND, 0.0, 0.0))
+    cube, flung = rs.Box(cells=(6, 6, 6)), rs.Cloud(position=[[0.5, 0.0, 0.0]], velocity=(9 * SOUND, 0.0, 0.0))
     step = 0.5 * 0.4 * H / (10 * SOUND)
     alone, both = (sound(liquid(parts, tension(), step=step), 300) for parts in ((cube,), (cube, flung)))
     assert float(both.field("velocity")[-1, 0]) == pytest.approx(9 * SOUND, rel=1e-6)
@@ -165,11 +156,11 @@ def test_a_closed_box_holds_random_spray():
     random = np.random.default_rng(3)
     position, velocity = random.uniform(0.05, 0.95, (60, 3)), random.normal(scale=20.0, size=(60, 3))
     position[:, 2] = velocity[:, 2] = 0
-    made = Scene(
-        spacing=0.05, support_radius=0.12, dim=2, fluid=(Cloud(position=position, velocity=velocity),),
+    made = rs.Scene(
+        spacing=0.05, support_radius=0.12, dim=2, fluid=(rs.Cloud(position=position, velocity=velocity),),
         effects=(
             Liquid(sound_speed=50.0, density_bound=100.0, density="summation"),
-            Gravity(acceleration=(0.0, -9.81, 0.0)), BoxWalls(lower=(0, 0, 0), upper=(1, 1, 1)),
+            rs.Gravity(acceleration=(0.0, -9.81, 0.0)), rs.BoxWalls(lower=(0, 0, 0), upper=(1, 1, 1)),
         ),
     )  # fmt: skip
     run = sound(made, 150)

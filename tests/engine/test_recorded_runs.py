@@ -11,7 +11,6 @@ from refsim import InputError, RunStopped, Simulation, make_plan
 from refsim.backends.arrays import choose
 from refsim.core.effect import Extremes
 from refsim.engine import counting, lists, stepping
-from refsim.engine.conserved_totals import conserved_totals
 from refsim.engine.driver import simulate
 from refsim.engine.gauges import _row
 from refsim.engine.limits import StepOutcome
@@ -264,20 +263,6 @@ def test_counted_densities_of_stretched_places_are_as_ever(period, recorded):
     with pytest.raises(RunStopped) as caught:
         run.counting.judged(run)
     recorded(found | {"stops": str(caught.value)})
-
-
-def test_totals_are_those_of_the_particles():
-    for name in ("tank", "bodies", "a cloud far away"):
-        run = run_of(name, steps=2)
-        found, mass = conserved_totals(run), run.field("mass").astype(float)
-        place, velocity = (run.field(n).astype(float) for n in ("position", "velocity"))
-        assert found["mass"] == pytest.approx(mass.sum())
-        assert found["momentum"] == pytest.approx((mass[:, None] * velocity).sum(0))
-        turning = sum(m * np.cross(x, v) for m, x, v in zip(mass, place, velocity))
-        assert found["angular_momentum"] == pytest.approx(turning)
-        assert found["kinetic_energy"] == pytest.approx(sum(0.5 * m * v @ v for m, v in zip(mass, velocity)))
-        assert found["greatest_speed"] == pytest.approx(np.linalg.norm(velocity, axis=1).max())
-        assert found["particles"] == run.count
 
 
 def test_frames_that_turn_have_euler_and_centrifugal_accelerations():
