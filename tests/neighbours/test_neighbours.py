@@ -1,36 +1,19 @@
 """The neighbour search against all pairs, on every hard input, and what it does where things go wrong."""
 
 import math
-import re
 
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from refsim import (
-    Box,
-    BoxWalls,
-    Cloud,
-    Gravity,
-    ImplicitPressure,
-    InputError,
-    ParticleShifting,
-    RunStopped,
-    Scene,
-    Simulation,
-    WeaklyCompressible,
-    make_plan,
-)  # fmt: skip
+import refsim as rs
 from refsim.backends.arrays import choose, on_threads
 from refsim.core import cases
 from refsim.core.period import period_group
 from refsim.core.walls import Bounds
-from refsim.engine.limits import StepOutcome
-from refsim.engine.lists import Lists
 from refsim.engine.neighbour_lists import sort, update
 from refsim.neighbours import (
     AUDIT_MARGIN,
-    AUDITED_ROWS,
     MOST_NEIGHBOURS,
     AuditedRows,
     NeighbourSearch,
@@ -207,7 +190,7 @@ def test_list_grows_and_stays_whole():
 def test_a_collapsed_clump_stops_the_run():
     position = cases.cloud("clump", MOST_NEIGHBOURS + 2, 3, 1e-5)
     search = NeighbourSearch(CPU, 3, "float64", 1.0, 0.1)
-    with pytest.raises(RunStopped, match="collapsed") as stopped:
+    with pytest.raises(rs.RunStopped, match="collapsed") as stopped:
         search.build(position[search.order(position)])
     assert stopped.value.reason == "collapsed"
 
@@ -231,9 +214,11 @@ def test_coincident_particles_are_named():
     position = np.array([[0.0, 0, 0], [1, 2, 3], [5, 5, 5], [1, 2, 3], [0, 0, 0], [0, 0, 1e-300]])
     assert (sorted(coincident_pairs(position)), coincident_pairs(position[:3])) == ([(0, 4), (1, 3)], [])
     assert coincident_pairs(np.zeros((0, 3))) == []
-    liquid = WeaklyCompressible(sound_speed=10.0, density="summation")
-    with pytest.raises(InputError, match="particles 1 and 3 are at the same place"):
-        Simulation(Scene(spacing=1.0, support_radius=2.0, fluid=(Cloud(position=position[:4]),), effects=(liquid,)))
+    liquid = rs.WeaklyCompressible(sound_speed=10.0, density="summation")
+    with pytest.raises(rs.InputError, match="particles 1 and 3 are at the same place"):
+        rs.Simulation(
+            rs.Scene(spacing=1.0, support_radius=2.0, fluid=(rs.Cloud(position=position[:4]),), effects=(liquid,))
+        )
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
@@ -252,45 +237,16 @@ def test_positions_that_are_no_numbers_harm_no_other_particle(value):
 
 
 # Skin, rebuilds and the audit
-def falling_box(**options):
-    return Scene(
-        spacing=0.1, support_radius=0.2, fluid=(Box(cells=(4, 4, 4), velocity=(1.0, 0.0, 0.0)),),
-        effects=(Gravity(acceleration=(0.0, 0.0, 0.0)),) if options.pop("still", False) else (
-            WeaklyCompressible(sound_speed=10.0, density="summation"), Gravity(acceleration=(0.0, 0.0, 0.0))),
-        **options,
-    )  # fmt: skip
-
-
-def test_list_is_kept_until_half_the_skin_is_used_up():
-    """At 1 m/s and steps of 1 ms, half a skin of 0.1 h is 10 ms of way: eleven evaluations to a list.
-
-    Where something else than forces moves particles, that is; what falls as one needs no second list.
-    """
-    simulation = Simulation(falling_box(step=1e-3, skin=0.1, dtype="float64"))
-    advanced(simulation, 25)
-    assert simulation.search.log.rebuilds == 1
-    simulation = Simulation(falling_box(step=1e-3, skin=0.1, dtype="float64"))
-    simulation.lists.by_forces = False
-    rebuilds = []
-    for _ in range(25):
-        simulation.step()
-        rebuilds.append(simulation.search.log.rebuilds)
-    assert rebuilds[0] == 1
-    changed = np.flatnonzero(np.diff(rebuilds)) + 1
-    assert list(changed) in ([10, 20], [11, 21], [10, 21], [11, 22])
-    assert (simulation.search.log.audited_rows, simulation.search.log.missed_neighbours) == (2 * AUDITED_ROWS, 0)
-
-
 def test_two_that_turn_and_meet_are_listed_in_time():
     """The margin shrinks by the way of both: moving together leaves all of it, then each goes 0.045 h a step."""
     h, step = 0.1, 1e-3
     speed = 0.045 * h / step
-    scene = Scene(
+    scene = rs.Scene(
         dim=2, spacing=0.05, support_radius=h, step=step, skin=0.2,
-        fluid=(Cloud(position=[[0.0, 0.0, 0.0], [1.21 * h, 0.0, 0.0]]),),
-        effects=(WeaklyCompressible(sound_speed=10.0, density="summation"),),
+        fluid=(rs.Cloud(position=[[0.0, 0.0, 0.0], [1.21 * h, 0.0, 0.0]]),),
+        effects=(rs.WeaklyCompressible(sound_speed=10.0, density="summation"),),
     )  # fmt: skip
-    simulation, looks = Simulation(scene, "cpu"), []
+    simulation, looks = rs.Simulation(scene, "cpu"), []
     simulation.write_field("velocity", np.array([[speed, 0.0, 0.0]] * 2))
     for number in range(12):
         if number == 3:  # they have been compared once: each has moved by 0.135 h, both alike
@@ -303,43 +259,21 @@ def test_two_that_turn_and_meet_are_listed_in_time():
     assert all(listed for near, listed in looks if near)
 
 
-def test_the_margin_of_a_kept_list_shrinks_by_bounds_of_the_steps():
-    """By the way of both where no rate is known; else at the rate less the velocities gained so far, until then."""
-    cloud = Cloud(position=[[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]])
-    effects = (WeaklyCompressible(sound_speed=10.0, density="summation"),)
-    scene = Scene(dim=2, spacing=0.05, support_radius=0.1, skin=0.2, fluid=(cloud,), effects=effects)
-
-    def margins(rate, *lengths, stopped=0, shifted=0.0):
-        """After steps of these lengths, of 0.07 m in each of which velocities change by 0.1 m/s."""
-        lists = Lists(make_plan(scene), choose("cpu"), {})
-        lists.margin, lists.rate, lists.ahead = 1.0, rate, 1.0
-        for length in lengths:
-            lists.after_step(StepOutcome(length, "", {}, 0.07, shifted, 0.1, 0.0, stopped, 0))
-            yield lists.margin
-
-    assert [*margins(None, 0.2, 0.2)] == pytest.approx([0.86, 0.72])
-    assert [*margins(-0.5, 0.2, 0.2, 0.2)] == pytest.approx([0.86, 0.68, 0.46])
-    assert [*margins(-0.5, 0.2, shifted=0.03)] == pytest.approx([0.80]), "no shift was compared ahead"
-    assert [*margins(0.5, 0.4, 0.7)] == [pytest.approx(1.12), 0.0], "beyond the time ahead nothing is known"
-    assert [*margins(-9.0, 0.2)] == [0.0]
-    assert [*margins(0.5, 0.2, stopped=1)] == [0.0], "what a plane stops has another velocity"
-
-
 def test_lists_reach_further_while_they_serve_few_steps(tmp_path, monkeypatch):
     """Layers that slide past each other: all rows hold their pairs, and a run that goes on has the same bits."""
     monkeypatch.setattr("refsim.neighbours.AUDITED_ROWS", 1000)
-    scene = Scene(
-        dim=2, spacing=0.05, support_radius=0.13, step=1e-3, fluid=(Box(cells=(20, 6, 1)),), dtype="float64",
-        effects=(WeaklyCompressible(sound_speed=10.0, density="summation"),),
+    scene = rs.Scene(
+        dim=2, spacing=0.05, support_radius=0.13, step=1e-3, fluid=(rs.Box(cells=(20, 6, 1)),), dtype="float64",
+        effects=(rs.WeaklyCompressible(sound_speed=10.0, density="summation"),),
     )  # fmt: skip
-    simulation = Simulation(scene, "cpu")
+    simulation = rs.Simulation(scene, "cpu")
     velocity = simulation.field("velocity")
     velocity[:, 0] = 3.0 * np.sign(simulation.field("position")[:, 1] - 0.15)
     simulation.set_field("velocity", velocity)
     advanced(simulation, 6)
     assert simulation.search.skin == simulation.lists.skins[1] > simulation.lists.skins[0]
     simulation.checkpoint(tmp_path / "run.h5")
-    resumed = Simulation.resume(tmp_path / "run.h5")
+    resumed = rs.Simulation.resume(tmp_path / "run.h5")
     assert resumed.search.skin == simulation.search.skin
     for run in (simulation, resumed):
         advanced(run, 20)
@@ -349,35 +283,14 @@ def test_lists_reach_further_while_they_serve_few_steps(tmp_path, monkeypatch):
     assert (log.missed_neighbours, log.audited_rows) == (0, 120 * (log.rebuilds - 1))
 
 
-def test_the_next_list_reaches_as_far_as_the_steps_that_one_serves_say():
-    """A wider one below 8 steps, the narrower one again beyond 20; never where the scene says how far."""
-    scene = Scene(
-        dim=2, spacing=0.05, support_radius=0.1, fluid=(Cloud(position=[[0.0, 0.0, 0.0]]),),
-        effects=(WeaklyCompressible(sound_speed=10.0, density="summation"),),
-    )  # fmt: skip
-
-    def skins(scene):
-        """That of the list after one that was built at step 10 and served so many steps."""
-        lists = Lists(make_plan(scene), choose("cpu"), {})
-        lists.after_build(10)
-        for served in (8, 7, 20, 21, 8):
-            lists.choose_skin(10 + served)
-            yield lists.search.skin, lists.search.allowed_displacement
-
-    narrow, wide = (0.1, pytest.approx(0.005)), (0.2, pytest.approx(0.01))
-    assert [*skins(scene)] == [narrow, wide, wide, narrow, narrow]
-    assert [*skins(scene.with_(skin=0.3))] == [(0.3, pytest.approx(0.015))] * 5
-    assert {skin for skin, _ in skins(scene.with_(period=(1.0, 0.0, 0.0)))} == {0.1}
-
-
-@pytest.mark.parametrize("more", [ParticleShifting(), ImplicitPressure()], ids=["shift", "pressure"])
+@pytest.mark.parametrize("more", [rs.ParticleShifting(), rs.ImplicitPressure()], ids=["shift", "pressure"])
 def test_rows_of_a_new_order_follow_in_all_that_a_step_computes(more):
     """Also what only a step writes, a shift or a pressure of IISPH, which is read after a later list is built."""
-    walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.4, 0.6, 0.0), open_faces=("+y",))
-    box = Box(cells=(8, 8, 1), velocity=(0.3, 0.1, 0.0))
-    effects = WeaklyCompressible(sound_speed=10.0), more, Gravity(), walls
-    scene = Scene(dim=2, spacing=0.05, support_radius=0.13, fluid=(box,), effects=effects)
-    simulation = Simulation(scene, "cpu")
+    walls = rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.4, 0.6, 0.0), open_faces=("+y",))
+    box = rs.Box(cells=(8, 8, 1), velocity=(0.3, 0.1, 0.0))
+    effects = rs.WeaklyCompressible(sound_speed=10.0), more, rs.Gravity(), walls
+    scene = rs.Scene(dim=2, spacing=0.05, support_radius=0.13, fluid=(box,), effects=effects)
+    simulation = rs.Simulation(scene, "cpu")
     advanced(simulation, 3)
     names = [name for name in simulation.plan.particle_fields if simulation.plan.is_of_steps(name)]
     before = {name: simulation.field(name) for name in names}
@@ -423,16 +336,16 @@ def test_an_audit_takes_pairs_at_the_limit_alike_among_all_and_in_the_list():
 
 def test_lists_of_the_default_liquid_are_audited(monkeypatch):
     """Its positions follow from velocities and shifts. A list that is kept too long lacks pairs."""
-    scene = Scene(
-        dim=2, spacing=0.05, support_radius=0.1, skin=0.05, fluid=(Box(cells=(12, 12, 1)),),
-        effects=(WeaklyCompressible(sound_speed=8.0), Gravity(), BoxWalls(lower=(0, 0, 0), upper=(1.5, 1.0, 0.0))),
+    scene = rs.Scene(
+        dim=2, spacing=0.05, support_radius=0.1, skin=0.05, fluid=(rs.Box(cells=(12, 12, 1)),),
+        effects=(rs.WeaklyCompressible(sound_speed=8.0), rs.Gravity(), rs.BoxWalls(lower=(0, 0, 0), upper=(1.5, 1, 0))),
     )  # fmt: skip
-    simulation = Simulation(scene, "cpu")
+    simulation = rs.Simulation(scene, "cpu")
     advanced(simulation, 60)
     assert simulation.search.log.audited_rows > 0
     assert simulation.search.log.missed_neighbours == 0
     monkeypatch.setattr(simulation.search, "allowed_displacement", 20 * simulation.search.allowed_displacement)
-    with pytest.raises(RunStopped, match="lacked"):
+    with pytest.raises(rs.RunStopped, match="lacked"):
         advanced(simulation, 200)
 
 
@@ -454,10 +367,10 @@ def test_audit_leaves_out_particles_that_a_plane_stopped():
 def test_a_state_set_between_steps_keeps_the_list_and_the_audit_right():
     """Velocities that are set did not lead to the positions, and positions that are set need another list."""
     position = np.random.default_rng(1).uniform(0, 1.2, (300, 3))
-    liquid = WeaklyCompressible(sound_speed=100.0, rest_density=1000.0, density="summation")
-    drop = Cloud(position=position)
-    simulation = Simulation(
-        Scene(spacing=0.1, support_radius=0.2, fluid=(drop,), effects=(liquid,), step=5e-4, dtype="float64")
+    liquid = rs.WeaklyCompressible(sound_speed=100.0, rest_density=1000.0, density="summation")
+    drop = rs.Cloud(position=position)
+    simulation = rs.Simulation(
+        rs.Scene(spacing=0.1, support_radius=0.2, fluid=(drop,), effects=(liquid,), step=5e-4, dtype="float64")
     )
     for seed in range(4):
         advanced(simulation, 5)
@@ -473,20 +386,6 @@ def test_a_state_set_between_steps_keeps_the_list_and_the_audit_right():
     expected = neighbour_list(simulation.fields["position"], simulation.search.radius)
     assert all(set(near) <= set(row) for row, near in zip(rows(listed), expected))
     assert np.array_equal(simulation.field("position"), position[::-1])
-
-
-def test_a_state_that_cannot_be_set_is_refused():
-    simulation = Simulation(falling_box())
-    for name, values, said in (
-        ("density", np.zeros(simulation.count), "'density' is no state of this scene's particles; it has position"),
-        ("identity", np.zeros(simulation.count), "'identity' is no state"),
-        ("velocity", np.zeros((3, 3)), "velocity has shape (3, 3); give"),
-        ("velocity", np.full((simulation.count, 3), np.nan), "the velocity of particle 0 is not a finite number"),
-    ):
-        with pytest.raises(InputError, match=re.escape(said)):
-            simulation.set_field(name, values)
-    with pytest.raises(InputError, match="no field 'densty'; did you mean density"):
-        simulation.field("densty")
 
 
 # Particles that move together need no new list
@@ -522,11 +421,11 @@ def test_list_stays_complete_while_it_is_kept(dim, motion, share):
     """After every step the list in use holds every pair within the radius, of all pairs; `share` of the rebuilds that
     displacements of half a skin would require are enough."""
     cells = (40, 20, 1) if dim == 2 else (14, 7, 7)
-    scene = Scene(
-        dim=dim, spacing=0.05, support_radius=0.1, fluid=(Box(cells=cells),), skin=0.15,
-        effects=(WeaklyCompressible(sound_speed=8.0, density="summation"),),
+    scene = rs.Scene(
+        dim=dim, spacing=0.05, support_radius=0.1, fluid=(rs.Box(cells=cells),), skin=0.15,
+        effects=(rs.WeaklyCompressible(sound_speed=8.0, density="summation"),),
     )  # fmt: skip
-    simulation = Simulation(scene, "cpu")
+    simulation = rs.Simulation(scene, "cpu")
     simulation.write_field("velocity", whirl(motion, simulation.plan.state.position))
     way = 0.0
     for _ in range(50):
