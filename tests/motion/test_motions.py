@@ -6,11 +6,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from refsim import Box, BoxWalls, Cloud, Gauge, Gravity, InputError, Motion, Scene, Simulation, WeaklyCompressible
+from refsim import Box, BoxWalls, Cloud, Gravity, InputError, Motion, Scene, Simulation, WeaklyCompressible
 from refsim import make_plan as planned
-from refsim.contract import resumes
 from refsim.engine.motions import turned
-from refsim.motion.expression import Jet, parsed
 from tests.running import advanced, run_to
 
 G, DENSITY = 9.81, 1000.0
@@ -30,24 +28,6 @@ def tank(cells=10, motion=(), dtype="float64", gauge=(), end_time=1.0, pull=(0.0
             BoxWalls(lower=(0.0, 0.0, 0.0), upper=(1.0, 1.0, 0.0), model="extrapolated", **(walls or {})),
         ),
     )  # fmt: skip
-
-
-@pytest.mark.parametrize(("formula", "function"), [
-    ("0.5*t**2 - 3*t", lambda t: 0.5 * t * t - 3 * t),
-    ("sin(2*pi*t)/(1 + t)", lambda t: math.sin(2 * math.pi * t) / (1 + t)),
-    ("-exp(-t)*cos(3*t) + tanh(t)", lambda t: -math.exp(-t) * math.cos(3 * t) + math.tanh(t)),
-    ("sqrt(1 + t)*log(2 + t) + tan(0.3*t)", lambda t: math.sqrt(1 + t) * math.log(2 + t) + math.tan(0.3 * t)),
-    ("2**t + (1 + t)**t", lambda t: 2**t + (1 + t) ** t), ("+4", lambda t: 4.0),
-])  # fmt: skip
-def test_formulas_have_their_derivatives(formula, function):
-    jet = parsed(formula, "here")
-    for time in (0.1, 0.7):
-        step = 1e-4
-        before, now, after = function(time - step), function(time), function(time + step)
-        found = jet(Jet.of_time(time))
-        assert found.value == pytest.approx(now, rel=1e-14)
-        assert found.first == pytest.approx((after - before) / (2 * step), rel=1e-6, abs=1e-6)
-        assert found.second == pytest.approx((after - 2 * now + before) / step**2, rel=1e-5, abs=1e-5)
 
 
 @pytest.mark.parametrize(("formula", "words"), [
@@ -73,16 +53,6 @@ def test_a_sway_is_its_formula_and_a_ramp_ends():
     assert ramped.at(0.0) == (0.0, 0.0, 0.0)
     assert ramped.at(0.3 - 1e-9) == pytest.approx(ramped.at(0.3), rel=1e-5, abs=1e-6)
     assert SWAY.unit().tolist() == [1.0, 0.0, 0.0]
-
-
-def test_a_table_is_smooth_and_rests_outside():
-    table = Motion(
-        of="gravity", kind="table", direction=(1.0, 0.0, 0.0), times=(0.1, 0.3, 0.6), values=(0.0, 0.02, 0.01)
-    )
-    assert [table.at(t).place for t in (0.1, 0.3, 0.6)] == pytest.approx([0.0, 0.02, 0.01])
-    assert (table.at(0.0), table.at(2.0)) == ((0.0, 0.0, 0.0), (0.01, 0.0, 0.0))
-    assert table.at(0.3 - 1e-9) == pytest.approx(table.at(0.3 + 1e-9), rel=1e-5)
-    assert table.at(0.6 - 1e-9).velocity == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.parametrize(("changes", "words"), [
@@ -136,28 +106,6 @@ def test_lone_particles_feel_gravity_of_the_moment(backend):
     assert simulation.field("velocity")[0, 0] == pytest.approx(sum(kicks), rel=1e-9)
 
 
-def test_walls_feel_gravity_of_the_moment():
-    """A tank whose acceleration is constant is one of another gravity, but for the start."""
-    motion = (Motion(of="gravity", kind="formula", direction=(1.0, 0.0, 0.0), formula="0.5*2*t**2"),)
-    swayed, tilted = (
-        Simulation(tank(**own), "numpy") for own in ({"motion": motion}, {"pull": (-2.0, -G, 0.0)})
-    )  # fmt: skip
-    for simulation in (swayed, tilted):  # which begin with the pressure of rest in their own gravity
-        simulation.set_field("advanced_excess", np.zeros(simulation.count))
-        simulation.set_field("mass", np.full(simulation.count, DENSITY * 0.1**2))
-    for _ in range(30):
-        swayed.step()
-        tilted.step()
-    for name in ("position", "pressure", "wall_pressure"):
-        scale = np.abs(tilted.field(name)).max()
-        assert np.allclose(swayed.field(name), tilted.field(name), rtol=0, atol=1e-10 * scale), name
-
-
-def test_a_restart_goes_on_bit_for_bit():
-    outcomes = resumes(tank(motion=(SWAY,), dtype="float32", density="continuity"), "cpu", (20, 20))
-    assert [str(outcome) for outcome in outcomes if not outcome.passed] == []
-
-
 def test_a_free_particle_flies_straight_as_a_turning_tank_sees_it():
     """Its place in the tank is that in the world, turned back; all fictitious accelerations together."""
     angle = "0.3*sin(4*t) + 0.2*t"
@@ -175,22 +123,6 @@ def test_a_free_particle_flies_straight_as_a_turning_tank_sees_it():
     flown = start + speed * t + 0.5 * pull * t * t
     wanted = pivot + turned(flown - pivot, axis, -turn.at(t).place)
     assert simulation.field("position")[0] == pytest.approx(wanted, abs=3e-4)
-
-
-@pytest.mark.slow
-def test_liquid_in_a_tilted_tank_lies_level():
-    """Slowly turned by 0.05 rad its surface has that slope in the tank."""
-    turn = Motion(
-        of="turn", kind="table", direction=(0.0, 0.0, 1.0), times=(0.0, 2.5), values=(0.0, 0.05), pivot=(0.5, 0, 0)
-    )
-    gauges = tuple(
-        Gauge(name=name, kind="level", lower=(x, 0.0, 0.0), upper=(x, 1.0, 0.0), every=0.02)
-        for name, x in (("left", 0.25), ("right", 0.75))
-    )
-    simulation = run_to(Simulation(tank(20, (turn,), gauge=gauges, density="continuity"), "cpu", threads=2), 5.0)
-    left, right = (simulation.gauge(name) for name in ("left", "right"))
-    since = left.time > 2.6  # two periods of what still sloshes
-    assert np.mean((left["level"] - right["level"])[since]) / 0.5 == pytest.approx(math.tan(0.05), rel=0.1)
 
 
 @pytest.mark.parametrize(("changes", "words"), [
