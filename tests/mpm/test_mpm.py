@@ -10,7 +10,7 @@ import refsim as rs
 from refsim import make_plan, simulate
 from refsim.mpm import Counting
 from refsim.surface_energy.effect import CROWDED, OVERFULL, UNEVEN
-from tests.running import advanced, run_to
+from tests.running import advanced
 from validation.experiments.mpm_droplet.scene import drop_scene, ellipsoid
 from validation.metrics.mpm import CELL, DENSITY, Transfers, ball, turning
 
@@ -53,33 +53,6 @@ def test_a_rigid_rotation_keeps_the_volume():
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_viscosity_keeps_both_momenta(dim):
-    """A strained, turning cloud: viscous stress keeps momentum and spin, and takes the energy mu/2 |A + A^T|^2 V t."""
-    x = scene(LIQUID, dim=dim).fluid[0].positions(make_plan(scene(LIQUID, dim=dim)).grid)
-    gradient = np.zeros((3, 3))
-    gradient[:dim, :dim] = np.array([[0.0, -2.0, 0.3], [3.0, 0.0, 0.2], [0.1, 0.4, 0.0]])[:dim, :dim]
-    arm, energy = x - x.mean(0), {}
-    for viscosity in (0.0, 200.0):
-        liquid = rs.MpmLiquid(bulk_modulus=1e5, dynamic_viscosity=viscosity)
-        fluid = (rs.Cloud(position=x, velocity=arm @ gradient.T),)
-        run = rs.Simulation(scene(liquid, dim=dim, fluid=fluid, step=1e-3))
-        spent = 0.0
-        for _ in range(10):
-            strain = run.field("affine").reshape(-1, 3, 3)
-            length = run.step().length
-            spent += length * viscosity / 2 * ((strain + strain.swapaxes(1, 2)) ** 2).sum((1, 2)).mean()
-        y, v, a = (run.field(name) for name in ("position", "velocity", "affine"))
-        a = a.reshape(-1, 3, 3)
-        spin = np.stack([a[:, 2, 1] - a[:, 1, 2], a[:, 0, 2] - a[:, 2, 0], a[:, 1, 0] - a[:, 0, 1]], axis=-1)
-        turning = np.cross(y - x.mean(0), v) + CELL**2 / 4 * spin  # with what the affine matrices carry
-        assert np.allclose(v.mean(0), 0, atol=1e-13)
-        assert np.allclose(turning.mean(0), np.cross(arm, arm @ gradient.T).mean(0), atol=1e-12)
-        energy[viscosity] = 500.0 * float(((v**2).sum(1) + CELL**2 / 4 * (a**2).sum((1, 2))).mean())
-    assert energy[0.0] - energy[200.0] == pytest.approx(spent, rel=0.25)
-    assert "viscous" in run.step().limits
-
-
-@pytest.mark.parametrize("dim", [2, 3])
 def test_grid_follows_the_liquid(dim):
     """Two blobs a million cells apart cost twice one blob, and a blob that flies on leaves no blocks behind."""
     one = rs.Simulation(scene(LIQUID, dim=dim))
@@ -97,23 +70,6 @@ def test_grid_follows_the_liquid(dim):
     assert grid.nodes <= 3 * alone
 
 
-@pytest.mark.parametrize("rule", ["sticky", "slip", "separating"])
-def test_walls_hold_the_liquid(rule):
-    """Liquid thrown into a corner stays in the box; sticky ends at rest along the wall, separating lets go."""
-    walls = rs.MpmWalls(lower=(0, 0, 0), upper=(1.2, 1.2, 0), rule=rule)
-    box = rs.Box(lower=(0.25, 0.25, 0.0), cells=(5, 5, 1), velocity=(-2.0, -1.0, 0.0))
-    run = rs.Simulation(scene(rs.MpmLiquid(bulk_modulus=2e5), walls, dim=2, fluid=(box,)))
-    run_to(run, 0.5)
-    position, velocity = run.field("position"), run.field("velocity")
-    assert position[:, :2].min() > -0.02
-    speed = np.linalg.norm(velocity.mean(0))
-    assert speed < 2.3
-    if rule == "separating":
-        assert velocity[:, 0].mean() > 0.3
-    if rule == "sticky":
-        assert position[:, 0].mean() < 0.5
-
-
 def test_a_wall_between_nodes_is_told_where_it_acts():
     """Each face of its own; an open one and one within a thousandth of a cell have no note."""
     walls = rs.MpmWalls(lower=(-0.05, 0.0001, 0.0), upper=(1.2, 1.09, 0.0), open_faces=("-x",))
@@ -122,24 +78,6 @@ def test_a_wall_between_nodes_is_told_where_it_acts():
         "mpm_walls: its face +y at 1.09 m acts at the node beyond it, at 1.2 m (0.55 cells): give a multiple of the"
         " cell size, 0.2 m"
     ]
-
-
-@pytest.mark.parametrize("reading", ["none", "cluster", "thesis", "gradient_corrected"])
-def test_a_square_begins_to_round_off(reading):
-    """Corners are drawn in; the cluster keeps the momentum to round-off and the thesis does not."""
-    side = np.arange(8) * 0.1 + 0.05
-    position = np.array([[x, y, 0.0] for x in side for y in side if (x, y) != (side[0], side[0])])
-    surface = rs.SurfaceEnergy(surface_tension=2.0, embedding=reading)
-    run = rs.Simulation(
-        scene(rs.MpmLiquid(rest_density=1.0, bulk_modulus=2e3), surface, dim=2, fluid=(rs.Cloud(position=position),))
-    )
-    corner = np.linalg.norm(position - position.mean(0), axis=1).max()
-    advanced(run, 40)
-    velocity, mass = run.field("velocity"), run.field("mass")
-    lost = abs(mass @ velocity).max() / (mass.sum() * abs(velocity).max())
-    place = run.field("position")
-    assert np.linalg.norm(place - place.mean(0), axis=1).max() < corner - 0.01
-    assert lost < 1e-12 if reading == "cluster" else lost > 1e-9
 
 
 def test_contact_angle_of_180_is_no_contact():
@@ -233,22 +171,6 @@ def test_bad_input_gets_one_sentence(words):
     with pytest.raises(rs.InputError) as error:
         make_plan(scene(*BAD[words]()))
     assert words in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ("count", "words"), [(0, "there are no particles; add a fluid"), (1, "1 particles do not resolve a body")]
-)
-def test_too_few_particles_are_bad_input(count, words):
-    with pytest.raises(rs.InputError, match=words):
-        make_plan(
-            scene(LIQUID, rs.SurfaceEnergy(surface_tension=1.0), fluid=(rs.Cloud(position=np.full((count, 3), 0.3)),))
-        )
-
-
-def test_a_particle_beyond_the_grid_is_bad_input():
-    far = rs.Cloud(position=np.array([[0.2 * 2**21, 0.0, 0.0]]))
-    with pytest.raises(rs.InputError, match="background grid"):
-        make_plan(scene(LIQUID, fluid=(far,)))
 
 
 @pytest.mark.parametrize("surface", [None, 180.0, 60.0])
