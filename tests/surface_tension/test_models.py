@@ -10,7 +10,6 @@ import refsim as rs
 from refsim import make_plan
 from refsim.core.effect import Discretisation
 from refsim.surface_tension.cohesion import compression
-from tests.running import run_to
 
 COHESIVE = (rs.JiangZhu2023, rs.Akinci2013, rs.Dong2016, rs.BeckerTeschner2007, rs.TartakovskyMeakin2005)
 cohesive = pytest.mark.parametrize("model", COHESIVE, ids=lambda model: model.name)
@@ -20,17 +19,6 @@ def setting(dim=3, h=2.7, sound_speed=100.0, count=100):
     """(grid, others) with rho0 = 1 and d = 1."""
     fluid = rs.WeaklyCompressible(rest_density=1.0, sound_speed=sound_speed, density="summation")
     return Discretisation(dim, "float64", 1.0, h, count), {fluid.name: fluid}
-
-
-def drop(*effects, n=6, bound=1.5):
-    """A cube of n^3 particles, side 1 m, rho0 = 1 kg/m^3, without gravity, after 0.4 s."""
-    fluid = rs.WeaklyCompressible(
-        rest_density=1.0, sound_speed=40.0, dynamic_viscosity=0.2, density_bound=bound, density="summation"
-    )
-    cube = rs.Box(lower=(-0.5, -0.5, -0.5), cells=(n, n, n))
-    return run_to(
-        rs.Simulation(rs.Scene(spacing=1 / n, support_radius=2.7 / n, fluid=(cube,), effects=(fluid, *effects))), 0.4
-    )
 
 
 def notes_with(plan, words):
@@ -105,15 +93,6 @@ def test_collapse_is_refused_and_strain_is_noted(model):
     )  # fmt: skip
     assert notes_with(balanced, "compresses the bulk") == []
     assert balanced.shared["fluid"].internal_pressure == pytest.approx(1e5 * pressure, rel=1e-5)
-
-
-def test_one_coefficient_for_both_terms_flies_apart():
-    """Akinci's one gamma in SI units at rho0 = 1 kg/m^3: the area term is a thousand times that for water."""
-    assert np.abs(drop(rs.Akinci2013(surface_tension=1.0)).field("position")).max() < 0.7
-    literal = rs.Akinci2013(surface_tension=1.0, literal=("gamma",))
-    assert np.abs(drop(literal, bound=100.0).field("position")).max() > 10
-    with pytest.raises(rs.RunStopped, match="denser than"):
-        drop(literal)
 
 
 @pytest.mark.parametrize(("model", "parameters", "words"), [
