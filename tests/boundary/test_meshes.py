@@ -130,22 +130,6 @@ def test_joining_leaves_closed_thin_features_and_wide_gaps_alone():
         surface_mesh(*gaps(0.5))
 
 
-def test_a_flap_of_two_opposite_faces_cancels():
-    a, c = BOX.faces[0][:2]
-    vertices = np.vstack([BOX.vertices, 0.9 * (BOX.vertices[a] + BOX.vertices[c])])
-    mesh = surface_mesh(vertices, np.vstack([BOX.faces, [[a, c, 8], [c, a, 8]]]))
-    assert mesh.notes == ("assumed of the mesh: 2 faces that stand twice left out",)
-    assert mesh.volume == pytest.approx(1.0)
-
-
-def test_a_model_drawn_from_both_sides_is_taken_once():
-    mesh = surface_mesh(BALL.vertices, np.vstack([BALL.faces, BALL.faces[:, ::-1]]))
-    assert (mesh.notes, mesh.volume) == (
-        ("assumed of the mesh: 1280 faces that stand twice left out",),
-        pytest.approx(BALL.volume),
-    )
-
-
 def test_fins_are_left_out():
     vertices = np.vstack([BALL.vertices, 1.2 * BALL.vertices[BALL.faces[::100, 0]], 0.5 * BALL.vertices[:1]])
     tips = len(BALL.vertices) + np.arange(14)
@@ -434,15 +418,6 @@ def test_compressed_arrays_of_a_mesh_are_not_unpacked(tmp_path, monkeypatch, nam
         read_mesh(name)
     mesh.write(name, **plain)
     assert len(read_mesh(name).faces) == 12
-
-
-def test_a_box_drawn_inside_out_and_one_with_a_flat_triangle_are_the_box():
-    vertices, faces = np.array(BOX.vertices), np.array(BOX.faces)
-    (a, b, c), m = faces[0], len(vertices)
-    flat = np.concatenate([faces[1:], [[a, m, c], [m, b, c], [a, b, m]]])
-    middle = np.vstack([vertices, 0.5 * (vertices[a] + vertices[b])])
-    for mesh in (surface_mesh(vertices, faces[:, ::-1], "inside out"), surface_mesh(middle, flat, "flat triangle")):
-        assert (len(mesh.notes), mesh.volume) == (1, pytest.approx(1.0, abs=1e-9))
 
 
 def test_bodies_drawn_inside_out_of_which_one_lies_in_the_other_are_their_union():

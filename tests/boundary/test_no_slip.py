@@ -7,10 +7,8 @@ import pytest
 import trimesh
 
 import refsim as rs
-from refsim.boundary.adami_2012.no_slip import holding_share
 from refsim.engine.limits import step_limits
 from refsim.scene.plan import make_plan
-from refsim.sph.shear import delivered
 from tests import layers
 
 MU, LAYERS, OFFSETS = 2.0, 10, 11
@@ -65,17 +63,6 @@ def test_ten_layers_flow_as_poiseuille_and_couette_say(case):
     mu = 0.5 * drag[LAYERS // 2] @ (np.arange(LAYERS) - LAYERS // 2) ** 2
     assert case == "J(11)" or mu == pytest.approx(MU, rel=0.005)
     assert layers.judged(drag, mu) == pytest.approx((1, 1), rel=0.01)
-
-
-@pytest.mark.parametrize("reach", [2.6, 3.0, 3.2, 3.6, 4.0])
-@pytest.mark.parametrize("dim", [2, 3])
-def test_the_lattice_is_held_by_strengths_that_follow_from_it(dim, reach):
-    """The same of drags that are summed here."""
-    mu, strength = MU / delivered(reach, dim), holding_share(reach, dim, True)
-    drag = layers.drag(mu * layers.friction(reach, dim), mu * strength * layers.friction(reach, dim, 3), LAYERS)
-    assert layers.judged(drag, MU) == pytest.approx((1, 1), rel=0.01)
-    drag = layers.drag(mu * layers.friction(reach, dim), mu * strength * layers.friction(reach, dim, 3), 2 * LAYERS)
-    assert layers.judged(drag, MU) == pytest.approx((1, 1), rel=0.002)  # second order
 
 
 def test_a_mesh_holds_liquid_as_planes_do(tmp_path):

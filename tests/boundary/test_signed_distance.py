@@ -88,16 +88,6 @@ def test_memory_follows_the_surface():
 
 
 # Meshes that are repaired, with a note
-def test_a_wrong_winding_is_turned():
-    faces = BOX.faces.copy()
-    faces[2] = faces[2, ::-1]
-    mesh = surface_mesh(BOX.vertices, faces)
-    assert (mesh.notes, mesh.volume) == (
-        ("assumed of the mesh: 1 face wound as the neighbours are",),
-        pytest.approx(0.48),
-    )
-
-
 def test_a_small_hole_is_filled_and_a_cavity_is_kept():
     mesh = surface_mesh(BOX.vertices, BOX.faces[1:])
     assert mesh.notes[0].startswith("assumed of the mesh: holes filled with 1 triangle, 6.4 % of the surface")

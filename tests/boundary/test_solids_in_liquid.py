@@ -7,12 +7,7 @@ import trimesh
 
 import refsim as rs
 from refsim import make_plan
-from refsim.boundary.akinci_2012 import box_layers
-from refsim.boundary.two_way_coupling import Delay
 from refsim.core.operation import REGISTRY
-from refsim.core.walls import WallParticles
-from refsim.smoothing import smoothing
-from refsim.sph import Fluid
 from tests.running import advanced
 from validation.experiments.liquid import runs
 
@@ -60,38 +55,6 @@ def test_a_solid_beside_a_mesh_has_the_lift_of_archimedes(tmp_path):
     bodies, mesh = [((1, 1, 3), (3, 2, 2))], rs.MeshBoundary(file=str(tmp_path / "block.obj"))
     (found,) = lifts(bodies, rs.Simulation(at_rest(bodies, (5, 4, 8), mesh, floor=2), "numpy"))
     assert found == pytest.approx([0.0, 0.0, 1.0], abs=0.005)
-
-
-@pytest.mark.parametrize("low", [(1, 1), (2, 0), (0, 3), (3, 2)])
-def test_a_square_beside_walls_and_a_square_has_the_lift_of_archimedes(low):
-    """The operations alone, in 2D: squares of 3 cells one cell apart, the pressure of the water given."""
-    spacing, cells, size = 0.1, (12, 11), 3
-    place = np.indices((*cells, 1)).reshape(3, -1).T * spacing + [0.05, 0.05, 0.0]
-    number = np.zeros(len(place), np.int32)
-    for k, corner in enumerate((np.array(low), np.array(low) + [size + 1, 0])):
-        beyond = place[:, :2] / spacing - corner
-        number[((beyond > 0) & (beyond < size)).all(1)] = 1 + k
-    wet = number == 0
-    depth, density = cells[1] * spacing - place[:, 1], np.where(wet, runs.DENSITY, 300.0)
-    walls = box_layers((0.0, 0.0, 0.0), (*np.array(cells) * spacing, 0.0), spacing, 2, 4)
-    given = {
-        "position": place, "phase": np.where(wet, 0, 1), "solid_number": number, "density": density,
-        "mass": density * spacing**2, "pressure": np.where(wet, runs.DENSITY * runs.GRAVITY * depth, 0.0),
-        "velocity": np.zeros_like(place), "followed_velocity": np.zeros_like(place), "delay": Delay(1.0),
-        "lean": (0.0, -runs.GRAVITY, 0.0), "smoothing": smoothing("wendland_c2", 3 * spacing, 2),
-        "fluid": Fluid(runs.DENSITY, 1.0, 1, 0), "walls": WallParticles(walls, np.full(len(walls), spacing**2)),
-    }  # fmt: skip
-    force = np.zeros_like(place)
-    for name in ("extrapolation", "spread", "extrapolation of walls", "wall_force", "push"):
-        method = "two_way_coupling" if name in ("extrapolation", "spread", "push") else "adami_2012"
-        operation = REGISTRY[f"{method}.{name.split()[0]}"]
-        found = operation.program("numpy")(*(given.get(argument) for argument in operation.arguments("numpy")))
-        acceleration, _ = found.pop("acceleration", (0.0, 0.0))
-        force += given["mass"][:, None] * acceleration
-        given |= {name: value for name, (value, _) in found.items()}
-    for k in (1, 2):
-        lift = force[number == k].sum(0) / (runs.DENSITY * runs.GRAVITY * (size * spacing) ** 2)
-        assert lift == pytest.approx([0.0, 1.0, 0.0], abs=0.005)
 
 
 def test_walls_bear_what_they_push_a_solid_with():
