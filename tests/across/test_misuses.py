@@ -110,6 +110,7 @@ def changed(values, place, value):
     ("position", lambda x: changed(x, 3, x[1]), "set_field: particles 1 and 3 are at the same place (1 such pairs in"),
     ("position", lambda x: changed(x, (5, 0), -0.01), r"box_walls: particle 5 at (-0.01, 0.25) m is behind a wall (1"),
     ("position", lambda x: changed(x, (5, 0), 1e31), "set_field: the position of particle 5 is not a finite number"),
+    ("velocity", lambda v: v[:3], "set_field: velocity has shape (3, 3); give"),
     ("mass", lambda m: "heavy", "set_field: mass is no array of numbers; give (9,) numbers."),
     ("mass", lambda m: [[1.0], [1.0, 2.0]], "set_field: mass is no array of numbers; give (9,) numbers."),
     ("position", lambda x: x * 1j, "set_field: position is no array of numbers; give (9, 3) numbers."),
