@@ -12,7 +12,6 @@ from refsim.boundary.mesh import surface_mesh
 from refsim.boundary.sampling import sample
 from refsim.core.capabilities import HasErrata
 from refsim.scene.files import load_scene
-from tests.running import advanced
 from validation import pairs
 
 REQUIRED = {
@@ -20,7 +19,6 @@ REQUIRED = {
     for effect in pairs.EFFECTS.values()
     if isinstance(effect, HasErrata)
 }
-TANK = {"lower": (0.0, 0.0, 0.0), "upper": (0.4, 0.4, 0.4)}
 with_errata = pytest.mark.parametrize("effect", REQUIRED, ids=lambda effect: effect.name)
 
 
@@ -70,48 +68,6 @@ def test_wrong_words_get_one_sentence(make, words):
 TETRAHEDRON = surface_mesh(
     np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]), np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 )
-
-
-def moved(*effects, **scene):
-    """Velocities after three steps of a block of 4^3 particles, in float64."""
-    given = {"spacing": 0.05, "support_radius": 0.13, "dtype": "float64", "fluid": (rs.Box(cells=(4, 4, 4)),)} | scene
-    return advanced(rs.Simulation(rs.Scene(**given, effects=effects), "numpy"), 3).field("velocity")
-
-
-def liquid(**given):
-    return rs.WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=20.0, density="summation", **given)
-
-
-@pytest.mark.parametrize(
-    "own, spelled, usual",
-    [
-        (
-            (liquid(literal="paper"), rs.JiangZhu2023(surface_tension=1.0, literal="paper")),
-            (
-                liquid(literal=("E24",), clamp_pressure=False),
-                rs.JiangZhu2023(
-                    surface_tension=1.0, pair_mode="either", balance_pressure=False, literal=("E6", "E7", "E23")
-                ),
-                rs.SurfaceDetection(scan_normal="corrected", literal=("E6", "E23")),
-            ),
-            (liquid(), rs.JiangZhu2023(surface_tension=1.0)),
-        ),
-        (
-            (liquid(), rs.Dong2016(surface_tension=0.1, literal="paper")),
-            (liquid(), rs.Dong2016(surface_tension=0.1, solver="hu_adams", balance_pressure=False, literal=("E21",))),
-            (liquid(), rs.Dong2016(surface_tension=0.1)),
-        ),
-        (
-            (liquid(), rs.Gravity(), rs.BoxWalls(**TANK, literal="paper")),
-            (liquid(), rs.Gravity(), rs.BoxWalls(**TANK, literal="g")), (liquid(), rs.Gravity(), rs.BoxWalls(**TANK)),
-        ),
-    ],
-    ids=["jiang_zhu", "dong", "walls"],
-)  # fmt: skip
-def test_a_run_as_in_the_paper_is_that_with_everything_spelled_out(own, spelled, usual):
-    found = moved(*own)
-    assert np.array_equal(found, moved(*spelled))
-    assert not np.array_equal(found, moved(*usual))
 
 
 SCENE = """

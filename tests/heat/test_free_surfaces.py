@@ -66,20 +66,6 @@ def test_a_strip_conducts_along_itself_as_its_material_does(rows, support, optio
     assert plain < 0.97 * wide
 
 
-def test_turned_and_uneven_strips_conduct_alike():
-    """Turned by 0.3 rad, and with every particle moved by up to a twentieth of the spacing."""
-    straight = lattice(3)
-    c, s = math.cos(0.3), math.sin(0.3)
-    turned = straight @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    moved = straight + np.random.default_rng(3).uniform(-0.05, 0.05, straight.shape) * [1, 1, 0]
-    run = bar(straight, 2, 2.5, {"scheme": "explicit"})
-    expected, _ = rate(run)
-    again = bar(straight, 2, 2.5, {"scheme": "explicit"})
-    again.set_field("position", turned)
-    assert advanced(again, 6).field("temperature") == pytest.approx(run.field("temperature"), abs=1e-9)
-    assert rate(bar(moved, 2, 2.5, {"scheme": "explicit"}))[0] == pytest.approx(expected, rel=0.015)
-
-
 def test_copper_heats_a_thin_bar_of_steel():
     """100 deg C on 0, three rows of 2 mm: 15 mm into the steel after 4 s it is 9.834 deg C, as in a wide bar."""
     d, n = 0.002, 30

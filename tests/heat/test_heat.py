@@ -36,15 +36,6 @@ def heat(of):
     return conserved_totals(of)["effects"]["heat_conduction"]["heat"]
 
 
-def test_a_temperature_that_is_not_finite_stops_the_run():
-    simulation = ran(bar(), 1)
-    simulation.fields["temperature"][3] = np.nan
-    with pytest.raises(RunStopped) as stop:
-        simulation.step()
-    assert stop.value.reason == "non_finite"
-    assert "or a temperature that is not finite" in str(stop.value)
-
-
 def hard_cloud(kind, scheme, melts, dtype="float64", **options):
     """216 particles, some at 50 and the rest at -10 deg C, whose sums s_i exceed the lattice's; the runner's own step.
 

@@ -138,21 +138,3 @@ def test_cells_of_a_mesh_outlive_its_file(tmp_path):
     simulation.step()
     again.step()
     assert (again.field("position") == simulation.field("position")).all()
-
-
-def test_a_solid_has_the_mesh_of_a_boundary(tmp_path):
-    """Two bricks half a face in contact, triangles apart: their union's cells, with a note."""
-    import trimesh
-
-    from refsim import SolidMesh
-
-    path = tmp_path / "solid.stl"
-    bricks = [trimesh.creation.box(bounds=b) for b in ([[0, 0, 0], [1, 2, 1]], [[1, 1, 0], [2, 3, 1]])]
-    corners = trimesh.util.concatenate(bricks).triangles.reshape(-1, 3)
-    corners = corners + np.random.default_rng(1).normal(size=corners.shape) * 1e-5
-    trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False).export(path)
-    plan = make_plan(scene(solid=(SolidMesh(file=str(path), center=(1.0, 1.0, 2.0), size=1.2),)))
-    cells = 0.2 * (plan.grid.solids.lattice.cell + 0.5)
-    assert np.where(cells[:, 0] < 1, cells[:, 1] < 1.2, cells[:, 1] > 0.8).all()
-    assert len(cells) == 2 * (2 * 4 * 2)
-    assert any("[[solid]] number 1: " in note and "72 corners of open edges joined" in note for note in plan.notes)

@@ -5,8 +5,6 @@ import pytest
 
 import refsim
 from refsim import Ball, Box, BoxWalls, Cloud, Gravity, InputError, MpmLiquid, Scene, WeaklyCompressible, make_plan
-from refsim.core.effect import Discretisation
-from refsim.scene.counting import Cells
 
 D = 0.01
 COUNTED = "are counted at"
@@ -145,20 +143,3 @@ def test_liquid_in_a_solid_is_refused():
     nearer = np.concatenate([outside, outside[np.isclose(outside[:, 0], 0.025)] + (0.45 * D, 0, 0)])
     with pytest.raises(InputError):
         make_plan(scene(Cloud(position=nearer), dim=3, solid=(body,), effects=around))
-
-
-def test_cells_are_full_in_a_lattice_wherever_it_lies():
-    random = np.random.default_rng(1)
-    for dim in (2, 3):
-        grid = Discretisation(dim, "float64", D, 2.6 * D, 0)
-        place = lattice(dim, 16)
-        place[:, :dim] += random.uniform(-1, 1, dim) * D
-        far = place + np.array([1e6 * D, -3e7 * D, 0.0])  # a gap that numbers would not bridge
-        cells = Cells(np.concatenate([place, far]), grid)
-        share = cells.filled(np.full(2 * len(place), D**dim))
-        inside = cells.inside(np.arange(2 * len(place)), share < 0)
-        assert inside.any()
-        assert share[inside] == pytest.approx(1.0, rel=1e-7)  # places are rounded
-        assert share.max() < 1 + 1e-7
-        assert share.sum() * cells.volume == pytest.approx(2 * len(place) * D**dim, rel=1e-12)
-        assert cells.at_particles(np.ones(len(share)), 2 * len(place)) == pytest.approx(1.0, rel=1e-12)

@@ -6,10 +6,9 @@ import msgspec
 import pytest
 
 import refsim as rs
-from refsim import load_scene, make_plan
+from refsim import make_plan
 from refsim.commands.plan import _text, describe_plan
 from refsim.core.capabilities import with_scene_defaults
-from tests.running import run_to
 
 EXAMPLES = pathlib.Path(rs.__file__).parent / "examples"
 PEBBLE = str(EXAMPLES / "pebble.obj")
@@ -107,15 +106,6 @@ def test_a_plan_tells_what_an_artificial_viscosity_is_worth():
     worth = 0.1 * 1000.0 * liquid.sound_speed * grid.support_radius / (4 * (grid.dim + 2))
     told = f"artificial_viscosity = 0.1 adds {worth:.3g} Pa s: the dynamic viscosity is {worth + 2:.3g} Pa s"
     assert describe_plan(made, "cpu")["defaults"] == [told]
-
-
-@pytest.mark.slow
-def test_spray_of_the_packaged_dam_break_breaks():
-    """A particle that leaves others behind at the rim of the tank would have no density left."""
-    simulation = rs.Simulation(load_scene(EXAMPLES / "dam_break_2d.toml"), threads=1)
-    run_to(simulation, 0.46)
-    density = simulation.field("density")
-    assert 950.0 <= density.min() < 1000.0 < density.max() < 1050.0
 
 
 @pytest.mark.parametrize(("dim", "down"), [(2, 1), (3, 2)])

@@ -80,19 +80,6 @@ def test_the_pressure_in_balls_is_that_of_the_parts_of_lines_in_them(dim, monkey
     assert virial.inner_pressure(run, (0.5, 0.9, 1.6)) == pytest.approx(sum(expected) / 3, rel=1e-3)
 
 
-def test_angles_of_halves_and_whole_drops_follow_from_the_height_of_their_centre():
-    for dim, volume, half in ((3, 4 / 3 * math.pi, 3 / 8), (2, math.pi, 4 / (3 * math.pi))):
-        assert drops.angle_by_lift(half / (volume / 2) ** (1 / dim), dim) == pytest.approx(90.0, abs=0.02)
-        assert drops.angle_by_lift(1 / volume ** (1 / dim), dim) == pytest.approx(178.0, abs=0.5)
-        # A flat cap is a parabola: its centre stands at 1/3 (3D), 2/5 (2D) of its height
-        angle = math.radians(2.0)
-        high = 1 - math.cos(angle)
-        flat = math.pi * high**2 * (1 - high / 3) if dim == 3 else angle - math.sin(angle) * math.cos(angle)
-        lift = {3: 1 / 3, 2: 2 / 5}[dim] * high / flat ** (1 / dim)
-        assert drops.angle_by_lift(lift, dim) == pytest.approx(2.0, abs=0.01)
-        assert drops.angle_by_lift(lift * 1.01, dim) == pytest.approx(2.0 * 1.01 ** (1.5 if dim == 3 else 2), abs=0.03)
-
-
 def test_vortices_that_decay_as_one_wave_have_the_rate_1():
     position, time = np.pad(RANDOM.uniform(0, 1, (60, 2)), ((0, 0), (0, 1))), 0.3
     x, y = 2 * np.pi * position[:, :2].T

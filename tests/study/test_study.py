@@ -293,16 +293,6 @@ def test_bad_input_gets_a_sentence(more, words):
         studied("front", **more)
 
 
-def test_the_picture_shows_all_levels():
-    found = studied(manufactured(2), knobs=("spacing", "precision", "effects"))
-    text, figure = found.text(), found.plot()
-    assert len(text.split("\n\n")[0].splitlines()) == 2 + len(found.runs)
-    assert "without gravity" in text
-    assert "order 2.00" in text
-    assert len(figure.axes) == 4
-    assert [line.get_xdata()[0] for line in figure.axes[0].lines[:1]] == [found.runs[0][0].scene.spacing]
-
-
 # The command
 @pytest.fixture
 def file(tmp_path, monkeypatch):
@@ -360,28 +350,3 @@ def test_seconds_that_do_not_settle_are_said(monkeypatch):
     made = [runs.measure(setting, observable) for _ in range(2)]
     assert [reading.seconds for reading in made] == [0.5, 0.1]
     assert [reading.unsettled for reading in made] == ["", "its two fastest of 6 runs differ by 100 %"]
-
-
-def test_a_busy_machine_changes_no_cost(monkeypatch):
-    """Each step takes 1 ms of the processor; the clock goes on by 5 to 200 ms meanwhile, ever more."""
-    now, own = {"processor": 0.0, "wall": 0.0}, refsim.Simulation.step
-
-    def step(self):
-        done = own(self)
-        now["processor"] += 1e-3
-        now["wall"] += 5e-3 + now["processor"]
-        self.timings.first_calls.clear()
-        return done
-
-    monkeypatch.setattr(refsim.Simulation, "step", step)
-    monkeypatch.setattr(runs.time, "perf_counter", lambda: now["wall"])
-    monkeypatch.setattr(runs.time, "process_time", lambda: now["processor"])
-    found = studied("kinetic_energy", knobs=("spacing", "step"))
-    for row in found.rows():
-        assert row["seconds"] == pytest.approx(1e-3 * row["steps"])
-        assert row["cost"] == pytest.approx(row["steps"] / found.base.steps)
-        assert row["wall_seconds"] > 5 * row["seconds"]
-    (points,) = [line.get_xdata() for line in found.plot().axes[1].lines if line.get_label() == "spacings"]
-    assert set(points) <= {row["seconds"] for row in found.rows()}
-    wall, spent = (sum(getattr(r, name) for _, r in found.runs) for name in ("wall", "seconds"))
-    assert f"on 1 thread; by the clock the runs took {wall / spent:.2f} times as long" in found.text()

@@ -28,13 +28,6 @@ def disc(radius=10.2):
     return block[np.linalg.norm(block - CENTER, axis=1) < radius]
 
 
-def jittered_disc(seed=5):
-    """A disc without ties: every particle off its lattice point by up to a tenth of the spacing."""
-    points = disc()
-    points[:, :2] += np.random.default_rng(seed).uniform(-0.1, 0.1, (len(points), 2))
-    return points
-
-
 def detect(
     position, backend="numpy", dtype="float64", spacing=1.0, dim=2, ratio=2.6, walls=(), crowded=False, **settings
 ):
@@ -192,19 +185,6 @@ def test_a_film_on_a_wall_is_surface_and_one_between_two_walls_is_not(dim):
 
 
 # Normals
-@pytest.mark.parametrize("kind", ["surface_normal", "corrected_normal"])
-def test_normals_of_a_disc_point_inward(kind):
-    scan = {"surface_normal": "color", "corrected_normal": "corrected"}[kind]
-    simulation = detect(disc(), method="fan_scan", scan_normal=scan)
-    position, normal = simulation.field("position") - CENTER, simulation.field(kind)
-    radius = np.linalg.norm(position, axis=1)
-    ring = radius > radius.max() - 0.8
-    length = np.linalg.norm(normal, axis=1)
-    inward = -(position * normal).sum(1) / (radius * np.maximum(length, 1e-12))
-    assert inward[ring].min() > math.sqrt(0.5)  # within 45 degrees, on a staircase too
-    assert length[radius < 4].max() < 1e-9 * length[ring].min()
-
-
 # As part of a scene
 def plan_of(*effects, dim=2):
     scene = Scene(

@@ -61,17 +61,6 @@ def test_inset_brings_the_surface_back_to_the_liquid():
     assert np.array_equal(far.mesh.vertices, near.mesh.vertices)
 
 
-@pytest.mark.parametrize("quadrature", ["facets", "poisson"])
-def test_samples_belong_to_their_nearest_particle(quadrature):
-    place = ball(4)
-    _, surface = reconstructed(place, quadrature=quadrature)
-    samples = surface.samples
-    distance = np.linalg.norm(samples.position[:, None] / H - place[None], axis=-1)
-    assert np.array_equal(distance.argmin(1), samples.nearest)
-    assert np.array_equal(np.bincount(samples.nearest, minlength=len(place)), samples.count)
-    assert np.linalg.norm(samples.normal, axis=1) == pytest.approx(1)
-
-
 @pytest.mark.parametrize("dim", [2, 3])
 def test_poisson_disk_samples_keep_their_distance_and_leave_no_gap(dim):
     made, surface = reconstructed(ball(5, dim=dim), dim, quadrature="poisson", inset=-1.0)
