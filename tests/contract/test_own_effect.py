@@ -3,6 +3,7 @@
 import importlib.util
 import json
 import re
+import shutil
 from importlib import resources
 
 import pytest
@@ -76,10 +77,12 @@ def test_its_programs_hold(backend, installed):
     assert told["trials"] > (2 if backend == "numpy" else 20)
 
 
-def test_a_package_that_cannot_be_imported_is_warned_of(installed, tmp_path):
-    known = tmp_path / "broken-1.0.dist-info"
-    known.mkdir()
+@pytest.mark.parametrize("packed", [False, True], ids=["folder", "archive"])
+def test_a_package_that_cannot_be_imported_is_warned_of(packed, tmp_path):
+    known = tmp_path / "site" / "broken-1.0.dist-info"
+    known.mkdir(parents=True)
     (known / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1.0\n")
     (known / "entry_points.txt").write_text("[refsim.operations]\nbroken = no_such_module_of_anyone\n")
-    done = python("-c", "import refsim", folder=tmp_path)
+    folder = shutil.make_archive(tmp_path / "site", "zip", tmp_path / "site") if packed else tmp_path / "site"
+    done = python("-c", f"import sys\nsys.path.append({str(folder)!r})\nimport refsim")
     assert "the entry point broken of refsim.operations cannot be imported" in done.stderr
