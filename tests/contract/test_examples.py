@@ -176,7 +176,7 @@ def test_the_only_wanted_output_is_returned_as_an_array_also_beside_optional_one
 
 
 # Test vectors
-VECTORS = ("sph.density", "mpm.particle_to_grid", "surface_detection.near_surface", "viscosities.artificial")
+VECTORS = ("sph.density", "mpm.particle_to_grid", "surface_detection.near_surface", "sph.central_viscosity")
 
 
 @pytest.fixture(scope="module")
@@ -256,7 +256,7 @@ def test_conservation_is_read_in_cpp(vectors, tmp_path):
     command = ["g++", "-std=c++11", "-Wall", "-Wextra", "-Werror", f"-I{made}", "conserved.cpp", "-o", "conserved"]
     subprocess.run(command, cwd=tmp_path, check=True)
     for dtype in ("float32", "float64"):
-        file = made / f"viscosities.artificial/variant_0_{dtype}.npz"
+        file = made / f"sph.central_viscosity/variant_0_{dtype}.npz"
         said = subprocess.run([tmp_path / "conserved", file], capture_output=True, text=True, check=True).stdout
         found = [line.split() for line in said.splitlines()]
         assert len(found) == 8, said
