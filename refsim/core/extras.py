@@ -9,7 +9,6 @@ EXTRAS = {  # module: (package that brings it, the extra of refsim that has it)
     "distributed": ("distributed", "cluster"),
     "pandas": ("pandas", "results"),
     "pyvista": ("pyvista", "view"),
-    "xarray": ("xarray", "results"),
 }
 
 

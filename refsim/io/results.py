@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,6 @@ from refsim.core.capabilities import KeepsLedger
 from refsim.core.checked import plainly, suggestion
 from refsim.core.effect import EFFECTS
 from refsim.core.errors import InputError
-from refsim.core.extras import extra
 from refsim.core.fields import Field
 from refsim.core.reading import open_regular
 from refsim.core.tables import Shown, Table
@@ -26,9 +25,6 @@ from refsim.io.scenes import scene_from_checkpoint
 from refsim.io.series import GAUGES, read_series
 from refsim.io.vtp import read_arrays
 from refsim.scene.scene import Scene
-
-if TYPE_CHECKING:
-    import xarray
 
 PARTICLES, REPORT = "particles.pvd", "report.json"
 UNITS = {  # of the ledger, in 3D
@@ -145,7 +141,8 @@ class Run(Shown):
         return RunFrame(self, int(np.abs(self.times - time).argmin()))
 
     def _rows(self, name: str, number: int) -> NDArray[Any]:
-        (name,) = self._chosen([name])
+        if name not in self.fields:
+            raise InputError(f"run {self.folder}: there is no field {name!r}; {suggestion(name, self.fields)}")
         array = read_arrays(self._heads[number], [name], number in self._unchecked)[name]
         self._unchecked.discard(number)
         return array
@@ -210,43 +207,6 @@ class Run(Shown):
         if not (isinstance(report, dict) and {"start", "end"} <= set(report.get("ledger", ()))):
             raise InputError(f"report {path} is not that of a run; give the folder of a run.")
         return report
-
-    # For other libraries
-
-    @plainly
-    def to_xarray(self, fields: Sequence[str] | None = None, frames: slice = slice(None)) -> xarray.Dataset:
-        """Fields over time and particle as an xarray.Dataset with units, read whole (extra "results").
-
-        fields  names; all by default
-        frames  which of the frames; all by default
-
-        Rows are sorted by identity. Raises InputError where the frames do not hold the same particles.
-        """
-        library = extra("xarray", "Run.to_xarray")
-        chosen = [frame.sorted() for frame in self[frames]]
-        identity = [frame["identity"] for frame in chosen]
-        if any(not np.array_equal(identity[0], other) for other in identity):
-            raise InputError(f"run {self.folder}: its frames do not hold the same particles; choose frames that do.")
-        variables = {}
-        for name in self._chosen(fields):
-            field = self.fields[name]
-            axis = () if field.components == 1 else (("axis",) if field.components == 3 else (f"{name}_component",))
-            values = np.stack([frame[name] for frame in chosen]) if chosen else np.empty((0, *field.shape(0)))
-            variables[name] = (("time", "particle", *axis), values, {"units": field.unit, "long_name": field.meaning})
-        coordinates: dict[str, Any] = {
-            "time": ("time", [frame.time for frame in chosen], {"units": "s"}),
-            "particle": ("particle", identity[0] if chosen else [], {"long_name": "identity"}),
-        }
-        if any("axis" in dims for dims, *_ in variables.values()):
-            coordinates["axis"] = ["x", "y", "z"]
-        return library.Dataset(variables, coordinates, {"scene": self._origin.scene})
-
-    def _chosen(self, fields: Sequence[str] | None) -> list[str]:
-        names = [name for name in self.fields if name != "identity"] if fields is None else list(fields)
-        for name in names:
-            if name not in self.fields:
-                raise InputError(f"run {self.folder}: there is no field {name!r}; {suggestion(name, self.fields)}")
-        return names
 
     # As text
 

@@ -80,8 +80,6 @@ def test_a_call_that_is_not_possible_is_said_in_a_sentence(call, sentence):
     (lambda s, r: s.checkpoint(None), "Simulation.checkpoint: path = None is a NoneType; give a path."),
     (lambda s, r: r.at("x"), "Run.at: time = 'x' is text; give a number."),
     (lambda s, r: r["1"], "Run: number = '1' is text; give a whole number or a slice."),
-    (lambda s, r: r.to_xarray("position"), "Run.to_xarray: fields = 'position' is text; give a tuple or a list or N"),
-    (lambda s, r: r.to_xarray(frames=1), "Run.to_xarray: frames = 1 is a whole number; give a slice."),
 ])  # fmt: skip
 def test_so_is_a_call_of_a_method(call, sentence, simulation, run):
     with pytest.raises(rs.InputError, match=re.escape(sentence)):

@@ -201,29 +201,13 @@ def test_errors_say_what_and_where(folder, tmp_path):
 
 
 def test_a_missing_extra_is_named(folder, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "xarray", None)
-    with pytest.raises(rs.InputError, match="needs the package xarray, which is not installed; run pip install xarray"):
-        open_run(folder).to_xarray()
+    monkeypatch.setitem(__import__("sys").modules, "pandas", None)
+    with pytest.raises(rs.InputError, match="needs the package pandas, which is not installed; run pip install pandas"):
+        open_run(folder).ledger.to_pandas()
     listed = (pathlib.Path(__file__).parents[2] / "setup.cfg").read_text().partition("[options.extras_require]")[2]
     for package, name in extras.EXTRAS.values():
         section = listed.partition(f"\n{name} =\n")[2].partition(" =\n")[0]
         assert f"    {package}>=" in section
-
-
-@needs("xarray")
-def test_to_xarray_has_fields_over_time_and_particle(folder, tmp_path):
-    run = open_run(folder)
-    data = run.to_xarray(["density", "position"], slice(1, 4))
-    assert dict(data.sizes) == {"time": 3, "particle": len(run[0]), "axis": 3}
-    assert np.array_equal(data["position"].values[2], run[3].position)
-    assert data["density"].attrs["units"] == "kg/m^2"
-    assert data["density"].sel(time=run.times[2]).values.tolist() == run[2]["density"].tolist()
-    mixed = shuffled(tmp_path / "mixed.pvd")
-    assert mixed.to_xarray(frames=slice(2))["mark"].values[1].tolist() == [[i, -i] for i in range(6)]
-    with pytest.raises(rs.InputError, match="choose frames that do"):
-        mixed.to_xarray()
-    with pytest.raises(rs.InputError, match="did you mean density"):
-        run.to_xarray(["densty"])
 
 
 @needs("pandas")
