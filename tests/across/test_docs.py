@@ -209,8 +209,11 @@ def test_commands_on_the_pages_are_understood(page):
 
 @pages
 def test_tests_and_scripts_that_a_page_names_are_there(page):
-    named = re.findall(r"`(?:pytest|python) ((?:tests|scripts)/[\w/.]+)", " ".join(prose(page).split()))
-    assert [name for name in named if not (ROOT / name).exists()] == []
+    text = " ".join(prose(page).split())
+    named = re.findall(r"`(?:(?:pytest|python) )?((?:tests|scripts)/[\w/.]+)(?::(\w+))?", text)
+    assert [name for name, _ in named if not (ROOT / name).exists()] == []
+    inside = [(file, name) for file, name in named if name]
+    assert [each for each in inside if not re.search(rf"\b{each[1]}\b", (ROOT / each[0]).read_text())] == []
 
 
 # Numbers have a command
