@@ -46,9 +46,9 @@ def perform(
     failed = False
     for name in names or abouts():
         stored = panel(name)
-        found = measure(stored, backend, readings, peers)
-        print(text(stored, found), flush=True)
-        judged = merged(stored, found)
+        measurements = measure(stored, backend, readings, peers)
+        print(text(stored, measurements), flush=True)
+        judged = merged(stored, measurements)
         for sentence in broken(judged):
             print(sentence, flush=True)
             failed = True

@@ -27,13 +27,13 @@ HEAD = ("observable", "error", "cheapest setting", "its error, at most", "CPU")
 
 def places(of: Panel, *kinds: str) -> dict[tuple[str, str], list[str]]:
     """Days and commits of the settings of these kinds by kind and machine: a GPU's name, or a processor's."""
-    found: dict[tuple[str, str], set[str]] = {}
+    sources: dict[tuple[str, str], set[str]] = {}
     for kind in kinds:
         for _, point in settings(of, kind):
             place = of.places[point.place]
             words = f"{place.date}, commit {place.commit[:8]}"
-            found.setdefault((kind, _machine(of, point)), set()).add(words)
-    return {key: sorted(words) for key, words in found.items()}
+            sources.setdefault((kind, _machine(of, point)), set()).add(words)
+    return {key: sorted(words) for key, words in sources.items()}
 
 
 def _machine(of: Panel, point: Point) -> str:
@@ -242,8 +242,8 @@ def overview() -> Any:
 
 def _seconds(of: Panel, error: float, kind: str) -> float:
     """Seconds of the setting that is advised; NaN where none is."""
-    found = cheapest(of, error, kind)
-    return math.nan if found is None else price(found[1])
+    cheapest_run = cheapest(of, error, kind)
+    return math.nan if cheapest_run is None else price(cheapest_run[1])
 
 
 def _finished(figure: Any, axes: Any, title: str) -> None:

@@ -90,9 +90,9 @@ class Origins(dict[str, str]):
     """Day, commit and machine of the data of pictures by name."""
 
     def __missing__(self, name: str) -> str:
-        found = read_origin(ROOT / "figures", name)
-        machine = found["machine"]
-        return f"{found['date']}, commit {found['commit'][:8]}, {machine.get('gpu') or machine['processor']}"
+        origin = read_origin(ROOT / "figures", name)
+        machine = origin["machine"]
+        return f"{origin['date']}, commit {origin['commit'][:8]}, {machine.get('gpu') or machine['processor']}"
 
 
 def stored() -> dict[str, dict[str, Any]]:

@@ -69,7 +69,7 @@ def beside_warp(edge: int) -> dict[str, Any]:
     busy = 0.0 if small else BUSY
     own: list[float] = []
     theirs: dict[str, list[float]] = {}
-    builds, found, peer = 0, dict[str, Any](), dict[str, Any]()
+    builds, summary, peer = 0, dict[str, Any](), dict[str, Any]()
     for _ in range(1 if small else TURNS):
         simulation = started(edge, warm=1 + warm)
         search = simulation.search
@@ -87,16 +87,16 @@ def beside_warp(edge: int) -> dict[str, Any]:
         builds += search.log.rebuilds - built
         serves = len(own) * steps / max(builds, 1)
         speed = float(np.sqrt((simulation.field("velocity").astype(float) ** 2).sum(1).mean()))
-        plan, found["particles"] = simulation.plan, simulation.count
+        plan, summary["particles"] = simulation.plan, simulation.count
         del simulation, search
         peer = warp_sph.run(plan, fixed_step(edge), warm, steps, max(1, round(serves)), device, busy=busy)
         if "missing" in peer:
             raise RuntimeError(peer["missing"])
         for name, seconds in peer["seconds"].items():
             theirs.setdefault(name, []).append(seconds)
-        found |= {"serves": serves, "speeds": abs(peer["speed"] / speed - 1)}
-    found |= {"refsim": own, "warp": theirs, "version": peer["version"]}
-    return found | ({"accelerations": disturbed_difference(edge, device)} if edge <= min(WARP_STEPS) else {})
+        summary |= {"serves": serves, "speeds": abs(peer["speed"] / speed - 1)}
+    summary |= {"refsim": own, "warp": theirs, "version": peer["version"]}
+    return summary | ({"accelerations": disturbed_difference(edge, device)} if edge <= min(WARP_STEPS) else {})
 
 
 def disturbed_difference(edge: int, device: str, backend: str = "cuda") -> float:

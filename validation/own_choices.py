@@ -112,8 +112,8 @@ def patent(literal: tuple[str, ...]) -> Measured:
         "support_radius": 3.0 * d,
     }  # fmt: skip
     scene = changed(scene, list(changes.items()))
-    found = measure(Setting("", "", 1.0, scene, "cpu"), observable_of(f"panel:{of.name}", make_plan(scene)))
-    return {"value": None if found.failed else found.value, "remark": f"stops: {found.failed}" * bool(found.failed)}
+    trial = measure(Setting("", "", 1.0, scene, "cpu"), observable_of(f"panel:{of.name}", make_plan(scene)))
+    return {"value": None if trial.failed else trial.value, "remark": f"stops: {trial.failed}" * bool(trial.failed)}
 
 
 # paper, effects with the preset, scene and measure
@@ -143,11 +143,11 @@ def measure() -> dict[str, Any]:
     return {name: {"refsim": row[-1](()), "paper": row[-1](("paper",))} for name, row in ROWS.items()}
 
 
-def _shown(found: Measured) -> str:
-    if found["value"] is None:
-        return found["remark"]
-    value = f"{found['value']:.2g}" if found["value"] < 0.1 else f"{found['value']:.3g}"
-    return f"{value} ({found['remark']})" if found["remark"] else value
+def _shown(trial: Measured) -> str:
+    if trial["value"] is None:
+        return trial["remark"]
+    value = f"{trial['value']:.2g}" if trial["value"] < 0.1 else f"{trial['value']:.3g}"
+    return f"{value} ({trial['remark']})" if trial["remark"] else value
 
 
 def markdown() -> list[str]:

@@ -45,18 +45,18 @@ def read(file: Path) -> dict[str, Any]:
         whole = json.loads(file.read_text(encoding="utf-8"))
         where, commit = whole["machine_info"], whole["commit_info"]
         about = {"date": whole["datetime"][:10], "commit": commit["id"][:10] + "+" * bool(commit.get("dirty"))}
-        found: dict[str, Any] = {}
+        by_key: dict[str, Any] = {}
         for bench in whole["benchmarks"]:
             extra = dict(bench["extra_info"])
             page, backend, name = extra.pop("page"), extra.pop("backend"), extra.pop("name")
             machine = where["processor"] if backend != "cuda" else (where["device"] or {"name": "simulator"})["name"]
-            own = found.setdefault(f"{page} {backend}", {"machine": machine, "cores": where["cores"], "readings": {}})
+            own = by_key.setdefault(f"{page} {backend}", {"machine": machine, "cores": where["cores"], "readings": {}})
             own["readings"][name] = {"seconds": bench["stats"]["data"], **extra, **about}
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
             f"times: {file} holds no benchmarks of tests/times ({error}); write it with --benchmark-json."
         ) from error
-    return {key: part for key, part in found.items() if not key.startswith("kernels ")}
+    return {key: part for key, part in by_key.items() if not key.startswith("kernels ")}
 
 
 def merged(before: Times, found: Times) -> dict[str, Any]:
@@ -143,20 +143,20 @@ def effects(times: Times) -> list[str]:
 
 def scaling(times: Times) -> dict[str, dict[int, Mapping[str, Any]]]:
     """Readings of steps by system and number of threads."""
-    found: dict[str, dict[int, Mapping[str, Any]]] = {}
+    by_system: dict[str, dict[int, Mapping[str, Any]]] = {}
     for name, reading in readings(times, "scaling cpu").items():
-        found.setdefault(name.rpartition(", ")[0], {})[reading["threads"]] = reading
-    return found
+        by_system.setdefault(name.rpartition(", ")[0], {})[reading["threads"]] = reading
+    return by_system
 
 
 def scaling_table(times: Times) -> list[str]:
     """Milliseconds on one thread, and how many times as fast on more."""
-    found = scaling(times)
-    if not found:
+    by_system = scaling(times)
+    if not by_system:
         return [f"Scaling with CPU threads: {NOT_YET}."]
-    counts = sorted({count for system in found.values() for count in system})
+    counts = sorted({count for system in by_system.values() for count in system})
     rows = []
-    for name, system in found.items():
+    for name, system in by_system.items():
         alone = median(system[counts[0]])
         speeds = [f"{alone / median(system[count]):.2f}" if count in system else "" for count in counts[1:]]
         rows.append([name, f"{system[counts[0]]['particles']:,}", f"{1e3 * alone:,.0f}", *speeds])
@@ -270,17 +270,17 @@ def warp_words(found: Mapping[str, Any], size: str) -> str:
 
 def limits(times: Times) -> list[str]:
     """Table of the steps on the GPU; its kernels are in the picture."""
-    found, rows = readings(times, "device cuda"), []
+    by_name, rows = readings(times, "device cuda"), []
     for line in LINES:
-        value = line.value(found)
-        beside = [warp_words(found, line.size), shares(found, line.size, "step")[0]] if line.size else ["", ""]
+        value = line.value(by_name)
+        beside = [warp_words(by_name, line.size), shares(by_name, line.size, "step")[0]] if line.size else ["", ""]
         measured = NOT_YET if value is None else f"{value:.3g} {line.unit}"
         bar = "" if line.bar is None else f"{line.bar:g}"
         rows.append([line.words, measured, bar, line.reached(value), *beside])
     lines = table(
         ["work", "measured", "required on an H200", "reached", "another program", "share of the copy speed"], rows
     )
-    said, fast = NOT_YET, speeds(found)
+    said, fast = NOT_YET, speeds(by_name)
     if fast is not None:
         said = (
             f"{1e-12 * fast[0]:.2f} TB/s copied, bytes read and written;"
@@ -295,11 +295,11 @@ def limits_picture(times: Times) -> Any:
 
     from validation.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
 
-    found = readings(times, "device cuda")
+    by_name = readings(times, "device cuda")
     figure, (left, right) = plt.subplots(1, 2, figsize=(11.0, 4.4), gridspec_kw={"width_ratios": (1.4, 1.0)})
     left.set_title("kernels of a step of SPH with cohesion, below the device's limits")
     right.set_title("step of SPH with cohesion, list included")
-    fast = speeds(found)
+    fast = speeds(by_name)
     if fast is None:
         left.text(0.5, 0.5, NOT_YET, ha="center", transform=left.transAxes, color=GREY)
     else:
@@ -312,21 +312,21 @@ def limits_picture(times: Times) -> Any:
         colours = dict(zip((*STEP_KERNELS, "list"), (BLUE, GREY, VERMILION, ORANGE, GREEN, PURPLE), strict=True))
         for size, marker in zip(SIZES, "osD"):
             for name, colour in colours.items():
-                own = least_of(found, size, name)
+                own = least_of(by_name, size, name)
                 if own is not None:
                     at, rate = own[0].operations / own[0].bytes, 1e-9 * own[0].operations / own[1]
                     left.plot(at, rate, marker, color=colour, ms=6, label=name if size == SIZES[0] else None)
-            if f"{size} density" in found:
-                particles = f"{found[f'{size} density']['particles']:,} particles"
+            if f"{size} density" in by_name:
+                particles = f"{by_name[f'{size} density']['particles']:,} particles"
                 left.plot([], [], marker, color="white", mec=GREY, label=particles)
         left.set(xlabel="least operations for each least byte", ylabel="least operations over time [GFLOP/s]")
         left.legend(fontsize=7, loc="lower right", ncols=2)
-    turned = [size for size in SIZES if f"{size} warp" in found]
+    turned = [size for size in SIZES if f"{size} warp" in by_name]
     if not turned:
         right.text(0.5, 0.5, NOT_YET, ha="center", transform=right.transAxes, color=GREY)
         return figure
     for place, size in enumerate(turned):
-        turns = found[f"{size} warp"]
+        turns = by_name[f"{size} warp"]
         bars = {"refsim": np.median(turns["refsim"])}
         for way in ("each step", "with skin"):
             bars[f"Warp, {way}"] = min(np.median(own) for name, own in turns["warp"].items() if name.startswith(way))
@@ -336,7 +336,7 @@ def limits_picture(times: Times) -> Any:
             right.text(at, 1.05e3 * value, f"{1e3 * value:.3g}", ha="center", fontsize=7)
     right.set(yscale="log", xlabel="particles", ylabel="ms a step")
     right.margins(y=0.15)
-    right.set_xticks(range(len(turned)), [f"{found[f'{size} warp']['particles']:,}" for size in turned])
+    right.set_xticks(range(len(turned)), [f"{by_name[f'{size} warp']['particles']:,}" for size in turned])
     right.legend(fontsize=8)
     return figure
 

@@ -144,8 +144,8 @@ def unavailable(name: str) -> str | None:
             return "no driver of an NVIDIA GPU was found"
         needed = " ".join(f'"{package}"' for package in missing)
         return f"the packages of the CUDA backend are not all installed; run pip install {needed}"
-    found, bound = ([int(part) for part in text.split(".")[:2]] for text in (np.__version__, NUMPY_BELOW))
-    if found >= bound:
+    installed, bound = ([int(part) for part in text.split(".")[:2]] for text in (np.__version__, NUMPY_BELOW))
+    if installed >= bound:
         return f'numba-cuda does not run with NumPy {np.__version__}; run pip install "numpy<{NUMPY_BELOW}"'
     try:
         from refsim.backends.compile import cuda

@@ -127,12 +127,12 @@ class Reduction(Kernel):
         return self._like_body(program)
 
     def _named(self, backend: str) -> dict[str, Any]:
-        found = {**super()._named(backend), "limits": limits}
+        names = {**super()._named(backend), "limits": limits}
         if backend == "cuda":
             from refsim.backends.primitives import largest_of_block
 
-            found |= {"largest_of_block": largest_of_block, "THREADS_PER_BLOCK": THREADS_PER_BLOCK, "np": np}
-        return found
+            names |= {"largest_of_block": largest_of_block, "THREADS_PER_BLOCK": THREADS_PER_BLOCK, "np": np}
+        return names
 
     def _wrapper(self, backend: str) -> Callable:
         function = super()._wrapper(backend)

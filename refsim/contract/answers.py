@@ -285,19 +285,19 @@ def _takes(target: Target) -> Iterator[Trial]:
     moved: dict[tuple[str, str], tuple[bool, bool]] = {}
     for case in (CLOUDS[2], FEW[3], *operation.cases):  # the first has all members
         for variant in operation.variants:
-            if moved and all(found >= wanted for found, wanted in moved.values()):
+            if moved and all(change >= wanted for change, wanted in moved.values()):
                 break
             inputs = with_variant(Inputs(cases.CASES[case](), target.dtype), variant)
             answer = oracle(operation, inputs)
             for name, member, other in varied(operation, inputs):
                 if not moved.get((name, member), (False, False))[0]:
-                    found = differs(answer, oracle(operation, other))
-                    moved[name, member] = (found, acts(operation, name, member, inputs))
-    for (name, member), (found, wanted) in moved.items():
+                    change = differs(answer, oracle(operation, other))
+                    moved[name, member] = (change, acts(operation, name, member, inputs))
+    for (name, member), (change, wanted) in moved.items():
         message = (
-            "" if found == wanted else "changes nothing" if wanted else "changes the answer, and is not in `takes`"
+            "" if change == wanted else "changes nothing" if wanted else "changes the answer, and is not in `takes`"
         )
-        error = 0.0 if found == wanted else np.inf
+        error = 0.0 if change == wanted else np.inf
         yield Trial(f"{name}.{member} acts", functools.partial(target.outcome, error, message))
 
 

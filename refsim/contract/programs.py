@@ -192,11 +192,11 @@ def load(source: str) -> Programs:
     entries = () if file else importlib.metadata.entry_points(group=GROUP, name=source)
     try:
         if file:
-            found = _from_file(Path(place))
+            module = _from_file(Path(place))
         elif entries:
-            found = next(iter(entries)).load()
+            module = next(iter(entries)).load()
         else:
-            found = importlib.import_module(place)
+            module = importlib.import_module(place)
     except (InputError, KeyboardInterrupt):
         raise
     except BaseException as error:  # a module may raise whatever it likes, SystemExit too
@@ -205,7 +205,7 @@ def load(source: str) -> Programs:
             raise InputError(f"There is no module {place!r} and no such entry point of {GROUP}; {hint}.") from None
         raise InputError(f"{source} cannot be imported: {error_line(error)}.") from None
     try:
-        return _programs(found, source, place, attribute)
+        return _programs(module, source, place, attribute)
     except InputError:
         raise
     except Exception as error:  # so may a mapping of its own kind

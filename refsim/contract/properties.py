@@ -420,7 +420,7 @@ def _spoiled(usual: Usual, name: str) -> Outcome:
     of_all = [n for n in answer if not inputs.per_particle(n)]
     whole = {n: v for n, v in (oracle(operation, broken_inputs) if of_all else {}).items() if n in of_all}
     counted = errors(operation, broken_inputs, before, after, answer=whole)
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     visible: Any = False
     message = ""
     for output, entries in spoiled.depends.items():
@@ -428,7 +428,7 @@ def _spoiled(usual: Usual, name: str) -> Outcome:
         got = ~np.isfinite(after[output])
         if inputs.per_particle(output) and output not in operation.exact:
             depends, got = (m.reshape(len(m), -1).any(1) for m in (depends, got))
-            found[output] = np.where((depends & ~got) | (far & got), np.inf, 0.0)
+            values[output] = np.where((depends & ~got) | (far & got), np.inf, 0.0)
             visible |= depends.any()
             if (depends & ~got).any():
                 message = f"a NaN in {name} does not show in {output}, which depends on it"
@@ -437,8 +437,8 @@ def _spoiled(usual: Usual, name: str) -> Outcome:
         elif output in whole:  # what the oracle can still say of the whole set must be right
             known = np.isfinite(whole[output][0])
             known = known.reshape(len(known), -1).all(1) if known.ndim > counted[output].ndim else known
-            found[output] = np.where(known, counted[output], 0.0)
+            values[output] = np.where(known, counted[output], 0.0)
             visible |= got.any() or (after[output] != before[output]).any()
     used = any(depends.any() for depends in spoiled.depends.values())
-    error = worst(found) if visible or not used else np.inf
-    return target.outcome(error, message or named_worst(found))
+    error = worst(values) if visible or not used else np.inf
+    return target.outcome(error, message or named_worst(values))

@@ -132,7 +132,7 @@ class Kind:
     needs: str
     columns: Callable[[int], tuple[tuple[str, str], ...]]
     points: Callable[[str, Places, Discretisation], Points] = lambda owner, given, grid: Points(np.zeros((0, 3)))
-    read: Callable[[Points, Sampled], list[float]] = lambda points, found: []
+    read: Callable[[Points, Sampled], list[float]] = lambda points, sampled: []
     instant: bool = False
 
 
@@ -152,15 +152,15 @@ KINDS = {
         ("at", *CORNERS), (("at",), CORNERS), "its place must be given exactly once; give at, or lower and upper",
         "pressure", lambda dim: (("pressure", "Pa"),),
         lambda owner, given, grid: patch(owner, given, grid) if given[0] is None else point(given[0], grid),
-        lambda points, found: [float(found.pressure.mean())], instant=True,
+        lambda points, sampled: [float(sampled.pressure.mean())], instant=True,
     ),
     "level": Kind(
         CORNERS, (CORNERS,), NO_CORNERS, "fill", lambda dim: (("level", "m"),), line,
-        lambda points, found: [crossing(points.place[:, points.axis], found.fill)],
+        lambda points, sampled: [crossing(points.place[:, points.axis], sampled.fill)],
     ),
     "flux": Kind(
         CORNERS, (CORNERS,), NO_CORNERS, "flow", lambda dim: (("flux", "m^3/s" if dim == 3 else "m^2/s"),), patch,
-        lambda points, found: [float(found.flow[:, points.axis].sum() * points.area)],
+        lambda points, sampled: [float(sampled.flow[:, points.axis].sum() * points.area)],
     ),
 }  # fmt: skip
 

@@ -207,13 +207,13 @@ class CellBoxes:
         )
         static_cells = None if static is None else static.table.cells
         self.find = lambda: near_cells(table.cells, table.report, static_cells, capacity, self.near)
-        self.first, self.again = (device.CudaGraph(lambda found=found: self._measure(found)) for found in (False, True))
+        self.first, self.again = (device.CudaGraph(lambda known=known: self._measure(known)) for known in (False, True))
 
-    def _measure(self, found):
+    def _measure(self, known):
         table = self.table
         (low, high), displacements = self.boxes[0], self.displacements
         boxes = partial(cell_boxes, *self.particles, table.first, table.report, displacements, low, high)
-        device.side_by_side(boxes, *(() if found else (self.find,)))
+        device.side_by_side(boxes, *(() if known else (self.find,)))
         device.side_by_side(
             partial(compare_boxes, low, high, table.cells, table.report, self.reach, displacements, self.near),
             self._compare_all,

@@ -34,8 +34,8 @@ def packed_program(body: Kernel, pair: Callable) -> Callable:
 
     def program(scratch: Any, *values: Any) -> None:
         given = {name: v.fixed() if isinstance(v, Smoothing) else v for name, v in zip(names, values)}
-        found = layout(pair, tuple(kind_of(given[name]) for name in fields))
-        given["neighbours"] = packed(found, given, scratch)
+        row_layout = layout(pair, tuple(kind_of(given[name]) for name in fields))
+        given["neighbours"] = packed(row_layout, given, scratch)
         kernel(*given.values())
 
     parameter = inspect.Parameter.POSITIONAL_OR_KEYWORD
@@ -46,18 +46,18 @@ def packed_program(body: Kernel, pair: Callable) -> Callable:
     return program
 
 
-def packed(found: Layout, given: Mapping[str, Any], scratch: Any) -> PackedColumns:
+def packed(row_layout: Layout, given: Mapping[str, Any], scratch: Any) -> PackedColumns:
     """The list `neighbours` with the fields of a layout, in scratch memory."""
     neighbours, position = given["neighbours"], given["position"]
-    count = len(found.vectors) + len(found.together)
+    count = len(row_layout.vectors) + len(row_layout.together)
     rows = tuple(scratch.array(f"packed {k}", (position.shape[0], 4), position.dtype) for k in range(count))
-    vectors = tuple(given[name] if name else position for name in found.vectors)
-    first = int(scratch.packs((position, given["mass"]) if found.beside[:1] == ["mass"] else ()))
+    vectors = tuple(given[name] if name else position for name in row_layout.vectors)
+    first = int(scratch.packs((position, given["mass"]) if row_layout.beside[:1] == ["mass"] else ()))
     if first < len(vectors):
-        scalars = tuple(given[name] for name in found.beside) or (neighbours.count,)
+        scalars = tuple(given[name] for name in row_layout.beside) or (neighbours.count,)
         scalars = (*scalars, *[scalars[0]] * (len(vectors) - len(scalars)))
         device.packed(vectors[first:], scalars[first:], rows[first : len(vectors)])
-    for names, out in zip(found.together, rows[len(vectors) :]):
+    for names, out in zip(row_layout.together, rows[len(vectors) :]):
         together = tuple(given[name] for name in names)
         pack_scalars((*together, *[together[0]] * (4 - len(together))), out)
     return PackedColumns(neighbours.count, neighbours.entries, neighbours.lanes, rows)

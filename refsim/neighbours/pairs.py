@@ -257,7 +257,7 @@ def _packed_names() -> dict[str, Any]:
 
 def _packed_lines(pair: Callable, given: Mapping[str, str | None]) -> dict[str, list[str]]:
     """Lines of the loop over packed fields."""
-    found = layout(pair, tuple(given[name] for name in fields_of(pair, "j")))
+    row_layout = layout(pair, tuple(given[name] for name in fields_of(pair, "j")))
 
     def row(vector: str, scalar: str, at: str) -> list[str]:
         names = [f"{c}_{at}" for c in "xyz"] if not vector else [f"{vector}_{at}{c}" for c in range(3)]
@@ -265,23 +265,23 @@ def _packed_lines(pair: Callable, given: Mapping[str, str | None]) -> dict[str, 
 
     def read(at: str, index: str) -> tuple[list[str], list[str]]:
         """Lines that read all fields of the neighbour `index`, and their names."""
-        beside = [*found.beside, *[""] * (len(found.vectors) - len(found.beside))]
-        rows = [row(vector, scalar, at) for vector, scalar in zip(found.vectors, beside)]
-        rows += [[*(f"{name}_{at}" for name in names), *"_" * (4 - len(names))] for names in found.together]
+        beside = [*row_layout.beside, *[""] * (len(row_layout.vectors) - len(row_layout.beside))]
+        rows = [row(vector, scalar, at) for vector, scalar in zip(row_layout.vectors, beside)]
+        rows += [[*(f"{name}_{at}" for name in names), *"_" * (4 - len(names))] for names in row_layout.together]
         lines = [f"{', '.join(names)} = four_of(listed.rows[{n}], {index})" for n, names in enumerate(rows)]
-        lines += [f"{name}_{at} = {name}[{index}]" for name in found.rest]
+        lines += [f"{name}_{at} = {name}[{index}]" for name in row_layout.rest]
         if not rows:
             rows = [[f"{c}_{at}" for c in "xyz"]]
             lines.append(f"{', '.join(rows[0])} = {entry_of('places', VECTOR, index)}")
         names = [name for names in rows for name in names if name != "_"]
-        return lines, [*names, *(f"{name}_{at}" for name in found.rest)]
+        return lines, [*names, *(f"{name}_{at}" for name in row_layout.rest)]
 
     now, held = read("j", "j")
     ahead, read_ahead = read("n", "following")
     return {
         "now": [*now, *(f"{name}_j = None" for name in fields_of(pair, "j") if given[name] is None)],
         "ahead": ahead,
-        "theirs": [f"{v}_j = ({v}_j0, {v}_j1, {v}_j2)" for v in found.vectors[1:]],
+        "theirs": [f"{v}_j = ({v}_j0, {v}_j1, {v}_j2)" for v in row_layout.vectors[1:]],
         "shifted": [f"{', '.join(held)} = {', '.join(read_ahead)}"],
     }
 

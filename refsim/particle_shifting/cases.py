@@ -74,15 +74,15 @@ def along_the_surface():
     normal = np.array([[3.0, 4.0, 0.0], [0.0, 0.01, 0.0]])
     along = -MOST * 3.0 * np.array([-0.48, 0.36, 0.0])  # (0, 1) less (0, 1).n n, n = (0.6, 0.8)
     gradient = [[0.0, 3.0, 0.0], [0.0, -2.0, 0.0]]
-    found = {"filling": [0.9, 0.9], "filling_gradient": normal, "shifting": Shifting(0.5, 1.0, 1e9, 0.05)}
-    return _shifted(gradient, [along, np.zeros(3)], **found)
+    fields = {"filling": [0.9, 0.9], "filling_gradient": normal, "shifting": Shifting(0.5, 1.0, 1e9, 0.05)}
+    return _shifted(gradient, [along, np.zeros(3)], **fields)
 
 
 @closed_form("particle_shifting.shift")
 def inside_and_solid():
     """Where all is filled the normal does not count; a solid stays."""
-    found = {"filling": [1.0, 1.25], "filling_gradient": np.ones((2, 3)), "phase": [0, 1]}
-    return _shifted([[0.0, 3.0, 0.0], [0.0, -2.0, 0.0]], [[0.0, -3 * MOST, 0.0], [0.0, 0.0, 0.0]], **found)
+    fields = {"filling": [1.0, 1.25], "filling_gradient": np.ones((2, 3)), "phase": [0, 1]}
+    return _shifted([[0.0, 3.0, 0.0], [0.0, -2.0, 0.0]], [[0.0, -3 * MOST, 0.0], [0.0, 0.0, 0.0]], **fields)
 
 
 @closed_form("particle_shifting.shift")

@@ -67,8 +67,8 @@ class Cells:
             cells = np.unique(np.concatenate([beside(held, offset) for offset in self.offsets]))
 
             def at(key: np.ndarray) -> np.ndarray:
-                found = np.minimum(np.searchsorted(cells, key), len(cells) - 1)
-                return np.where(cells[found] == key, found, len(cells))
+                index = np.minimum(np.searchsorted(cells, key), len(cells) - 1)
+                return np.where(cells[index] == key, index, len(cells))
 
         self.cell_of = at(key)
         self.near = np.empty((len(self.offsets), len(cells)), np.int32)

@@ -89,7 +89,7 @@ def _bodies(
     """Share (n,) that meshes and solids take of the cells at (n, 3) [m], and its centre (n, 3) [m]."""
     from scipy.spatial import cKDTree
 
-    found = [effect.taken(grid, place) for effect in effects_with(effects, BringsWalls)]
+    bodies = [effect.taken(grid, place) for effect in effects_with(effects, BringsWalls)]
     if solids is not None:
         nodes = (solids.lattice.cell + 0.5) * grid.spacing
         pairs = cKDTree(place).sparse_distance_matrix(cKDTree(nodes), grid.spacing * (1 - LEAST), np.inf, "ndarray")
@@ -97,10 +97,10 @@ def _bodies(
         each = (1 - np.abs(apart)).prod(1)  # the part that two cells have in common has its centre between theirs
         share = np.bincount(pairs["i"], each, len(place))
         middle = [np.bincount(pairs["i"], 0.5 * each * axis * grid.spacing, len(place)) for axis in apart.T]
-        found.append((share, place + np.stack(middle, 1) / np.maximum(share, LEAST)[:, None]))
+        bodies.append((share, place + np.stack(middle, 1) / np.maximum(share, LEAST)[:, None]))
     total = np.zeros(len(place))
     moment = np.zeros_like(place)
-    for share, centre in found:
+    for share, centre in bodies:
         total += share
         moment += share[:, None] * (centre - place)
     return total, place + moment / np.maximum(total, LEAST)[:, None]

@@ -640,14 +640,14 @@ class WeaklyCompressible(
 
 def _covered(x: np.ndarray, solid: np.ndarray, grid: Discretisation, others: Others) -> np.ndarray:
     """Which of the places (n, 3) [m] lie in solids, whose particles are at `solid` (m, 3) [m], or in walls."""
-    found = np.zeros(len(x), bool)
+    covered = np.zeros(len(x), bool)
     for effect in effects_with(others, BringsWalls):
-        found |= effect.filled(grid, x)[0] > 0.5
+        covered |= effect.filled(grid, x)[0] > 0.5
     if len(solid):
         from scipy.spatial import cKDTree
 
-        found |= cKDTree(solid).query(x)[0] < 0.75 * grid.spacing
-    return found
+        covered |= cKDTree(solid).query(x)[0] < 0.75 * grid.spacing
+    return covered
 
 
 def continuity_pass(others: Others, names: Mapping[str, str | None]) -> Pass:

@@ -24,7 +24,7 @@ def depths(
     A part alone lies below its highest particle. Parts that touch are one liquid, whose columns along the pull have a
     surface each; where something covers a column, the surface is that of the columns beside it.
     """
-    found = [np.zeros(len(x)) for x in parts]
+    deep = [np.zeros(len(x)) for x in parts]
     for group in _touching(parts, TOUCH * spacing):
         x = np.concatenate([parts[k] for k in group])
         depth = x @ down
@@ -36,8 +36,8 @@ def depths(
             if not stands(x[liquid == number]):
                 depth[liquid == number] = 0.0
         for k, own in zip(group, np.split(depth, np.cumsum([len(parts[k]) for k in group])[:-1])):
-            found[k] = own
-    return np.concatenate([np.zeros(0), *found])
+            deep[k] = own
+    return np.concatenate([np.zeros(0), *deep])
 
 
 def _touching(parts: Sequence[np.ndarray], reach: float) -> Iterator[list[int]]:

@@ -71,11 +71,11 @@ def standing_wave(
     state[:count] = np.linalg.lstsq(np.vstack([u, w]), start, rcond=None)[0]
     twice = np.tile(weight, 2) * start
     part = twice @ np.vstack([u, w]) / (twice @ start)
-    onward, found = expm(rates * (time[1] - time[0])), []
+    onward, states = expm(rates * (time[1] - time[0])), []
     for _ in time:
-        found.append((part @ state[:count], state[-1]))
+        states.append((part @ state[:count], state[-1]))
         state = onward @ state
-    return tuple(np.array(found).T)  # type: ignore[return-value]
+    return tuple(np.array(states).T)  # type: ignore[return-value]
 
 
 def fitted(time: NDArray, part: NDArray, gamma: float, omega: float) -> tuple[float, float]:
@@ -116,8 +116,8 @@ def ellipse(time: NDArray, radius: float, pull: float, strain: float, friction: 
         return [sigma * a, -sigma * b, rate]
 
     start = (radius, radius, strain)
-    found = solve_ivp(change, (0.0, time[-1]), start, t_eval=time, rtol=1e-10, atol=1e-12)
-    return found.y[0], found.y[1]
+    orbit = solve_ivp(change, (0.0, time[-1]), start, t_eval=time, rtol=1e-10, atol=1e-12)
+    return orbit.y[0], orbit.y[1]
 
 
 def couette(height: NDArray, time: float, gap: float, speed: float, viscosity: float, terms: int = 400) -> NDArray:
@@ -174,14 +174,14 @@ def prosperetti(time: NDArray, square: float, damping: float, velocity: bool = F
 
     n, w = damping, square
     roots = np.roots([1.0, 0.0, 2 * n, 4 * n**1.5, n**2 + w])
-    found = np.zeros_like(time, dtype=complex)
+    amplitude = np.zeros_like(time, dtype=complex)
     if not velocity:
-        found += 4 * n**2 / (8 * n**2 + w) * erfc(np.sqrt(n * time))
+        amplitude += 4 * n**2 / (8 * n**2 + w) * erfc(np.sqrt(n * time))
     for i, z in enumerate(roots):
         share = -math.sqrt(w) if velocity else w / (z**2 - n)
         others = np.prod(np.delete(roots, i) - z)
-        found += z / others * share * np.exp(-n * time) * wofz(1j * z * np.sqrt(time))
-    return found.real
+        amplitude += z / others * share * np.exp(-n * time) * wofz(1j * z * np.sqrt(time))
+    return amplitude.real
 
 
 def meniscus(length: float, angle: float) -> tuple[float, float]:
@@ -224,8 +224,8 @@ def swaying_linear(time: NDArray, amplitude: float, viscosity: float, modes: int
         def rate(t: float, y: NDArray) -> list[float]:
             return [y[1], pull * math.cos(omega * t) - brake * y[1] - stiff * y[0]]  # noqa: B023  (used at once)
 
-        found = solve_ivp(rate, (0.0, float(time[-1])), (0.0, 0.0), t_eval=time, rtol=1e-8, atol=1e-12)
-        total += found.y[0] * math.cos(k * PROBE)
+        solution = solve_ivp(rate, (0.0, float(time[-1])), (0.0, 0.0), t_eval=time, rtol=1e-8, atol=1e-12)
+        total += solution.y[0] * math.cos(k * PROBE)
     return total
 
 
@@ -259,8 +259,8 @@ def swaying_potential(time: NDArray, amplitude: float, viscosity: float, modes: 
         rise = parts @ (up * (1 + slope**2) - speed * slope)
         return np.concatenate([fade * rise - brake * e, fade * (parts @ pull) - brake * p])
 
-    found = solve_ivp(rate, (0.0, float(time[-1])), np.zeros(2 * modes), t_eval=time, rtol=1e-6, atol=1e-9)
-    return np.cos(k * PROBE) @ found.y[:modes]
+    solution = solve_ivp(rate, (0.0, float(time[-1])), np.zeros(2 * modes), t_eval=time, rtol=1e-6, atol=1e-9)
+    return np.cos(k * PROBE) @ solution.y[:modes]
 
 
 # Faltinsen, Rognebakke, Lukovsky & Timokha, J. Fluid Mech. 407 (2000) 201, figure 7: crests and troughs [s, m] of the

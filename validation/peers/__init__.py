@@ -67,8 +67,8 @@ def in_turns(
         progress((k + 1) / rounds)
     spread = {n: {"median": float(np.median(s)), "low": min(s), "high": max(s)} for n, s in spent.items()}
     ratios = [b / a for a, b in zip(spent["refsim"], spent["peer"])]
-    found = {"missing": "", "version": answer["version"], "particles": particles, "rounds": rounds, **spread}
-    return found | {"ratios": ratios, "ratio": float(np.median(ratios))}
+    summary = {"missing": "", "version": answer["version"], "particles": particles, "rounds": rounds, **spread}
+    return summary | {"ratios": ratios, "ratio": float(np.median(ratios))}
 
 
 def launch(
@@ -101,8 +101,8 @@ def launch(
 
 def answer(module: str) -> None:
     """In the program's process: do the work on what was given, and leave the answer in the working folder."""
-    found = importlib.import_module(f"{__name__}.{module}").work(**_read(Path(), "given"))
-    _write(Path(), "answer", {**found, "version": importlib.metadata.version(PROGRAMS[module][2])})
+    result = importlib.import_module(f"{__name__}.{module}").work(**_read(Path(), "given"))
+    _write(Path(), "answer", {**result, "version": importlib.metadata.version(PROGRAMS[module][2])})
 
 
 def _write(folder: Path, name: str, values: Mapping[str, Any]) -> None:

@@ -114,18 +114,18 @@ def watched(
 
     from validation.metrics.shapes import jittered
 
-    found: dict[str, Any] = {"time": [], "wall": []}
+    series: dict[str, Any] = {"time": [], "wall": []}
     clock = {"last": 0.0, "spent": 0.0, "steps": 0}
 
     def after_step() -> None:
         clock["spent"] += stopwatch() - clock["last"]
         clock["steps"] += 1
         now = peer.TimeManager.getCurrent().getTime()
-        if len(found["time"]) < len(times) and now >= times[len(found["time"])]:
+        if len(series["time"]) < len(times) and now >= times[len(series["time"])]:
             model = peer.Simulation.getCurrent().getFluidModel(0)
             position = np.array(model.getFieldBuffer("position"))[: model.numActiveParticles()]
             for name, value in {"time": now, "wall": clock["spent"], **see(position)}.items():
-                found.setdefault(name, []).append(float(value))
+                series.setdefault(name, []).append(float(value))
         clock["last"] = stopwatch()
 
     base.setTimeStepCB(after_step)
@@ -137,7 +137,7 @@ def watched(
     clock["last"] = stopwatch()
     base.runSimulation()
     return {
-        **found, "particles": int(fluid.numActiveParticles()), "lowest": lattice.min(0).tolist(),
+        **series, "particles": int(fluid.numActiveParticles()), "lowest": lattice.min(0).tolist(),
         "highest": lattice.max(0).tolist(), "steps": clock["steps"],
     }  # fmt: skip
 

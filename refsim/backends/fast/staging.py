@@ -83,7 +83,7 @@ def _read(context: Any, builder: ir.IRBuilder, signature: Any, values: Any) -> A
         return [context.make_array(kind)(context, builder, value) for kind, value in zip(kinds, members)]
 
     begin = builder.gep(context.make_array(entries)(context, builder, values[0]).data, [values[1]])
-    sources, places = opened(arrays, values[3]), iter([found.data for found in opened(buffers, values[4])])
+    sources, places = opened(arrays, values[3]), iter([array.data for array in opened(buffers, values[4])])
     parts = [[next(places) for _ in range(3 if kind.ndim == 2 else 1)] for kind in arrays]
     most = word(AT_A_TIME)
     number = builder.select(builder.icmp_unsigned("<", values[2], most), values[2], most)

@@ -99,7 +99,7 @@ def flat_faces(triangles: np.ndarray, spacing: float) -> list[np.ndarray]:
     area = np.linalg.norm(across, axis=1)
     flat = np.abs(across) > (1 - 1e-6) * area[:, None]
     most = max(float(area[flat[:, axis]].sum()) for axis in range(3))
-    found = []
+    faces = []
     for axis in range(3):
         own = flat[:, axis]
         planes: list[float] = []
@@ -109,8 +109,8 @@ def flat_faces(triangles: np.ndarray, spacing: float) -> list[np.ndarray]:
             for k in np.argsort(-np.bincount(member, area[own]), kind="stable"):
                 if all(abs(key[k] - other) >= 0.5 for other in planes):
                     planes.append(float(key[k]))
-        found.append(spacing * np.sort(np.array(planes)))
-    return found
+        faces.append(spacing * np.sort(np.array(planes)))
+    return faces
 
 
 def cell_edges(planes: np.ndarray, low: float, high: float, spacing: float) -> np.ndarray:

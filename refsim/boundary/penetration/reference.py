@@ -37,7 +37,7 @@ def entry(start, path, sampled, lower, upper, everywhere):
     """
     length = np.sqrt((path**2).sum(1))
     t, last = path_in_box(start, path, lower, upper)
-    found, least = np.full((2, len(start)), np.inf)
+    share, least = np.full((2, len(start)), np.inf)
     going = np.flatnonzero((t <= last) & (length > 0) & np.isfinite(length))
     clearance = sampled.h / CLEARANCE
     for _ in range(LONGEST):
@@ -45,12 +45,12 @@ def entry(start, path, sampled, lower, upper, everywhere):
             break
         phi, _ = sampled(start[going] + t[going, None] * path[going], everywhere)
         least[going] = np.minimum(least[going], np.where(t[going] > 0, np.abs(phi), np.inf))
-        found[going] = np.where(phi < 0, t[going], np.inf)
+        share[going] = np.where(phi < 0, t[going], np.inf)
         on = (phi >= 0) & (t[going] < last[going])
         step = np.maximum(phi - clearance, clearance) / length[going]
         t[going] = np.where(on, np.minimum(t[going] + step, last[going]), t[going])
         going = going[on]
-    return found, least
+    return share, least
 
 
 def reflected(v, n, restitution, printed):

@@ -195,11 +195,11 @@ def _across(edge: np.ndarray) -> np.ndarray:
     """(t, 3) int32 triangle across each edge, given by the edges' numbers (t, 3); itself where there is no other."""
     order = np.argsort(edge.ravel(), kind="stable")
     sorted_edge, owner = edge.ravel()[order], order // 3
-    found = owner.copy()
+    nearest = owner.copy()
     twins = np.flatnonzero(sorted_edge[1:] == sorted_edge[:-1])
-    found[twins], found[twins + 1] = owner[twins + 1], owner[twins]
+    nearest[twins], nearest[twins + 1] = owner[twins + 1], owner[twins]
     across = np.empty(edge.size, np.int32)
-    across[order] = found
+    across[order] = nearest
     return across.reshape(-1, 3)
 
 

@@ -103,13 +103,13 @@ def band_of(name: str, dtype: str) -> dict:
     mesh = SHAPES[name]() if name in SHAPES else bodies(case)
     h = SPACINGS.get(name, 0.25 * case.spacing)
     triangles, grid = signed_distance.triangle_table(mesh, dtype), band_grid(h, BANDS.get(name, 2.5) * h, dtype)
-    found: dict = {"triangles": triangles, "band_grid": grid} | follow(triangles, grid, dtype)
-    found["unclear"] = case.random("unclear").integers(0, 2, (len(mesh.faces), 7)).astype(np.uint8)
-    found["winding_clusters"] = clusters(mesh.corners, dtype)
+    band: dict = {"triangles": triangles, "band_grid": grid} | follow(triangles, grid, dtype)
+    band["unclear"] = case.random("unclear").integers(0, 2, (len(mesh.faces), 7)).astype(np.uint8)
+    band["winding_clusters"] = clusters(mesh.corners, dtype)
     origin = case.position[0] - _shift(case) if name not in SHAPES and case.count else np.zeros(3)
     x, y, z = map(np.float64, origin)
-    found["distance_field"] = found["distance_field"]._replace(origin_x=x, origin_y=y, origin_z=z)
-    return found | {"query": (origin + queries(case, mesh, grid)).astype(dtype)}
+    band["distance_field"] = band["distance_field"]._replace(origin_x=x, origin_y=y, origin_z=z)
+    return band | {"query": (origin + queries(case, mesh, grid)).astype(dtype)}
 
 
 def follow(triangles: Triangles, grid: BandGrid, dtype: str) -> dict:

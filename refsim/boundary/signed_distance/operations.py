@@ -78,9 +78,9 @@ def count_blocks(triangles, band_grid):
 )  # fmt: skip
 def list_blocks(triangles, band_grid, block_first):
     """Key and triangle of each pair; dimensionless."""
-    found = [(ref.block_key(b), np.full(len(b), t), np.full(len(b), m))
+    listed = [(ref.block_key(b), np.full(len(b), t), np.full(len(b), m))
              for t, (b, m) in enumerate(pairs(triangles, band_grid))]  # fmt: skip
-    key, owner, margin = (np.concatenate([p[k] for p in found]) if found else np.zeros(0) for k in range(3))
+    key, owner, margin = (np.concatenate([p[k] for p in listed]) if listed else np.zeros(0) for k in range(3))
     return {"pair_key": (key, margin), "pair_triangle": (owner, margin)}
 
 

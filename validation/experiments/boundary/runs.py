@@ -48,15 +48,15 @@ def scorecard(context: Context, shape: str, count: int, backend: str, threads: i
     with on_threads(backend, threads) as there:
         sample(mesh, 2 * radius, backend=there, seed=seed)  # compiles
         began = time.perf_counter()
-        found = sample(mesh, radius, backend=there, seed=seed)
+        placed = sample(mesh, radius, backend=there, seed=seed)
         seconds = time.perf_counter() - began
     context.progress(0.6)
-    values = score(found.position, found.normal, made, radius)
+    values = score(placed.position, placed.normal, made, radius)
     values |= {
-        "shape": shape, "radius": radius, "iterations": found.iterations, "converged": found.converged,
-        "seconds": seconds, "triangles": len(mesh.faces), "notes": list(found.notes),
+        "shape": shape, "radius": radius, "iterations": placed.iterations, "converged": placed.converged,
+        "seconds": seconds, "triangles": len(mesh.faces), "notes": list(placed.notes),
     }  # fmt: skip
-    return Result(values, {"position": found.position, "normal": found.normal})
+    return Result(values, {"position": placed.position, "normal": placed.normal})
 
 
 def printed(context: Context, shape: str, count: int, backend: str, iterations: int) -> Result:
@@ -65,12 +65,12 @@ def printed(context: Context, shape: str, count: int, backend: str, iterations: 
     rows: dict[str, Any] = {}
     arrays = {}
     for name, literal in (("adopted", ()), ("printed", ("E24",))):
-        found = sample(mesh, radius, backend=backend, literal=literal, most_iterations=iterations)
+        placed = sample(mesh, radius, backend=backend, literal=literal, most_iterations=iterations)
         rows[name] = {
-            "iterations": found.iterations, "converged": found.converged, "residual": found.residual,
-            **evenness(found.position),
+            "iterations": placed.iterations, "converged": placed.converged, "residual": placed.residual,
+            **evenness(placed.position),
         }  # fmt: skip
-        arrays[name] = found.residuals
+        arrays[name] = placed.residuals
         context.progress(0.5 * len(rows))
     return Result({"rows": rows}, arrays)
 
@@ -131,12 +131,12 @@ def rain_drops(count: int = RAIN, seed: int = 1) -> NDArray:
     random = np.random.default_rng(seed)
     half, gap = 9 * SPACING, 1.2 * SPACING
     height = 2.6 * count * gap**3 / (2 * half) ** 2
-    kept, found = np.empty((count, 3)), 0
-    while found < count:
+    kept, number = np.empty((count, 3)), 0
+    while number < count:
         p = random.uniform((-half, -half, 0), (half, half, height))
-        if (((p - kept[:found]) ** 2).sum(1) > gap * gap).all():
-            kept[found] = p
-            found += 1
+        if (((p - kept[:number]) ** 2).sum(1) > gap * gap).all():
+            kept[number] = p
+            number += 1
     return kept
 
 
@@ -162,9 +162,9 @@ def rain(
     try:
         while simulation.time < 0.17:
             simulation.step()
-            found = depth(band, simulation.field("position"))
-            ever |= found > INSIDE * SPACING
-            deepest = max(deepest, float(found.max()))
+            depths = depth(band, simulation.field("position"))
+            ever |= depths > INSIDE * SPACING
+            deepest = max(deepest, float(depths.max()))
             if simulation.steps % 16 == 0:
                 context.progress(simulation.time / 0.17)
     except RunStopped as stop:
@@ -391,8 +391,8 @@ def largest_share(results: Results, coupling: str, tank: str = "") -> float:
     """The largest step, as a share of the runner's, up to which all steps hold; 0 for none."""
     largest = 0.0
     for share in SHARES:
-        found = results.get(f"rival{tank}_{coupling}_{share:g}")
-        if found is None or not found.values["holds"]:
+        result = results.get(f"rival{tank}_{coupling}_{share:g}")
+        if result is None or not result.values["holds"]:
             break
         largest = share
     return largest
@@ -479,8 +479,8 @@ def _thrown_off(measure: Measure) -> list[float]:
     made = SHAPES["sphere"]()
     radius = radius_for(made.area, PARTICLES)
     reach = float(np.linalg.norm(np.asarray(made.vertices), axis=1).max())
-    found = evenness(place)["variation"]
-    return measure.of({"": {"before": found, "after": found, "off": distances(made, place * (reach + radius), radius)}})
+    cv = evenness(place)["variation"]
+    return measure.of({"": {"before": cv, "after": cv, "off": distances(made, place * (reach + radius), radius)}})
 
 
 COUPLING_NO_NET = Measure(_pours, _holes, quick=False)
@@ -515,10 +515,10 @@ def _check_even(trial: Trial, position: np.ndarray, least: float = 0.7) -> None:
 def thin_plate(trial: Trial, thickness: float) -> None:
     """A plate thinner than the particles, tilted: the grid is made finer, and both sides get particles."""
     mesh = surface_mesh(*_box((1.0, 0.8, thickness)), "plate")
-    found = sample(mesh, 0.03, backend=trial.backend)
-    trial.check("count off", abs(len(found.position) - found.expected), at_most=1.0)
-    trial.check("values that are not finite", int((~np.isfinite(found.position)).sum()), equals=0)
-    trial.show("notes", list(found.notes))
+    placed = sample(mesh, 0.03, backend=trial.backend)
+    trial.check("count off", abs(len(placed.position) - placed.expected), at_most=1.0)
+    trial.check("values that are not finite", int((~np.isfinite(placed.position)).sum()), equals=0)
+    trial.show("notes", list(placed.notes))
 
 
 @hard_case

@@ -86,12 +86,12 @@ def detection_picture(data: Mapping[str, Any]) -> Any:
 
 def cost_data(results: Results) -> dict[str, Any]:
     """Figure 5: detection time against particle number."""
-    found = [result for key, result in results.items() if key.startswith("detection_cost_")]
-    found.sort(key=lambda result: result.values["particles"])
+    costs = [result for key, result in results.items() if key.startswith("detection_cost_")]
+    costs.sort(key=lambda result: result.values["particles"])
     return {
-        "title": "Figure 5: detection time in a dam break", "moment_s": found[0].values["moment"],
-        "machine": found[-1].about["machine"], "date": found[-1].about["date"],
-        "moved_on": found[-1].values["moved_on"], "sizes": [result.values for result in found],
+        "title": "Figure 5: detection time in a dam break", "moment_s": costs[0].values["moment"],
+        "machine": costs[-1].about["machine"], "date": costs[-1].about["date"],
+        "moved_on": costs[-1].values["moved_on"], "sizes": [result.values for result in costs],
     }  # fmt: skip
 
 
@@ -142,8 +142,8 @@ def cost_picture(data: Mapping[str, Any]) -> Any:
 def front_data(results: Results) -> dict[str, Any]:
     """Surge front of the runs, and each series' fitted offset."""
     names = ("particles", "time", "connected", "farthest", "front")
-    found = {key[-2:].upper(): results[key].values for key in ("front_2d", "front_3d") if key in results}
-    runs = {words: {name: values[name] for name in names} for words, values in found.items()}
+    fronts = {key[-2:].upper(): results[key].values for key in ("front_2d", "front_3d") if key in results}
+    runs = {words: {name: values[name] for name in names} for words, values in fronts.items()}
     return {"title": "Surge front of a collapsing column", "tolerance": data_tolerance(), "runs": runs}
 
 

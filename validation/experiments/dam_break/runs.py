@@ -196,10 +196,10 @@ def surge(context: Context, columns: int, backend: str, depth: int = 1, tank: fl
     def sample(simulation: Simulation, wall: float) -> None:
         simulation.evaluate()
         ledger.add(simulation)
-        found = dam_break.front_position(simulation.field("position")[:, : simulation.plan.grid.dim], spacing)
+        front = dam_break.front_position(simulation.field("position")[:, : simulation.plan.grid.dim], spacing)
         time = float(dam_break.dimensionless_time(simulation.time, width, GRAVITY))
-        note(series, {"time": time, "connected": found.connected / width, "farthest": found.farthest / width,
-                      "detached": found.detached})  # fmt: skip
+        note(series, {"time": time, "connected": front.connected / width, "farthest": front.farthest / width,
+                      "detached": front.detached})  # fmt: skip
 
     times = (np.arange(0.0, last + 0.05, 0.05) * math.sqrt(width / (2.0 * GRAVITY))).tolist()
     wall = advance(simulation, times, sample, context, lambda: series["farthest"][-1] < tank - 0.1)
@@ -388,9 +388,9 @@ def released(context: Context, columns: int, until: float, seed: int, method: st
 
     def sample(simulation: Simulation, wall: float) -> None:
         simulation.evaluate()
-        found = interior_noise(simulation)
-        noise.append(found[0])
-        marked.append(found[1])
+        interior = interior_noise(simulation)
+        noise.append(interior[0])
+        marked.append(interior[1])
 
     advance(simulation, np.arange(0.1, until + 0.01, 0.1).tolist(), sample, context)
     return Result({"noise": float(np.mean(noise)), "marked": float(np.mean(marked)), "over_time": noise})
@@ -565,7 +565,7 @@ def in_motion(trial: Trial, method: str, times: Sequence[float] = SPLASH, starts
         trial.advance(simulation, until=instant)
         x, mass = simulation.field("position"), simulation.field("mass")
         truth = arc_cover_surface(x, TRUTH_RADIUS * grid.spacing, walls)
-        near = np.array([len(found) - 1 for found in cKDTree(x).query_ball_point(x, grid.support_radius)])
+        near = np.array([len(inside) - 1 for inside in cKDTree(x).query_ball_point(x, grid.support_radius)])
         at_wall = cKDTree(walls).query(x)[0] < grid.support_radius
         flags = detect(trial.context, method, COLUMNS, 1, 4.0, (x, mass), trial.backend).field("surface").astype(bool)
         few += int((near < 3).sum())
@@ -654,8 +654,8 @@ def checks(results: Results, check: Checks) -> None:
 
 def sizes(results: Results) -> list[Mapping[str, Any]]:
     """What detection costs, by growing number of particles."""
-    found = [result.values for key, result in results.items() if key.startswith("detection_cost_")]
-    return sorted(found, key=lambda values: values["particles"])
+    costs = [result.values for key, result in results.items() if key.startswith("detection_cost_")]
+    return sorted(costs, key=lambda values: values["particles"])
 
 
 def recall_gap(over_time: Mapping[str, Any], k: int) -> float:

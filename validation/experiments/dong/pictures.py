@@ -207,8 +207,8 @@ def data(results: Results) -> dict[str, Any]:
         "title": "Dong, table 1: time per frame of 5 ms", "machine": first.about.get("machine"),
         "date": first.about.get("date"), "threads": first.values["threads"],
         "particles": {result.values["case"]: result.values["particles"] for result in results.values()},
-        "rows": [{"case": case, "model": model, "frame_ms": found, "median_ms": statistics.median(found)}
-                 for (case, model), found in rows.items()],
+        "rows": [{"case": case, "model": model, "frame_ms": times, "median_ms": statistics.median(times)}
+                 for (case, model), times in rows.items()],
     }  # fmt: skip
 
 
@@ -220,12 +220,12 @@ def picture(data: Mapping[str, Any]) -> Any:
     figure, axes = plt.subplots(figsize=(7.6, 3.0))
     for k, (model, colour) in enumerate(TABLE_1_COLOURS.items()):
         for line, case in enumerate(cases):
-            found = next(r["frame_ms"] for r in data["rows"] if (r["case"], r["model"]) == (case, model))
+            ms = next(r["frame_ms"] for r in data["rows"] if (r["case"], r["model"]) == (case, model))
             y = -line + 0.27 * (1 - k)
             label = scenes.MODELS[model] if line == 0 else None
-            axes.barh(y, statistics.median(found), 0.24, color=colour, label=label)
-            axes.plot(found, np.full(len(found), y), "|", color="black", ms=7)
-            axes.text(max(found) + 0.012 * longest, y, f"{statistics.median(found):.1f}", va="center", fontsize=8)
+            axes.barh(y, statistics.median(ms), 0.24, color=colour, label=label)
+            axes.plot(ms, np.full(len(ms), y), "|", color="black", ms=7)
+            axes.text(max(ms) + 0.012 * longest, y, f"{statistics.median(ms):.1f}", va="center", fontsize=8)
     axes.set_yticks([-line for line in range(len(cases))], [words[c].format(data["particles"][c]) for c in cases])
     said = f"milliseconds a frame, {data['threads'] or 'all'} threads; bars: medians, strokes: single turns"
     axes.set(xlabel=said, xlim=(0, 1.1 * longest), title=data["title"])

@@ -103,8 +103,8 @@ def printed(
 ) -> Result:  # fmt: skip
     """The 0.5 m cube with every printed number: how far its particles move in `steps` steps of 0.005 s."""
     scene = scenes.printed_cube(side, cohesion, correction, filtered)
-    found = drop(context, scene, np.linspace(0.0, steps * scenes.PRINTED_STEP, samples + 1), backend)
-    return Result(found.values)
+    result = drop(context, scene, np.linspace(0.0, steps * scenes.PRINTED_STEP, samples + 1), backend)
+    return Result(result.values)
 
 
 def soft(scene: Scene) -> float:
@@ -131,10 +131,10 @@ def printed_limits(context: Context, backend: str) -> Result:
     soft_sound = soft(stiff)
     plan = make_plan(scenes.printed_block(1, 10 * speed, step=0.0))
     limits = [limit for e in plan.effects.values() for limit in e.step_limits(plan.grid, plan.effects).values()]
-    found = falling(context, scenes.printed_block(1, soft_sound), list(range(0, 101, 2)), backend)
+    result = falling(context, scenes.printed_block(1, soft_sound), list(range(0, 101, 2)), backend)
     return Result({
         "sound_speed": 10 * speed, "step": scenes.PRINTED_STEP, "refused": refusal(stiff),
-        "limit": min(limit.at(Extremes(0.0, 0.0)) for limit in limits), "soft": found.values["compression"],
+        "limit": min(limit.at(Extremes(0.0, 0.0)) for limit in limits), "soft": result.values["compression"],
     })  # fmt: skip
 
 
@@ -292,8 +292,8 @@ SHAPES = ("cube", "cut", "box", "rod", "pair")
 
 def excess(values: Mapping[str, Any]) -> float:
     """Area over that of a ball of the same volume, less one; infinite for a torn drop."""
-    found = real(values["area"])
-    return math.inf if math.isnan(found) else found - 1
+    area = real(values["area"])
+    return math.inf if math.isnan(area) else area - 1
 
 
 def rest_area(corrected: bool) -> Measure:
@@ -314,8 +314,8 @@ def frozen(context: Context, shape: str, corrected: bool, backend: str) -> Resul
             Dong2016(surface_tension=scenes.TENSION, correction=None if corrected else 0.0),
         ),
     )  # fmt: skip
-    found = drop(context, scene, np.linspace(0.0, 4.0, 21), backend)
-    return Result({**found.values, "series": {}})
+    result = drop(context, scene, np.linspace(0.0, 4.0, 21), backend)
+    return Result({**result.values, "series": {}})
 
 
 def frozen_area(corrected: bool) -> Measure:
@@ -358,11 +358,11 @@ def forces(context: Context, seed: int, backend: str) -> Result:
         looked.evaluate(on_demand=False)
         return looked.field("acceleration")
 
-    pressure, found = acceleration(()), {}
+    pressure, remainders = acceleration(()), {}
     for name, effect in terms.items():
         force = mass * (acceleration((effect,)) - pressure)
-        found[name] = left_over(position, force)
-    return Result(found)
+        remainders[name] = left_over(position, force)
+    return Result(remainders)
 
 
 def momentum(term: str, part: str) -> Measure:
@@ -436,9 +436,9 @@ def history(context: Context, side: int, model: str, backend: str) -> Result:
     """A cube of side 1 m in the liquid of the experiment `droplet`: q4 over time."""
     dong = Dong2016(surface_tension=1.0 / scenes.RATIO["wendland"])
     changes = {**LIQUID, "effects": (dong if model == "dong" else CsfWang2019(surface_tension=1.0),)}
-    found = relaxed(context, model, changes, "cube", side**3, backend, until=2.2, samples=220)
-    series = {name: found.values["series"][name] for name in ("time", "cubic_moment", "radius_variation")}
-    return Result({"series": series, "stopped": found.values["stopped"]})
+    relaxation = relaxed(context, model, changes, "cube", side**3, backend, until=2.2, samples=220)
+    series = {name: relaxation.values["series"][name] for name in ("time", "cubic_moment", "radius_variation")}
+    return Result({"series": series, "stopped": relaxation.values["stopped"]})
 
 
 def in_half_times(values: dict, at: NDArray) -> NDArray:
@@ -551,16 +551,16 @@ def _lattice(measure: Measure, shape: str, side: int) -> list[float]:
 def _random_forces(measure: Measure) -> list[float]:
     """Forces that no particle returns."""
     position = lattice_ball(SMALL).astype(float)
-    found = left_over(position, np.random.default_rng(1).normal(size=position.shape))
-    return measure.of({"": dict.fromkeys(("cohesion", "correction", "printed"), found)})
+    remainder = left_over(position, np.random.default_rng(1).normal(size=position.shape))
+    return measure.of({"": dict.fromkeys(("cohesion", "correction", "printed"), remainder)})
 
 
 def _central_forces(measure: Measure) -> list[float]:
     """A force between every two of some particles, along the line between them."""
     position = np.random.default_rng(1).normal(size=(100, 3))
     apart = position[:, None] - position[None]
-    found = left_over(position, (apart * np.exp(-(apart**2).sum(-1))[..., None]).sum(1))
-    return measure.of({"": {"csf": found}})
+    remainder = left_over(position, (apart * np.exp(-(apart**2).sum(-1))[..., None]).sum(1))
+    return measure.of({"": {"csf": remainder}})
 
 
 def _two_histories(measure: Measure) -> list[float]:

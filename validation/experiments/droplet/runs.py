@@ -139,11 +139,11 @@ def starts(options: Options) -> Sequence[int]:
 
 def end(results: Results, key: str, part: str) -> list[float]:
     """A number of each run's final state by seed, for keys that begin so; the default's runs are the experiment's."""
-    found = {seed: results[name] for seed, name in DEFAULTS.items() if key == "default" and name in results}
+    by_seed = {seed: results[name] for seed, name in DEFAULTS.items() if key == "default" and name in results}
     for name, result in results.items():
         if name.startswith(f"claim_{key}_"):
-            found[int(name.rsplit("_", 1)[1])] = result
-    return [real(found[seed].values["end"][part]) for seed in sorted(found)]
+            by_seed[int(name.rsplit("_", 1)[1])] = result
+    return [real(by_seed[seed].values["end"][part]) for seed in sorted(by_seed)]
 
 
 def compared(over: str, part: str) -> Callable[[Results], list[float]]:
@@ -240,16 +240,16 @@ def surface_density(context: Context, count: int, seed: int, backend: str) -> Re
     position = lattice_ball(count).astype(float)
     position += np.random.default_rng(seed).uniform(-0.05, 0.05, position.shape)
     liquid = WeaklyCompressible(rest_density=1.0, sound_speed=40.0, kernels="mueller", density="summation")
-    found = {}
+    simulations = {}
     for name, corrects in (("raw", False), ("corrected", True)):
         scene = Scene(
             spacing=1.0, support_radius=SUPPORT, dtype="float64", fluid=(Cloud(position=position),),
             effects=(liquid, JiangZhu2023(gamma=0.0, density_correction=corrects)),
         )  # fmt: skip
-        found[name] = context.simulation(scene, backend)
-        found[name].evaluate()
-    near = found["corrected"].field("near_surface") != 0
-    error = {name: float(np.sqrt(((s.field("density")[near] - 1.0) ** 2).mean())) for name, s in found.items()}
+        simulations[name] = context.simulation(scene, backend)
+        simulations[name].evaluate()
+    near = simulations["corrected"].field("near_surface") != 0
+    error = {name: float(np.sqrt(((s.field("density")[near] - 1.0) ** 2).mean())) for name, s in simulations.items()}
     return Result({"error": error, "near_surface": int(near.sum()), "particles": len(position)})
 
 
@@ -318,8 +318,8 @@ for _dim in (2, 3):  # with the printed coefficients
 def _without_reaction(measure: Measure) -> list[float]:
     """Forces that no particle returns: random ones on a ball."""
     position = lattice_ball(SMALL).astype(float)
-    found = lost(position, np.random.default_rng(1).normal(size=position.shape))
-    return measure.of({"": {"area": found, "without": found}})
+    loss = lost(position, np.random.default_rng(1).normal(size=position.shape))
+    return measure.of({"": {"area": loss, "without": loss}})
 
 
 def _only_attraction(measure: Measure) -> list[float]:
@@ -439,10 +439,10 @@ def filament(trial: Trial, radius: float = 3.0, wave: float = 27.0, waves: int =
     simulation = _watched(trial, droplet_scene(position, SPACING), until, area=area)
     if simulation is not None:
         x = simulation.field("position").astype(float)
-        found = pieces(x, 2 * SPACING)
-        trial.show("pieces", found.tolist())
-        trial.check("drops of more than 100 particles", int((found > 100).sum()), at_least=3)
-        trial.check("particles in crumbs of fewer than 5, share", float(found[found < 5].sum()) / len(x), at_most=0.01)
+        sizes = pieces(x, 2 * SPACING)
+        trial.show("pieces", sizes.tolist())
+        trial.check("drops of more than 100 particles", int((sizes > 100).sum()), at_least=3)
+        trial.check("particles in crumbs of fewer than 5, share", float(sizes[sizes < 5].sum()) / len(x), at_most=0.01)
 
 
 def start(shape: str, count: int) -> tuple[NDArray, float]:
@@ -531,8 +531,8 @@ def tension_cell(
         except InputError:
             return "refused"
 
-    found = largest_stable(trouble, 0.02, 1e-3, 4.0)
-    return found.result(silent_up_to(made, 1e-3, 4.0, but=("viscosity",)))
+    largest = largest_stable(trouble, 0.02, 1e-3, 4.0)
+    return largest.result(silent_up_to(made, 1e-3, 4.0, but=("viscosity",)))
 
 
 def _modulus(spacing: float, scene: Mapping[str, Any]) -> float:

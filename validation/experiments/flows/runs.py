@@ -163,7 +163,7 @@ def sway(context: Context, cells: int, support: float, amplitude: float, until: 
             ("crests_off", level, 1), ("troughs_off", level, -1), ("theory_crests_off", theory, 1)
         ):  # fmt: skip
             pairs = [(float((sign * of[np.abs(time - at) < NEAR]).max()), abs(h)) for at, h in EXTREMES if sign * h > 0]
-            values[name] = sum(abs(found - height) for found, height in pairs) / sum(height for _, height in pairs)
+            values[name] = sum(abs(top - height) for top, height in pairs) / sum(height for _, height in pairs)
     return Result(values, {"time": time, "level": level, "theory": theory})
 
 

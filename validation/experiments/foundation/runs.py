@@ -213,8 +213,8 @@ def step_cell(context: Context, backend: str, state: str, kernels: str, viscosit
         said, rise = run(factor)
         return said or (f"energy rises by {100 * rise:.0f} %" if rise > 1.5 * unavoidable + 0.02 else "")
 
-    found = largest_stable(trouble, 1.0, 0.25, 16.0)
-    return found.result(1.0, limiter=max(limiter, key=lambda k: limiter[k]) if limiter else "")
+    largest = largest_stable(trouble, 1.0, 0.25, 16.0)
+    return largest.result(1.0, limiter=max(limiter, key=lambda k: limiter[k]) if limiter else "")
 
 
 _COLUMNS = {"mu = 3.2 Pa s (acoustic)": 3.2, "mu = 40 Pa s (viscous)": 40.0}

@@ -44,8 +44,8 @@ def slab_of(scheme: str, cells: int = LENGTH, spacing: float = SPACING, **option
 
 def rms(values: np.ndarray) -> float:
     """Root of the mean square; infinite where something has blown up."""
-    found = float(np.sqrt((np.asarray(values, dtype=float) ** 2).mean()))
-    return found if found < 1e6 else math.inf
+    root = float(np.sqrt((np.asarray(values, dtype=float) ** 2).mean()))
+    return root if root < 1e6 else math.inf
 
 
 # Orders of convergence
@@ -131,7 +131,7 @@ def swept(made: Conductor, order: Any, seconds: float, passes: int, reverse: boo
 def reversal(context: Context, scheme: str, number: float) -> Result:
     """rms error [% of the range] after 1, 2, 4 and 8 passes a step, all forward, and every second one backwards."""
     steps = max(1, round(UNTIL / (number * CLAIM_SPACING**2)))
-    found: dict[str, list[float]] = {"forward": [], "reversed": []}
+    errors: dict[str, list[float]] = {"forward": [], "reversed": []}
     for words, reverse in (("forward", False), ("reversed", True)):
         for passes in PASSES:
             made, x = column(scheme)
@@ -139,9 +139,9 @@ def reversal(context: Context, scheme: str, number: float) -> Result:
             for _ in range(steps):
                 swept(made, order, UNTIL / steps, passes, reverse)
             error = made.temperature - exact.cosine(x, CELLS * CLAIM_SPACING, UNTIL)
-            found[words].append(float(np.sqrt((error**2).mean())))
+            errors[words].append(float(np.sqrt((error**2).mean())))
         context.progress(0.5)
-    return Result({"passes": PASSES, **found})
+    return Result({"passes": PASSES, **errors})
 
 
 def long_steps(context: Context, scheme: str, number: float) -> Result:
@@ -157,13 +157,13 @@ def long_steps(context: Context, scheme: str, number: float) -> Result:
 
 def numbering(context: Context, scheme: str, seed: int, number: float = 2.0) -> Result:
     """rms difference [% of the range] of a slab whose particles are numbered otherwise."""
-    steps, found = round(UNTIL / (number * CLAIM_SPACING**2)), []
+    steps, errors = round(UNTIL / (number * CLAIM_SPACING**2)), []
     for own in (None, seed):
         made, x = column(scheme, own)
         made.run(UNTIL, steps)
         depth = np.rint(x / CLAIM_SPACING - 0.5).astype(int)
-        found.append(np.bincount(depth, made.temperature) / np.bincount(depth))
-    return Result({"difference": float(np.sqrt(((found[0] - found[1]) ** 2).mean()))})
+        errors.append(np.bincount(depth, made.temperature) / np.bincount(depth))
+    return Result({"difference": float(np.sqrt(((errors[0] - errors[1]) ** 2).mean()))})
 
 
 def delivered(context: Context, scheme: str, seed: int | None = None) -> Result:

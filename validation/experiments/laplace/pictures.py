@@ -28,8 +28,8 @@ def map_picture(data: Mapping[str, Any]) -> Any:
     span: list[float] = []
     for axes, dim in zip(panels, (2, 3)):
         own = [e for e in data["settings"] if e["dim"] == dim and at_base(e)]
-        found = _models(axes, own)
-        span += found if dim == 3 else []
+        models = _models(axes, own)
+        span += models if dim == 3 else []
         axes.set(title=f"{dim}D, R = {SEEDED[dim]:g} d, h = 2.6 d, S = 0.01", xlabel="measured over nominal tension")
     panels[1].tick_params(labelleft=False)
     handles, words = panels[1].get_legend_handles_labels()
@@ -42,8 +42,8 @@ def map_picture(data: Mapping[str, Any]) -> Any:
 
 def at_radius(entry: Mapping[str, Any]) -> Mapping[str, Any] | None:
     """The drops of the radius at which several seeds are measured."""
-    found = [d for d in entry["drops_by_radius"] if d["radius"] == SEEDED[entry["dim"]]]
-    return found[0] if found else None
+    seeded = [d for d in entry["drops_by_radius"] if d["radius"] == SEEDED[entry["dim"]]]
+    return seeded[0] if seeded else None
 
 
 MEASURES = (

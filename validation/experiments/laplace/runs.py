@@ -63,12 +63,12 @@ def apart_by(entry: Mapping[str, Any]) -> float:
 
 def swings(rows: Sequence[Mapping[str, Any]]) -> dict[tuple[str, float], tuple[float, float]]:
     """Frequency of n = 2 over Lamb's of the same drop's jump, less one, of SWINGING: mean and deviation over seeds."""
-    found: dict[tuple[str, float], list[float]] = {}
+    by_model: dict[tuple[str, float], list[float]] = {}
     for row in rows:
         if row["dim"] == 3 and row["radius"] in SWINGING and not row["stopped"]:
             off = math.sqrt(row["rayleigh"] / row["laplace"]) - 1
-            found.setdefault((row.get("liquid", "summation"), row["radius"]), []).append(off)
-    return {key: (float(np.mean(offs)), float(np.std(offs, ddof=1))) for key, offs in sorted(found.items())}
+            by_model.setdefault((row.get("liquid", "summation"), row["radius"]), []).append(off)
+    return {key: (float(np.mean(offs)), float(np.std(offs, ddof=1))) for key, offs in sorted(by_model.items())}
 
 
 EXPERIMENT = Experiment(
@@ -82,8 +82,8 @@ EXPERIMENT = Experiment(
 
 def published(context: Context, rows: str) -> Result:
     """The rows and settings on file; `rows` is the file's digest."""
-    found = read_rows(ROWS)
-    return Result({"settings": condensed(found), "rows": found})
+    published_rows = read_rows(ROWS)
+    return Result({"settings": condensed(published_rows), "rows": published_rows})
 
 
 def setting_words(entry: Mapping[str, Any]) -> str:

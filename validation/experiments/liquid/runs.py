@@ -500,9 +500,9 @@ def checks(results: Results, check: Checks) -> None:
     check.seconds(results)
     check.of_runs(results, lambda key, row: WORDS[key.partition("_")[0]].format(**row))
     for flow, sizes, names in (("vortices", SIDES, ("error",)), ("wave", DEPTHS, ("period_off", "decay_off"))):
-        found = [results[key].values for size in sizes if (key := f"{flow}_rests_{size}") in results]
-        for name in names if len(found) == len(sizes) else ():
-            rise = order([1 / size for size in sizes], [row[name] for row in found])
+        rests = [results[key].values for size in sizes if (key := f"{flow}_rests_{size}") in results]
+        for name in names if len(rests) == len(sizes) else ():
+            rise = order([1 / size for size in sizes], [row[name] for row in rests])
             check(f"{flow}_order", rise, name, f"from {sizes[0]} to {sizes[-1]} cells")
 
 

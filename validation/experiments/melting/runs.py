@@ -384,7 +384,7 @@ def melted(context: Context, radius: float, bookkeeping: str, backend: str, seco
     walls = refsim.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(wide * SPACING, wide * SPACING, 2 * wide * SPACING))
     bodies = (refsim.ShapeMatching(half_width=HALF_WIDTH), refsim.TwoWayCoupling())
     effects = (LIQUID, refsim.Gravity(), walls, *bodies, heat)
-    found = {}
+    times = {}
     for name, more in (("kept", ()), ("melted", (refsim.Melting(bookkeeping=bookkeeping),))):
         scene = refsim.Scene(
             spacing=SPACING, support_radius=SUPPORT, fluid=(refsim.Cloud(position=SPACING * (cells[~inside] + 0.5)),),
@@ -395,15 +395,15 @@ def melted(context: Context, radius: float, bookkeeping: str, backend: str, seco
         solid, mass = int((simulation.field("phase") != FLUID).sum()), float(simulation.field("mass").sum())
         while simulation.time < seconds:
             simulation.step()
-            context.progress(0.5 * len(found) + 0.5 * simulation.time / seconds)
-        found[name] = {
+            context.progress(0.5 * len(times) + 0.5 * simulation.time / seconds)
+        times[name] = {
             "volume": volume(simulation.field("position")),
             "left": int((simulation.field("phase") != FLUID).sum()) / solid,
             "mass_change": float(simulation.field("mass").sum()) / mass - 1,
         }
     return Result({
-        "before": found["kept"]["volume"], "after": found["melted"]["volume"], "left": found["melted"]["left"],
-        "mass_change": found["melted"]["mass_change"],
+        "before": times["kept"]["volume"], "after": times["melted"]["volume"], "left": times["melted"]["left"],
+        "mass_change": times["melted"]["mass_change"],
     })  # fmt: skip
 
 

@@ -225,8 +225,8 @@ def mesh(animal: str, cell: float = 0.05) -> tuple[NDArray, NDArray]:
     axis = np.arange(-count, count + 1)
     coordinates = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
     shift = cell * np.array([0.317, 0.211, 0.407])  # no node on the surface, where triangles would have no area
-    found = extract(Backend("cpu"), coordinates, field(ANIMALS[animal], cell * coordinates + shift), cell, 3)
-    return np.asarray(found.vertices), np.asarray(found.facets)
+    surface = extract(Backend("cpu"), coordinates, field(ANIMALS[animal], cell * coordinates + shift), cell, 3)
+    return np.asarray(surface.vertices), np.asarray(surface.facets)
 
 
 def write_mesh(animal: str, folder: str | Path) -> tuple[str, float]:

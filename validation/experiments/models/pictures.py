@@ -242,10 +242,10 @@ def liquids_data(results: Results) -> dict[str, Any]:
 
 def averaged(key: str, values: Sequence[Any]) -> dict[str, float | None]:
     """Mean and deviation over the starts; None where one has no value, or there is but one start."""
-    found = np.array(values, dtype=float)
-    whole = len(found) > 0 and bool(np.isfinite(found).all())
-    spread = float(found.std(ddof=1)) if whole and len(found) > 1 else None
-    return {key: float(found.mean()) if whole else None, f"{key}_spread": spread}
+    array = np.array(values, dtype=float)
+    whole = len(array) > 0 and bool(np.isfinite(array).all())
+    spread = float(array.std(ddof=1)) if whole and len(array) > 1 else None
+    return {key: float(array.mean()) if whole else None, f"{key}_spread": spread}
 
 
 def seen_of(model: str, liquid: str) -> dict[str, Any]:

@@ -82,11 +82,11 @@ def measured(
         return [drop(options, model, start) for start in starts for model in models]
 
     def values(results: Results) -> list[float]:
-        found = []
+        measured_values = []
         for start in starts:
             parts = [value(results[f"{start}_{model}"].values) for model in models]
-            found.append(parts[0] if len(parts) == 1 or math.isinf(parts[0]) else parts[0] / parts[1])
-        return found
+            measured_values.append(parts[0] if len(parts) == 1 or math.isinf(parts[0]) else parts[0] / parts[1])
+        return measured_values
 
     return Measure(planned, values, quick=False, timed=timed)
 
@@ -98,20 +98,20 @@ def nearest(values: Mapping) -> float:
 
 def roughness(values: Mapping) -> float:
     """Radius variation at the end; infinite where the drop is torn."""
-    found = real(values["end"]["radius_variation"])
-    return math.inf if math.isnan(found) else found
+    variation = real(values["end"]["radius_variation"])
+    return math.inf if math.isnan(variation) else variation
 
 
 def area(values: Mapping) -> float:
     """Area of the surface over that of a ball of the same volume; infinite where the drop is torn."""
-    found = real(values["surface"]["end"]["area"])
-    return math.inf if math.isnan(found) else found
+    area_at_end = real(values["surface"]["end"]["area"])
+    return math.inf if math.isnan(area_at_end) else area_at_end
 
 
 def whole_area(values: Mapping) -> float:
     """Area of the drop's surface and of the thrown particles, each a ball, over that of one ball of all liquid."""
-    found, count = values["surface"]["end"], values["particles"]
-    thrown = found["thrown"]
+    surface, count = values["surface"]["end"], values["particles"]
+    thrown = surface["thrown"]
     return area(values) * (1 - thrown / count) ** (2 / 3) + thrown / count ** (2 / 3)
 
 
@@ -451,11 +451,11 @@ def torn(trial: Trial, model: str) -> None:
     began = 0.5 * float((velocity**2).sum())
     simulation, watch = _run(trial, scene, 3 * radius**1.5, reach=math.inf)
     x = simulation.field("position").astype(float)
-    found = pieces(x, 2.0)
+    sizes = pieces(x, 2.0)
     _check(trial, simulation, "kinetic energy over the start's", max(watch.energy) / began, at_most=1.1)
     trial.check("extent over the start's", float(np.ptp(x[:, 0]) / np.ptp(position[:, 0])), at_least=3.0)
-    trial.show("pieces of five or more", int((found >= 5).sum()))
-    trial.show("lone particles", int((found == 1).sum()))
+    trial.show("pieces of five or more", int((sizes >= 5).sum()))
+    trial.show("lone particles", int((sizes == 1).sum()))
 
 
 # Maps
@@ -506,8 +506,8 @@ def area_cell(context: Context, backend: str, model: str, support: float, count:
 
     least, first, most = (0.01, 0.1, 4.0) if model == "akinci" else (1.0, 12.0, 400.0)
     trouble = lambda value: trouble_of(context, backend, made(value), 6 * radius**1.5)  # noqa: E731
-    found = largest_stable(trouble, first, least, most, factor=1.2)
-    return found.result(silent_up_to(made, least, most, but=("viscosity", *FORESEEN.values())))
+    largest = largest_stable(trouble, first, least, most, factor=1.2)
+    return largest.result(silent_up_to(made, least, most, but=("viscosity", *FORESEEN.values())))
 
 
 def stiffness_cell(context: Context, backend: str, model: str, side: int = 8) -> Result:
@@ -520,8 +520,8 @@ def stiffness_cell(context: Context, backend: str, model: str, side: int = 8) ->
         return drop_scene(model, position - position.mean(0), viscosity=viscosity, stiffness=value)
 
     trouble = lambda value: trouble_of(context, backend, made(value), 6 * radius**1.5)  # noqa: E731
-    found = largest_stable(trouble, 0.01, 1e-3, 0.3, factor=1.3)
-    return found.result(silent_up_to(made, 1e-3, 0.3, but=("viscosity", *FORESEEN.values())))
+    largest = largest_stable(trouble, 0.01, 1e-3, 0.3, factor=1.3)
+    return largest.result(silent_up_to(made, 1e-3, 0.3, but=("viscosity", *FORESEEN.values())))
 
 
 def inertia_cell(context: Context, backend: str, model: str, side: int = 8) -> Result:
@@ -550,8 +550,8 @@ def inertia_cell(context: Context, backend: str, model: str, side: int = 8) -> R
         share = max(watch.energy) / held
         return f"kinetic energy {share:.1f} times that released" if share > 1 else ""
 
-    found = largest_stable(trouble, 4.0, 1.0, 256.0, factor=1.1)
-    return found.result(silent_up_to(made, 1.0, 256.0, but=tuple(FORESEEN.values())))
+    largest = largest_stable(trouble, 4.0, 1.0, 256.0, factor=1.1)
+    return largest.result(silent_up_to(made, 1.0, 256.0, but=tuple(FORESEEN.values())))
 
 
 MAPS = {

@@ -72,9 +72,9 @@ def against_taichi(
         said["run"], seconds = plain_block(context, block, threads, backend)
         return seconds
 
-    found = in_turns(rounds, peer, own, context.progress)
-    if found["missing"]:
-        return Result(found)
+    comparison = in_turns(rounds, peer, own, context.progress)
+    if comparison["missing"]:
+        return Result(comparison)
     run = said["run"]
     position, velocity = (run.field(name).astype(float) for name in ("position", "velocity"))
     speed, ratio = float(np.sqrt((velocity**2).sum(1).mean())), float(run.field("volume_ratio").astype(float).std())
@@ -82,7 +82,7 @@ def against_taichi(
         float(np.abs(position.mean(0) - said["centre"]).max() / BLOCK["spacing"]),
         abs(speed / said["speed"] - 1), abs(ratio / said["ratio"] - 1),
     )  # fmt: skip
-    return Result({**found, "particles": run.count, "threads": threads, "order": order, "difference": difference})
+    return Result({**comparison, "particles": run.count, "threads": threads, "order": order, "difference": difference})
 
 
 def plain_block(context: Context, block: dict[str, Any], threads: int, backend: str) -> tuple[Simulation, float]:
@@ -414,8 +414,8 @@ def _pairs(name: str) -> Callable[[Results], list[float]]:
     """The second over the first of every two runs."""
 
     def values(results: Results) -> list[float]:
-        found = [real(result.values[name]) for result in results.values()]
-        return [b / a if a else math.inf for a, b in zip(found[::2], found[1::2], strict=True)]
+        numbers = [real(result.values[name]) for result in results.values()]
+        return [b / a if a else math.inf for a, b in zip(numbers[::2], numbers[1::2], strict=True)]
 
     return values
 
@@ -477,8 +477,8 @@ MPM_TENSION_CONDUCTED = Measure(REACH, each("embedded", "lost"))
 
 def _fails(measure: Measure) -> list[float]:
     """The printed embedding, in the place of any other."""
-    found = momentum(Context(), SEEDS[0]).values["thesis"]
-    return measure.of({"": dict.fromkeys(READINGS, found)})
+    thesis = momentum(Context(), SEEDS[0]).values["thesis"]
+    return measure.of({"": dict.fromkeys(READINGS, thesis)})
 
 
 # Hard cases of MPM with surface tension, outcomes of the printed readings, largest stable step of each embedding.
@@ -922,12 +922,12 @@ def pressures(results: Results) -> dict[tuple[int, str], list[dict[str, float]]]
         for name in ("default", "enclosing"):
             for radius in radii:
                 keys = [f"rest_{dim}d_{radius:g}_{name}_{seed}" for seed in JUDGED_SEEDS]
-                found = [results[key].values for key in keys if key in results]
-                if found:
-                    values = [v["pressure"] for v in found]
-                    row = {"radius": radius, "cells": found[0]["radius_in_cells"], "pressure": fmean(values),
-                           "spread": max(values) - min(values), "noise": fmean(v["kinetic"] for v in found),
-                           "volume": fmean(v["volume"] for v in found)}  # fmt: skip
+                measured = [results[key].values for key in keys if key in results]
+                if measured:
+                    values = [v["pressure"] for v in measured]
+                    row = {"radius": radius, "cells": measured[0]["radius_in_cells"], "pressure": fmean(values),
+                           "spread": max(values) - min(values), "noise": fmean(v["kinetic"] for v in measured),
+                           "volume": fmean(v["volume"] for v in measured)}  # fmt: skip
                     made.setdefault((dim, name), []).append(row)
     return made
 

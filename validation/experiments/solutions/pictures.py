@@ -40,16 +40,16 @@ Titles = Mapping[str, tuple[str, Mapping[str, str]]]
 
 def _collected(results: Results, titles: Titles) -> dict[str, Any]:
     """The relative errors of every run of these problems, by problem and viscosity."""
-    found: dict[str, dict[str, list[float]]] = {}
+    series: dict[str, dict[str, list[float]]] = {}
     for key, result in results.items():
         name = key.rpartition("_")[0]
         if name.partition("_")[0] not in titles:
             continue
-        one = found.setdefault(name, {"spacing": []})
+        one = series.setdefault(name, {"spacing": []})
         for quantity in ("spacing", *titles[name.partition("_")[0]][1]):
             if quantity in result.values:
                 one.setdefault(quantity, []).append(result.values[quantity])
-    return found
+    return series
 
 
 def _drawn(data: Mapping[str, Any], titles: Titles) -> Any:

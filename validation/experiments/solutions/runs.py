@@ -239,30 +239,30 @@ def _pulled(
         simulation.set_field("advanced_excess", 0.5 * DENSITY * (PULL / sound) ** 2 * (edge - square))
     steps = math.ceil(until / step)
     every = max(1, steps // 120)
-    time, found = [0.0], [measure(position, velocity)]
+    time, measured = [0.0], [measure(position, velocity)]
     for k in range(steps):
         x, v = simulation.field("position"), simulation.field("velocity")
         simulation.set_field("velocity", v - (0.5 if k == 0 else 1.0) * step * PULL**2 * x)
         simulation.step()
         if (k + 1) % every == 0:
             time.append(simulation.time)
-            found.append(measure(simulation.field("position"), simulation.field("velocity")))
+            measured.append(measure(simulation.field("position"), simulation.field("velocity")))
             context.progress(k / steps)
-    return np.array(time), np.array(found).T
+    return np.array(time), np.array(measured).T
 
 
 def _projected(
     context: Context, simulation: Simulation, flow: Callable[[NDArray], NDArray], times: NDArray
 ) -> tuple[NDArray, NDArray]:
     """(times, part of the velocity in `flow` of the positions: sum v.u/sum u.u)."""
-    found: list[tuple[float, Any]] = []
+    amplitudes: list[tuple[float, Any]] = []
 
     def sample(simulation: Simulation, wall: float) -> None:
         u = flow(simulation.field("position"))
-        found.append((simulation.time, (simulation.field("velocity") * u).sum() / (u * u).sum()))
+        amplitudes.append((simulation.time, (simulation.field("velocity") * u).sum() / (u * u).sum()))
 
     advance(simulation, times.tolist(), sample, context)
-    time, part = np.array(found).T
+    time, part = np.array(amplitudes).T
     return time, part
 
 
@@ -330,12 +330,12 @@ def capillary(context: Context, cells: int, backend: str, seed: int = 1) -> Resu
     side    part of the velocity in the flow after a thirtieth of a period, within 1.2 spacings of the side walls, over
             the same farther than 4 from all walls
     """
-    found = calibrate_contact_angle(90.0, 1.0, spacing=1.0, rest_density=1.0, dim=2)
+    calibration = calibrate_contact_angle(90.0, 1.0, spacing=1.0, rest_density=1.0, dim=2)
     k = math.pi / cells
     omega = math.sqrt(k**3)
     viscosity = FRICTION * omega / k**2
     start = _block(cells, cells, seed)
-    flat = _tension_scene("flat", found, start, np.zeros_like(start), viscosity, float(cells), 0.0)
+    flat = _tension_scene("flat", calibration, start, np.zeros_like(start), viscosity, float(cells), 0.0)
     rested = _stirred(context, flat, (STIRRED / omega, (STIRRED + RESTED) / omega), seed, backend)
     rested.evaluate()
     x = rested.field("position")
@@ -343,7 +343,7 @@ def capillary(context: Context, cells: int, backend: str, seed: int = 1) -> Resu
     top = len(x) / (density * cells)
     flow = standing_flow(k, top)
     velocity = TENSION_CREST * cells * omega * flow(x)
-    made = _tension_scene("capillary", found, x, velocity, viscosity, float(cells), 0.0)
+    made = _tension_scene("capillary", calibration, x, velocity, viscosity, float(cells), 0.0)
     simulation = context.simulation(made, backend)
     seen: list[tuple[float, float]] = []
     sides: list[float] = []
@@ -363,7 +363,7 @@ def capillary(context: Context, cells: int, backend: str, seed: int = 1) -> Resu
     part = (height - height[0]) / (TENSION_CREST * cells)
     theory = scene.prosperetti(time, omega**2, viscosity * k**2, velocity=True)
     values = _told(
-        cells, 1.0 / cells, len(x), ("crest",), density=density, uncertainty=found.tension.uncertainty,
+        cells, 1.0 / cells, len(x), ("crest",), density=density, uncertainty=calibration.tension.uncertainty,
         error=_rms(part - theory), crest=float(part.max() / theory.max()), side=sides[0],
     )  # fmt: skip
     return Result(values, {"time": time * omega / (2 * math.pi), "part": part, "theory": theory})
@@ -376,12 +376,12 @@ def meniscus(context: Context, cells: int, angle: float, backend: str, seed: int
     a wall have a density of their own.
     lifted  area that a wall lifts above the level in the middle, over l^2; lifted_off  from cos(angle)
     """
-    found = calibrate_contact_angle(angle, 1.0, spacing=1.0, rest_density=1.0, dim=2)
+    calibration = calibrate_contact_angle(angle, 1.0, spacing=1.0, rest_density=1.0, dim=2)
     length, gravity = float(cells), 1.0 / cells**2
     width, unit = WIDE * length, math.sqrt(length / gravity)
     start = _block(round(width), round(DEEP * length), seed)
     viscosity = OHNESORGE * math.sqrt(length)
-    made = _tension_scene("meniscus", found, start, np.zeros_like(start), viscosity, width, gravity)
+    made = _tension_scene("meniscus", calibration, start, np.zeros_like(start), viscosity, width, gravity)
     simulation = _stirred(context, made, (2 * unit, CLIMBED * unit), seed, backend)
     columns = np.linspace(0.0, width, 2 * round(WIDE) + 1)
     above, below = [], []
@@ -412,18 +412,18 @@ def jurin(context: Context, cells: int, backend: str, angle: float = 70.0, seed:
     Jurin's h is one width.
     risen  F over 2 sigma cos(angle), in the mean of `TENSION_MEANS` samples; risen_off  from 1
     """
-    found = calibrate_contact_angle(angle, 1.0, spacing=1.0, rest_density=1.0, dim=2)
+    calibration = calibrate_contact_angle(angle, 1.0, spacing=1.0, rest_density=1.0, dim=2)
     width, wanted = float(cells), 2 * math.cos(math.radians(angle))
     gravity = wanted / width**2
     unit = math.sqrt(width / gravity)
     start = _block(cells, 3 * cells, seed)
     viscosity = OHNESORGE * math.sqrt(width)
-    made = _tension_scene("jurin", found, start, np.zeros_like(start), viscosity, width, gravity)
+    made = _tension_scene("jurin", calibration, start, np.zeros_like(start), viscosity, width, gravity)
     simulation = _stirred(context, made, (2 * unit, CLIMBED * unit), seed, backend)
     plan = simulation.plan
     x = plan.walls.position[:, 0]
     plates = WallParticles(*(part[(x < 0) | (x > width)] for part in plan.walls))
-    groups = {**plan.shared, **plan.parameters[found.effect.name]}
+    groups = {**plan.shared, **plan.parameters[calibration.effect.name]}
     lifted: list[float] = []
 
     def sample(simulation: Simulation, wall: float) -> None:
@@ -496,13 +496,13 @@ def _run(problem: str, cells: int, form: str, backend: str) -> RunSpec:
 
 def series(results: Results) -> dict[str, dict[str, list[float]]]:
     """Spacings and quantities of every problem (with its viscosity), from the largest spacing to the smallest."""
-    found: dict[str, dict[str, list[float]]] = {}
+    by_solution: dict[str, dict[str, list[float]]] = {}
     for key, result in results.items():
-        one = found.setdefault(key.rpartition("_")[0], {})
+        one = by_solution.setdefault(key.rpartition("_")[0], {})
         for name, value in result.values.items():
             if isinstance(value, float):
                 one.setdefault(name, []).append(value)
-    return found
+    return by_solution
 
 
 def order(spacing: Sequence[float], error: Sequence[float]) -> float:

@@ -173,25 +173,25 @@ def beside_transfers(context: Context, backend: str, cells: int, rounds: int, re
     place = scene.lattice_block(8 * cells**3)
     position = there.asarray((CELL * place).astype(np.float32))
     made = reconstruction_on(there, 3, "float32", CELL, Tension(surface_tension=1.0), reused=True)
-    found = []
+    surfaces = []
 
     def whole() -> None:
-        found[:] = [made.surface(position)]
-        made.force(found[0].samples, found[0].blocks)
+        surfaces[:] = [made.surface(position)]
+        made.force(surfaces[0].samples, surfaces[0].blocks)
 
     own, force, plain = [], [], []
     for k in range(rounds):
         for _ in range(3):  # compiled, recorded, and warm
             whole()
         own.append(medians(whole, there, repeats)[0])
-        force.append(medians(lambda: made.force(found[0].samples, found[0].blocks), there, repeats)[0])
+        force.append(medians(lambda: made.force(surfaces[0].samples, surfaces[0].blocks), there, repeats)[0])
         block = {**BLOCK, "cells": cells, "room": cells + 24, "steps": 3 * 8}  # it sorts in one step of eight
         plain.append(plain_block(context, block, 1, backend)[1])
         context.progress((k + 1) / rounds)
     ratios = [a / b for a, b in zip(own, plain, strict=True)]
     return Result({
-        "backend": backend, "particles": len(place), "samples": int(found[0].samples.area.shape[0]),
-        "nodes": nodes(found[0].blocks), "own": own, "force": force, "plain": plain, "ratios": ratios,
+        "backend": backend, "particles": len(place), "samples": int(surfaces[0].samples.area.shape[0]),
+        "nodes": nodes(surfaces[0].blocks), "own": own, "force": force, "plain": plain, "ratios": ratios,
         "ratio": float(np.median(ratios)),
     })  # fmt: skip
 
@@ -241,8 +241,8 @@ def registers(kind: str) -> int:
     """Most registers that the CUDA kernel of the normals of a kind takes, as compiled so far."""
     from refsim.surface_energy.recorded.samples_cuda import find_normals
 
-    found = find_normals.dispatcher.get_regs_per_thread()
-    return max(count for types, count in found.items() if ("none" in str(types)) == (kind == "gradient"))
+    registers_used = find_normals.dispatcher.get_regs_per_thread()
+    return max(count for types, count in registers_used.items() if ("none" in str(types)) == (kind == "gradient"))
 
 
 def fit_scaling(
@@ -337,8 +337,8 @@ def _ratios(above: list[float], below: list[float]) -> list[float]:
 
 def _costs(results: Results) -> list[float]:
     """Nanoseconds of MLS normals over those of the gradient, in the dtype in which they compare worse."""
-    (found,) = results.values()
-    rows = {(row["dtype"], row["kind"]): row["turns"] for row in found.values["rows"]}
+    (result,) = results.values()
+    rows = {(row["dtype"], row["kind"]): row["turns"] for row in result.values["rows"]}
     both = [_ratios(rows[dtype, "mls"], rows[dtype, "gradient"]) for dtype in ("float32", "float64")]
     return max(both, key=np.median)
 
@@ -396,8 +396,8 @@ def _random_normals(measure: Measure) -> list[float]:
     """MLS normals in random directions, beside gradients that are off by 5 degrees."""
     true, guess = np.random.default_rng(1).normal(size=(2, 1000, 3))
     true, guess = (each / np.linalg.norm(each, axis=1)[:, None] for each in (true, guess))
-    found = {"error_mls": scene.angles(guess, true).mean(), "error_gradient": 5.0}
-    return measure.of({"": {name: float(value) for name, value in found.items()}})
+    errors = {"error_mls": scene.angles(guess, true).mean(), "error_gradient": 5.0}
+    return measure.of({"": {name: float(value) for name, value in errors.items()}})
 
 
 def _same_time(measure: Measure) -> list[float]:

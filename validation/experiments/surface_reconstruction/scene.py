@@ -50,10 +50,10 @@ def tilted(normal: Array, mean_angle: float, seed: int = 0) -> Array:
     random = np.random.default_rng(seed)
     push = random.normal(size=normal.shape)
     push -= (push * normal).sum(1, keepdims=True) * normal
-    found, low, high = normal, 0.0, 2.0
+    best, low, high = normal, 0.0, 2.0
     for _ in range(60):
         size = 0.5 * (low + high)
-        found = normal + size * push
-        found = found / np.linalg.norm(found, axis=1, keepdims=True)
-        low, high = (size, high) if angles(found, normal).mean() < mean_angle else (low, size)
-    return found
+        best = normal + size * push
+        best = best / np.linalg.norm(best, axis=1, keepdims=True)
+        low, high = (size, high) if angles(best, normal).mean() < mean_angle else (low, size)
+    return best

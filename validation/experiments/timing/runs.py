@@ -47,8 +47,8 @@ def against_splishsplash(
         rebuilds.append(simulation.search.log.rebuilds - before)
         return seconds
 
-    found = in_turns(rounds, lambda: splishsplash.run(side, steps, threads, tension), own, context.progress, side**3)
-    return Result({**found, "threads": threads, "steps": steps, "rebuilds": rebuilds})
+    turns = in_turns(rounds, lambda: splishsplash.run(side, steps, threads, tension), own, context.progress, side**3)
+    return Result({**turns, "threads": threads, "steps": steps, "rebuilds": rebuilds})
 
 
 PEER_TENSION = 0.05  # of Akinci et al. 2013 beside SPlisHSPlasH: present, and too weak to break the block up
