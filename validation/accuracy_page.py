@@ -68,8 +68,8 @@ def rows(of: Panel, gpus: list[str]) -> list[str]:
     about, groups = of.about, dict[tuple[str, ...], list[str]]()
     for error in sorted({*TARGETS, *about.more}, reverse=True):
         if error > of.reference()[2]:
-            own = f" ({error * about.scale:.2g} {about.unit})" if about.unit and about.scale not in (1.0, 100.0) else ""
-            groups.setdefault(tuple(_cells(of, error, gpus)), []).append(percent(error) + own)
+            raw = f" ({error * about.scale:.2g} {about.unit})" if about.unit and about.scale not in (1.0, 100.0) else ""
+            groups.setdefault(tuple(_cells(of, error, gpus)), []).append(percent(error) + raw)
     name = f"[{about.words}]({about.page}), `{of.name}`; {about.relative}"
     lines = []
     for cells, errors in groups.items():
@@ -99,8 +99,8 @@ def _cells(of: Panel, error: float, gpus: list[str]) -> list[str]:
     if gpu:
         other_setting = "" if _words(gpu[1]) == _words(named[1]) else f" ({_words(gpu[1])})"
         there[gpus.index(_machine(of, gpu[1]))] = duration(gpu[1].seconds) + other_setting
-    own = duration(cpu[1].seconds) + of.threads(cpu[1]) if cpu else ABSENT
-    return [_words(named[1]), in_words(of, named[0]), own, *there, peer]
+    seconds = duration(cpu[1].seconds) + of.threads(cpu[1]) if cpu else ABSENT
+    return [_words(named[1]), in_words(of, named[0]), seconds, *there, peer]
 
 
 def _words(point: Point) -> str:

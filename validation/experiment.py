@@ -161,7 +161,7 @@ def every(
 
     def planned(options: Options) -> list[RunSpec]:
         given = {**shared, "backend": options.backend} if takes else shared
-        return [RunSpec(key, function, {**own, **given}, estimate) for key, own in runs.items()]
+        return [RunSpec(key, function, {**options, **given}, estimate) for key, options in runs.items()]
 
     return planned
 

@@ -67,7 +67,7 @@ def beside_warp(edge: int) -> dict[str, Any]:
     device = "cpu" if small else "cuda:0"
     warm, steps = (2, 2) if small else (WARM, WARP_STEPS[edge])
     busy = 0.0 if small else BUSY
-    own: list[float] = []
+    refsim_seconds: list[float] = []
     theirs: dict[str, list[float]] = {}
     builds, summary, peer = 0, dict[str, Any](), dict[str, Any]()
     for _ in range(1 if small else TURNS):
@@ -83,9 +83,9 @@ def beside_warp(edge: int) -> dict[str, Any]:
         built, began = search.log.rebuilds, time.perf_counter()
         for _ in range(steps):
             simulation.step()  # waits for the device
-        own.append((time.perf_counter() - began) / steps)
+        refsim_seconds.append((time.perf_counter() - began) / steps)
         builds += search.log.rebuilds - built
-        serves = len(own) * steps / max(builds, 1)
+        serves = len(refsim_seconds) * steps / max(builds, 1)
         speed = float(np.sqrt((simulation.field("velocity").astype(float) ** 2).sum(1).mean()))
         plan, summary["particles"] = simulation.plan, simulation.count
         del simulation, search
@@ -95,7 +95,7 @@ def beside_warp(edge: int) -> dict[str, Any]:
         for name, seconds in peer["seconds"].items():
             theirs.setdefault(name, []).append(seconds)
         summary |= {"serves": serves, "speeds": abs(peer["speed"] / speed - 1)}
-    summary |= {"refsim": own, "warp": theirs, "version": peer["version"]}
+    summary |= {"refsim": refsim_seconds, "warp": theirs, "version": peer["version"]}
     return summary | ({"accelerations": disturbed_difference(edge, device)} if edge <= min(WARP_STEPS) else {})
 
 
@@ -114,5 +114,5 @@ def disturbed_difference(edge: int, device: str, backend: str = "cuda") -> float
         raise RuntimeError(peer["missing"])
     simulation = Simulation(plan, backend)
     simulation.evaluate()
-    own = simulation.field("acceleration")
-    return float(f"{np.abs(own - peer['acceleration']).max() / np.abs(own).max():.3g}")
+    acceleration = simulation.field("acceleration")
+    return float(f"{np.abs(acceleration - peer['acceleration']).max() / np.abs(acceleration).max():.3g}")

@@ -50,8 +50,8 @@ def read(file: Path) -> dict[str, Any]:
             extra = dict(bench["extra_info"])
             page, backend, name = extra.pop("page"), extra.pop("backend"), extra.pop("name")
             machine = where["processor"] if backend != "cuda" else (where["device"] or {"name": "simulator"})["name"]
-            own = by_key.setdefault(f"{page} {backend}", {"machine": machine, "cores": where["cores"], "readings": {}})
-            own["readings"][name] = {"seconds": bench["stats"]["data"], **extra, **about}
+            row = by_key.setdefault(f"{page} {backend}", {"machine": machine, "cores": where["cores"], "readings": {}})
+            row["readings"][name] = {"seconds": bench["stats"]["data"], **extra, **about}
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
             f"times: {file} holds no benchmarks of tests/times ({error}); write it with --benchmark-json."
@@ -118,7 +118,7 @@ def microseconds(seconds: Sequence[float]) -> str:
 def effects(times: Times) -> list[str]:
     """Table of what each effect costs, a ladder below the other."""
     plan_of = planned("cpu")
-    own, gpu = readings(times, "effects cpu"), readings(times, "effects cuda")
+    cpu, gpu = readings(times, "effects cpu"), readings(times, "effects cuda")
     heading = ["scene", "operations, CPU", "kernels, GPU", "bytes a particle, CPU", "step [us], 2 CPU threads"]
     heading += ["step [us], GPU"]
     rows = []
@@ -131,7 +131,7 @@ def effects(times: Times) -> list[str]:
             rows.append([
                 rung.words, str(len(plan["operations"])), str(gpu.get(key, {}).get("kernels", "")),
                 f"{plan['bytes'] / plan['particles']:.0f}",
-                microseconds(own[key]["seconds"]) if key in own else NOT_YET,
+                microseconds(cpu[key]["seconds"]) if key in cpu else NOT_YET,
                 f"{1e6 * median(gpu[key]):.0f}" if key in gpu else NOT_YET,
             ])  # fmt: skip
     said = f"CPU: {where(times, 'effects cpu', ', 2 threads')}. GPU: {where(times, 'effects cuda')}."
@@ -237,8 +237,8 @@ def least_of(found: Mapping[str, Any], size: str, kernel: str) -> tuple[Work, fl
     """
 
     def one(name: str) -> Work:
-        own = found[f"{size} {name}"]
-        return least(name, own["particles"], own["neighbours"], own["entries"])
+        reading = found[f"{size} {name}"]
+        return least(name, reading["particles"], reading["neighbours"], reading["entries"])
 
     turns = found.get(f"{size} warp")
     if f"{size} density" not in found or (kernel == "step" and turns is None):
@@ -253,10 +253,10 @@ def least_of(found: Mapping[str, Any], size: str, kernel: str) -> tuple[Work, fl
 
 def shares(found: Mapping[str, Any], size: str, kernel: str) -> list[str]:
     """Shares of the copy speed and of the arithmetic speed that a kernel reaches, in words."""
-    fast, own = speeds(found), least_of(found, size, kernel)
-    if fast is None or own is None:
+    fast, amounts = speeds(found), least_of(found, size, kernel)
+    if fast is None or amounts is None:
         return [NOT_YET] * 2
-    return [f"{100 * amount / limit / own[1]:.2g} %" for amount, limit in zip(own[0], fast, strict=True)]
+    return [f"{100 * amount / limit / amounts[1]:.2g} %" for amount, limit in zip(amounts[0], fast, strict=True)]
 
 
 def warp_words(found: Mapping[str, Any], size: str) -> str:
@@ -264,8 +264,8 @@ def warp_words(found: Mapping[str, Any], size: str) -> str:
     turns = found.get(f"{size} warp")
     if turns is None:
         return NOT_YET
-    best, own = min(map(np.median, turns["warp"].values())), np.median(turns["refsim"])
-    return f"Warp {1e3 * best:.3g} ms, refsim {1e3 * own:.3g} ms in turns"
+    best, refsim = min(map(np.median, turns["warp"].values())), np.median(turns["refsim"])
+    return f"Warp {1e3 * best:.3g} ms, refsim {1e3 * refsim:.3g} ms in turns"
 
 
 def limits(times: Times) -> list[str]:
@@ -312,9 +312,9 @@ def limits_picture(times: Times) -> Any:
         colours = dict(zip((*STEP_KERNELS, "list"), (BLUE, GREY, VERMILION, ORANGE, GREEN, PURPLE), strict=True))
         for size, marker in zip(SIZES, "osD"):
             for name, colour in colours.items():
-                own = least_of(by_name, size, name)
-                if own is not None:
-                    at, rate = own[0].operations / own[0].bytes, 1e-9 * own[0].operations / own[1]
+                reading = least_of(by_name, size, name)
+                if reading is not None:
+                    at, rate = reading[0].operations / reading[0].bytes, 1e-9 * reading[0].operations / reading[1]
                     left.plot(at, rate, marker, color=colour, ms=6, label=name if size == SIZES[0] else None)
             if f"{size} density" in by_name:
                 particles = f"{by_name[f'{size} density']['particles']:,} particles"
@@ -329,7 +329,7 @@ def limits_picture(times: Times) -> Any:
         turns = by_name[f"{size} warp"]
         bars = {"refsim": np.median(turns["refsim"])}
         for way in ("each step", "with skin"):
-            bars[f"Warp, {way}"] = min(np.median(own) for name, own in turns["warp"].items() if name.startswith(way))
+            bars[f"Warp, {way}"] = min(np.median(run) for name, run in turns["warp"].items() if name.startswith(way))
         for shift, ((name, value), colour) in enumerate(zip(bars.items(), (BLUE, ORANGE, SKY), strict=True)):
             at = place + 0.27 * (shift - 1)
             right.bar(at, 1e3 * value, 0.25, color=colour, label=name if place == 0 else None)

@@ -60,13 +60,13 @@ EACH = 8  # values that a thread adds up
 def add_up_tiles(values, totals):  # noqa: ANN001, ANN201
     """totals[b] = sum of the int32 `values` of tile b, EACH for each of a block's threads."""
     first = (cuda.blockIdx.x * cuda.blockDim.x + cuda.threadIdx.x) * EACH
-    own = 0
+    total = 0
     for k in range(first, min(first + EACH, values.shape[0])):
-        own += values[k]
+        total += values[k]
     shared = cuda.shared.array(THREADS_PER_BLOCK, np.int32)
-    before = sum_before(shared, own)
+    before = sum_before(shared, total)
     if cuda.threadIdx.x == cuda.blockDim.x - 1:
-        totals[cuda.blockIdx.x] = before + own
+        totals[cuda.blockIdx.x] = before + total
 
 
 @cuda_kernel(rows_of="one", block_for_each_row=True)
@@ -90,11 +90,11 @@ def add_up_before(totals, one):  # noqa: ANN001, ANN201
 def add_up_within(values, totals, out):  # noqa: ANN001, ANN201
     """out[i] = values[0] + ... + values[i]; `totals` are the sums before each tile."""
     first = (cuda.blockIdx.x * cuda.blockDim.x + cuda.threadIdx.x) * EACH
-    own = 0
+    total = 0
     for k in range(first, min(first + EACH, values.shape[0])):
-        own += values[k]
+        total += values[k]
     shared = cuda.shared.array(THREADS_PER_BLOCK, np.int32)
-    running = totals[cuda.blockIdx.x] + sum_before(shared, own)
+    running = totals[cuda.blockIdx.x] + sum_before(shared, total)
     for k in range(first, min(first + EACH, values.shape[0])):
         running += values[k]
         out[k] = running

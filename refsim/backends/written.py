@@ -357,7 +357,7 @@ class Body:
         if isinstance(target, ast.Tuple):
             whole = isinstance(kind, Group) and len(kind.parts) == len(target.elts)
             kinds = kind.parts if whole else [NUMBER] * len(target.elts)
-            return ast.Tuple([self.stored(part, own) for part, own in zip(target.elts, kinds)], ast.Store())
+            return ast.Tuple([self.stored(part, kind) for part, kind in zip(target.elts, kinds)], ast.Store())
         target_node = self.value(target)[0]
         target_node.ctx = ast.Store()
         return target_node
@@ -542,7 +542,7 @@ class Body:
         name, kind = self.value(node.func)
         function: Any = kind.value if isinstance(kind, Known) else None
         given = [self.value(part) for part in self.spread(node.args)]
-        kinds = [own for _, own in given]
+        kinds = [kind for _, kind in given]
         if function is len and isinstance(kinds[0], Group):
             return node, Known(len(kinds[0].parts))
         if function is isinstance and self.value_of(node.args[1]) is tuple:
@@ -555,8 +555,8 @@ class Body:
         if hasattr(function, "written"):  # the sum over neighbours
             function = function.written(kinds)
         if hasattr(function, "entry"):
-            tuples = tuple(isinstance(own, Group) for own in kinds)
-            length = next(len(own.parts) for own in kinds if isinstance(own, Group))
+            tuples = tuple(isinstance(kind, Group) for kind in kinds)
+            length = next(len(kind.parts) for kind in kinds if isinstance(kind, Group))
             return self.called(function, given, named, entrywise_source(function.entry, length, tuples))
         if isinstance(function, types.FunctionType) and not str(function.__module__).startswith("numpy"):
             return self.called(function, given, named)

@@ -112,7 +112,7 @@ def _equation(source: str, line: str) -> Equation:
         if match and (folders is None or place.module.split(".")[1] in folders)
     }  # fmt: skip
     references, kernels = (
-        [place for place in own if leads[place] or not any(map(leads.get, own))] for own in _kinds(leads)
+        [place for place in places if leads[place] or not any(map(leads.get, places))] for places in _kinds(leads)
     )
     kernels = _near(references, kernels) if references or not where else []
     of_paper = re.compile(rf"(?<!\w){re.escape(number.removeprefix('M') if number[:2] == 'M(' else number)}(?!\w)")
@@ -120,8 +120,8 @@ def _equation(source: str, line: str) -> Equation:
     cited = [o for o in REGISTRY.values() if source in o.paper and of_paper.search(_numbers(o.equation))]
     cited = [] if where.startswith("- ") or named else cited
     for operation in (*named, *(() if references else cited)):
-        own, program = _places(operation.name)
-        references += [place for place in own if place not in references]
+        places, program = _places(operation.name)
+        references += [place for place in places if place not in references]
         kernels += [program] * (program not in kernels)
     judged = [o for o in REGISTRY.values() if not {*references}.isdisjoint(_places(o.name)[0])]
     if references and not kernels:

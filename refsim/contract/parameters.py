@@ -45,8 +45,8 @@ def _said(operation: Operation, name: str, usual: tuple[str, ...] | None) -> tup
     if not isinstance(operation, Fused):
         return TAKES.get((operation.name, name), usual)
     called = operation.together.called
-    takers = [(p, own) for p in operation.parts for own in p.arguments("numpy") if called(p, own) == name]
-    said = [_said(part, own, usual) for part, own in takers]
+    takers = [(p, arg) for p in operation.parts for arg in p.arguments("numpy") if called(p, arg) == name]
+    said = [_said(part, argument, usual) for part, argument in takers]
     return None if None in said else tuple(member for members in said for member in members or ())
 
 

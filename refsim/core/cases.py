@@ -295,7 +295,7 @@ def closed_form(
         each = [value if isinstance(value, tuple) else (value,) for value in over] or [()]
         plain = all(isinstance(part, (int, str)) for values in each for part in values)
         parts = each if plain else [(number,) for number in range(len(each))]
-        made = [_named(functools.partial(maker, *values), name, *own) for values, own in zip(each, parts)]
+        made = [_named(functools.partial(maker, *values), name, *part) for values, part in zip(each, parts)]
         if across:
             made.append(_named(lambda: across_a_border(maker(), across), name, "across"))
         for operation in operations:

@@ -39,11 +39,11 @@ def needed_before(launches: Sequence[Accesses | None]) -> list[tuple[int, ...]]:
     """For each launch the earlier ones that must have ended; without those that these wait for themselves."""
     result: list[tuple[int, ...]] = []
     behind: list[set[int]] = []  # of each launch all that must have ended
-    for k, own in enumerate(launches):
+    for k, launch in enumerate(launches):
         needed = {
             j
             for j, other in enumerate(launches[:k])
-            if own is None or other is None or own.changed & other.taken or own.taken & other.changed
+            if launch is None or other is None or launch.changed & other.taken or launch.taken & other.changed
         }
         implied = set().union(*(behind[j] for j in needed))
         behind.append(needed | implied)

@@ -87,11 +87,11 @@ class Gauges:
         pressure = self._pressure(run) if "pressure" in needs else np.zeros(0)
         fill, flow = self._sample(run) if needs & {"fill", "flow"} else (np.zeros(0), np.zeros((0, 3)))
         for k in wanted:
-            gauge, own = self.gauges[k], self.slices[k]
+            gauge, part = self.gauges[k], self.slices[k]
             if k in forces:
                 values = self._body(run, gauge) if k in bodies else self._wall(run, k)
             else:
-                values = gauge.does.read(self.points[k], Sampled(pressure[own], fill[own], flow[own]))
+                values = gauge.does.read(self.points[k], Sampled(pressure[part], fill[part], flow[part]))
                 if gauge.does.needs == "pressure":
                     self._note_pressure(run, gauge, values[0])
             self.rows[k].append([run.time, *values])
@@ -163,10 +163,10 @@ class Gauges:
         """
         count, dtype = len(self.places), run.plan.grid.dtype
         fill, flow = run.backend.zeros((count,), dtype), run.backend.zeros((count, 3), dtype)
-        own = {"fill": fill, "flow": flow}
+        arrays = {"fill": fill, "flow": flow}
         if "rest_density" not in run.fields:  # of one substance
-            own["rest_density"] = self._rest_density
-        launch_pass(run, Pass("gauges.sample", names={"density": "rest_density"}), self._near_points(run), own)
+            arrays["rest_density"] = self._rest_density
+        launch_pass(run, Pass("gauges.sample", names={"density": "rest_density"}), self._near_points(run), arrays)
         share = self._liquid_share(run.plan)
         return self._in_first_order(run, fill) / share, self._in_first_order(run, flow) / share[:, None]
 
@@ -239,15 +239,15 @@ class Gauges:
             from refsim.shape_matching.phases import FLUID
 
             held &= run.host("phase") != FLUID
-        own = np.flatnonzero(held)
-        own = own[np.argsort(identity[own])]
-        acceleration = run.host("acceleration")[own].astype(float)
+        particles = np.flatnonzero(held)
+        particles = particles[np.argsort(identity[particles])]
+        acceleration = run.host("acceleration")[particles].astype(float)
         if gravity_of(run.plan.effects) is not None:
             acceleration -= np.array(_gravity(run), run.plan.grid.dtype).astype(float)
-        mass = run.host("mass")[own].astype(float)
-        place = run.plan.grid.absolute(run.host("position")[own].astype(float))
+        mass = run.host("mass")[particles].astype(float)
+        place = run.plan.grid.absolute(run.host("position")[particles].astype(float))
         push = mass[:, None] * acceleration
-        centre = mass @ place / mass.sum() if len(own) else np.zeros(3)
+        centre = mass @ place / mass.sum() if len(particles) else np.zeros(3)
         about = centre if gauge.about is None else np.array(gauge.about)
         return _row(push, place - about, run.plan.grid.dim)
 

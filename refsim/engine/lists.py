@@ -47,8 +47,8 @@ class Lists:
         if plan.list_radius > 0 and backend.name != "numpy":
             period = plan.shared["period"]
             self.skins = plan.scene.skins[: 1 if backend.name == "cuda" else None]
-            own = plan.list_radius, self.skins[0], period, self.skins[-1]
-            self.search = NeighbourSearch(backend, grid.dim, grid.dtype, *own)
+            options = plan.list_radius, self.skins[0], period, self.skins[-1]
+            self.search = NeighbourSearch(backend, grid.dim, grid.dtype, *options)
         self.latest: tuple[Any, Any, Any] | None = None
         self.static: Any = None
         self.walls: tuple[Any, Any] | None = None

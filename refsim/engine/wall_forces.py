@@ -67,11 +67,11 @@ def _push(
     run: State, passes: Iterable[tuple[Effect, Pass]], acceleration: Any, walls: Any, given: dict[str, Any]
 ) -> None:
     for effect, p in passes:
-        own: dict[str, Any] = {"acceleration": acceleration, "walls": walls, **given}
+        arguments: dict[str, Any] = {"acceleration": acceleration, "walls": walls, **given}
         near = run.shared["neighbours"]
         if near is not None and p.operation not in OF_LIQUID:
-            own["neighbours"] = near._replace(count=run.backend.zeros(near.count.shape, near.count.dtype))
-        launch_pass(run, dataclasses.replace(p, algorithm="plain"), own, run.parameters[effect.name])
+            arguments["neighbours"] = near._replace(count=run.backend.zeros(near.count.shape, near.count.dtype))
+        launch_pass(run, dataclasses.replace(p, algorithm="plain"), arguments, run.parameters[effect.name])
 
 
 def _of_walls(p: Pass) -> bool:

@@ -305,10 +305,10 @@ def rounds(position, side, dim, period):
     for i, key in enumerate(map(tuple, cell.tolist())):
         members.setdefault(key, []).append(i)
     turns = {}
-    for own in members.values():
-        for b, j in enumerate(own):
-            for a, i in enumerate(own[:b]):
-                turns.setdefault((a + b) % len(own), []).append((i, j))
+    for here in members.values():
+        for b, j in enumerate(here):
+            for a, i in enumerate(here[:b]):
+                turns.setdefault((a + b) % len(here), []).append((i, j))
     yield from (turns[k] for k in sorted(turns))
     steps = [(a - 2, b - 2, c - 2) for a, b, c in np.ndindex(5, 5, 5)]
     for x, y, z in sorted(steps[63:], key=lambda d: -(d[0] ** 2 + d[1] ** 2 + d[2] ** 2)):
@@ -316,10 +316,10 @@ def rounds(position, side, dim, period):
             continue
         axis, stride = (0, x) if x else (1, y) if y else (2, z)
         parities = {}, {}
-        for key, own in members.items():
+        for key, here in members.items():
             other = members.get(beside(key, (x, y, z)), [])
-            turns, m = parities[key[axis] // stride % 2], max(len(own), len(other))
-            for a, i in enumerate(own):
+            turns, m = parities[key[axis] // stride % 2], max(len(here), len(other))
+            for a, i in enumerate(here):
                 for b, j in enumerate(other):
                     turns.setdefault((b - a) % m, []).append((i, j))
         for turns in parities:

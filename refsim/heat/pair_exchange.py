@@ -91,11 +91,11 @@ def exchange_colours(cells, ends, members, first, backwards, given):
 @formula
 def exchange_two_cells(a, b, members, first, backwards, given):
     """M(4) for all pairs of cells a and b, or of one cell, in rounds; backwards the last round first."""
-    own, other = first[a + 1] - first[a], first[b + 1] - first[b]
-    rounds = max(own, other)
+    here, other = first[a + 1] - first[a], first[b + 1] - first[b]
+    rounds = max(here, other)
     for n in range(rounds):
         k = rounds - 1 - n if backwards else n
-        for m in range(own):
+        for m in range(here):
             p = partner(m, k, rounds, a == b)
             if p < other:
                 exchange(members[first[a] + m], members[first[b] + p], given)

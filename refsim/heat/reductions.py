@@ -119,8 +119,8 @@ def flow_along_pair(weight_ij, gradient_j, direction_j, share, own):
 @formula
 def flow_along(i, lane, gradient, direction, share, exchanges):
     """sum_j g (p_j - p_i) [J] for the new direction p = z + share * p_before [K]."""
-    own = gradient[i] + share * direction[i]
-    return neighbour_sum(flow_along_pair, i, lane, exchanges, None, None, gradient, direction, share, own)
+    direction_i = gradient[i] + share * direction[i]
+    return neighbour_sum(flow_along_pair, i, lane, exchanges, None, None, gradient, direction, share, direction_i)
 
 
 @formula
@@ -164,9 +164,9 @@ def direction_chunk(chunk, exchanges, inverse, gradient, dots, old, direction, i
     begin, end = limits(chunk, direction.shape[0])
     total = 0.0
     for i in range(begin, end):
-        own = gradient[i] + share * old[i]
+        direction_i = gradient[i] + share * old[i]
         flow = flow_along(i, None, gradient, old, share, exchanges)
-        total += new_direction(i, own, flow, inverse, direction, image)
+        total += new_direction(i, direction_i, flow, inverse, direction, image)
     partial[chunk] = total
 
 

@@ -114,10 +114,10 @@ def direction_blocks(exchanges, inverse, gradient, dots, old, image, partial, di
     total = 0.0
     if i < direction.shape[0]:
         share = step_ratio(dots[0], dots[2], direction.dtype.type)
-        own = gradient[i] + share * old[i]
+        direction_i = gradient[i] + share * old[i]
         flow = flow_along(i, (lane, lanes), gradient, old, share, exchanges)
         if lane == 0:
-            total = new_direction(i, own, flow, inverse, direction, image)
+            total = new_direction(i, direction_i, flow, inverse, direction, image)
     shared = cuda.shared.array(THREADS_PER_BLOCK, np.float64)
     whole = sum_of_block(shared, total)
     if cuda.threadIdx.x == 0:

@@ -209,9 +209,9 @@ class MpmLiquid(
         return math.sqrt(self.bulk_modulus / self.rest_density)
 
     def fields(self, others: Others) -> tuple[Field, ...]:
-        own: tuple[Field, ...] = (AFFINE, VOLUME_RATIO, CELL, STEP_EXTREMES)
-        own += (DEFORMATION,) if self.volume != "ratio" else ()
-        return own + ((CLUSTER_SHARE, INVERSE_SPREAD) if self.step(others).embedded else ())
+        fields: tuple[Field, ...] = (AFFINE, VOLUME_RATIO, CELL, STEP_EXTREMES)
+        fields += (DEFORMATION,) if self.volume != "ratio" else ()
+        return fields + ((CLUSTER_SHARE, INVERSE_SPREAD) if self.step(others).embedded else ())
 
     def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
         n, h = grid.count, self.cell(grid)

@@ -541,27 +541,27 @@ def _moving(dim):
     case, grid, background = alone(dim)
     c = np.array([1.0, -2.0, 0.5]) * (np.arange(3) < dim)
     v = c + 2.0 * node_table(grid.blocks) @ velocity_gradient(dim).T
-    own = c + velocity_gradient(dim) @ case.position[0]
+    velocity = c + velocity_gradient(dim) @ case.position[0]
     inputs = {
         "grid": grid, "background": background, "liquid": WATER, "timestep": STEPS, "node_velocity": v,
         "volume_ratio": [1.5], "build_position": None, "cluster_share": None, "inverse_spread": None,
         "embedding": None, "carrier_first": None, "carrier_position": None, "carrier_moment": None,
         "displacement": np.zeros(2), "step_extremes": np.zeros(4),
     }  # fmt: skip
-    return case, inputs, own
+    return case, inputs, velocity
 
 
 def _taken(dim, deformation):
-    case, inputs, own = _moving(dim)
+    case, inputs, velocity = _moving(dim)
     a, trace = velocity_gradient(dim), np.trace(velocity_gradient(dim))
     ratio = 1.5 * (1 + 0.25 * trace)
     inputs["deformation"] = deformation
     expected = {
-        "velocity": own[None], "affine": a.reshape(1, 9), "position": case.position + 0.25 * own,
-        "displacement": [(0.0625 * own**2).sum(), 0.0],
+        "velocity": velocity[None], "affine": a.reshape(1, 9), "position": case.position + 0.25 * velocity,
+        "displacement": [(0.0625 * velocity**2).sum(), 0.0],
     }  # fmt: skip
     if deformation is None:
-        expected |= {"volume_ratio": [ratio], "step_extremes": [ratio, ratio, abs(trace), (0.0625 * own**2).sum()]}
+        expected |= {"volume_ratio": [ratio], "step_extremes": [ratio, ratio, abs(trace), (0.0625 * velocity**2).sum()]}
     else:
         f = (np.eye(3) + 0.25 * a) @ deformation.reshape(3, 3)
         expected |= {"deformation": f.reshape(1, 9), "volume_ratio": [np.linalg.det(f)]}
@@ -591,8 +591,8 @@ def affine_field_about_a_carrier():
     case, inputs = _pair()
     v = np.array([1.0, -2.0, 0.5]) + 2.0 * node_table(inputs["grid"].blocks) @ TURN.T
     inputs["node_velocity"] = v
-    own = np.array([1.0, -2.0, 0.5]) + inputs["carrier_position"] @ TURN.T
-    return Exact(case, inputs, {"carrier_moment": np.hstack([own, np.tile(TURN.ravel(), (2, 1))])})
+    velocity = np.array([1.0, -2.0, 0.5]) + inputs["carrier_position"] @ TURN.T
+    return Exact(case, inputs, {"carrier_moment": np.hstack([velocity, np.tile(TURN.ravel(), (2, 1))])})
 
 
 @closed_form("mpm.viscosity")

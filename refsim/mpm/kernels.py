@@ -243,13 +243,13 @@ def mirrored_update(node, nodes, field, planes, background, timestep, blocks):
     rest = real(0), real(0), real(0)
     if any_of(formulas.buried(j, low, high, below, above)):
         return rest
-    own = formulas.canonical(j, low, high, below, above)
+    canonical = formulas.canonical(j, low, high, below, above)
     mass, momentum = real(0), rest
     for kz in range(3):
         for ky in range(3):
             for kx in range(3):
                 which = kx, ky, kz
-                ix, iy, iz = formulas.image(own, which, low, high, below, above)
+                ix, iy, iz = formulas.image(canonical, which, low, high, below, above)
                 if ix == formulas.NOWHERE or iy == formulas.NOWHERE or iz == formulas.NOWHERE:
                     continue
                 n = find_node(blocks, ix, iy, iz)
@@ -262,13 +262,13 @@ def mirrored_update(node, nodes, field, planes, background, timestep, blocks):
     if not mass > background.least_mass:
         return rest
     vx, vy, vz = accelerated(momentum, mass, field, timestep[1])
-    (stuck_x, rests_x), (stuck_y, rests_y), (stuck_z, rests_z) = formulas.on_mirror(own, low, high, below, above)
+    (stuck_x, rests_x), (stuck_y, rests_y), (stuck_z, rests_z) = formulas.on_mirror(canonical, low, high, below, above)
     if stuck_x or stuck_y or stuck_z:
         return rest
     vx = real(0) if rests_x else vx
     vy = real(0) if rests_y else vy
     vz = real(0) if rests_z else vz
-    sx, sy, sz = signs(formulas.mirror_of(own, j, low), below, above)
+    sx, sy, sz = signs(formulas.mirror_of(canonical, j, low), below, above)
     return real(sx) * vx, real(sy) * vy, real(sz) * vz
 
 

@@ -177,10 +177,10 @@ def _transferred(pairs, grid, timestep, force, **fields):
     at_nodes = Pairs(Fields(), grid.nodes, Fields(**fields), j[order], p[order], pj.at(order))
 
     def momentum(j, p, jp, dt):
-        own = ref.node_momentum(j, p, jp)
-        own = own if force is None else own + dt * force(j, p, jp)
+        momentum = ref.node_momentum(j, p, jp)
+        momentum = momentum if force is None else momentum + dt * force(j, p, jp)
         reached = (jp.weight.value > 0)[:, None]  # a NaN stays within its stencil
-        return Terms(np.where(reached, own.value, 0.0), own.size, 1)
+        return Terms(np.where(reached, momentum.value, 0.0), momentum.size, 1)
 
     return {"node_mass": at_nodes(ref.node_mass), "node_momentum": at_nodes(momentum, dt=timestep[1])}
 
@@ -228,14 +228,14 @@ def carriers_to_grid(
     timestep, cluster_share, inverse_spread, embedding, grid,
 ):  # fmt: skip
     """m_j [kg], (mv)_j [kg m/s] of the embedded points, about their particle; as printed about each, without stress."""
-    own, clustered = np.asarray(carrier_owner), embedding.reading == CLUSTER
+    owner, clustered = np.asarray(carrier_owner), embedding.reading == CLUSTER
     p = Fields(mass=mass, share=cluster_share)
-    pairs = stencils(carrier_position, background, grid, _f(position)[own] if clustered else None)
+    pairs = stencils(carrier_position, background, grid, _f(position)[owner] if clustered else None)
     return _transferred(
-        pairs, grid, timestep, ref.stress_force if clustered else None, mass=ref.split_mass(p).at(own),
-        velocity=_pushed(velocity, acceleration, timestep)[own], affine=_matrices(affine).at(own),
-        stress=(_stress(mass, volume_ratio, liquid) * p.share).at(own),
-        inverse_moment=ref.inverse_moment(_matrices(inverse_spread).at(own), float(background.cell_size)),
+        pairs, grid, timestep, ref.stress_force if clustered else None, mass=ref.split_mass(p).at(owner),
+        velocity=_pushed(velocity, acceleration, timestep)[owner], affine=_matrices(affine).at(owner),
+        stress=(_stress(mass, volume_ratio, liquid) * p.share).at(owner),
+        inverse_moment=ref.inverse_moment(_matrices(inverse_spread).at(owner), float(background.cell_size)),
     )  # fmt: skip
 
 

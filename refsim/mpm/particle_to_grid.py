@@ -40,10 +40,10 @@ def affine_field(i, f, particles, medium, cluster, pressed):
     v = pushed(i, particles.velocity, particles.acceleration, step)
     mass = particles.mass[i]
     moment = stress_moment(particles.volume_ratio[i], mass, medium.liquid, step)
-    own, moment, inverse = of_cluster(i, mass, moment, cluster.cluster_share, cluster.inverse_spread, cluster.embedding)
+    m_p, moment, inverse = of_cluster(i, mass, moment, cluster.cluster_share, cluster.inverse_spread, cluster.embedding)
     stress = moment * medium.background.inverse_moment * h if pressed else type(h)(0)
-    g = difference(scaled(nine(particles.affine, i), own * h), scaled(symmetric(inverse), stress))
-    return own, less_times(scaled(v, own), g, f), g, moment
+    g = difference(scaled(nine(particles.affine, i), m_p * h), scaled(symmetric(inverse), stress))
+    return m_p, less_times(scaled(v, m_p), g, f), g, moment
 
 
 @formula
@@ -56,12 +56,12 @@ def particle_field(i, f, particles, medium, cluster, kernel_gradient):
 def carrier_field(c, f, carriers, particles, medium, cluster):
     """(mass, q, g) of an embedded point: the field of its owner, with its share of the owner's mass."""
     p, whole = carriers.carrier_owner[c], cluster.embedding.reading == CLUSTER
-    own, q, g, _ = affine_field(p, f, particles, medium, cluster, whole)
+    mass, q, g, _ = affine_field(p, f, particles, medium, cluster, whole)
     if whole:  # centred on the owner
         d = difference(three(carriers.carrier_position, c), three(particles.position, p))
         h = medium.background.cell_size
         q = added(q, times(g, (d[0] / h, d[1] / h, d[2] / h)))
-    return own, q, g
+    return mass, q, g
 
 
 # Sums on the nodes. The four numbers of a node, mass and momentum, are adjacent in memory and take the same operations
@@ -100,11 +100,11 @@ def add_affine(nodes, at, background, weights, mass, q, g):
     """Add B_j (mass, q + g (j - base)) to the nodes of a stencil that begins at node `at`."""
     zero, width = type(mass)(0), background.width
     wx, wy, wz = weights
-    own = (mass, q[0], q[1], q[2])
+    moments = (mass, q[0], q[1], q[2])
     gx, gy, gz = (zero, g[0], g[3], g[6]), (zero, g[1], g[4], g[7]), (zero, g[2], g[5], g[8])
-    add_layer(nodes, at, width, wz[0], wx, wy, own, gx, gy)
+    add_layer(nodes, at, width, wz[0], wx, wy, moments, gx, gy)
     if background.layers == 3:
-        second = added(own, gz)
+        second = added(moments, gz)
         deep = width * width
         add_layer(nodes, at + deep, width, wz[1], wx, wy, second, gx, gy)
         add_layer(nodes, at + 2 * deep, width, wz[2], wx, wy, added(second, gz), gx, gy)
@@ -148,12 +148,12 @@ def scatter(b, places, position, carriers, particles, medium, cluster, kernel_gr
         i = bins.point[k]
         f, (x, y, z) = place(i, position, places.cell, origin, background)
         if carriers is None:
-            own, q, g, moment = particle_field(i, f, particles, medium, cluster, kernel_gradient)
+            mass, q, g, moment = particle_field(i, f, particles, medium, cluster, kernel_gradient)
         else:
-            own, q, g = carrier_field(i, f, carriers, particles, medium, cluster)
+            mass, q, g = carrier_field(i, f, carriers, particles, medium, cluster)
         weights = stencil_weights(f, background)
         at = (z * background.width + y) * background.width + x
-        add_affine(nodes, at, background, weights, own, q, g)
+        add_affine(nodes, at, background, weights, mass, q, g)
         if kernel_gradient is not None:
             slopes = stencil_slopes(f, background)
             add_gradient(nodes, at, background, weights, slopes, -moment / background.cell_size)

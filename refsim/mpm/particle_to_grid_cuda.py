@@ -108,11 +108,11 @@ def deposit(total, cell, row, background, shared, scratch, b):
         shared[n] = type(background.cell_size)(0)
         n += ROWS
     cuda.syncthreads()
-    own = row * SUMS
+    first = row * SUMS
     if background.layers == 3:
-        deposit_reach(total, number(own + ((cell >> 4) * 6 + ((cell >> 2) & 3) + row) * 6 + (cell & 3)), 6, 3, shared)
+        deposit_reach(total, number(first + ((cell >> 4) * 6 + ((cell >> 2) & 3) + row) * 6 + (cell & 3)), 6, 3, shared)
     else:
-        deposit_reach(total, number(own + ((cell >> 3) + row) * 10 + (cell & 7)), 10, 1, shared)
+        deposit_reach(total, number(first + ((cell >> 3) + row) * 10 + (cell & 7)), 10, 1, shared)
     n = thread
     while n < 4 * scratch.shape[1]:
         at = (n & 3) * REACH + (n >> 2)
@@ -173,8 +173,8 @@ def scatter_particles(places, particles, medium, cluster, kernel_gradient, scrat
         if at < end:
             i = number(bins.point[number(at)])
             f, _ = place(i, particles.position, places.cell, origin, background)
-            own, q, g, moment = particle_field(i, f, particles, medium, cluster, kernel_gradient)
-            keep_field(records, number(rank * APART + cell_of), f, own, q, g, moment)
+            mass, q, g, moment = particle_field(i, f, particles, medium, cluster, kernel_gradient)
+            keep_field(records, number(rank * APART + cell_of), f, mass, q, g, moment)
         cuda.syncthreads()
         for k in range(3):
             if first + k < last:
@@ -205,8 +205,8 @@ def scatter_carriers(places, carriers, particles, medium, cluster, scratch):
         for at in range(start + thread, stop, ROWS):
             c = bins.point[at]
             f, _ = place(c, carriers.carrier_position, places.cell, origin, background)
-            own, q, g = carrier_field(c, f, carriers, particles, medium, cluster)
-            keep_field(records, at - start + ((at - start) >> 3), f, own, q, g, own)
+            mass, q, g = carrier_field(c, f, carriers, particles, medium, cluster)
+            keep_field(records, at - start + ((at - start) >> 3), f, mass, q, g, mass)
         cuda.syncthreads()
         for at in range(max(first, start), min(last, stop)):
             add_kept_row(total, row, background, records, at - start + ((at - start) >> 3), None)

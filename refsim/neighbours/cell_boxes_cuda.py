@@ -29,12 +29,12 @@ def near_cells(cells, report, static_cells, capacity, near):
     if place < near.shape[0] and c < report[0]:
         across, along = row_offset(k)
         offset = (across << BITS) + (along << (2 * BITS))
-        own = cells[c]
+        key = cells[c]
         b = c
         if k > 0:
-            b = lower_bound(cells, own + offset - 2)
+            b = lower_bound(cells, key + offset - 2)
         if static_cells is not None:
-            one, other = own + offset, own - offset
+            one, other = key + offset, key - offset
             a, z = lower_bound(static_cells, one - 2), lower_bound(static_cells, other - 2)
             last = static_cells.shape[0]
             if (a < last and static_cells[a] <= one + 2) or (z < last and static_cells[z] <= other + 2):

@@ -68,7 +68,7 @@ def build_chunk(chunk, queries, sources, radius, dim, exclude_self, period, peri
     low_cell = np.zeros(18, np.int64)
     current = np.int64(-1)
     candidates = 0
-    own = np.int64(0)
+    kept = np.int64(0)
     for i in range(begin, end):
         if query_keys[i] != current:
             # Queries mostly come in cell order, so each of the nine rows of cells is walked forward.
@@ -103,7 +103,7 @@ def build_chunk(chunk, queries, sources, radius, dim, exclude_self, period, peri
                             wider[c, m] = near[c, m]
                     near, names, mark = wider, longer, np.zeros(WORD * ((grown + WORD - 1) // WORD), np.uint8)
                 if exclude_self and least <= current and current <= most:
-                    own = candidates - low  # this row of cells holds the query itself
+                    kept = candidates - low  # this row of cells holds the query itself
                 for m in range(size):
                     names[candidates + m] = low + m
                     near[0, candidates + m] = source[low + m, 0]
@@ -114,7 +114,7 @@ def build_chunk(chunk, queries, sources, radius, dim, exclude_self, period, peri
         for m in range(candidates, WORD * ((candidates + WORD - 1) // WORD)):
             mark[m] = 0
         if exclude_self:
-            mark[own + i] = 0
+            mark[kept + i] = 0
         start[i] = at
         if at + candidates <= capacity:
             at = np.int64(append_marked(mark, candidates, names, index, np.uint64(at)))

@@ -86,14 +86,14 @@ class CellSearch:
         return (moved, table), self.backend.host(order), moved
 
     def build(self, position):
-        own = self._held("own", position, position, None)
+        fluid = self._held("own", position, position, None)
         static = self.lists.get("static")
-        if static is not None and static.known is own.queries:  # built with it: it is wanted next
-            self._build(own, static)
+        if static is not None and static.known is fluid.queries:  # built with it: it is wanted next
+            self._build(fluid, static)
             static.ready = True
         else:
-            self._build(own)
-        result, table = own.result, own.queries
+            self._build(fluid)
+        result, table = fluid.result, fluid.queries
         if self.boxes is not None:
             self.boxes.near_known = self.boxes.launched = False
             if self.boxes.boxes[0][0].shape[0] != table.cells.shape[0]:
@@ -124,9 +124,9 @@ class CellSearch:
 
     def build_around(self, position, prepared, name):
         around, table = prepared
-        own, held = self.lists["own"], self.lists.get(name)
-        if held is None or held.source is not position or held.table is not own.queries:
-            held = self.lists[name] = ListOf(self, around, position, own.queries, table)
+        fluid, held = self.lists["own"], self.lists.get(name)
+        if held is None or held.source is not position or held.table is not fluid.queries:
+            held = self.lists[name] = ListOf(self, around, position, fluid.queries, table)
         while True:
             pack_places(position, held.placed)
             held.launch()
@@ -165,8 +165,8 @@ class CellSearch:
         """The list of this name, a new one where its arrays are others."""
         held = self.lists.get(name)
         if held is None or held.position is not position or held.source is not source:
-            own = self.lists.get("own")  # built before the one against static particles
-            known = own.queries if table is not None and own is not None and own.position is position else None
+            fluid = self.lists.get("own")  # built before the one against static particles
+            known = fluid.queries if table is not None and fluid is not None and fluid.position is position else None
             held = self.lists[name] = ListOf(self, position, source, table, known)
         return held
 

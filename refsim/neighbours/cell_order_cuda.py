@@ -31,11 +31,11 @@ def box_of_cells(keys, report):
     cuda.syncthreads()
     if i < keys.shape[0]:
         for c in range(3):
-            own = np.int32((keys[i] >> (BITS * c)) & ((1 << BITS) - 1))
-            if -own > most[c]:
-                cuda.atomic.max(most, c, -own)
-            if own > most[c + 3]:
-                cuda.atomic.max(most, c + 3, own)
+            coordinate = np.int32((keys[i] >> (BITS * c)) & ((1 << BITS) - 1))
+            if -coordinate > most[c]:
+                cuda.atomic.max(most, c, -coordinate)
+            if coordinate > most[c + 3]:
+                cuda.atomic.max(most, c + 3, coordinate)
     cuda.syncthreads()
     if t < 6 and most[t] > report[t]:
         cuda.atomic.max(report, t, most[t])
@@ -65,9 +65,9 @@ def count_cells(keys, report, count, cell, slot):
         if wide > count.shape[0] or wide * deep > count.shape[0] or wide * deep * high > count.shape[0]:
             report[6] = 1
         else:
-            own = place_in_box(keys[i], report)
-            cell[i] = own
-            slot[i] = cuda.atomic.add(count, own, 1)
+            place = place_in_box(keys[i], report)
+            cell[i] = place
+            slot[i] = cuda.atomic.add(count, place, 1)
             if slot[i] >= MOST_NEIGHBOURS:
                 report[6] = 1
 

@@ -68,16 +68,16 @@ def build_list(query, run, low, high, placed, radius, exclude_self, period, repo
         limit = radius * radius
         c = run[i] - 1
         x, y, z = query[i, 0], query[i, 1], query[i, 2]
-        own = i if exclude_self != 0 else -1
+        itself = i if exclude_self != 0 else -1
         found = 0
         for k in range(low.shape[1]):
             end = high[c, k]  # read once: for the compiler, `entries` might be the same memory
             for begin in range(low[c, k], end, 4 * lanes):
                 j = begin + 4 * lane
-                first = near_source(placed, j, end, own, x, y, z, limit, period)
-                second = near_source(placed, j + 1, end, own, x, y, z, limit, period)
-                third = near_source(placed, j + 2, end, own, x, y, z, limit, period)
-                fourth = near_source(placed, j + 3, end, own, x, y, z, limit, period)
+                first = near_source(placed, j, end, itself, x, y, z, limit, period)
+                second = near_source(placed, j + 1, end, itself, x, y, z, limit, period)
+                third = near_source(placed, j + 2, end, itself, x, y, z, limit, period)
+                fourth = near_source(placed, j + 3, end, itself, x, y, z, limit, period)
                 before, together = sum_before_lane(first + second + third + fourth, lane, lanes)
                 at = found + before
                 write_found(i, n, j, first, at, capacity, listed)
@@ -195,5 +195,5 @@ class ListOf:
 
     @property
     def nbytes(self):
-        own = (self.low, self.high, self.listed.count, self.listed.entries, self.placed)
-        return (self.queries.nbytes if self.known is None else 0) + sum(a.nbytes for a in own)
+        arrays = (self.low, self.high, self.listed.count, self.listed.entries, self.placed)
+        return (self.queries.nbytes if self.known is None else 0) + sum(a.nbytes for a in arrays)

@@ -41,7 +41,7 @@ def parts_of(pair: Callable) -> list[tuple[str, str]]:
 
 def fields_of(pair: Callable, index: str) -> list[str]:
     """The fields that a pair function reads at the particle ("i"), at the neighbour ("j") or of the list ("ij")."""
-    return [name for name, own in parts_of(pair) if own == index]
+    return [name for name, part in parts_of(pair) if part == index]
 
 
 def terms(pair: Callable) -> int:

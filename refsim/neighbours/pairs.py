@@ -235,7 +235,7 @@ def _staged_lines(pair: Callable, given: Mapping[str, str | None], source: str) 
     buffers = _buffers(pair, given, source)
     parts = {name: ", ".join(f"{part}[m]" for part in buffers.get(name, ())) for name in fields_of(pair, "j")}
     return {
-        "buffers": [f"{part} = staging.buffer({array})" for array, own in buffers.items() for part in own],
+        "buffers": [f"{part} = staging.buffer({array})" for array, parts in buffers.items() for part in parts],
         "theirs": [f"{name}_j = ({values})" if values else f"{name}_j = None" for name, values in parts.items()],
     }
 
@@ -245,7 +245,7 @@ def _staged_words(pair: Callable, given: Mapping[str, str | None], source: str) 
     buffers = _buffers(pair, given, source)
     return {
         "arrays": "".join(f"{array}, " for array in buffers),
-        "parts": "".join(f"{part}, " for own in buffers.values() for part in own),
+        "parts": "".join(f"{part}, " for parts in buffers.values() for part in parts),
     }
 
 

@@ -37,8 +37,8 @@ def pair_blocks(query, source, rows=None, period=None):
 
 def other_particles(place, count, rows=None):
     """Mask (b, count), False where a query of the block meets itself."""
-    own = np.arange(count)[place] if rows is None else np.asarray(rows)[place]
-    return own[:, None] != np.arange(count)[None, :]
+    index = np.arange(count)[place] if rows is None else np.asarray(rows)[place]
+    return index[:, None] != np.arange(count)[None, :]
 
 
 def neighbour_list(position, radius, rows=None, period=None):

@@ -122,5 +122,5 @@ def cuda_lane(place, neighbours):  # noqa: ANN001, ANN201
 def cuda_share_row(columns, i, lane, lanes):  # noqa: ANN001, ANN201
     """(first, stride, count) of a lane's share of column i of any list, the walls', too."""
     n = columns.count.shape[0]
-    own = (columns.count[i] + lanes - 1 - lane) // lanes
-    return np.uint64(i + lane * n), np.uint64(lanes * n), np.uint64(own)
+    count = (columns.count[i] + lanes - 1 - lane) // lanes
+    return np.uint64(i + lane * n), np.uint64(lanes * n), np.uint64(count)

@@ -143,12 +143,12 @@ class Series:
         as_water = getattr(melting, "bookkeeping", "") == "water"
         result = np.zeros((len(part), 3))
         for number in np.unique(part):
-            own = part == number
+            inside = part == number
             if number >= self.run.solids:
-                result[own] = looks.liquid_colour(int(number) - self.run.solids)
+                result[inside] = looks.liquid_colour(int(number) - self.run.solids)
             else:
-                result[own & solid] = looks.solid_colour(int(number))
-                result[own & ~solid] = looks.liquid_colour(0) if as_water else looks.melt_colour(int(number))
+                result[inside & solid] = looks.solid_colour(int(number))
+                result[inside & ~solid] = looks.liquid_colour(0) if as_water else looks.melt_colour(int(number))
         return result
 
     def _colours(self, paint: NDArray) -> NDArray[np.float64]:
@@ -179,12 +179,12 @@ class Series:
             yield Body(x, None, self._colours(paint), radius=0.5 * self.run.spacing, light=light, gloss=gloss)
         else:
             for number in np.unique(body):
-                own = body == number
-                mesh = self._surface(x[own], number < 0)
+                members = body == number
+                mesh = self._surface(x[members], number < 0)
                 if not len(mesh.facets):
                     continue
                 points, facets = self._cut(smoothed(mesh.vertices, mesh.facets), mesh.facets)
-                shade = self._colours(_from_particles(points, x[own], paint[own], self.run.spacing))
+                shade = self._colours(_from_particles(points, x[members], paint[members], self.run.spacing))
                 if light == SHADED:
                     clear, gloss = self.look.style == "water" and number < 0, 0.45 if number < 0 else 0.15
                     yield Body(points, facets, shade, water=clear, gloss=gloss, edges=self.cut is not None)

@@ -249,12 +249,12 @@ def crowded(
     solid, lattice = 0 if grid.solids is None else len(grid.solids.lattice.key), grid.spacing**grid.dim
     volume = lattice * np.minimum(1.0, liquid.starting_share() * state.mass / liquid.particle_mass(grid))
     volume[:solid] = lattice
-    place, own = state.position, np.zeros(0)
+    place, wall_volume = state.position, np.zeros(0)
     if walls is not None:
         place = np.concatenate([place, grid.local(walls.position)])
-        own = np.minimum(walls.volume, lattice)
+        wall_volume = np.minimum(walls.volume, lattice)
     cells = Cells(place, grid)
-    filled = cells.filled(volume) + np.minimum(1.0, cells.filled(own, grid.count))
+    filled = cells.filled(volume) + np.minimum(1.0, cells.filled(wall_volume, grid.count))
     filling = cells.at_particles(filled, grid.count) if filled.max() > CROWDED else np.zeros(1)
     first = int(filling.argmax())
     if filling[first] <= CROWDED:

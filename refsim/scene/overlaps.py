@@ -184,8 +184,8 @@ def boundary(
     cuts: dict[int, list[np.ndarray]] = {t: [] for t in np.flatnonzero(meeting).tolist()}
     lower: dict[int, list[int]] = {t: [] for t in cuts}  # triangles of lower number in the same plane
     for (s, t), flat, ends in zip(pairs.tolist(), meet.flat.tolist(), meet.ends):
-        for own, others in ((s, t), (t, s)):
-            cuts[own] += list(corners[others][[[0, 1], [1, 2], [2, 0]]]) if flat else [ends]
+        for mesh, others in ((s, t), (t, s)):
+            cuts[mesh] += list(corners[others][[[0, 1], [1, 2], [2, 0]]]) if flat else [ends]
         lower[t] += [s] * flat
     polygon: list[tuple[np.ndarray, int]] = []
     left = most = PIECES + PIECES_EACH * len(cuts)
@@ -207,11 +207,11 @@ def boundary(
     largest = alone[np.lexsort((-areas(corners[alone]), part[alone]))]  # each part's largest triangle speaks for it
     largest = largest[np.unique(part[largest], return_index=True)[1]]
     middle = np.concatenate([corners[largest].mean(1), *(points.mean(0)[None] for points, _ in polygon)])
-    own = np.concatenate([largest, np.array([t for _, t in polygon], np.int64)])
-    step = BESIDE * reach[own, None] * unit_normals(corners[own])
+    mesh = np.concatenate([largest, np.array([t for _, t in polygon], np.int64)])
+    step = BESIDE * reach[mesh, None] * unit_normals(corners[mesh])
     out, within = (winding(place, corners) > 0.5 for place in (middle + step, middle - step))
     bounds = within.astype(int) - out  # 1: the solid lies behind the piece, -1: before it, 0: neither
-    for k, (t, point) in enumerate(zip(own.tolist(), middle)):
+    for k, (t, point) in enumerate(zip(mesh.tolist(), middle)):
         if lower.get(t) and _lies_on(point, corners[lower[t]], reach[t]):
             bounds[k] = 0
     of_part = np.zeros(int(part.max()) + 1, int)

@@ -103,8 +103,8 @@ def exact(row):
 @formula
 def away(s, values, boxes):
     """A node's position [m] or velocity [m/s] from that of its body's middle node, in float64."""
-    own, first = exact(values[s]), exact(values[boxes.origin[s]])
-    return own[0] - first[0], own[1] - first[1], own[2] - first[2]
+    value, first = exact(values[s]), exact(values[boxes.origin[s]])
+    return value[0] - first[0], value[1] - first[1], value[2] - first[2]
 
 
 @formula
@@ -368,9 +368,9 @@ def box_sums(source, target, half_width, boxes):
             start = middle * area
             for s in range(planes[middle, 0], planes[middle, 1]):
                 total = 0.0
-                own = np.uint64(boxes.cell[s] - start)
+                cell = np.uint64(boxes.cell[s] - start)
                 for k in range(window):
-                    total += sums[np.uint64(k), own]
+                    total += sums[np.uint64(k), cell]
                 target[boxes.cell[s]] = total
 
 

@@ -74,12 +74,12 @@ def pull(
             slot, other, offset = _opposites(pair, matching.half_width)
             r = region[s, slot]
             if r != EMPTY:
-                own = kernels.goal_member(s, r, offset, solid_position, region_anchor, rotation, matching)
-                goals = added(goals, own)
+                goal = kernels.goal_member(s, r, offset, solid_position, region_anchor, rotation, matching)
+                goals = added(goals, goal)
             r = region[s, other]
             if r != EMPTY and pair < middle:
-                own = kernels.goal_member(s, r, _opposite(offset), solid_position, region_anchor, rotation, matching)
-                goals = added(goals, own)
+                goal = kernels.goal_member(s, r, _opposite(offset), solid_position, region_anchor, rotation, matching)
+                goals = added(goals, goal)
         sums = _summed(goals, lane)
         if lane == 0:
             kernels.goal_end(s, sums, region_count, place, velocity, matching, timestep, acceleration, solid_velocity)

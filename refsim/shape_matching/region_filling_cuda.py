@@ -33,24 +33,24 @@ def regions(direct, rebuild, lattice, region, region_count):
 @cuda_formula
 def fill_shared(s, direct, entries, region, region_count):
     """The region of node s, filled by the threads of a block in `entries`, which they share."""
-    slots, own, step = region.shape[1], cuda.threadIdx.x, cuda.blockDim.x
+    slots, thread, step = region.shape[1], cuda.threadIdx.x, cuda.blockDim.x
     side = 1
     while side * side * side < slots:
         side += 2
-    for slot in range(own, slots, step):
+    for slot in range(thread, slots, step):
         entries[slot] = next_to(s, slot, direct, side)
-    if own == 0:
+    if thread == 0:
         region_count[s] = 0
     cuda.syncthreads()
     for level in range(2, side // 2 + 1):
-        for slot in range(own, slots, step):
+        for slot in range(thread, slots, step):
             if entries[slot] == EMPTY:
                 other = reached(slot, level, direct, entries, side)
                 if other != EMPTY:
                     entries[slot] = other | (level << LEVEL)
         cuda.syncthreads()
     count = 0
-    for slot in range(own, slots, step):
+    for slot in range(thread, slots, step):
         entry = entries[slot]
         if entry != EMPTY:
             entry &= NUMBER

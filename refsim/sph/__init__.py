@@ -355,11 +355,11 @@ class WeaklyCompressible(
         return self.viscosity == "central" and self.dynamic_viscosity > 0
 
     def fields(self, others: Others) -> tuple[Field, ...]:
-        own = (DENSITY, *(() if pressure_is_replaced(others) else (PRESSURE,)), *self._own_fields(others))
+        fields = (DENSITY, *(() if pressure_is_replaced(others) else (PRESSURE,)), *self._own_fields(others))
         summed = (SUMMED_DENSITY,) if self._sums_wanted(others) else ()
         if not self.advances():
-            return (*own, *summed) if "two_way_coupling" in others else own  # whose density counts no particles
-        return (*own, DENSITY_EXCESS, ADVANCED_EXCESS, *summed)
+            return (*fields, *summed) if "two_way_coupling" in others else fields  # whose density counts no particles
+        return (*fields, DENSITY_EXCESS, ADVANCED_EXCESS, *summed)
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         viscous = self.dynamic_viscosity > 0
@@ -384,8 +384,8 @@ class WeaklyCompressible(
     def _own_fields(self, others: Others) -> tuple[Field, ...]:
         """Fields of the renormalised gradients and of the tensile control."""
         corrected = (CORRECTION_DIAGONAL, CORRECTION_MIXED) if self.corrects() else ()
-        own = () if self.tensile_control == "none" else (OWN_PRESSURE,)
-        return (*corrected, *own, *(surface_of(others).near_fields() if self.tensile_control == "inside" else ()))
+        pressure = () if self.tensile_control == "none" else (OWN_PRESSURE,)
+        return (*corrected, *pressure, *(surface_of(others).near_fields() if self.tensile_control == "inside" else ()))
 
     def _controlled(self, others: Others) -> Iterator[Pass]:
         """The passes of a pressure force with renormalised gradients or tensile control, and of J(11)."""
@@ -452,9 +452,9 @@ class WeaklyCompressible(
 
     def _braked(self, grid: Discretisation, others: Others) -> Iterator[str]:
         """Note on the loss of angular momentum by J(11) in a liquid without walls."""
-        own = not any("sph.density" in effect.replaces() for effect in others.values())  # its forces act
+        summed = not any("sph.density" in effect.replaces() for effect in others.values())  # its forces act
         held = bool(effects_with(others, BringsWalls))
-        if self.dynamic_viscosity == 0 or self.central() or not own or held or grid.count == 0:
+        if self.dynamic_viscosity == 0 or self.central() or not summed or held or grid.count == 0:
             return
         radius = grid.spacing * math.sqrt(grid.count / math.pi)
         if grid.dim == 3:

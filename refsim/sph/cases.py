@@ -135,11 +135,11 @@ def short_steps(case, grid):
 
 def _smoothing_follows(group, inputs, kernel):
     """The factors; and for the gradients' kernel the support radius, which is that of the scene as well."""
-    own = {} if group is kernel else {"support_radius": kernel.support_radius, "dim": kernel.dim}
-    group = group._replace(**own)
+    lengths = {} if group is kernel else {"support_radius": kernel.support_radius, "dim": kernel.dim}
+    group = group._replace(**lengths)
     shape = next(name for name, number in SHAPES.items() if number == group.shape)
     made = smoothing(shape, float(group.support_radius), int(group.dim))._asdict()
-    return own | {name: made[name] for name in ("inverse_radius", "value_scale", "slope_scale", "laplacian_scale")}
+    return lengths | {name: made[name] for name in ("inverse_radius", "value_scale", "slope_scale", "laplacian_scale")}
 
 
 codes(Smoothing, shape=SHAPES)

@@ -63,11 +63,11 @@ def put_sums(i, lane, sums, fields, walls, groups, period, number_density, asymm
     """Write what `density` says [kg/m^dim] with the neighbours' sums; the own part and the walls' are added."""
     (position, mass), (smoothing, fluid) = fields, groups
     rho, number, moment = sums[0], sums[1], sums[2:5]
-    own = own_share(smoothing)
-    if not number >= type(own)(0):  # keeps the sum of W in every variant, so that the density has the same bits in all
+    w0 = own_share(smoothing)
+    if not number >= type(w0)(0):  # keeps the sum of W in every variant, so that the density has the same bits in all
         rho = number
-    rho += mass[i] * own
-    number += own
+    rho += mass[i] * w0
+    number += w0
     if walls is not None:
         if asymmetry is None:
             filled = wall_sum(i, lane, position, walls, smoothing, period)
@@ -359,8 +359,8 @@ def corrected_pressure_pair(
     f = pressure_pair(mass_j / density_j, own_pressure_i, pressure_j, gradient_factor(r, smoothing), fluid)
     x, y, z = x_ij[0], x_ij[1], x_ij[2]
     if correction_diagonal_i is not None:
-        own = corrected(correction_diagonal_i, correction_mixed_i, x_ij)
-        x, y, z = scaled(added(own, corrected(correction_diagonal_j, correction_mixed_j, x_ij)), type(f)(0.5))
+        gradient = corrected(correction_diagonal_i, correction_mixed_i, x_ij)
+        x, y, z = scaled(added(gradient, corrected(correction_diagonal_j, correction_mixed_j, x_ij)), type(f)(0.5))
     return f * x, f * y, f * z
 
 

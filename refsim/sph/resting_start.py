@@ -35,8 +35,8 @@ def depths(
         for number in range(liquid.max() + 1):
             if not stands(x[liquid == number]):
                 depth[liquid == number] = 0.0
-        for k, own in zip(group, np.split(depth, np.cumsum([len(parts[k]) for k in group])[:-1])):
-            deep[k] = own
+        for k, part in zip(group, np.split(depth, np.cumsum([len(parts[k]) for k in group])[:-1])):
+            deep[k] = part
     return np.concatenate([np.zeros(0), *deep])
 
 

@@ -194,8 +194,8 @@ def condensed(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     for row in rows:
         groups.setdefault(setting_of(row, AXES), []).append(row)
     return [
-        {**dict(key), "drops": [_of_share(own, share) for share in sorted({r["share"] for r in own})]}
-        for key, own in sorted(groups.items(), key=str)
+        {**dict(key), "drops": [_of_share(rows, share) for share in sorted({r["share"] for r in rows})]}
+        for key, rows in sorted(groups.items(), key=str)
     ]
 
 

@@ -148,8 +148,8 @@ def turning(mass: Array, state: tuple[Array, ...], spread: Array, centre: Array)
     """
     position, velocity, affine = state
     moment = affine.reshape(-1, 3, 3) @ spread
-    own = np.stack([moment[:, c - 1, c - 2] - moment[:, c - 2, c - 1] for c in range(3)], axis=1)
-    return (mass[:, None] * (np.cross(position - centre, velocity) + own)).sum(0)
+    vector = np.stack([moment[:, c - 1, c - 2] - moment[:, c - 2, c - 1] for c in range(3)], axis=1)
+    return (mass[:, None] * (np.cross(position - centre, velocity) + vector)).sum(0)
 
 
 def contact(position: Array, floor: float, h: float, dim: int) -> dict[str, float]:

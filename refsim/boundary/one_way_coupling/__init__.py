@@ -295,10 +295,10 @@ def layer_factors(shape: str, support_radius: float, spacing: float, radius: flo
     apart = 2 * radius
     far = math.ceil(2 * support_radius / apart) + 1
     a, b = np.meshgrid(np.arange(-far, far + 1), np.arange(-far, far + 1))
-    own = float(kernel_value(apart * np.sqrt(a**2 + a * b + b**2), kernel).sum())
+    layer = float(kernel_value(apart * np.sqrt(a**2 + a * b + b**2), kernel).sum())
     area = 0.5 * math.sqrt(3) * apart**2
     others = [sum(of_plane(abs(k - m) * spacing) for m in range(layers) if m != k) for k in range(layers)]
-    return tuple(lacking * (area * own + other) for other in others)
+    return tuple(lacking * (area * layer + other) for other in others)
 
 
 def layer_depth(shape: str, support_radius: float, spacing: float, layers: int) -> float:

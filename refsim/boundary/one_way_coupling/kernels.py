@@ -66,8 +66,8 @@ def extrapolated_wall_pressure(
         weights, total = neighbour_sum(
             head_pair, i, None, neighbours, position, None, density, pressure, smoothing, wall_gravity
         )
-        own = own_share(smoothing)
-        mean = (total + own * pressure[i]) / (weights + own)
+        w0 = own_share(smoothing)
+        mean = (total + w0 * pressure[i]) / (weights + w0)
         a = neighbour_sum(
             wall_push_pair, i, None, walls, position, None, density, walls.volume, smoothing, fluid, mean, wall_gravity
         )

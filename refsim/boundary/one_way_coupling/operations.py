@@ -33,8 +33,8 @@ def extrapolated_wall_pressure(position, density, pressure, walls, smoothing, fl
     i, g = Fields(position=position, density=density, pressure=pressure), [float(part) for part in wall_gravity]
     around = neighbours(i, i, smoothing, rows=rows)
     mean = around(ref.pressure_and_head, g=g) / around(ref.weight)
-    own = Fields(position=around.i.position, density=around.i.density, mean=mean)
-    at_walls = neighbours(own, wall_particles(walls, fluid), smoothing)
+    inner = Fields(position=around.i.position, density=around.i.density, mean=mean)
+    at_walls = neighbours(inner, wall_particles(walls, fluid), smoothing)
     rho0_g, s = [float(fluid.rest_density) * part for part in g], float(fluid.gradient_share)
     force = ref.extrapolated_pressure_force
     return {"acceleration": at_walls(force, s=s, rho0_g=rho0_g, clamp=float(fluid.clamp))}

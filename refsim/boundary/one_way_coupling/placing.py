@@ -101,12 +101,12 @@ def flat_faces(triangles: np.ndarray, spacing: float) -> list[np.ndarray]:
     most = max(float(area[flat[:, axis]].sum()) for axis in range(3))
     faces = []
     for axis in range(3):
-        own = flat[:, axis]
+        facing = flat[:, axis]
         planes: list[float] = []
-        if 2 * area[own].sum() >= most > 0:
-            place = triangles[own, :, axis].mean(1)
+        if 2 * area[facing].sum() >= most > 0:
+            place = triangles[facing, :, axis].mean(1)
             key, member = np.unique(np.round(place / spacing, 6), return_inverse=True)
-            for k in np.argsort(-np.bincount(member, area[own]), kind="stable"):
+            for k in np.argsort(-np.bincount(member, area[facing]), kind="stable"):
                 if all(abs(key[k] - other) >= 0.5 for other in planes):
                     planes.append(float(key[k]))
         faces.append(spacing * np.sort(np.array(planes)))

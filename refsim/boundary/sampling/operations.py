@@ -36,9 +36,9 @@ def place(facet_corner, facets_of_mesh, facet_last, sample_seed):
     """Particles [m], i in the facet f with N_(f-1) <= i < N_f."""
     corner, last = np.asarray(facet_corner, dtype=float)[np.asarray(facets_of_mesh)], np.asarray(facet_last)
     i = np.arange(int(last[-1]) if len(last) else 0)
-    own = corner[(last[None, :] <= i[:, None]).sum(1)] if len(i) else np.zeros((0, 3, 3))
+    corners = corner[(last[None, :] <= i[:, None]).sum(1)] if len(i) else np.zeros((0, 3, 3))
     u, w = (np.array([share(sample_seed, k, c) for k in i]).reshape(-1, 1) for c in (1, 2))
-    return {"placed": (place_in_facet(own, u, w), np.abs(own).sum(1))}
+    return {"placed": (place_in_facet(corners, u, w), np.abs(corners).sum(1))}
 
 
 @operation(
@@ -50,17 +50,17 @@ def place(facet_corner, facets_of_mesh, facet_last, sample_seed):
 def relax(position, distance_field, relaxation, rows=None):
     """Relaxed places and lengths of the steps, both [m]."""
     x = np.asarray(position, dtype=float)
-    own = np.arange(len(x)) if rows is None else np.asarray(rows)
-    push, pushes = np.zeros((len(own), 3)), np.zeros(len(own))
+    index = np.arange(len(x)) if rows is None else np.asarray(rows)
+    push, pushes = np.zeros((len(index), 3)), np.zeros(len(index))
     for part, apart, distance in pair_blocks(position, position, rows):
         near = (distance**2 < float(relaxation.cutoff_squared)) & other_particles(part, len(x), rows)
         force = np.where(near, ref.repulsion(distance, float(relaxation.inverse_width)), 0)
         unit = over(apart, np.where(near, distance, 0)[..., None])
         for a, j in zip(*np.nonzero(near & (distance == 0))):
-            unit[a, j] = ref.direction(own[part][a], j, relaxation.seed)
+            unit[a, j] = ref.direction(index[part][a], j, relaxation.seed)
         push[part] += (force[..., None] * unit).sum(1)
         pushes[part] += force.sum(1)
-    here = interpolate(x[own], distance_field)
+    here = interpolate(x[index], distance_field)
     (phi, phi_size), (slope, slope_size) = here["query_distance"], here["query_gradient"]
     steep, step = np.linalg.norm(slope, axis=1), float(relaxation.step)
     n, unsure = over(slope, steep[:, None]), over(slope_size.max(1, initial=0.0), steep)
@@ -68,6 +68,6 @@ def relax(position, distance_field, relaxation, rows=None):
     move = ref.held(along, float(relaxation.longest)) - phi[:, None] * n
     size = (step * pushes + np.abs(phi)) * (1 + 4 * unsure) + phi_size
     return {
-        "relaxed_position": (x[own] + move, (np.abs(x[own]).max(1, initial=0.0) + size)[:, None] * np.ones(3)),
+        "relaxed_position": (x[index] + move, (np.abs(x[index]).max(1, initial=0.0) + size)[:, None] * np.ones(3)),
         "step_length": (np.linalg.norm(move, axis=1), size),
     }

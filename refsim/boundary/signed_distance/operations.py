@@ -169,12 +169,12 @@ def project(query, triangles, distance_field):
     moves = np.concatenate([np.zeros((1, 3)), 1e-4 * h * np.eye(3), -1e-4 * h * np.eye(3)])
     for i, point in enumerate(points - sampled.origin):
         near = sampled.node(np.floor(point / h).astype(int) + ref.CORNERS)
-        own = sorted({int(distance_field.closest[n]) for n in near if n >= 0} - {-1})
+        near_triangles = sorted({int(distance_field.closest[n]) for n in near if n >= 0} - {-1})
         around = []
-        for move in moves if own else ():
-            _, offset, t, feature = ref.walked(point + move, own, corners, np.asarray(triangles.across))
+        for move in moves if near_triangles else ():
+            _, offset, t, feature = ref.walked(point + move, near_triangles, corners, np.asarray(triangles.across))
             around.append((point + move - offset, normals[t, feature]))
-        if own:
+        if near_triangles:
             place[i], normal[i] = points[i] + around[0][0] - point, around[0][1]
             spread = np.ptp(np.array(around), axis=0).max(1)
             undecided[i] = spread[0] > 1e-3 * h, spread[1] > 0

@@ -47,8 +47,8 @@ def triangle_offset(p, corner):
         to_edge, place = segment_offset(p, start, end)
         nearer = ~over & (dot(to_edge, to_edge) < dot(offset, offset))
         offset = np.where(nearer, to_edge, offset)
-        own = np.where(place <= 0, 4 + k, np.where(place >= 1, 4 + (k + 1) % 3, 1 + k))
-        feature = np.where(nearer, own, feature)
+        part = np.where(place <= 0, 4 + k, np.where(place >= 1, 4 + (k + 1) % 3, 1 + k))
+        feature = np.where(nearer, part, feature)
     return np.moveaxis(offset, 0, -1), feature
 
 

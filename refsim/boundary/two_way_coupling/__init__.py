@@ -146,9 +146,9 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
         rest_density = np.full(grid.count, liquid_of(others).rest_density)
         number = np.zeros(grid.count, np.int32)
         if grid.solids is not None:
-            own = grid.solids.of_bodies("density")
-            rest_density[: len(own)] = own
-            number[: len(own)] = 1 + grid.solids.lattice.body
+            densities = grid.solids.of_bodies("density")
+            rest_density[: len(densities)] = densities
+            number[: len(densities)] = 1 + grid.solids.lattice.body
         if not liquid_of(others).advances():
             return {"rest_density": rest_density}
         return {"rest_density": rest_density, "solid_number": number, "followed_velocity": state.velocity}

@@ -25,13 +25,13 @@ def contribution(i, lane, position, phase, neighbours, smoothing, coupling, rela
 
     phi_k = V_k/V_min, V_k = 1/sum_k' W_kk' (Shao & Song M4).
     """
-    own = own_share(smoothing)
-    weight = type(own)(0)
+    w0 = own_share(smoothing)
+    weight = type(w0)(0)
     if phase[i] == FLUID:
-        weight = type(own)(1)
+        weight = type(w0)(1)
     elif phase[i] == SURFACE:
         total = neighbour_sum(contribution_pair, i, lane, neighbours, position, None, phase, smoothing, coupling)
-        weight = type(own)(1) / ((total + own) * coupling.least_volume)
+        weight = type(w0)(1) / ((total + w0) * coupling.least_volume)
     if first_lane(lane):
         relative_contribution[i] = weight
 

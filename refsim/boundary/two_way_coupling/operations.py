@@ -106,12 +106,12 @@ def extrapolation(position, velocity, followed_velocity, phase, density, smoothi
         position=position, velocity=velocity, followed=followed_velocity, density=density, pressure=pressure,
         **kinds(phase),
     )  # fmt: skip
-    around, own = near_solids(i, smoothing, lean, delay, rows)
+    around, solid = near_solids(i, smoothing, lean, delay, rows)
     weights = around(ref.weight_of_liquid)
     p = in_each(around(ref.pressure_and_head), around, ref.weight_of_liquid) / positive(weights)
     return {
-        "wet": where(own.liquid, 0, weights / float(kernel_value(0.0, smoothing))),
-        "pressure": where(own.liquid, own.pressure, p),
+        "wet": where(solid.liquid, 0, weights / float(kernel_value(0.0, smoothing))),
+        "pressure": where(solid.liquid, solid.pressure, p),
     }
 
 
@@ -130,17 +130,17 @@ def spread(
         position=position, velocity=velocity, followed=followed_velocity, wet=wet, pressure=pressure,
         density=float(fluid.rest_density), **kinds(phase),
     )  # fmt: skip
-    around, own = near_solids(i, smoothing, lean, delay, rows)
+    around, solid = near_solids(i, smoothing, lean, delay, rows)
     weights = around(ref.weight_of_film)
     p = in_each(around(ref.film_pressure), around, ref.weight_of_film) / positive(weights)
-    return {"pressure": where((own.liquid.value != 0) | (own.wet.value > 0), own.pressure, p)}
+    return {"pressure": where((solid.liquid.value != 0) | (solid.wet.value > 0), solid.pressure, p)}
 
 
 def near_solids(i, smoothing, lean, delay, rows):
     """(pairs of `rows`, which have g - a_k [m/s^2] as `pull`, and of all particles; the fields of `rows`)."""
-    own = i.at(rows)
-    pull = ref.pull(own, [float(part) for part in lean], float(delay.tau))
-    return neighbours(Fields(position=own.position, pull=pull), i, smoothing), own
+    solid = i.at(rows)
+    pull = ref.pull(solid, [float(part) for part in lean], float(delay.tau))
+    return neighbours(Fields(position=solid.position, pull=pull), i, smoothing), solid
 
 
 def positive(weights):

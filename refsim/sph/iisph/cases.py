@@ -95,8 +95,8 @@ def displaced_pair(w):
 def _relaxed(w, diagonal, pressure, new):
     """Displacements across the line of centres do not count; d_ji p_i gives s m_1 p_1/rho_1^2 |W'|^2 m_2."""
     advected = np.array([1100.0, 950.0])
-    own = 0.125 * MASS * MASS[::-1] / DENSITY**2 * pressure * w.slope**2
-    sums = 1000 - advected - own
+    coefficient = 0.125 * MASS * MASS[::-1] / DENSITY**2 * pressure * w.slope**2
+    sums = 1000 - advected - coefficient
     expected = np.maximum(0.5 * pressure + 0.5 * sums / diagonal, 0) if new is None else new
     inputs = GIVEN | {
         "pressure": pressure, "diagonal": diagonal, "advected_density": advected, "implicit": IMPLICIT,
@@ -104,7 +104,7 @@ def _relaxed(w, diagonal, pressure, new):
     }  # fmt: skip
     return Exact(
         PAIR, inputs,
-        {"new_pressure": expected, "density_error": np.maximum(advected + diagonal * pressure + own - 1000, 0)},
+        {"new_pressure": expected, "density_error": np.maximum(advected + diagonal * pressure + coefficient - 1000, 0)},
     )  # fmt: skip
 
 

@@ -82,10 +82,10 @@ def relax(
     d_ji p_i).grad W_ij, and the compression [kg/m^dim] that the pressures before it leave."""
     square = timestep[0] * timestep[1]
     p, a = pressure[i], diagonal[i]
-    own = square * mass[i] / (density[i] * density[i]) * p
+    coefficient = square * mass[i] / (density[i] * density[i]) * p
     total = neighbour_sum(
         relax_pair, i, lane, neighbours, position, None, mass, pressure, own_displacement, pair_displacement,
-        smoothing, own,
+        smoothing, coefficient,
     )  # fmt: skip
     if walls is not None:
         beside = wall_gradient(i, lane, position, walls, smoothing, fluid.rest_density, None)

@@ -41,8 +41,8 @@ PUSH = 5 / 4 * 0.5 * 4 / math.pi * 5 / 2048  # at r = h/4 the core repels: 2 (3/
 
 def _pair(acceleration, case=PAIR, **inputs):
     """Cohesion alone, but for what is given."""
-    own = {"mass": MASS, "density": DENSITY, "spline": SPLINE, "area_term": AreaMinimisation(0.0), "axial": None}
-    return Exact(case, own | {"area_normal": np.zeros((2, 3))} | inputs, {"acceleration": np.array(acceleration)})
+    fields = {"mass": MASS, "density": DENSITY, "spline": SPLINE, "area_term": AreaMinimisation(0.0), "axial": None}
+    return Exact(case, fields | {"area_normal": np.zeros((2, 3))} | inputs, {"acceleration": np.array(acceleration)})
 
 
 ATTRACTED = [[0.0, 3 * PULL, 0.0], [0.0, -2 * PULL, 0.0]]  # a_1 = -K gamma m_2 C(h/2) e_12 with K = 5/4

@@ -45,8 +45,8 @@ def curvature_pair(r, x_ij, mass_j, density_j, interface_normal_i, interface_nor
     squared = mx * mx + my * my + mz * mz
     divergence, spread = real(0), real(0)
     if active(squared, continuum):
-        own, other = real(1) / math.sqrt(nx * nx + ny * ny + nz * nz), real(1) / math.sqrt(squared)
-        nx, ny, nz = nx * own, ny * own, nz * own
+        inverse, other = real(1) / math.sqrt(nx * nx + ny * ny + nz * nz), real(1) / math.sqrt(squared)
+        nx, ny, nz = nx * inverse, ny * inverse, nz * inverse
         apart = safe_distance(r, gradient_smoothing)
         weight = mass_j / density_j * kernel_slope(r, gradient_smoothing)
         change = (mx * other - nx) * x_ij[0] + (my * other - ny) * x_ij[1] + (mz * other - nz) * x_ij[2]

@@ -53,11 +53,11 @@ def force(position, mass, density, interface_normal, curvature, gradient_smoothi
         position=position, mass=mass, density=density, normal=interface_normal, curvature=curvature,
         **directions(interface_normal, continuum),
     )  # fmt: skip
-    own, a = i.at(rows), 0.0
-    a = ref.normal_force(own, **given)
+    here, a = i.at(rows), 0.0
+    a = ref.normal_force(here, **given)
     if marangoni is not None:
-        a += ref.tangential_force(own, neighbours(i, i, gradient_smoothing, rows=rows)(ref.tension_rise, slope=slope))
-    return {"acceleration": where(own.active, float(continuum.share) / own.density * a, 0)}
+        a += ref.tangential_force(here, neighbours(i, i, gradient_smoothing, rows=rows)(ref.tension_rise, slope=slope))
+    return {"acceleration": where(here.active, float(continuum.share) / here.density * a, 0)}
 
 
 def directions(interface_normal, continuum):

@@ -49,7 +49,7 @@ def flat_surface_tension(sums: str, gradients: str, support_radius: float, spaci
     steps, distance = lattice_neighbours(support_radius, spacing, dim)
     volume = spacing**dim
     w = volume * kernel_value(distance, smoothing(sums, support_radius, dim))
-    own = volume * float(kernel_value(0.0, smoothing(sums, support_radius, dim)))
+    itself = volume * float(kernel_value(0.0, smoothing(sums, support_radius, dim)))
     slope = volume * kernel_slope(distance, smoothing(gradients, support_radius, dim))
     up = np.rint(steps[:, -1] / spacing).astype(int)  # x_ij of a neighbour below is positive
 
@@ -57,7 +57,7 @@ def flat_surface_tension(sums: str, gradients: str, support_radius: float, spaci
         """Layer of each neighbour: negative above the surface, bulk below the last layer."""
         return depth + up
 
-    color = np.array([own + w[below(k) >= 0].sum() for k in layers])
+    color = np.array([itself + w[below(k) >= 0].sum() for k in layers])
     deep = len(layers) - 1
     squared = np.zeros(len(layers))
     for k in layers:
@@ -106,16 +106,16 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
         self.check_collapse(grid, others)
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
-        own = self._own_tension(grid, others)
+        tension = self._own_tension(grid, others)
         note = (
             f"{self.name}: the gradient energy does not act in the bulk: drops were found to spread, or to come to rest"
             " in the shape they have, with particles that gather in pairs"
         )
-        return (*super().notes(grid, others), *([note] if own > 0 else []))
+        return (*super().notes(grid, others), *([note] if tension > 0 else []))
 
     def stiffness_limits(self, grid: Discretisation, others: Others) -> Iterator[tuple[float, float, str]]:
-        if own := self._own_tension(grid, others):
-            yield own, LARGEST_STIFFNESS, BECAME_DROPS
+        if tension := self._own_tension(grid, others):
+            yield tension, LARGEST_STIFFNESS, BECAME_DROPS
         if air := super().nominal_tension(grid, others):
             yield air, KEEPS_DENSITY, DENSITY_KEPT
 

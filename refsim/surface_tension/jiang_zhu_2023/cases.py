@@ -103,9 +103,9 @@ def half_way():
 def _cohering(share, **inputs):
     """A share of the pull; the area term is zero, but for what is given."""
     pull = share * 0.5 * W0 * SHAPE
-    own = {"mass": MASS, "density": DENSITY, "cohesion": COHESION, "area": AreaTerm(0, 0.0), "axial": None}
+    fields = {"mass": MASS, "density": DENSITY, "cohesion": COHESION, "area": AreaTerm(0, 0.0), "axial": None}
     expected = np.array([[0.0, -3 * pull, 0.0], [0.0, 2 * pull, 0.0]])
-    return Exact(PAIR, own | {"area_normal": np.zeros((2, 3))} | inputs, {"acceleration": expected})
+    return Exact(PAIR, fields | {"area_normal": np.zeros((2, 3))} | inputs, {"acceleration": expected})
 
 
 AT_REST = {"pressure": np.zeros(2), "velocity": np.ones((2, 3)), "walls": None}  # so that only cohesion acts

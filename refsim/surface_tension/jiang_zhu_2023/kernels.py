@@ -33,10 +33,10 @@ def corrected_density(
         mass_sum, volume_sum = neighbour_sum(
             corrected_density_pair, i, lane, neighbours, position, None, mass, density, smoothing
         )
-        own = mass[i] * own_share(smoothing)
+        itself = mass[i] * own_share(smoothing)
         if walls is not None:
-            own += fluid.rest_density * wall_sum(i, lane, position, walls, smoothing, None)
-        rho = (mass_sum + own) / (volume_sum + own / rho)
+            itself += fluid.rest_density * wall_sum(i, lane, position, walls, smoothing, None)
+        rho = (mass_sum + itself) / (volume_sum + itself / rho)
     if first_lane(lane):
         corrected_density[i] = rho
 

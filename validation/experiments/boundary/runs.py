@@ -403,7 +403,7 @@ def _over(rival: str, runs: Callable[..., Callable[[Options], list[RunSpec]]], o
     """What `of` says of the coupling over what it says of a rival; infinite where that is 0."""
 
     def values(results: Results) -> list[float]:
-        return [own / other if other else math.inf for own, other in zip(of(results, "own"), of(results, rival))]
+        return [refsim / other if other else math.inf for refsim, other in zip(of(results, "own"), of(results, rival))]
 
     return Measure(runs("own", rival), values)
 
@@ -424,7 +424,7 @@ def _share_over(rival: str) -> Measure:
     """Share of a step less the rival's: a rival may cost less than can be timed, and a ratio would divide by it."""
 
     def values(results: Results) -> list[float]:
-        return [own - other for own, other in zip(_of_step(results, "own"), _of_step(results, rival))]
+        return [refsim - other for refsim, other in zip(_of_step(results, "own"), _of_step(results, rival))]
 
     return Measure(_cost, values, timed=True)
 

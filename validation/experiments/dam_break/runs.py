@@ -268,8 +268,8 @@ def timed_detectors(
     plain = quiet("number_density", "sph.density")  # J(7) and J(8), nothing else
     methods = {}
     for method, rounds in spent.items():
-        own = [op for op in rounds[0] if op.startswith(("surface_detection.", "surface_normal."))]
-        whole = np.array([sum(stages[op] for op in own) for stages in rounds])
+        launches = [op for op in rounds[0] if op.startswith(("surface_detection.", "surface_normal."))]
+        whole = np.array([sum(stages[op] for op in launches) for stages in rounds])
         moment_sum = max(quiet(method, "sph.density") - plain, 0.0) if "asymmetry" in judged[method].fields else 0.0
         seconds = float(np.quantile(whole, QUIET)) + moment_sum
         methods[method] = {
@@ -436,9 +436,9 @@ def splash(
 
 
 def _spray(printed: bool) -> Measure:
-    own = "_printed" if printed else ""
+    suffix = "_printed" if printed else ""
     runs = {
-        f"claim_splash{own}_{'on' if corrects else 'off'}_{seed}": {"seed": seed, "corrects": corrects}
+        f"claim_splash{suffix}_{'on' if corrects else 'off'}_{seed}": {"seed": seed, "corrects": corrects}
         for seed in SEEDS for corrects in (False, True)
     }  # fmt: skip
     if printed:
@@ -447,7 +447,7 @@ def _spray(printed: bool) -> Measure:
 
     def values(results: Results) -> list[float]:
         torn = {name: result.values["detached"] for name, result in results.items()}
-        return [torn[f"claim_splash{own}_on_{seed}"] / torn[f"claim_splash{own}_off_{seed}"] for seed in SEEDS]
+        return [torn[f"claim_splash{suffix}_on_{seed}"] / torn[f"claim_splash{suffix}_off_{seed}"] for seed in SEEDS]
 
     return Measure(sized(splash, runs, 30.0, small, whole), values)
 
@@ -634,8 +634,8 @@ def checks(results: Results, check: Checks) -> None:
             check("time_offset", fit["offset"], f"{key}.{name}", f"{words}, {LABELS[name]}")
     kept = ("lost_particles", "mass_change", "energy_rise", "missed_neighbours")
     for key in (key for key, result in results.items() if "ledger" in result.values):
-        own = {name: lambda v, name=name: v["ledger"][name] for name in kept}
-        check.run(results, key, own, key, key.replace("_", " "))
+        ledger = {name: lambda v, name=name: v["ledger"][name] for name in kept}
+        check.run(results, key, ledger, key, key.replace("_", " "))
     for size in sizes(results):
         run, words, methods = str(size["particles"]), f"{size['particles']:,} particles", size["methods"]
         for method in ("number_density", "two_step", "fan_scan"):
@@ -643,13 +643,13 @@ def checks(results: Results, check: Checks) -> None:
             check("detection_seconds", seconds, f"{method}.{run}", f"{WORDS[method]}, {words}")
         small = "" if size["particles"] >= FIGURE_FROM else "_small"
         together = size["all_threads"]
-        for name, part, of, own in (
+        for name, part, of, ledger in (
             ("detection_ratio" + small, "charged", methods, "two_step"),
             ("detection_ratio_paper" + small, "charged", methods, "two_step_printed"),
             ("detection_ratio_summed", "whole", methods, "two_step"), ("scan_ratio", "scan", methods, "two_step"),
             ("detection_ratio_threads", "charged", together, "two_step"),
         ):  # fmt: skip
-            check(name, of[own][part] / of["fan_scan"][part], run, words)
+            check(name, of[ledger][part] / of["fan_scan"][part], run, words)
 
 
 def sizes(results: Results) -> list[Mapping[str, Any]]:

@@ -398,7 +398,7 @@ def speed(rival: str, case: str) -> Callable[[Options], list[RunSpec]]:
 def quotients(found: Results, rival: str, case: str) -> list[float]:
     """Seconds of a frame with Dong's model over those with its rival, round by round."""
     seconds = {m: [per_frame(found[speed_key(case, m, *turn)].values) for turn in ROUNDS] for m in ("dong", rival)}
-    return [own / its for own, its in zip(seconds["dong"], seconds[rival])]
+    return [dong / its for dong, its in zip(seconds["dong"], seconds[rival])]
 
 
 def faster(rival: str, case: str) -> Measure:
@@ -532,7 +532,7 @@ def near(*models: str) -> Measure:
 
     def values(found: Results) -> list[float]:
         last = [real(found[key].values["series"]["nn_5"][-1]) for key in runs]
-        return last if len(models) == 1 else [own / its for own, its in zip(last[::2], last[1::2])]
+        return last if len(models) == 1 else [first / its for first, its in zip(last[::2], last[1::2])]
 
     return Measure(every(cube, runs, 4.0, count=FEW, until=2.0, samples=20, viscosity=scenes.CALM), values)
 

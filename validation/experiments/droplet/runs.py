@@ -656,10 +656,10 @@ def planned(options: Options) -> list[RunSpec]:
 def checks(results: Results, check: Checks) -> None:
     """The verdicts on the default model from every start."""
     ends = ("radius_variation", "nn_5", "nn_min", "kinetic_share", "momentum", "angular_momentum", "sphericity")
-    own: Quantities = {name: lambda v, name=name: v["end"][name] for name in ends}
+    quantities: Quantities = {name: lambda v, name=name: v["end"][name] for name in ends}
     for key, (_, _, words) in SHAPES.items():
         check.run(results, key, {
-            **own, "bulk_error": lambda v: abs(real(v["end"]["bulk_error"])),
+            **quantities, "bulk_error": lambda v: abs(real(v["end"]["bulk_error"])),
             "steady_time": lambda v: v["steady"] and v["steady"]["time"] / v["capillary_time"],
             "rebuilds": lambda v: v["search"].get("rebuilds", 0),
             "missed_neighbours": lambda v: v["search"].get("missed_neighbours", 0),
@@ -668,8 +668,8 @@ def checks(results: Results, check: Checks) -> None:
     for shape in ("cube", "ball"):
         variation: Quantities = {"lattice_variation": lambda v, shape=shape: v["lattice"][shape]}
         check.run(results, key, variation, shape, f"lattice {shape}")
-    check.run(results, "mode_text", {"text_energy": own["kinetic_share"]})
-    check.run(results, "mode_one_sided", {"one_sided_momentum": own["momentum"]})
+    check.run(results, "mode_text", {"text_energy": quantities["kinetic_share"]})
+    check.run(results, "mode_one_sided", {"one_sided_momentum": quantities["momentum"]})
 
 
 def outcome(result: Result) -> str:

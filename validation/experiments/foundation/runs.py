@@ -30,11 +30,11 @@ def liquid(
 ) -> Scene:
     """Water-like liquid of the given parts, without gravity and tension unless `effects` bring them."""
     parts = fluid if isinstance(fluid, tuple) else (fluid,)
-    own = WeaklyCompressible(
+    effect = WeaklyCompressible(
         rest_density=STABILITY_DENSITY, sound_speed=SOUND, dynamic_viscosity=viscosity, kernels=kernels, state=state,
         density="summation",
     )  # fmt: skip
-    return Scene(spacing=SPACING, support_radius=SUPPORT, fluid=parts, effects=(own, *effects), **changes)
+    return Scene(spacing=SPACING, support_radius=SUPPORT, fluid=parts, effects=(effect, *effects), **changes)
 
 
 def tank(columns: int = 16, **changes: Any) -> Scene:

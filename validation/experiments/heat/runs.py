@@ -158,8 +158,8 @@ def long_steps(context: Context, scheme: str, number: float) -> Result:
 def numbering(context: Context, scheme: str, seed: int, number: float = 2.0) -> Result:
     """rms difference [% of the range] of a slab whose particles are numbered otherwise."""
     steps, errors = round(UNTIL / (number * CLAIM_SPACING**2)), []
-    for own in (None, seed):
-        made, x = column(scheme, own)
+    for order in (None, seed):
+        made, x = column(scheme, order)
         made.run(UNTIL, steps)
         depth = np.rint(x / CLAIM_SPACING - 0.5).astype(int)
         errors.append(np.bincount(depth, made.temperature) / np.bincount(depth))

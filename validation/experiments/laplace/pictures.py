@@ -27,8 +27,8 @@ def map_picture(data: Mapping[str, Any]) -> Any:
     figure, panels = plt.subplots(1, 2, figsize=(9.6, 4.6), sharey=True)
     span: list[float] = []
     for axes, dim in zip(panels, (2, 3)):
-        own = [e for e in data["settings"] if e["dim"] == dim and at_base(e)]
-        models = _models(axes, own)
+        settings = [e for e in data["settings"] if e["dim"] == dim and at_base(e)]
+        models = _models(axes, settings)
         span += models if dim == 3 else []
         axes.set(title=f"{dim}D, R = {SEEDED[dim]:g} d, h = 2.6 d, S = 0.01", xlabel="measured over nominal tension")
     panels[1].tick_params(labelleft=False)
@@ -74,10 +74,10 @@ def _models(axes: Any, entries: list[dict[str, Any]]) -> list[float]:
             bar, words = drops[f"{name}_spread"] or 0.0, label.pop(name, None)
             axes.errorbar(value, y, xerr=bar, fmt=marker, ms=6, color=colour, capsize=2, lw=1.2, label=words, zorder=2)
     axes.axvline(1, color=GREY, lw=0.8, ls=":")
-    own = {
+    models = {
         name: "" if base(name)["support"] == BASE["support"] else f", h = {base(name)['support']:g} d" for name in place
     }
-    axes.set_yticks(list(place.values()), [MODELS[name][0] + own[name] for name in place])
+    axes.set_yticks(list(place.values()), [MODELS[name][0] + models[name] for name in place])
     axes.set(xlim=(0, LARGEST), ylim=(-len(place) + 0.4, 0.6))
     axes.grid(True, axis="x")
     return seen

@@ -60,12 +60,12 @@ LIQUIDS, CORRECTED = ("papers", "rests"), "corrected"
 def _liquid(
     kind: str, sound: float, viscosity: float, clamp: bool = True, kernels: Any = "wendland"
 ) -> WeaklyCompressible:
-    own: dict[str, Any] = {"density": "summation", "clamp_pressure": clamp}
+    options: dict[str, Any] = {"density": "summation", "clamp_pressure": clamp}
     if kind != "papers":
-        own = {"density": "continuity", "gradient": "corrected" if kind == "corrected" else "plain"}
+        options = {"density": "continuity", "gradient": "corrected" if kind == "corrected" else "plain"}
     return WeaklyCompressible(
         rest_density=DENSITY, sound_speed=sound, dynamic_viscosity=DENSITY * viscosity, viscosity="central",
-        kernels=kernels, **own,
+        kernels=kernels, **options,
     )  # fmt: skip
 
 
@@ -129,8 +129,8 @@ def rest_cell(context: Context, backend: str, dim: int, cells: tuple[int, int], 
     def trouble(number: float) -> str:
         return _restless(context, _of_number(dim, cells, kernels, number), seed, backend)
 
-    own = silent_up_to(lambda number: _of_number(dim, cells, kernels, number), 8.0, 16384.0, but=("sound_speed",))
-    return largest_stable(trouble, 1024.0, 8.0, 16384.0, factor=1.2).result(own)
+    silent = silent_up_to(lambda number: _of_number(dim, cells, kernels, number), 8.0, 16384.0, but=("sound_speed",))
+    return largest_stable(trouble, 1024.0, 8.0, 16384.0, factor=1.2).result(silent)
 
 
 def rest_step_cell(context: Context, backend: str, dim: int, cells: tuple[int, int], seed: int, kernels: str) -> Result:

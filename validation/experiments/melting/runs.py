@@ -298,9 +298,9 @@ def filling(context: Context, half_width: int = 2) -> Result:
         low = half_width - max(level, 1)
         wide[low : low + side, low : low + side] = plane
         if level == 0:
-            own = wide[half_width, half_width]
+            inside = wide[half_width, half_width]
             wide[:] = EMPTY
-            wide[half_width, half_width] = own
+            wide[half_width, half_width] = inside
         passes.append(wide)
     return Result(
         {"node": node, "cell": lattice.cell[node], "half_width": half_width, "gone": sorted(gone)},

@@ -233,9 +233,9 @@ def liquids_data(results: Results) -> dict[str, Any]:
         balls = [results[f"{start}_{name}"].values for start in CUTS]
         ball = averaged("radius_variation", [v["end"]["radius_variation"] for v in balls])
         ball |= averaged("time_s", [v["rest"] and v["rest"]["time"] for v in balls])
-        own = {key: table[model.words][key] for key in ("radius_variation", "time_s")}
+        default = {key: table[model.words][key] for key in ("radius_variation", "time_s")}
         short = name.removeprefix("advanced_")
-        row = {"summation": seen_of(short, "summation") | own, "continuity": seen_of(short, "continuity") | ball}
+        row = {"summation": seen_of(short, "summation") | default, "continuity": seen_of(short, "continuity") | ball}
         rows.append({"model": model.words, **row})
     return {"title": "Drops of R = 10 d, h = 2.6 d, and the balls of cut cubes; \u00b1 over three seeds", "rows": rows}
 

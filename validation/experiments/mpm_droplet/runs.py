@@ -690,9 +690,9 @@ def step_cell(
     )  # fmt: skip
     unit = natural(dim, modulus, tension)
     try:
-        own, refused = context.simulation(made, backend).step().length / unit, False
+        bound, refused = context.simulation(made, backend).step().length / unit, False
     except InputError:
-        own, refused = 0.0, True
+        bound, refused = 0.0, True
 
     def trouble(number: float) -> str:
         run = context.simulation(unguarded(msgspec.structs.replace(made, step=number * unit)), backend)
@@ -711,7 +711,7 @@ def step_cell(
         most = max(row["energy"] for row in ledger.rows) / ledger.rows[0]["energy"]
         return f"{most:.2f} times the energy" if most > ENERGY else ""
 
-    return largest_stable(trouble, 0.5, LEAST, 4.0, factor=1.15).result(own, refused=refused)
+    return largest_stable(trouble, 0.5, LEAST, 4.0, factor=1.15).result(bound, refused=refused)
 
 
 LEAST = 0.01  # of the natural step: the smallest that is tried

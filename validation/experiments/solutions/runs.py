@@ -518,8 +518,8 @@ def checks(results: Results, check: Checks) -> None:
         problem, _, form = name.partition("_")
         whole = len(one["spacing"]) == len(CELLS[problem])
         for quantity in (q for q in JUDGED[problem] if q in one and whole):
-            own = "_of_rest" if quantity == "error" and problem == "ellipse" and form else ""
-            check(f"{problem}_{quantity}{own}", one[quantity][-1], form)
+            suffix = "_of_rest" if quantity == "error" and problem == "ellipse" and form else ""
+            check(f"{problem}_{quantity}{suffix}", one[quantity][-1], form)
             rule = "order" if ORDERED.get(problem) == quantity else "order_shown"
             if quantity != "side":  # no error
                 check(rule, order(one["spacing"], one[quantity]), f"{name}.{quantity}")

@@ -179,19 +179,19 @@ def beside_transfers(context: Context, backend: str, cells: int, rounds: int, re
         surfaces[:] = [made.surface(position)]
         made.force(surfaces[0].samples, surfaces[0].blocks)
 
-    own, force, plain = [], [], []
+    seconds, force, plain = [], [], []
     for k in range(rounds):
         for _ in range(3):  # compiled, recorded, and warm
             whole()
-        own.append(medians(whole, there, repeats)[0])
+        seconds.append(medians(whole, there, repeats)[0])
         force.append(medians(lambda: made.force(surfaces[0].samples, surfaces[0].blocks), there, repeats)[0])
         block = {**BLOCK, "cells": cells, "room": cells + 24, "steps": 3 * 8}  # it sorts in one step of eight
         plain.append(plain_block(context, block, 1, backend)[1])
         context.progress((k + 1) / rounds)
-    ratios = [a / b for a, b in zip(own, plain, strict=True)]
+    ratios = [a / b for a, b in zip(seconds, plain, strict=True)]
     return Result({
         "backend": backend, "particles": len(place), "samples": int(surfaces[0].samples.area.shape[0]),
-        "nodes": nodes(surfaces[0].blocks), "own": own, "force": force, "plain": plain, "ratios": ratios,
+        "nodes": nodes(surfaces[0].blocks), "own": seconds, "force": force, "plain": plain, "ratios": ratios,
         "ratio": float(np.median(ratios)),
     })  # fmt: skip
 
@@ -434,8 +434,8 @@ def planned(options: Options) -> list[RunSpec]:
 def checks(results: Results, check: Checks) -> None:
     """Normals, topology and convergence; absolute times are shown."""
     for shape in RADII:
-        own = {name: lambda v, key=key, part=part: v["rows"][key][part] for name, (key, part) in NORMALS.items()}
-        check.run(results, f"normals_{shape}", own, shape)
+        quantities = {name: lambda v, key=key, part=part: v["rows"][key][part] for name, (key, part) in NORMALS.items()}
+        check.run(results, f"normals_{shape}", quantities, shape)
         for name in ("euler", "unmatched"):
             check.run(results, "meshes", {name: lambda v, name=name, shape=shape: v["rows"][shape][name]}, shape)
     for row in results["stages"].values["rows"] if "stages" in results else ():
