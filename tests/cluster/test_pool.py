@@ -1,7 +1,5 @@
 """Tasks in processes of this machine: values, errors, killed processes, memory, devices."""
 
-from pathlib import Path
-
 import pytest
 
 from refsim.cluster import perform, pool
@@ -9,8 +7,6 @@ from refsim.cluster.tasks import ATTEMPTS, Task
 from refsim.core.errors import InputError, RunStopped
 from tests.cluster import cluster_tasks as there
 from tests.running import python
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 def outcomes(tasks, **more):

@@ -17,7 +17,6 @@ from refsim.core.operation import REGISTRY
 from refsim.smoothing import SHAPES
 
 GRAVITY = "def gravity(field, acceleration):\n    acceleration += field\n"
-QUICK = ("--dtype", "float64", "--step", "T1", "--step", "T7")
 
 
 @pytest.fixture

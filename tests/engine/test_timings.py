@@ -9,15 +9,10 @@ import pytest
 
 from refsim.engine import driver
 from refsim.engine.timings import Timings
-from refsim.scene.files import parse_scene
 from tests.running import python
 from tests.tank_file import tank
 
 PARTS = ("start", "compiling", "steps", "writing")
-
-
-def scene(end_time=0.002):
-    return parse_scene(tank(end_time), "tank.toml")
 
 
 def add_up(seconds):

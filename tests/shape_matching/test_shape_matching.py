@@ -31,7 +31,7 @@ def best_trace(a):
     return s[0] + s[1] + s[2] * np.sign(np.linalg.det(u) * np.linalg.det(v))
 
 
-def matched(position, cells, before=(1.0, 0.0, 0.0, 0.0), dtype="float64", width=1):
+def matched(position, cells, before=(1.0, 0.0, 0.0, 0.0), dtype="float64"):
     """(rotation, moments' matrix A) of the first node's region of a body of these cells, on the CPU."""
     made = lattice_of([np.array(cells)])
     order = [list(map(tuple, np.array(cells).tolist())).index(tuple(cell)) for cell in made.cell.tolist()]
@@ -39,13 +39,13 @@ def matched(position, cells, before=(1.0, 0.0, 0.0, 0.0), dtype="float64", width
     n = len(x)
     place, phase = np.arange(n, dtype=np.int32), np.ones(n, np.int32)
     direct = operations.direct_neighbours(phase, place, made)["direct"][0]
-    region = operations.regions(direct, None, made, np.zeros((n, (2 * width + 1) ** 3), int), np.zeros(n, int))
+    region = operations.regions(direct, None, made, np.zeros((n, 27), int), np.zeros(n, int))
     region = region["region"][0].astype(np.int32)
     share = np.ones(n, dtype)
     rotation = np.ascontiguousarray(np.tile(before, (n, 1)).astype(dtype))
     center, anchor = np.zeros((n, 3), dtype), np.zeros((n, 3), dtype)
     real = np.dtype(dtype).type
-    matching = Matching(np.int32(width), real(1), real(1), real(0.1), *floors(dtype))
+    matching = Matching(np.int32(1), real(1), real(1), real(0.1), *floors(dtype))
     REGISTRY["shape_matching.match"].program("cpu")(x, share, region, matching, center, anchor, rotation)
     own = region[0][region[0] >= 0]
     x, cell = x[own].astype(float), made.cell[own].astype(float)
@@ -145,47 +145,34 @@ def test_collapsed_regions_turn_as_the_reference_says(name, program, dtype):
 
 
 # Whole bodies
-def free(solid, steps, dt=0.005, dtype="float64", gravity=None, **options):
-    """A scene of solids alone, advanced."""
-    options = {"summation": "gather"} | options
-    effects = (rs.ShapeMatching(**options), *(() if gravity is None else (rs.Gravity(acceleration=gravity),)))
-    scene = rs.Scene(spacing=0.2, support_radius=0.5, fluid=(), solid=solid, effects=effects, step=dt, dtype=dtype)
-    simulation = rs.Simulation(scene)
-    advanced(simulation, steps)
-    return simulation
-
-
-def spinning(cells, axis, rate, half_width=2, stiffness=1.0, damping=0.0, dtype="float64", **more):
-    """A box of cells, a scene of its own, turning at `rate` turns a second about an axis of symmetry."""
-    d, spin = 0.2, 2 * np.pi * rate * np.array(axis) / np.linalg.norm(axis)
-    body = rs.SolidBox(lower=(0, 0, 0), upper=tuple(d * n for n in cells), spin=tuple(spin))
-    effect = rs.ShapeMatching(half_width=half_width, stiffness=stiffness, damping=damping, summation="gather")
-    return rs.Scene(
-        spacing=d, support_radius=0.5, fluid=(), solid=(body,), effects=(effect,), dtype=dtype,
-        end_time=1 / rate, **more,
-    )  # fmt: skip
-
-
-def turned(start, end, axis):
-    """Angle [rad] by which the particle farthest from the axis through the middle has turned about it."""
-    axis = np.array(axis, float) / np.linalg.norm(axis)
-    far = [x - x.mean(0) - np.outer((x - x.mean(0)) @ axis, axis) for x in (start, end)]
-    k = np.argmax((far[0] ** 2).sum(1))
-    return np.arctan2(np.cross(far[0][k], far[1][k]) @ axis, far[0][k] @ far[1][k])
+def spinning(**more):
+    """A cube of 27 cells, a scene of its own, that turns once a second about an axis of symmetry."""
+    body = rs.SolidBox(lower=(0, 0, 0), upper=(0.6, 0.6, 0.6), spin=(0.0, 0.0, 2 * np.pi))
+    effect = rs.ShapeMatching(damping=0.0, summation="gather")
+    return rs.Simulation(
+        rs.Scene(
+            spacing=0.2,
+            support_radius=0.5,
+            fluid=(),
+            solid=(body,),
+            effects=(effect,),
+            dtype="float64",
+            end_time=1.0,
+            **more,
+        )
+    )
 
 
 def test_a_body_that_has_lost_its_shape_stops_the_run():
     """A fixed step of a whole turn leaves particles where their first step took them; one of a tenth is noted."""
-    whole, tenth = (rs.Simulation(spinning((3, 3, 3), (0, 0, 1), 1.0, step=step)) for step in (1.0, 0.1))
+    whole, tenth = (spinning(step=step) for step in (1.0, 0.1))
     assert "keep their size to 1 %" in whole.notes[0]
     with pytest.raises(rs.RunStopped, match=r"number 1 are .* spacings apart") as stopped:
         advanced(whole, 3)
     assert (stopped.value.reason, stopped.value.exit_code) == ("shape_lost", 3)
     advanced(tenth, 8)
     assert any("apart in the mean" in note for note in tenth.notes)
-    held = rs.Simulation(spinning((3, 3, 3), (0, 0, 1), 1.0))
-    advanced(held, 64)
-    assert not held.notes
+    assert not advanced(spinning(), 64).notes
 
 
 def test_a_body_that_melts_to_pieces_keeps_its_shape():
@@ -210,7 +197,10 @@ def test_fast_sums_are_exact_far_from_the_first_particle():
     """
     random, pairs = np.random.default_rng(3), [[[20, 5 * k, 17], [21, 5 * k + 1, 17]] for k in range(8)]
     body = rs.SolidCells(cells=[[0, 0, 0], *(cell for pair in pairs for cell in pair)])
-    simulation = free((body,), 0, dtype="float32", summation="fast")
+    effect = rs.ShapeMatching(summation="fast")
+    simulation = rs.Simulation(
+        rs.Scene(spacing=0.2, support_radius=0.5, fluid=(), solid=(body,), effects=(effect,), step=0.005)
+    )
     kick = np.zeros((17, 3))
     kick[1::2] = random.normal(size=(8, 3)) * (4.0, 4.0, 8.0)
     kick[2::2] = -kick[1::2]

@@ -1,7 +1,6 @@
 """Tension at the edge of the support: which terms do not vanish at r = h, and how far they jump there."""
 
 import numpy as np
-import pytest
 
 from refsim.contract import Inputs, Target
 from refsim.contract.bounds import oracle
@@ -12,7 +11,6 @@ FOLDER = "refsim.surface_tension."
 JUMPING = {f"{model}.tension{p}" for model in ("akinci_2013", "jiang_zhu_2023") for p in ("", ":fused", ":central")}
 JUMPING |= {"jiang_zhu_2023.area", "normal_difference_2014.tension"}
 NEAR = 1e-10  # of h
-dims = pytest.mark.parametrize("dim", [2, 3])
 
 
 def tension_sums():
