@@ -97,7 +97,9 @@ def test_binder_starts_each_lesson_in_an_environment_that_has_refsim(monkeypatch
     assert "/v2/git/https%3A%2F%2Fexample.org%2Frefsim/" in release.binder("https://example.org/refsim", "x")
     version = (ROOT / "binder" / "runtime.txt").read_text().strip().removeprefix("python-")
     assert f"Programming Language :: Python :: {version}" in settings["metadata"]["classifiers"]
-    assert (ROOT / "binder" / "requirements.txt").read_text() == ".\n"  # this repository
+    required = (ROOT / "binder" / "requirements.txt").read_text()
+    assert [line for line in required.splitlines() if not line.startswith("#")] == ["."]  # this repository
+    assert len(required) > 40  # repo2docker guesses a shorter file's encoding wrongly, and installs before it copies
     script = ROOT / "binder" / "postBuild"
     assert os.access(script, os.X_OK)
     words = shlex.split(script.read_text().splitlines()[-1])
