@@ -51,7 +51,7 @@ def test_the_force_on_a_wall_is_a_share_of_that_at_rest(monkeypatch):
         observables, "column_of", lambda *given: asked.append(given) or SimpleNamespace(side_force=lambda: 4.0)
     )
     plan = {"effects": "these", "state": SimpleNamespace(mass=np.array([1.0, 2.0]))}
-    run = standing(plan=plan, gauge=lambda name: {"force_x": np.array([-9.0, -6.0])} if name == "wall" else None)
+    run = standing(plan=plan, gauge=lambda name: {"force_x": np.array([-9.0, -7.0, -6.0])} if name == "wall" else None)
     assert (observables.wall_force(run), asked) == (1.5, [("these", 3.0)])
 
 

@@ -18,7 +18,7 @@ from refsim.core import errors
 from refsim.engine import timings
 from refsim.scene import solids
 from refsim.scene.refine import refined
-from refsim.study import cost, memory, runs
+from refsim.study import cost, memory, runs, tasks
 from refsim.study.convergence import Convergence, Reference, converge
 from refsim.study.observables import observable_of
 from refsim.study.panels import drops, measured, panel, virial
@@ -366,3 +366,19 @@ def test_boxes_of_many_particles_are_counted_before_they_are_laid_out(backend, m
                 memory.check_boxes(scene, backend)
     monkeypatch.setattr(memory, "MANY", plan.grid.count + 1)
     memory.check_boxes(scene, backend)  # fewer are laid out at once
+
+
+def test_a_run_that_another_process_cannot_begin_has_a_reading_without_numbers(tmp_path, monkeypatch):
+    def refuse(*_):
+        raise errors.InputError("no such observable")
+
+    monkeypatch.setattr(tasks, "observable_of", refuse)
+    monkeypatch.setattr(tasks, "_read", lambda *_: "read")
+    work = tasks.Work(
+        "ab", Setting("spacing", "a", 1.0, tank(), "numpy"), "x", str(tmp_path), tasks.made_by(), "read", 9.0
+    )
+    found = tasks.compute(lambda share: None, work)
+    assert math.isnan(found.value)
+    assert found.failed == "no such observable"
+    assert found.steps == found.particles == found.bytes == 0
+    assert (found.seconds, found.wall, found.mass) == (0.0, 0.0, 0.0)

@@ -1,0 +1,169 @@
+"""Signs of wrong answers: each guess in numbers, and where the limits lie between which an error has a sign."""
+
+import dataclasses
+import types
+
+import numpy as np
+import pytest
+
+from refsim.contract import Target, causes
+from refsim.contract.bounds import errors, oracle
+from refsim.contract.causes import SIGNS, Diagnosis, traits_of
+from refsim.contract.inputs import unset
+from refsim.contract.properties import on_grid
+from refsim.contract.target import Judged, Sought
+from refsim.core.operation import REGISTRY
+
+CLOUDS = {2: "cloud_2d", 3: "cloud_3d"}
+
+
+def judged(operation, variant, dim, kind, rows=None):
+    """A wrong answer: every third row scaled, the last rows, one number more in all rows, or of another sign."""
+    target = Target(REGISTRY[operation], "numpy", "float64", variant, seed=1, dims=(2, 3))
+    inputs = on_grid(target, CLOUDS[dim])
+    answer = oracle(target.operation, inputs, rows)
+    before = {n: np.array(inputs.output(target.operation, n), float) for n in answer}
+    after = {n: np.array(value) for n, (value, _) in oracle(target.operation, inputs).items()}
+    for name in target.operation.adds:
+        after[name] += before[name]
+    value = after[[*answer][-1]]
+    of = np.arange(len(value))
+    if kind == "thirds":
+        value[::3] *= 1.5
+    elif kind == "last":
+        value[of > 0.6 * len(of)] *= 0.5
+    elif kind == "more":
+        value += 0.3 * np.abs(value).mean()
+    else:
+        value[of % 5 == 2] *= -1.0
+    ratios = errors(target.operation, inputs, before, after, rows, answer)
+    return target, Judged(inputs, before, after, answer, ratios, rows)
+
+
+@pytest.mark.parametrize("operation, variant, dim, kind", [
+    ("sph.density", 0, 3, "more"), ("sph.density", 0, 3, "sign"), ("sph.density", 2, 2, "thirds"),
+    ("sph.density", 2, 2, "last"), ("sph.momentum", 2, 3, "thirds"), ("sph.momentum", 2, 3, "last"),
+    ("sph.momentum", 2, 3, "sign"), ("sph.momentum", 0, 2, "more"),
+])  # fmt: skip
+def test_guesses_are_as_ever(operation, variant, dim, kind, recorded, monkeypatch):
+    """How far each differs from the right answer in three rows, over the size of that; of some rows alone, too."""
+    found = {}
+    for rows in (None, np.arange(100)[::-1]):
+        target, given = judged(operation, variant, dim, kind, rows)
+        w = Diagnosis(target, given)
+        found[f"arrays {rows is None}"] = [w.ratio > 1, w.number, w.before, w.after, w.right, w.error, w.order, w.wrong]
+        bound = w.bound / np.finfo(float).eps
+        found[f"bound {rows is None}"] = bound[np.isfinite(bound)] if operation == "sph.density" else len(bound)
+        found[f"values {rows is None}"] = {k: v for k, v in w.values().items() if k != "bound"}
+        found[f"traits {rows is None}"] = list(traits_of(target, given).values())
+        monkeypatch.setattr(w, "right_on", lambda *keep, rows=None: len(keep) == 1)
+        for seek in SIGNS:
+            told, differ = [], []
+            for sentence, made in seek(w):
+                told.append(("#" in sentence, made is None))
+                for k in w.order[[0, len(w.order) // 2, -1]] if made else ():
+                    guess = made(1.7, k)
+                    guess = w.answer(guess, w.number[k]) if hasattr(guess, "case") else guess
+                    differ.append(np.arcsinh((guess - w.right[k]) / np.abs(w.right).max()))
+            found[f"{seek.__name__} {rows is None}"] = np.array(told, float), np.array(differ)
+    recorded(found)
+
+
+class Given(dict):
+    case = types.SimpleNamespace(skin=0.1)
+
+
+def rounded(share, above, dtype="float64", rows=1000, particles=1000):
+    """Whether errors that are `share` of their terms, so many of them `above`, look like single precision."""
+    sign = np.where(np.arange(rows) < above, 1.0, -1.0)[:, None]
+    w = types.SimpleNamespace(
+        name="density", sums=False, right=np.full((rows, 1), 1.5), wrong=np.ones(rows, bool), number=np.arange(rows),
+        off=3.0 * share * sign, error=np.full(rows, 3.0 * share), ratio=np.ones(rows),
+        judged=types.SimpleNamespace(answer={"density": (None, np.full(rows, 3.0))}),
+        inputs=Given({"position": range(particles)}),
+        target=types.SimpleNamespace(dtype=dtype), near=lambda i, share=1.0: np.arange(0), right_on=lambda *k, rows: 0,
+    )  # fmt: skip
+    return bool(list(causes.recounted(w)))
+
+
+def test_an_error_has_the_size_of_single_precision_between_limits():
+    for above in (201, 500, 799):  # signs of both kinds
+        for share, expected in ((0.995e-13, False), (1.005e-13, True), (2.985e-6, True), (3.015e-6, False)):
+            assert rounded(share, above) == expected
+    for above in (200, 800, 0, 1000):  # of one kind
+        for share, expected in ((3.98e-9, False), (4.02e-9, True), (1.99e-6, True), (2.01e-6, False)):
+            assert rounded(share, above) == expected
+    limit = 8 * 300 * 2.0**-23
+    for above, share, expected in ((500, 0.999, True), (500, 1.001, False), (900, 0.1, False)):
+        assert rounded(share * limit, above, "float32", particles=300) == expected
+
+
+@pytest.mark.parametrize("answers, count, asked", [(0, 12, 9), (2, 12, 7), (0, 7, 0), (0, 8, 5), (1, 8, 0)])
+def test_a_kept_list_is_looked_for_with_fewer_particles_in_two_orders(answers, count, asked):
+    """Right for the first so many and wrong for them in the other order; of four or fewer nothing is asked."""
+    calls = []
+
+    def right_on(*keep):
+        calls.append(keep)
+        return keep[0] == 0
+
+    launch = lambda inputs, before: (None, {"density": np.zeros(count)})  # noqa: E731
+    target = types.SimpleNamespace(quiet=lambda: types.SimpleNamespace(launch=launch), sought=Sought(answers))
+    w = types.SimpleNamespace(
+        name="density", number=np.arange(count), after=np.zeros((count, 1)), bound=np.full(count, 1e-9), sums=True,
+        inputs={"position": range(count)}, target=target, judged=types.SimpleNamespace(before={}), right_on=right_on,
+    )  # fmt: skip
+    assert len(list(causes.unsteady(w))) == (asked > 0)
+    assert calls == ([tuple(range(asked)), tuple(range(asked))[::-1]] if asked else [])
+    w.sums = False
+    assert not list(causes.unsteady(w))
+    w.after = np.where(np.arange(count) == count - 1, 1.1e-9, 0.0)[:, None]
+    assert len(list(causes.unsteady(w))) == 6
+    assert w.target.sought.unsteady
+    w.after *= 0.9
+    assert not list(causes.unsteady(w))
+
+
+def test_what_stands_in_outputs_before_is_seen():
+    assert np.isnan(unset(np.dtype("f4")))
+    assert unset(np.dtype("i4")) == 2**31 - 1
+
+
+def test_a_row_is_wrong_beyond_its_bound(monkeypatch):
+    """Of ratios about 1 and no number; on some particles a program is right with an error of at most its bound."""
+    target, given = judged("sph.density", 2, 2, "thirds")
+    (name,) = (n for n, ratio in given.ratios.items() if (ratio > 1).any())
+    ratios = np.tile([0.5, 1.0, 1.01, 1.9, np.nan], len(given.ratios[name]))[: len(given.ratios[name])]
+    w = Diagnosis(target, dataclasses.replace(given, ratios={name: ratios}))
+    assert w.name == name
+    assert w.wrong.tolist() == (~(ratios <= 1)).tolist()
+    assert set(w.order) == set(np.flatnonzero(w.wrong))
+    assert (np.diff(w.error[w.order]) <= 0).all()
+    asked = []
+    for ratio, expected in ((0.3, True), (1.0, True), (1.01, False), (1.7, False)):
+        monkeypatch.setattr(
+            causes, "errors", lambda *given, ratio=ratio: asked.append(given) or {name: np.array([ratio])}
+        )
+        assert w.right_on(3, 1, 2) == expected
+    _, inputs, _, after, _, answer = asked[0]
+    assert (inputs["position"] == given.inputs["position"][[3, 1, 2]]).all()
+    assert after[name].shape == answer[name][0].shape == (3,)
+
+
+@pytest.mark.parametrize("right, told", [
+    ([1.0, 0.0009, 0.0, 0.0], 0), ([1.0, 0.0011, 0.0, 0.0], 3), ([1.0, 1.0, 1.0, 1.0], 3), ([0.0, 0.0, 0.0, 0.0], 0),
+])  # fmt: skip
+def test_a_factor_is_sought_where_two_rows_are_not_small(right, told):
+    right = np.array(right)[:, None]
+    w = types.SimpleNamespace(
+        name="density", off=0.5 + right, wrong=np.array([True, True, False, True]), bound=np.full(4, 1e-9), right=right,
+        before=np.zeros((4, 1)), after=1.5 + right, judged=types.SimpleNamespace(rows=None), adds=False,
+        operation=types.SimpleNamespace(exact=(), arguments=lambda arrays: ()), inputs=None,
+    )  # fmt: skip
+    found = list(causes.shown(w))
+    assert len(found) == told
+    if told:
+        (_, factor), (_, same), (_, other) = found
+        assert np.array([factor(1.7, k) for k in range(4)]) == pytest.approx(1.7 * right)
+        assert np.array([same(0, k) for k in range(4)]) == pytest.approx(right + np.median(w.off))
+        assert sorted(float(other(0, k)[0]) for k in range(4)) == sorted(right[:, 0])

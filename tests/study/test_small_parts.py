@@ -1,0 +1,74 @@
+"""Small parts of studies and panels, and of what a run says: orders, radii, machines, steps, stages and bars."""
+
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pytest
+
+from refsim.engine import progress
+from refsim.engine.timings import Timings
+from refsim.study.convergence import observed_order
+from refsim.study.panels import Machine, drops, measured, panel
+from refsim.study.panels.scenes import scene_of
+
+
+@pytest.mark.parametrize("order", [0.002, 0.5, 1.0, 2.0, 7.3, 39.0])
+def test_an_order_is_found_up_to_forty(order):
+    h = np.array([1.0, 1.01, 1.02])
+    assert observed_order(h, 3.0 - 0.2 * h**order) == pytest.approx(order, rel=1e-5)
+    assert np.isnan(observed_order(h, 3.0 - 0.2 * h ** (order + 41)))
+    assert np.isnan(observed_order(h, 3.0 - 0.2 * h ** (-order)))
+
+
+def test_a_drop_has_the_radius_of_its_volume():
+    for r in (0.2, 1.7):
+        assert drops.radius_of(np.pi * r**2, 2) == pytest.approx(r)
+        assert drops.radius_of(4 / 3 * np.pi * r**3, 3) == pytest.approx(r)
+
+
+def test_what_is_measured_here_is_of_one_thread_of_this_machine(monkeypatch):
+    monkeypatch.setattr(measured, "machine", lambda: "a processor, 8 cores")
+    found = measured._here("numpy")
+    assert (found.machine, found.threads, found.device) == ("a processor", 1, "")
+
+
+def test_threads_are_told_of_where_there_are_several():
+    of = panel("front")
+    point = next(p for p in of.points.values() if not p.gpu)
+    for threads, words in ((1, ""), (2, ", 2 threads"), (16, ", 16 threads")):
+        places = [Machine("here", threads, "2020-01-01")] * len(of.places)
+        assert replace(of, places=tuple(places)).threads(point) == words
+
+
+def test_steps_of_a_setting_are_shares_of_those_of_the_base():
+    of = panel("front")
+    base = of.points[of.about.base]
+    for steps, share in (((1.0, 1.0), 1.0), ((1.0, 0.5), 0.5), ((0.5, 0.25), 0.5), ((0.8, 0.4), 0.5)):
+        points = [msgspec.structs.replace(base, knobs=base.knobs | {"step": step}) for step in steps]
+        made = replace(of, points=of.points | {of.about.base: points[0]})
+        usual, found = scene_of(of, base), scene_of(made, points[1])
+        name = "step" if usual.step > 0 else "step_factor"
+        assert getattr(found, name) == pytest.approx(share * getattr(usual, name))
+
+
+def test_a_stage_of_no_seconds_costs_nothing():
+    of = Timings()
+    of.launches.update(a=3, b=1)
+    of.stages.update(a=0.75)
+    costs = {cost.stage: (cost.seconds, cost.share, cost.launches) for cost in of.costs(1.0)}
+    assert costs["b"] == (0.0, 0.0, 1)
+    assert costs["a"][0] == 0.75
+    assert sum(share for _, share, _ in costs.values()) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("seconds, said", [(0.9, 0), (1.1, 1), (1.9, 1)])
+def test_compiling_is_told_of_above_a_second(seconds, said, monkeypatch):
+    words = []
+    monkeypatch.setattr(progress, "say", words.append)
+    monkeypatch.setattr(progress, "Bar", lambda until, time: (until, time))
+    run = type("Run", (), {"time": 0.25, "timings": type("T", (), {"account": lambda self: {"compiling": seconds}})()})
+    shown = progress.Progress.__new__(progress.Progress)
+    shown.until = 2.0
+    shown._open(run)
+    assert (len(words), shown.time, shown.bar) == (said, 0.25, (2.0, 0.25))
