@@ -214,7 +214,7 @@ LINES = (
     Line("Jiang & Zhu cohesion, 59,319 particles", "60k jiang_zhu", "ms a step", 0.08),
     Line("the same, 1,000,000", "1M jiang_zhu", "ms a step"),
     Line("the same, 8,000,000", "8M jiang_zhu", FAST, 3.0),
-    *(Line(words, f"8M {cube}", AS_FAST, 0.6) for cube, words in BESIDE.items()),
+    *(Line(label, f"8M {cube}", AS_FAST, 0.6) for cube, label in BESIDE.items()),
     Line("melting, figure 6", "melting figure_6", "ms a step", 0.45),
     Line("MPM surface of a million particles", "surface in turns", "plain steps", 1.5),
     Line("table of MPM blocks, 2,097,152 particles", "table", "ms", 1.0),
@@ -306,9 +306,9 @@ def limits_picture(times: Times) -> Any:
         copied, counted = (1e-9 * limit for limit in fast)
         low, edge, high = 0.05, counted / copied, 100.0
         left.loglog([low, edge, high], [low * copied, counted, counted], color=GREY)
-        words = {"color": GREY, "ha": "right", "fontsize": 8}
-        left.text(0.9, 1.44 * copied, f"copy speed {copied / 1e3:.2f} TB/s", **words)
-        left.text(high, 1.15 * counted, f"arithmetic {counted / 1e3:.1f} TFLOP/s", **words)
+        style = {"color": GREY, "ha": "right", "fontsize": 8}
+        left.text(0.9, 1.44 * copied, f"copy speed {copied / 1e3:.2f} TB/s", **style)
+        left.text(high, 1.15 * counted, f"arithmetic {counted / 1e3:.1f} TFLOP/s", **style)
         colours = dict(zip((*STEP_KERNELS, "list"), (BLUE, GREY, VERMILION, ORANGE, GREEN, PURPLE), strict=True))
         for size, marker in zip(SIZES, "osD"):
             for name, colour in colours.items():

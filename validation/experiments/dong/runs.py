@@ -643,9 +643,9 @@ def checks(results: Results, check: Checks) -> None:
         check("period_off_rayleigh", abs(ratio - 1))
         check("roundness", series["radius_variation"][-1])
         check("swing", values["swing_late"])
-    for name, words in WORDS.items():
+    for name, label in WORDS.items():
         rule = "printed_moved" if name == "cohesion" else "printed_moved_shown"
-        check.run(results, f"printed_{name}", {rule: lambda v: v["series"]["moved"][-1]}, name, words)
+        check.run(results, f"printed_{name}", {rule: lambda v: v["series"]["moved"][-1]}, name, label)
     shape: Quantities = {"printed_shape": lambda v: abs(1 - v["series"]["moment"][-1] / v["series"]["moment"][0])}
     check.run(results, "printed_both", shape)
     check.run(results, "printed_limits", {
