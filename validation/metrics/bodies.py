@@ -170,24 +170,6 @@ def contact(position: Array, floor: float, h: float, dim: int) -> dict[str, floa
     return {"angle": angle, "radius": radius / h, "roughness": float(away.std() / radius)}
 
 
-def angle_of_mass(height: float, volume: float, dim: int) -> float:
-    """Contact angle [degrees] of the cap of this volume [m^dim] whose centre of mass stands so high over its floor [m].
-
-    Unlike `contact` it uses the particles, not the reconstructed surface.
-    """
-    from scipy.optimize import brentq
-
-    def above(angle: float) -> float:
-        c, s = math.cos(angle), math.sin(angle)
-        if dim == 2:  # segment of the unit circle
-            size, moment = angle - s * c, 2 * s**3 / 3
-        else:
-            size, moment = math.pi * (2 - 3 * c + c**3) / 3, math.pi * s**4 / 4
-        return (volume / size) ** (1 / dim) * (moment / size - c) - height
-
-    return math.degrees(brentq(above, math.radians(5), math.radians(175)))
-
-
 def late(series: Mapping[str, Sequence[float]], share: float = 0.25) -> dict[str, dict[str, float]]:
     """Least, mean and largest of the shape's measures over the last quarter of a run."""
     begin = int((1 - share) * len(series["time"]))

@@ -106,10 +106,8 @@ ENERGIES = ("energy", "surface", "kinetic", "bulk")
 
 # Runs whose surfaces are shown over time
 SURFACES = {  # the left half of the picture, then the right one
-    "square_cluster": "square, 20 h", "swing_2d_16": "ellipse, R = 16 h",
-    "rest_2d_11_default_0": "disc, R = 11 h", "collision_2d": "two discs, R = 8 h",
-    "cube": "cube, 10 h", "swing_3d_6": "spheroid, R = 6.2 h", "floor_2d_60": "floor, 60 degrees",
-    "floor_2d_120": "floor, 120 degrees",
+    "square_cluster": "square, 20 h", "rest_2d_11_default": "disc, R = 11 h", "collision_2d": "two discs, R = 8 h",
+    "cube": "cube, 10 h", "floor_2d_60": "floor, 60 degrees", "floor_2d_120": "floor, 120 degrees",
 }  # fmt: skip
 
 

@@ -7,7 +7,6 @@ import math
 import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
-from statistics import fmean
 from typing import Any
 
 import msgspec
@@ -18,7 +17,6 @@ from refsim import Box, Cloud, Gravity, MpmLiquid, MpmWalls, Scene, Simulation, 
 from refsim.core.errors import InputError, RunStopped
 from refsim.mpm import READINGS
 from refsim.mpm.limits import FARTHEST
-from refsim.study.panels.observables import damped_cosine, deformation
 from refsim.surface_energy import Tension
 from validation.checks import Checks, Quantities
 from validation.experiment import Experiment, Measure, Options, Results, RunSpec, each, every
@@ -28,14 +26,12 @@ from validation.metrics.bodies import (
     FreeLedger,
     Ledger,
     Turning,
-    angle_of_mass,
     contact,
     late,
     surface_of,
 )
 from validation.metrics.mpm import CELL, DENSITY, Transfers, backward_euler, round_trip, splines
 from validation.metrics.mpm import MODULUS as BULK_MODULUS
-from validation.metrics.solutions import rayleigh
 from validation.peers import in_turns, taichi_mpm
 from validation.results import Result, real
 from validation.running import Context
@@ -205,39 +201,6 @@ def at_rest(
     return result_of(run, follow(context, run, until, 60, shown), shown)
 
 
-def oscillation(
-    context: Context, backend: str, dim: int, radius: float, amplitude: float, periods: float,
-    shown: Sequence[float] = (),
-) -> Result:  # fmt: skip
-    """An ellipse or a spheroid, longer by `amplitude`, swings; frequency against Rayleigh's.
-
-    shown  periods after which the surface is kept
-
-    In the plane lambda is in proportion to 1/R, so that its surface compresses the liquid alike at all radii.
-    """
-    place = drops.ellipsoid(radius, dim, amplitude)
-    radius = drops.radius_of(len(place), dim)
-    modulus = MODULUS * 11.0 / radius if dim == 2 else MODULUS
-    scene = drops.drop_scene(place, dim, liquid={"bulk_modulus": modulus}, balanced=True)
-    run = context.simulation(scene, backend)
-    first = rayleigh(radius * CELLS[dim], dim)
-    until = periods * 2 * math.pi / first
-    times, value = [], []
-
-    def look(run: Simulation) -> None:
-        if run.steps % 4 == 0:
-            times.append(run.time)
-            value.append(deformation(run.field("position"), dim))
-
-    instants = [share * 2 * math.pi / first for share in shown]
-    ledger, kept, stopped = follow(context, run, until, 60, instants, look)
-    fit = damped_cosine(np.array(times), np.array(value), first)
-    return result_of(
-        run, (ledger, kept, stopped), instants, amplitude=amplitude, modulus=modulus,
-        ratio=fit["frequency"] / first, ratio_error=fit["error"] / first, damping=fit["damping"], misfit=fit["misfit"],
-    )  # fmt: skip
-
-
 def collision(
     context: Context, backend: str, dim: int, radius: float, speed: float, until: float, shown: Sequence[float],
     step: float | None = None,
@@ -267,8 +230,6 @@ def on_floor(
     def look(run: Simulation) -> None:
         if run.steps % 10 == 0:
             fits.append(contact(run.backend.host(surface_of(run).samples.position).astype(float), 0.0, h, dim))
-            height = float(run.field("position")[:, 1].mean())
-            fits[-1]["angle_of_mass"] = angle_of_mass(height, run.count * (h / 2) ** dim, dim)
             times.append(run.time)
 
     followed = follow(context, run, until, 60, shown, look)
@@ -766,9 +727,9 @@ BOXES = {
     "full": (10.0, 3, 3, 0.3), "thin": (10.0, 2, 3, 0.12),
 }  # fmt: skip
 DAMPED = {"dynamic_viscosity": 0.05}
-RADII = {2: (5.5, 11.0, 22.0), 3: (4.0, 6.0, 8.0, 12.0)}
-JUDGED_SEEDS = (0, 1, 2)
-SWINGS = {"2d_16": (2, 16.0), "3d_4": (3, 4.0), "3d_6": (3, 6.2), "3d_9": (3, 9.0), "3d_12": (3, 12.0)}
+RESTS = (  # dim, radius [cells], inset; panels hold other discs, and those that swing
+    (2, 5.5, "default"), (2, 11.0, "default"), (3, 6.0, "default"), (3, 6.0, "enclosing"),
+)  # fmt: skip
 ANGLES = (60, 90, 120)
 # Blocks beside Taichi on a GPU: cells along an axis, order of the particles in memory, turns
 PEER_BLOCKS = ((64, "lattice", 3), (64, "cells", 3), (64, "random", 3), (128, "lattice", 2), (128, "random", 1),
@@ -798,18 +759,11 @@ def bodies(options: Options) -> list[RunSpec]:
             liquid=liquid, **settled)  # fmt: skip
     add("box_default", rounding, 40.0, shape="box", size=10.0, until=0.3, shown=[0.3])
     add("cube", rounding, 35.0, shape="cube", size=10.0, until=0.28, shown=[0.0, 0.02, 0.04, 0.28])
-    for dim, radii in RADII.items():
-        for radius in radii:
-            for name, tension in (("default", {}), ("enclosing", ENCLOSING)):
-                for seed in JUDGED_SEEDS if dim == 2 else JUDGED_SEEDS[:1]:
-                    key = f"rest_{dim}d_{radius:g}_{name}_{seed}"
-                    until = 0.4 if dim == 2 else 0.12
-                    add(key, at_rest, 1e-3 * radius**3 * (20 if dim == 3 else 2), dim=dim, radius=radius,
-                        until=until, seed=seed, tension=tension, shown=[0.0, until / 4, until / 2, until])  # fmt: skip
-    for key, (dim, radius) in SWINGS.items():
-        seconds = radius**3 * (0.1 if dim == 3 else 4e-3)
-        add(f"swing_{key}", oscillation, seconds, dim=dim, radius=radius, amplitude=0.1,
-            periods=2.0 if dim == 2 else 1.5, shown=[0.0, 0.25, 0.5, 1.0])  # fmt: skip
+    for dim, radius, inset in RESTS:
+        until = 0.4 if dim == 2 else 0.12
+        add(f"rest_{dim}d_{radius:g}_{inset}", at_rest, 1e-3 * radius**3 * (20 if dim == 3 else 2), dim=dim,
+            radius=radius, until=until, tension=ENCLOSING if inset == "enclosing" else {},
+            shown=[0.0, until / 4, until / 2, until])  # fmt: skip
     add("collision_2d", collision, 15.0, dim=2, radius=8.0, speed=1.0, until=0.3, shown=[0.0, 0.05, 0.15, 0.3])
     add("collision_3d", collision, 60.0, dim=3, radius=5.0, speed=1.0, until=0.2, step=2e-4,
         shown=[0.0, 0.02, 0.05, 0.1, 0.15, 0.2])  # fmt: skip
@@ -827,7 +781,6 @@ def bodies(options: Options) -> list[RunSpec]:
     add("small_box", rounding, 4.0, True, shape="box", size=5.0, until=0.02, tension=ENCLOSING, liquid=RESTFUL)
     add("small_rest", at_rest, 1.0, True, dim=2, radius=5.5, until=0.05)
     add("small_floor", on_floor, 2.0, True, dim=2, radius=5.5, angle=60, until=0.05, liquid=DAMPED)
-    add("small_swing", oscillation, 3.0, True, dim=2, radius=5.5, amplitude=0.1, periods=0.5)
     return made
 
 
@@ -901,45 +854,15 @@ def check_bodies(results: Results, check: Checks) -> None:
         rules = {f"drop_{name}": name for name in ("momentum", "angular", "centre", "energy_rise")}
         shown = {"energy_rise": key not in JUDGED, "angular": key not in ROUNDED}
         check.run(results, key, {name if shown.get(name) else rule: name for rule, name in rules.items()}, key)
-    for (dim, name), rows in pressures(results).items():
-        for row in rows:
-            rule = {(2, 11.0): "laplace_2d", (3, 6.0): "laplace_3d"}.get((dim, row["radius"]), "laplace")
-            check(rule, abs(row["pressure"] - 1), f"{dim}d_{row['radius']:g}_{name}")
-        for small, value in orders(rows):
-            check("laplace_order", value, f"{dim}d_{small:g}_{name}")
-    for key in (k for k in results if k.startswith("swing_")):
-        rule = "swing_2d_16" if key == "swing_2d_16" else "swing"
-        check.run(results, key, {rule: lambda v: abs(v["ratio"] - 1)}, key.removeprefix("swing_"))
+    for inset in ("default", "enclosing"):
+        check.run(results, f"rest_3d_6_{inset}", {"laplace_3d": lambda v: abs(v["pressure"] - 1)}, inset)
     for key in (k for k in results if k.startswith("floor_")):
         check.run(results, key, {"contact_angle": lambda v: abs(v["angle"] - v["asked"])}, key.removeprefix("floor_"))
     check.run(results, "sheet", {"sheet_speed": lambda v: abs(v["speed"] / v["culick"] - 1)})
 
 
-def pressures(results: Results) -> dict[tuple[int, str], list[dict[str, float]]]:
-    """Mean pressure of drops at rest over Laplace's, by dimension and inset, from small to large."""
-    made: dict[tuple[int, str], list[dict[str, float]]] = {}
-    for dim, radii in RADII.items():
-        for name in ("default", "enclosing"):
-            for radius in radii:
-                keys = [f"rest_{dim}d_{radius:g}_{name}_{seed}" for seed in JUDGED_SEEDS]
-                measured = [results[key].values for key in keys if key in results]
-                if measured:
-                    values = [v["pressure"] for v in measured]
-                    row = {"radius": radius, "cells": measured[0]["radius_in_cells"], "pressure": fmean(values),
-                           "spread": max(values) - min(values), "noise": fmean(v["kinetic"] for v in measured),
-                           "volume": fmean(v["volume"] for v in measured)}  # fmt: skip
-                    made.setdefault((dim, name), []).append(row)
-    return made
-
-
-def orders(rows: list[dict[str, float]]) -> list[tuple[float, float]]:
-    """(R, log2 of the error |p/p_L - 1| at R over that at 2 R) for every radius whose double was run as well."""
-    error = {row["radius"]: abs(row["pressure"] - 1) for row in rows}
-    return [(radius, math.log2(error[radius] / error[2 * radius])) for radius in error if 2 * radius in error]
-
-
 EXPERIMENT = Experiment(
     name="mpm_droplet",
-    title="transfers of MPM, drops that round off, rest, swing, meet and stand on floors, speed beside Taichi",
+    title="transfers of MPM, drops that round off, rest, meet and stand on floors, speed beside Taichi",
     runs=planned, checks=checks,
 )  # fmt: skip
