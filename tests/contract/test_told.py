@@ -1,9 +1,11 @@
 """What the contract tells of wrong answers, and how it chooses what it tries: in numbers."""
 
+import contextlib
 import itertools
 import math
 import types
 
+import numba
 import numpy as np
 import pytest
 
@@ -151,3 +153,99 @@ def test_a_shaken_start_is_moved_by_what_its_precision_shows(dtype, far):
     rounding = np.finfo(dtype).eps * (far + 0.2)
     assert 0.9 * amount - rounding < starts["moved"][:, :2].max() <= amount + rounding
     assert not starts["moved"][:, 2].any()
+
+
+# Steps whose outcome follows from calls
+def outcome(error, words=""):
+    return types.SimpleNamespace(error=error, words=words)
+
+
+BITS = np.array([[3.0, 0.0, -4.0], [1.0, 1.0, 0.0], [0.5, 0.0, 0.0]], np.float32)
+
+
+@pytest.mark.parametrize("changes, same_bits, error, words", [
+    ({}, True, 0.0, ""), ({1: 2e-7}, False, 0.0, ""), ({1: 2e-7}, True, math.inf, "other bits .* (1 rows)"),
+    ({0: 6e-5, 2: 1e-7}, False, math.inf, "other values of force .* (2 rows, by 1.2e-05"),
+    ({0: 5.9e-5}, False, 0.0, ""), ({2: 0.25}, True, math.inf, "other values of force .* (1 rows, by 0.05"),
+])  # fmt: skip
+def test_calls_that_differ_are_a_race_beyond_a_hundred_roundings(changes, same_bits, error, words, monkeypatch):
+    """Of the largest row, 5: below 100 eps, 6e-5, it is an order of sums; every second call shares one core."""
+    given, cores = [BITS.copy() for _ in range(4)], []
+    for row, amount in changes.items():
+        given[2][row, 0] += amount * 5 / 5
+    calls = iter({"force": values, "count": np.arange(3)} for values in given)
+    target = types.SimpleNamespace(
+        prepared=lambda case: (case, 1, 2), launch=lambda *inputs: (None, next(calls)), loader=True, dtype="float32",
+        place=types.SimpleNamespace(name="numpy"), same_bits=same_bits, outcome=outcome,
+    )  # fmt: skip
+    monkeypatch.setattr(properties, "on_one_core", lambda wanted: cores.append(wanted) or contextlib.nullcontext())
+    found = properties._repeated(target, "case", (None,) * 4)
+    assert found.error == error
+    for part in filter(None, words.split(" .* ")):
+        assert part in found.words
+    assert bool(found.words) == bool(words)
+    assert cores == [False, True, False, True]
+
+
+@pytest.mark.parametrize("totals, error", [
+    ([(0.5, 1.0)], 0.5), ([(0.5, 1.0), (3.0, 2.0)], 1.5), ([(3.0, 2.0), (0.2, 2.0)], 1.5), ([(-1.0, 0.0)], 0.0),
+    ([(0.0, 0.0)], math.inf), ([(2.0, 0.0)], math.inf),
+])  # fmt: skip
+def test_the_worst_of_all_motions_tells_of_a_law(totals, error, monkeypatch):
+    """A sum over its bound; without bound it has to be negative, as the power of friction is."""
+    left = iter(totals)
+    monkeypatch.setattr(
+        properties, "CONSERVED", {"law": (lambda inputs: [{"position": [0, 0]}] * len(totals), "broken")}
+    )
+    monkeypatch.setattr(properties, "TOTALS", {"law": lambda given, acceleration, bound: next(left)})
+    for name in ("on_grid", "without_walls", "force_bound"):
+        monkeypatch.setattr(properties, name, lambda *_: {"position": []})
+    begun = []
+    target = types.SimpleNamespace(
+        launch=lambda given, before: begun.append(before) or (None, {"acceleration": [0.0]}), outcome=outcome
+    )
+    found = properties._conserved(target, "law", "case")
+    assert (found.error, found.words) == (error, "" if error <= 1 else "broken")
+    assert all(not before["acceleration"].any() and before["acceleration"].shape == (2, 3) for before in begun)
+
+
+def test_a_common_velocity_may_change_no_bit(monkeypatch):
+    for name in ("on_grid", "without_walls"):
+        monkeypatch.setattr(properties, name, lambda *_: "usual")
+    monkeypatch.setattr(properties, "CONSERVED", {"galilean": (lambda inputs: ["moved"], "changed")})
+    for change, error in ((0.0, 0.0), (1e-7, math.inf)):
+        values = {"usual": BITS, "moved": BITS + np.float32(change) * BITS}
+        target = types.SimpleNamespace(launch=lambda given, v=values: (None, {"force": v[given]}), outcome=outcome)
+        found = properties._conserved(target, "galilean", "case")
+        assert (found.error, found.words) == (error, "" if not error else "changed")
+
+
+@pytest.mark.parametrize("loader, place, threads, expected", [
+    (None, "cpu", 1, ["on 1, 1 threads"]), (None, "cpu", 2, ["on 1, 2, 1, 2 threads"]),
+    (None, "cpu", 8, ["on 1, 2, 8, 1, 2, 8 threads"]), (None, "numpy", 8, ["again"]),
+    (True, "cpu", 8, ["6 calls with large_2d", "6 calls with large_3d"]),
+])  # fmt: skip
+def test_programs_are_repeated_on_one_two_and_all_threads(loader, place, threads, expected, monkeypatch):
+    monkeypatch.setattr(numba.config, "NUMBA_NUM_THREADS", threads)
+    monkeypatch.setattr(properties, "LARGE", {2: "large_2d", 3: "large_3d"})
+    target = types.SimpleNamespace(loader=loader, place=types.SimpleNamespace(name=place), dims=(2, 3), variant=0)
+    assert [trial.name for trial in properties.repeats(target)] == expected
+
+
+@pytest.mark.parametrize("name", ["mass", "velocity"])
+def test_a_spoiled_row_reaches_its_neighbours_alone(name):
+    """Row 11; particles beyond a tenth more than the list's radius are far, in a box nearest images count."""
+    for variant in (0, 2):
+        usual = properties.Usual(Target(REGISTRY["sph.momentum"], "numpy", "float64", variant, seed=1), "cloud_3d")
+        spoiled, inputs = properties.Spoiled(usual, name), usual.inputs
+        period = inputs["period"] if variant == 2 else None
+        apart = inputs["position"] - inputs["position"][11]
+        if period is not None:
+            lengths = np.array(period[:3])
+            apart -= lengths * np.round(apart / np.where(lengths > 0, lengths, np.inf))
+        far = np.sqrt((apart**2).sum(1)) > 1.1 * inputs.case.list_radius
+        assert (spoiled.far == far).all()
+        assert far.any()
+        assert np.isnan(spoiled.inputs[name][11]).all()
+        assert (np.delete(spoiled.inputs[name], 11, 0) == np.delete(inputs[name], 11, 0)).all()
+        assert (spoiled.changed[name][11] != inputs[name][11]).all()

@@ -168,6 +168,7 @@ def told(table, run):
     except InputError as error:
         return str(error)
     found = of_plan(plan) | {f"bytes on {name}": bytes_of(plan, name) for name in ("numpy", "cpu", "cuda")}
+    found |= {"shared": plan.shared, **{f"groups of {name}": given for name, given in plan.parameters.items()}}
     if run and plan.grid.count < 150 and plan.grid.dtype == "float64":
         try:
             found |= of_run(plan) | of_others(plan.scene)

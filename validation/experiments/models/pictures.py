@@ -141,8 +141,8 @@ def panel_picture(data: Mapping[str, Any]) -> Any:
             x = np.array(frame["position_milliradii"], dtype=float) / 1000
             show_balls(place, x, row["spacing_radii"], WATER, VIEW, half, 300)
             variation = frame["radius_variation"]
-            label = "thrown apart" if variation is None or variation > THROWN else f"{variation:.4f}"
-            caption(place, f"{frame['time_s']:.2f} s, {label}", fontsize=7.5, color="#444444")
+            words = "thrown apart" if variation is None or variation > THROWN else f"{variation:.4f}"
+            caption(place, f"{frame['time_s']:.2f} s, {words}", fontsize=7.5, color="#444444")
         title = row["model"].replace(" & ", " &\n").replace("] ", "]\n")
         column[0].set_title(title, fontsize=8, loc="center")
     figure.suptitle(data["title"] + " (time, radius variation)", fontsize=10.5, fontweight="bold")
@@ -262,7 +262,7 @@ def liquids_picture(data: Mapping[str, Any]) -> Any:
     rows = data["rows"]
     figure, panels = plt.subplots(1, len(SEEN), figsize=(11.0, 4.6), sharey=True)
     at = np.arange(len(rows))[::-1]
-    for axes, (key, title) in zip(panels, SEEN.items()):
+    for axes, (key, words) in zip(panels, SEEN.items()):
         for shift, (liquid, (label, colour)) in zip((0.19, -0.19), LIQUIDS.items()):
             values = [row[liquid].get(key) for row in rows]
             axes.barh(at + shift, [value or 0 for value in values], 0.36, color=colour, label=label)
@@ -271,7 +271,7 @@ def liquids_picture(data: Mapping[str, Any]) -> Any:
                 spread = row[liquid].get(f"{key}_spread")
                 text += "" if spread is None else f" \u00b1 {spread:.1g}"
                 axes.text(value or 0, y, text, va="center", fontsize=7, color=colour)
-        axes.set(title=title, xmargin=0.25)
+        axes.set(title=words, xmargin=0.25)
         axes.grid(True, axis="x")
         if key in ("spurious", "radius_variation"):
             axes.set(xscale="log", xlim=(1e-4, 10.0))

@@ -97,14 +97,14 @@ def mesh_picture(data: Mapping[str, Any]) -> Any:
     far, near = floats(data["vertices"]), floats(data["inset"])
     figure, panels = plt.subplots(1, 3, figsize=(9.6, 3.6))
     extent = 1.03 * np.abs(far).max()
-    for axes, vertices, normal, title in (
+    for axes, vertices, normal, words in (
         (panels[0], far, data["facet_normal"], "marching cubes, facet normals"),
         (panels[1], far, data["normal"], "the same mesh, fitted normals"),
         (panels[2], near, data["normal"], "after the inset, fitted normals"),
     ):
         lit(axes, vertices, facets, floats(normal), extent)
         radius = np.linalg.norm(vertices, axis=1)
-        plain_title(axes, title)
+        plain_title(axes, words)
         caption(axes, f"radius {radius.mean():.2f} ± {radius.std():.2f} h; particles end at 9 h", y=0.0)
     return figure
 
@@ -135,7 +135,7 @@ def pipeline_picture(data: Mapping[str, Any], columns: int = 5) -> Any:
     for k in range(len(BOXES)):
         row, at = divmod(k, columns)
         centres.append((at + 0.5 if row % 2 == 0 else columns - 0.5 - at, 0.6 + 1.15 * (rows - 1 - row)))
-    for (name, label), (x, y) in zip(BOXES, centres):
+    for (name, words), (x, y) in zip(BOXES, centres):
         seconds = data["stages"].get(name, 0.0)
         share = seconds / total
         box = FancyBboxPatch(
@@ -143,7 +143,7 @@ def pipeline_picture(data: Mapping[str, Any], columns: int = 5) -> Any:
             edgecolor="#444444", facecolor=plt.get_cmap("Blues")(0.08 + 0.6 * share),
         )  # fmt: skip
         axes.add_patch(box)
-        axes.text(x, y + 0.1, label, ha="center", va="center", fontsize=8.5)
+        axes.text(x, y + 0.1, words, ha="center", va="center", fontsize=8.5)
         spent = f"{number(float(f'{1e3 * seconds:.3g}'))} ms, {100 * share:.0f} %"
         axes.text(x, y - 0.2, spent, ha="center", va="center", fontsize=8, color=GREY)
     for (x0, y0), (x1, y1) in itertools.pairwise(centres):

@@ -1,0 +1,230 @@
+"""Stages by which triangles become a body: each in numbers, for drawn bodies that are damaged, open or meet others."""
+
+import collections
+import itertools
+import math
+import random
+import types
+
+import numpy as np
+import pytest
+
+from refsim import InputError
+from refsim.boundary.adami_2012 import LEAST_SHARE
+from refsim.boundary.one_way_coupling import placing
+from refsim.boundary.one_way_coupling.placing import PlacedSolid, cell_edges
+from refsim.scene import overlaps, surface_mesh
+from tests.boundary import damaged_meshes
+from tests.boundary.test_recorded_boundary import BOX, body, bricks, divided
+
+STAGES = (
+    "_merged",
+    "_welded",
+    "_once",
+    "_lines",
+    "_wound_alike",
+    "_closed",
+    "meetings",
+    "_turned_outwards",
+    "_fans_apart",
+)
+
+
+def holed(draw, vertices, faces):
+    """Without some faces, some of them beside each other; a rim may be moved by little, and a sheet may stand out."""
+    centre = vertices[faces].mean(1)
+    near = np.linalg.norm(centre - centre[draw.randrange(len(faces))], axis=1)
+    faces = faces[np.argsort(near)[draw.choice((1, 2, 3, 4, 7)) :]]
+    if draw.random() < 0.5:
+        faces = np.delete(faces, draw.randrange(len(faces)), 0)
+    if draw.random() < 0.4:
+        vertices = np.concatenate([vertices, vertices[faces[0]] + 1.5e-8])
+        faces = np.concatenate([faces[1:], np.arange(3)[None] + len(vertices) - 3])
+    if draw.random() < 0.3:
+        vertices = np.concatenate([vertices, vertices[:1] + [0.3, 0.1, 2.0]])
+        faces = np.concatenate([faces, [[faces[0, 0], faces[0, 1], len(vertices) - 1]]])
+    return vertices, faces
+
+
+def twice(draw, vertices, faces):
+    """Some faces twice, some with the other winding, too."""
+    for _ in range(draw.randint(1, 3)):
+        one = faces[draw.randrange(len(faces))]
+        faces = np.concatenate([faces, [one if draw.random() < 0.5 else one[::-1]]])
+    return vertices, faces
+
+
+def numbered(found):
+    """Sums of what a stage returns: texts and None are left out."""
+    parts = found if isinstance(found, tuple) else (found,)
+    values = [np.atleast_1d(np.asarray(part, float)).ravel() for part in parts if not isinstance(part, str)]
+    values = np.concatenate([np.nan_to_num(part, posinf=-1.0, neginf=-1.0) for part in values])
+    return [float(len(values)), float(np.abs(values).sum()), float(np.cos(np.arange(len(values))) @ values)]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_stages_of_drawn_bodies_are_as_ever(seed, recorded, monkeypatch):
+    """Of turned bodies all but cuts, which rounding decides; bricks at whole places are cut, too."""
+    told = []
+    for name in (*STAGES, "boundary"):
+        stage = getattr(surface_mesh, name)
+        monkeypatch.setattr(
+            surface_mesh, name,
+            lambda *given, stage=stage, **named: told.append((stage.__name__, stage(*given, **named))) or told[-1][1],
+        )  # fmt: skip
+    draw, drawn, found = random.Random(f"stages {seed}"), np.random.default_rng(seed), {}
+    for number in range(12):
+        told.clear()
+        whole = number % 3 == 2
+        vertices, faces = bricks(drawn, 2 + number // 6) if whole else body(draw)
+        damages = (holed, twice, damaged_meshes.turned, damaged_meshes.inside_out, damaged_meshes.apart)
+        for damage in draw.choices(damages, k=draw.choice((1, 1, 2))):
+            vertices, faces = damage(draw, vertices.copy(), faces.copy())
+        try:
+            with np.errstate(all="ignore"):
+                surface_mesh.surface_mesh(vertices.astype(float), faces)
+        except InputError as error:
+            found[f"{number} refused"] = str(error)
+        sums = collections.defaultdict(list)
+        for name, value in told:
+            if name == "meetings":
+                value = (value.pairs, value.flat, value.apart) if whole else len(value.pairs)
+            if whole or name not in ("boundary", "_fans_apart"):
+                sums[name].append(numbered(value))
+        found[f"{number}"] = list(sums.values())
+    recorded(found)
+
+
+def test_faces_that_stand_twice_are_left_out():
+    """By a count of each: one with both windings goes if its edges are closed without it, else it stays once."""
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        vertices, faces = divided(*BOX)
+        more = faces[rng.integers(len(faces), size=rng.integers(0, 5))]
+        flipped = faces[rng.integers(len(faces), size=rng.integers(0, 4))][:, ::-1]
+        loose = rng.integers(0, len(vertices), (rng.integers(0, 3), 3))
+        pairs = np.concatenate([loose, loose[:, ::-1]])
+        given = rng.permuted(np.concatenate([faces, more, flipped, pairs]), axis=0)
+        turn = rng.integers(0, 3, len(given))
+        given = np.array([np.roll(face, k) for face, k in zip(given, turn)])
+        said, sets = [], collections.defaultdict(list)
+        for k, face in enumerate(given):
+            if len(set(face.tolist())) == 3:
+                low = int(np.argmin(face))
+                sets[frozenset(face.tolist())].append((k, tuple(np.roll(face, -low).tolist())))
+        both = {key for key, rows in sets.items() if len({way for _, way in rows}) > 1}
+        edges = collections.Counter(
+            frozenset(edge) for key in sets if key not in both for edge in itertools.combinations(key, 2)
+        )
+        lost = set()
+        if 2 * len(both) <= len(sets):
+            lost = {key for key in both if not any(edges[frozenset(e)] % 2 for e in itertools.combinations(key, 2))}
+        expected = sorted(rows[0][0] for key, rows in sets.items() if key not in lost)
+        assert surface_mesh._once(given, said).tolist() == given[expected].tolist()
+        whole = sum(map(len, sets.values()))
+        assert bool(said) == (len(expected) < whole)
+        assert not said or said[0].startswith(f"{whole - len(expected)} face")
+
+
+def crossing_of(one, other):
+    """Ends of the segment in which two triangles cross, by the points in which sides of one pass through the other."""
+    found = []
+    for corners, face in ((one, other), (other, one)):
+        normal = np.cross(face[1] - face[0], face[2] - face[0])
+        for k in range(3):
+            a, b = corners[k], corners[(k + 1) % 3]
+            above, below = (a - face[0]) @ normal, (b - face[0]) @ normal
+            if above * below >= 0:
+                continue
+            at = a + above / (above - below) * (b - a)
+            inside = [np.cross(face[(i + 1) % 3] - face[i], at - face[i]) @ normal > 0 for i in range(3)]
+            found += [at] * all(inside)
+    return found
+
+
+def test_triangles_cross_in_the_segment_between_their_sides():
+    rng, met = np.random.default_rng(8), 0
+    one, other = rng.normal(size=(2, 300, 3, 3))
+    a, b = overlaps.unit_normals(one), overlaps.unit_normals(other)
+    high = [((x - y[:, :1]) * n[:, None]).sum(2) for x, y, n in ((one, other, b), (other, one, a))]
+    ends, length = overlaps._common_line(one, other, high, a, b, 1e-12)
+    for k in range(300):
+        points = crossing_of(one[k], other[k])
+        if len(points) == 2 and not (np.abs(high[0][k]).min() < 1e-9):
+            met += 1
+            assert length[k] == pytest.approx(np.linalg.norm(points[1] - points[0]))
+            assert sorted(map(tuple, ends[k].round(9))) == pytest.approx(sorted(map(tuple, np.round(points, 9))))
+    assert met > 30
+
+
+@pytest.mark.parametrize("count", [1, 2, 9, 33, 70])
+def test_boxes_that_overlap_are_found_in_their_tree(count):
+    rng = np.random.default_rng(count)
+    corners = rng.uniform(0, 2.5, (count, 1, 3)) + rng.uniform(0, 0.4, (count, 3, 3))
+    low, high = corners.min(1) - 0.05, corners.max(1) + 0.05
+    found = [tuple(sorted(pair)) for pairs in overlaps._near_pairs(corners, 0.1) for pair in pairs.tolist()]
+    expected = {
+        (i, j) for i in range(count) for j in range(i) if (low[i] <= high[j]).all() and (low[j] <= high[i]).all()
+    }
+    assert sorted(found) == sorted((j, i) for i, j in expected)
+
+
+def egg(points):
+    """Distance of points (n, 3) to a ball about (0.52, 0.48, 0.5) with a radius of 0.4."""
+    return np.linalg.norm(points - [0.52, 0.48, 0.5], axis=1) - 0.4
+
+
+def solid(distance=egg):
+    mesh = types.SimpleNamespace(
+        vertices=BOX[0] * 0.8 - 0.4, origin=np.array([0.52, 0.48, 0.5]), faces=BOX[1], source="egg.obj"
+    )
+    return PlacedSolid(mesh, None, None, (), types.SimpleNamespace(at=lambda points: (distance(points), None)), ())
+
+
+def share_of(point, size):
+    """What the egg fills of a box, by the depth of 64 places of it, and the centre of that."""
+    if abs(egg(point[None])[0]) >= 0.5 * 3**0.5 * max(size):
+        return float(egg(point[None])[0] < 0), point
+    steps = [((k + 0.5) / 4 - 0.5) for k in range(4)]
+    inner = np.array([point + np.array(step) * size for step in itertools.product(steps, repeat=3)])
+    part = [min(max(0.5 - 4 * d / min(size), 0.0), 1.0) for d in egg(inner)]
+    middle = sum(p * x for p, x in zip(part, inner)) / sum(part) if sum(part) else 0 * point
+    return sum(part) / 64, middle
+
+
+def test_a_body_fills_shares_of_boxes():
+    rng = np.random.default_rng(1)
+    points, sizes = rng.uniform(0, 1, (80, 3)), rng.choice([0.06, 0.1, 0.17], (80, 3))
+    for size in (sizes, 0.1):
+        share, centre = solid().filled(points, size)
+        for k, point in enumerate(points):
+            part, middle = share_of(point, np.broadcast_to(size, (80, 3))[k])
+            assert share[k] == pytest.approx(part, abs=1e-12)
+            assert centre[k] == pytest.approx(middle, abs=1e-12)
+    assert ((share > 0) & (share < 1)).sum() > 20
+
+
+@pytest.mark.parametrize("layers", [1, 2, 9])
+def test_cells_of_a_body_are_those_of_the_lattice_so_many_deep(layers, monkeypatch):
+    """Deep as the nearest cell outside is far, or cut by the surface; cells of two sizes along x."""
+    monkeypatch.setattr(
+        placing, "flat_faces", lambda corners, spacing: [np.array([0.13, 0.9]), np.zeros(0), np.zeros(0)]
+    )
+    d, corners = 0.1, solid().mesh.vertices + solid().mesh.origin
+    low, high = np.floor(corners.min(0) / d) - 2, np.ceil(corners.max(0) / d) + 2
+    planes = (np.array([0.13, 0.9]), np.zeros(0), np.zeros(0))
+    edges = [cell_edges(planes[a], low[a] * d, high[a] * d, d) for a in range(3)]
+    middles = [(e[1:] + e[:-1]) / 2 for e in edges]
+    index = np.array(list(itertools.product(*(range(len(m)) for m in middles))))
+    place = np.array([[middles[a][i[a]] for a in range(3)] for i in index])
+    size = np.array([[edges[a][i[a] + 1] - edges[a][i[a]] for a in range(3)] for i in index])
+    inside, expected = egg(place) < 0, []
+    outside = index[~inside]
+    for i, point, own, within in zip(index, place, size, inside):
+        near = abs(egg(point[None])[0]) < 0.5 * 3**0.5 * own.max()
+        if near or (within and math.dist(i, outside[((outside - i) ** 2).sum(1).argmin()]) <= layers):
+            part, middle = share_of(point, own)
+            if part > LEAST_SHARE:
+                expected.append((part * own.prod() / d**3, *middle))
+    share, centre = solid().cells(d, layers)
+    assert np.column_stack([share, centre]) == pytest.approx(np.array(expected))
