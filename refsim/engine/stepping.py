@@ -107,7 +107,8 @@ def _advanced(
 ) -> StepOutcome:  # fmt: skip
     """What a step of this length did; `squared` and `stopped` as operation sph.kick_drift gives them."""
     gained = 0.5 * (state.previous_length + length) * extremes.acceleration
-    shifted = LARGEST_SHIFT * extremes.speed * length if SHIFT.name in state.fields else 0.0
+    widest = math.sqrt(state.plan.grid.dim) * extremes.speed  # half the diagonal of a box in which all velocities lie
+    shifted = LARGEST_SHIFT * widest * length if SHIFT.name in state.fields else 0.0
     moved = (extremes.speed + gained) * length + shifted
     return StepOutcome(length, limiter, limits, moved, shifted, gained, squared, int(stopped), int(extremes.dense))
 

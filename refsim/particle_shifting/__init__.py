@@ -38,6 +38,10 @@ CONCENTRATION_GRADIENT = Field(
     "concentration_gradient", "1/m", "gradient of the concentration, sum_j V_j (1 + 0.2 (W_ij/W(d))^4) grad W_ij", 3
 )
 FILLING_GRADIENT = Field("filling_gradient", "1/m", "gradient of the filling, sum_j V_j grad W_ij: inward normal", 3)
+VELOCITY_RANGE = Field(
+    "velocity_range", "m/s", "largest velocities beyond that of the first particle: along each axis, and against it",
+    rows=6,
+)  # fmt: skip
 LEAST_NORMAL = 0.05  # of h times the gradient of the filling, below which a surface has no direction
 LEAST_FULL = 0.97  # share of a box that liquid without a surface fills at least
 PASSING_SHIFT = dataclasses.replace(SHIFT, state=False)  # that no later density takes
@@ -130,8 +134,8 @@ class ParticleShifting(Effect, CorrectsPositions, Joins, FollowsStart, frozen=Tr
             return ()
         if self._at_surface():
             filling = FILLING if liquid_of(others).advances() else NUMBER_DENSITY
-            return (CONCENTRATION_GRADIENT, PASSING_SHIFT, filling, FILLING_GRADIENT)
-        return (CONCENTRATION_GRADIENT, SHIFT)
+            return (CONCENTRATION_GRADIENT, VELOCITY_RANGE, PASSING_SHIFT, filling, FILLING_GRADIENT)
+        return (CONCENTRATION_GRADIENT, VELOCITY_RANGE, SHIFT)
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         if self.strength == 0:
@@ -145,6 +149,7 @@ class ParticleShifting(Effect, CorrectsPositions, Joins, FollowsStart, frozen=Tr
         gradients = (CONCENTRATION_GRADIENT.name, *((FILLING_GRADIENT.name,) if surface else ()))
         return (
             Pass("particle_shifting.crowding", writes=gradients, names=names | {"smoothing": "gradient_smoothing"}),
+            Pass("particle_shifting.velocity_range", writes=(VELOCITY_RANGE.name,), stage="motion"),
             Pass("particle_shifting.shift", writes=("shift",), names=names, stage="motion"),
         )
 

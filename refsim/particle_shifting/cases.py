@@ -6,7 +6,7 @@ from refsim.core.cases import Exact, at, closed_form, example, groups, particles
 from refsim.particle_shifting import ParticleShifting, Shifting
 from refsim.smoothing.cases import for_each_kernel
 
-example(ParticleShifting(), brings="concentration_gradient filling_gradient number_density shift")
+example(ParticleShifting(), brings="concentration_gradient filling_gradient number_density shift velocity_range")
 
 takes("particle_shifting.crowding", shifting="inverse_neighbour")
 takes("particle_shifting.shift", shifting="length largest least whole")
@@ -36,14 +36,11 @@ def _filling(case, random):
     return random.uniform(0.6, 1.1, case.count)
 
 
-def moving(case, grid):
-    """Largest values of a step with v_max = 3 m/s."""
-    return np.array([9.0, 0, 0, 0, 0, 0, 0], dtype=grid.dtype)
-
-
+# v_max = 3 m/s: half of the diagonal of a box of 4 m/s, 2 m/s and 4 m/s
+groups(velocity_range=lambda case, grid: np.array([1.0, 2, 0, 3, 0, 4], dtype=grid.dtype))
 GIVEN = {
     "mass": [2.0, 3.0], "density": [1000.0, 500.0], "walls": None, "filling": None, "filling_gradient": None,
-    "phase": None, "extremes": [16.0, 0, 0, 0, 0, 0, 0], "timestep": [0.5, 0.25],
+    "phase": None, "velocity_range": [1.0, 8.0, 0.0, 5.0, 0.0, 0.0], "timestep": [0.5, 0.2],
 }  # fmt: skip
 MOST = 0.5 * 1.0  # A 2 h_s v_max dt [m^2]
 
@@ -59,6 +56,13 @@ def apart(w):
 def _shifted(gradient, shift, largest=1e9, **more):
     inputs = GIVEN | {"shifting": Shifting(0.5, 1.0, largest), "concentration_gradient": gradient}
     return Exact(PAIR, inputs | more, {"shift": shift})
+
+
+@closed_form("particle_shifting.velocity_range")
+def beyond_the_first():
+    """The first particle flies with 100 m/s, the second faster along y and slower along x and z."""
+    velocity = [[100.0, 0.0, 50.0], [96.0, 3.0, 45.0]]
+    return Exact(PAIR, {"velocity": velocity}, {"velocity_range": [0.0, 3.0, 0.0, 4.0, 0.0, 5.0]})
 
 
 @closed_form("particle_shifting.shift")

@@ -3,6 +3,7 @@
 import math
 
 from refsim.backends.compile import formula, kernel
+from refsim.backends.reductions import reduction
 from refsim.backends.tuples import added, difference, dot, over, scaled, three
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, set_vector
@@ -103,11 +104,19 @@ def crowding_and_momentum(
     )  # fmt: skip
 
 
+@reduction(into="velocity_range", how="largest largest largest largest largest largest", rows="velocity")
+def velocity_range(i, velocity):
+    """Velocity beyond that of the first particle [m/s]: along each axis, and against it."""
+    x, y, z = difference(three(velocity, i), three(velocity, 0))
+    return x, y, z, -x, -y, -z
+
+
 @kernel
-def shift(i, concentration_gradient, filling, filling_gradient, phase, shifting, extremes, timestep, shift):
+def shift(i, concentration_gradient, filling, filling_gradient, phase, shifting, velocity_range, timestep, shift):
     """Displacement of a step beside dt v [m]; none of solids."""
-    zero = type(shifting.length)(0)
-    longest = math.sqrt(extremes[0]) * timestep[1]
+    zero, u = type(shifting.length)(0), velocity_range
+    box = u[0] + u[3], u[1] + u[4], u[2] + u[5]
+    longest = type(shifting.length)(0.5) * math.sqrt(dot(box, box)) * timestep[1]
     s = scaled(three(concentration_gradient, i), -shifting.length * longest)
     if filling is not None:
         n = three(filling_gradient, i)

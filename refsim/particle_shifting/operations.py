@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from refsim.core.operation import Program, operations, without
+from refsim.core.operation import Program, operations
 from refsim.core.terms import where
 from refsim.neighbours.sums import Fields, neighbours, wall_particles
 from refsim.particle_shifting import reference as ref
@@ -38,19 +38,32 @@ def crowding(position, mass, density, walls, smoothing, shifting, period, rows=N
 
 
 @operation(
+    "(7), largest v - v_0 along and against each axis", outputs="velocity_range", tolerance=2.0,
+    reason="one rounding of a difference",
+)  # fmt: skip
+def velocity_range(velocity):
+    """Largest velocities beyond that of the first particle [m/s], along each axis, and against it."""
+    v = np.asarray(velocity, dtype=float)
+    beyond = v - v[:1]
+    largest = np.concatenate([beyond.max(0, initial=0.0), (-beyond).max(0, initial=0.0)])
+    return {"velocity_range": (largest, np.full(6, np.abs(v).max(initial=0.0)))}
+
+
+@operation(
     "(7), tangential at the surface", outputs="shift", optional=f"{_SURFACE} phase", tolerance=12.0,
     reason="one rounding in each of a root, a length, products and sums of the projection, and the bound",
-    variants=tuple(without(names, extremes="moving") for names in (f"{_SURFACE} phase", "phase", "", _SURFACE)),
+    variants=(f"{_SURFACE} phase", "phase", "", _SURFACE),
     invariants="reordering",
 )  # fmt: skip
-def shift(concentration_gradient, filling, filling_gradient, phase, shifting, extremes, timestep, rows=None):
+def shift(concentration_gradient, filling, filling_gradient, phase, shifting, velocity_range, timestep, rows=None):
     """Displacement [m] of a step beside dt v, no longer than `largest` v_max dt; none of solids (`phase` not 0).
 
-    `extremes` has v_max^2 first, `timestep` dt second.
+    v_max is half of the diagonal of the box in which all velocities lie; `timestep` has dt second.
     """
     liquid = None if phase is None else np.asarray(phase) == 0
     i = Fields(gradient=concentration_gradient, filling=filling, normal=filling_gradient, liquid=liquid).at(rows)
-    longest = float(np.sqrt(float(extremes[0])) * float(timestep[1]))
+    along, against = np.asarray(velocity_range, dtype=float).reshape(2, 3)
+    longest = float(ref.largest_speed(along, against) * float(timestep[1]))
     s = ref.shift(i, float(shifting.length), longest)
     if filling is not None:
         s = ref.beside_surface(i, s, float(shifting.least), float(shifting.whole))

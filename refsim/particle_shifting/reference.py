@@ -1,5 +1,7 @@
 """Equations of particle shifting after Sun et al. 2017: the term of one pair in the sum over j, or what follows."""
 
+import numpy as np
+
 from refsim.core.terms import Terms, clip, length, where
 
 
@@ -11,6 +13,11 @@ def filling_gradient(i, j, ij):
 def concentration_gradient(i, j, ij, inverse):
     """(7) g_i = sum_j V_j (1 + 0.2 (W_ij/W(d))^4) grad W_ij [1/m], over walls too; `inverse` = 1/W(d)."""
     return j.volume * (1 + 0.2 * (ij.W * inverse) ** 4) * ij.gradient
+
+
+def largest_speed(along, against):
+    """v_max = |v_+ + v_-|/2 [m/s], of the largest velocities along and against each axis beyond any one of them."""
+    return np.linalg.norm(along + against) / 2
 
 
 def shift(i, length, longest):

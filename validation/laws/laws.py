@@ -96,7 +96,7 @@ def of_kind(scene: Scene, kind: type) -> Any:
 
 
 def corrected(scene: Scene) -> bool:
-    """Whether an effect moves particles by other displacements than dt v, which follow the largest speed."""
+    """Whether an effect moves particles by other displacements than dt v."""
     return any(e.corrects_positions() for e in effects_with(with_scene_defaults(scene.effects), CorrectsPositions))
 
 
@@ -198,7 +198,7 @@ def elsewhere(drawn: Drawn, backend: str) -> Found:
     scene, dim = drawn.scene, drawn.scene.dim
     liquid, boost = of_kind(scene, WeaklyCompressible), np.zeros(3)
     held = effects_with(scene.effects, BringsWalls) or scene.solid or any(scene.period)
-    if not (liquid is None or held or corrected(scene) or any(motion.of == "turn" for motion in scene.motion)):
+    if not (liquid is None or held or any(motion.of == "turn" for motion in scene.motion)):
         scene = msgspec.structs.replace(scene, step=0.05 * scene.support_radius / liquid.sound_speed)
         boost[0] = 0.1 * liquid.sound_speed
     k = float(drawn.random().choice([-38.0, 1024.0]))  # cells of MPM are two spacings
