@@ -112,13 +112,20 @@ def _words(point: Point) -> str:
 
 
 def pictures(of: Panel) -> list[str]:
-    """The panel's picture, its reference and how well that is known, and where its settings were measured."""
+    """The panel's picture, its reference and how well that is known."""
     about, known = of.about, of.reference()[2]
     within = f", known to {percent(known)}" if known else ""
     picture = f"![{of.name}](../figures/accuracy_cost_{of.name}.png)"
-    measured = (f"{machine}, {'; '.join(when)}" for (_, machine), when in places(of, "cpu", "gpu").items())
-    said = f"`python -m validation accuracy {of.name}`: {' and '.join(measured)}."
-    return [picture, "", f"*Reference: {about.reference}{within}. {said}*", ""]
+    return [picture, "", f"*Reference: {about.reference}{within}.*", ""]
+
+
+def measured(known: list[Panel]) -> list[str]:
+    """A table of where and when the settings of each panel were measured."""
+    lines = ["| observable | machine | days and commits |", "| --- | --- | --- |"]
+    for of in known:
+        for (_, machine), when in places(of, "cpu", "gpu").items():
+            lines.append(f"| `{of.name}` | {machine} | {'; '.join(when)} |")
+    return [*lines, ""]
 
 
 HEADER = """### Cheapest setting for an error
@@ -130,7 +137,7 @@ below the pictures).*
 """
 MIDDLE = """### Error against seconds
 
-Each line joins the best settings of a method.
+Each line joins the best settings of a method (`python -m validation accuracy NAME`).
 
 <details><summary>A picture of each observable, with its reference</summary>
 """
@@ -147,7 +154,7 @@ def page() -> str:
     """docs/study.md with the stored settings."""
     known = [panel(name) for name in abouts()]
     drawn = [line for each in known for line in pictures(each)]
-    lines = [HEADER, *tables(known), MIDDLE, *drawn, CHOICES, *own_choices.markdown()]
+    lines = [HEADER, *tables(known), MIDDLE, *drawn, *measured(known), CHOICES, *own_choices.markdown()]
     return replaced(PAGE.read_text(encoding="utf-8"), "accuracy", lines, PAGE)
 
 
