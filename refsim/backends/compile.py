@@ -21,8 +21,9 @@ from numba.extending import overload
 
 from refsim.backends import plain
 from refsim.backends.cache import cached
-from refsim.backends.fast.private import names, supported
+from refsim.backends.fast.private import supported
 from refsim.backends.fast.rows import over_rows
+from refsim.backends.fast.vectors import set_vectors
 from refsim.backends.launching import direct_launch, kinds_of
 from refsim.backends.runtime import simulated, stream
 from refsim.backends.threads import choose_layer
@@ -81,45 +82,6 @@ def cuda_formula(function: Callable) -> Any:
     return _load_cuda().jit(device=True)(function) if simulated() else formula(function)
 
 
-_compiling = 0  # compilations in progress: a kernel compiles the functions that it calls
-
-
-def _set_compiler(dispatcher: Any, packed: bool) -> None:
-    """Let the compiler sum every loop in one chain of vectors, and with `packed` pack neighbouring operations.
-
-    With AVX-512 the compiler vectorises loops over neighbours, and sums in two or four chains where registers are left:
-    another output of a kernel then changed the last bits of the first. One chain takes the same time. Packing is for
-    code that does the same with numbers that stand side by side; Numba leaves it out by default.
-    """
-    from llvmlite import binding
-
-    compile_plainly = dispatcher.compile
-
-    def compile_here(signature: Any) -> Any:
-        numba.get_num_threads()  # loads what `over_rows` calls
-        return compile_plainly(signature)
-
-    private: Any = names("fast")
-
-    @private.global_compiler_lock
-    def compile_so(signature: Any) -> Any:
-        global _compiling
-        before = numba.config.SLP_VECTORIZE
-        _compiling += 1
-        try:
-            if packed:
-                numba.config.SLP_VECTORIZE = 1
-            binding.set_option("refsim", "-force-vector-interleave=1")
-            return compile_here(signature)
-        finally:
-            numba.config.SLP_VECTORIZE = before
-            _compiling -= 1
-            if not _compiling:
-                binding.set_option("refsim", "-force-vector-interleave=0")  # the compiler's own choice
-
-    dispatcher.compile = compile_so
-
-
 @marks
 def cpu_kernel(function: Callable, *, ordered: bool = False, packed: bool = False) -> Any:
     """Compile a kernel for the CPU.
@@ -127,7 +89,7 @@ def cpu_kernel(function: Callable, *, ordered: bool = False, packed: bool = Fals
     Sums may be taken in another order and products fused, so that loops over neighbours vectorise. The
     contract's bound holds for any order of summation; NaN and infinity keep their meaning. `ordered` keeps the order
     as written, for sums of small differences of large numbers, which another order would take apart. `packed` is for
-    code that does the same with each of four numbers that stand side by side in memory (see `_set_compiler`).
+    code that does the same with each of four numbers that stand side by side in memory (see `set_vectors`).
     """
     return _for_cpu(function, function.__module__, ordered, packed)
 
@@ -138,7 +100,7 @@ def _for_cpu(function: Callable, module: str, ordered: bool, packed: bool) -> An
         return plain.PlainKernel(function, module, flags)
     dispatcher = njit(**supported(COMPILE_OPTIONS), fastmath=set(flags), nogil=True)(function)
     if hasattr(dispatcher, "compile"):
-        _set_compiler(dispatcher, packed)
+        set_vectors(dispatcher, packed)
     return cached(dispatcher, function)
 
 
