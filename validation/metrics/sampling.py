@@ -97,14 +97,6 @@ def score(position: np.ndarray, normal: np.ndarray, made: Any, radius: float, se
     }  # fmt: skip
 
 
-def near_surface(made: Any, spacing: float, count: int, seed: int) -> np.ndarray:
-    """Places (count, 3) within a spacing of the surface."""
-    import trimesh
-
-    place, _ = trimesh.sample.sample_surface(made, count, seed=seed)
-    return place + np.random.default_rng(seed).uniform(-0.5, 0.5, place.shape) * spacing
-
-
 def blueness(position: np.ndarray, area: float) -> dict[str, float]:
     """`evenness`, and the least distance over that of the densest packing of as many particles (blue-noise ratio)."""
     spread = evenness(position)

@@ -1,4 +1,4 @@
-"""Runs of boundary sampling: scorecards, the distance's error and order; liquid at meshes."""
+"""Runs of boundary sampling and of liquid at meshes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import dataclasses
 import itertools
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
@@ -21,18 +21,17 @@ from refsim.boundary.signed_distance import NarrowBand, signed_distance
 from refsim.core.errors import RunStopped
 from refsim.core.walls import WallParticles
 from refsim.scene.plan import make_plan
-from validation.checks import Checks, Quantities
+from validation.checks import Checks
 from validation.experiment import Experiment, Measure, Options, Results, RunSpec, each, every
 from validation.experiments.boundary import scene as meshes
 from validation.experiments.boundary.scene import FLOW_SHAPES as SOLIDS
 from validation.experiments.boundary.scene import SHAPES, SPACING, SUPPORT
-from validation.metrics.sampling import EXACT_QUERIES, evenness, near_surface, radius_for, score
+from validation.metrics.sampling import evenness, radius_for, score
 from validation.metrics.spread import groups, tunnels
 from validation.peers.couplings import DirectForcing, DistanceForces
 from validation.results import Result, real
 from validation.running import Context, on_threads
 from validation.trials import Trial, hard_case, unguarded
-from validation.work_precision import observed_order
 
 
 def meshed(shape: str, count: int) -> tuple[Any, SurfaceMesh, float]:
@@ -73,37 +72,6 @@ def printed(context: Context, shape: str, count: int, backend: str, iterations: 
         arrays[name] = placed.residuals
         context.progress(0.5 * len(rows))
     return Result({"rows": rows}, arrays)
-
-
-def distance_errors(
-    context: Context, shape: str, spacings: list[float], level: int, backend: str, dtype: str = "float64"
-) -> Result:
-    """Error of the trilinear distance near the surface, against the closed form or the exact closest triangle."""
-    import trimesh
-
-    made = SHAPES[shape](level)
-    mesh = meshes.mesh_of(made, shape)
-    there = choose(backend)
-    rows = []
-    for k, spacing in enumerate(spacings):
-        analytic = shape in ("sphere", "torus", "cube")
-        place = near_surface(made, spacing, 4000 if analytic else EXACT_QUERIES, k)
-        if analytic:
-            known = meshes.known_distance(shape, place)
-        else:
-            known = -trimesh.proximity.signed_distance(made, place)
-        band = signed_distance(mesh, spacing, backend=there, dtype=dtype)
-        distance, _ = band.at(there.asarray(place.astype(dtype)))
-        error = np.abs(there.host(distance) - known)
-        clear = np.abs(known) > 2 * error.max()
-        rows.append({
-            "spacing": spacing, "rms": float(np.sqrt((error**2).mean())), "largest": float(error.max()),
-            "largest_in_spacings": float(error.max()) / spacing, "bytes": band.nbytes,
-            "wrong_signs": int((np.sign(there.host(distance)) != np.sign(known))[clear].sum()),
-            "triangles": len(mesh.faces),
-        })  # fmt: skip
-        context.progress((k + 1) / len(spacings))
-    return Result({"shape": shape, "rows": rows})
 
 
 # Runs of liquid at meshes: rain, resting tanks, pouring.
@@ -580,13 +548,8 @@ def coincident(trial: Trial) -> None:
 # Solids given as meshes: distance, particles spread over them, and liquid that meets them (patent CN104318598A).
 
 
-SPACINGS = [0.2, 0.1, 0.05]
-SMOOTH = ("sphere", "torus")
-MEASURED = (*SMOOTH, "cube", "organic")
-
-
 def sampling_planned(options: Options) -> list[RunSpec]:
-    """Sampling and signed distance."""
+    """Sampling."""
     backend, threads = {"backend": options.backend}, {"threads": options.threads}
     iterations = 200 if options.quick else 400
     return [
@@ -594,9 +557,6 @@ def sampling_planned(options: Options) -> list[RunSpec]:
           for shape in SHAPES),
         RunSpec("sampling_printed", printed,
             {"shape": "cube", "count": 2000, "iterations": iterations, **backend}, 5.0),
-        *(RunSpec(f"distance_{shape}", distance_errors,
-              {"shape": shape, "spacings": SPACINGS, "level": 6 if shape in SMOOTH else 4, **backend}, 6.0)
-          for shape in MEASURED),
     ]  # fmt: skip
 
 
@@ -608,26 +568,13 @@ SCORES = {
 
 
 def sampling_checks(results: Results, check: Checks) -> None:
-    """Sampling and signed distance."""
+    """Sampling."""
     for shape in SHAPES:
         check.run(results, f"sampling_{shape}", SCORES, shape)
     residuals = {
         f"{name}_residual": lambda v, name=name: v["rows"][name]["residual"] for name in ("printed", "adopted")
     }
     check.run(results, "sampling_printed", residuals)
-    for shape in MEASURED:
-        own: Quantities = {"distance_signs": lambda v: sum(r["wrong_signs"] for r in v["rows"])}
-        if shape in SMOOTH:
-            own = {"distance_order": _order, "distance_smooth": lambda v: v["rows"][-1]["largest_in_spacings"], **own}
-        if shape == "cube":
-            check.run(results, "distance_cube",
-                      {"distance_edges": lambda v: max(r["largest_in_spacings"] for r in v["rows"])})  # fmt: skip
-        check.run(results, f"distance_{shape}", own, shape)
-
-
-def _order(values: Mapping[str, Any]) -> float:
-    rows = values["rows"]
-    return observed_order([r["spacing"] for r in rows], [r["rms"] for r in rows])
 
 
 RAINED = ("sphere", "torus", "cube", "needle", "plate", "funnel", "pebble")
@@ -681,7 +628,7 @@ def flow_checks(results: Results, check: Checks) -> None:
 
 EXPERIMENT = Experiment(
     name="boundary",
-    title="meshes as boundaries: distance, particles, penetration, pouring by tension",
+    title="meshes as boundaries: particles, penetration, pouring by tension",
     runs=lambda options: [*sampling_planned(options), *flow_planned(options)],
     checks=lambda results, check: (sampling_checks(results, check), flow_checks(results, check)),
 )  # fmt: skip

@@ -64,20 +64,6 @@ def mesh_of(made: Any, name: str = "mesh") -> SurfaceMesh:
     return surface_mesh(made.vertices, made.faces, name)
 
 
-def known_distance(shape: str, place: np.ndarray) -> np.ndarray:
-    """Signed distance [m] (n,) of points (n, 3) [m] from the sphere, the torus or the cube."""
-    if shape == "sphere":
-        return np.linalg.norm(place, axis=1) - 1
-    if shape == "torus":
-        ring = np.linalg.norm(place[:, :2], axis=1) - TORUS[0]
-        return np.hypot(ring, place[:, 2]) - TORUS[1]
-    import trimesh
-
-    turn = trimesh.transformations.rotation_matrix(TILT, (1.0, 0.7, 0.2))[:3, :3]
-    over = np.abs(place @ turn) - 0.5 * CUBE
-    return np.linalg.norm(np.maximum(over, 0), axis=1) + np.minimum(over.max(1), 0)
-
-
 # Meshes that liquid falls on, lies in and runs through; lengths in metres, made anew for every run.
 
 

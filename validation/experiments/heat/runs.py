@@ -24,7 +24,6 @@ from validation.metrics.heat import Conductor, cosine_slab
 from validation.results import Result, real
 from validation.running import Context, take_steps
 from validation.trials import Cell, Trial, hard_case, largest_stable, unguarded
-from validation.work_precision import observed_order
 
 SPACING, LENGTH, END = 0.2, 40, 6.4  # of the slab: [m], spacings along x, [s]
 
@@ -469,8 +468,10 @@ def planned(options: Options) -> list[RunSpec]:
 
 
 def order_of(rows: list[dict[str, Any]]) -> float:
-    """Observed order over sizes."""
-    return observed_order([real(row["size"]) for row in rows], [real(row["error"]) for row in rows])
+    """Slope of log error against log size, by least squares; NaN for fewer than three sizes with an error above 0."""
+    pairs = [(real(row["size"]), real(row["error"])) for row in rows]
+    pairs = [(size, error) for size, error in pairs if math.isfinite(error) and error > 0]
+    return float(np.polyfit(*np.log(pairs).T, 1)[0]) if len(pairs) >= 3 else math.nan
 
 
 def checks(results: Results, check: Checks) -> None:
