@@ -1,6 +1,7 @@
 """Small parts of studies and panels, and of what a run says: orders, radii, machines, steps, stages and bars."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import msgspec
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from refsim.engine import progress
 from refsim.engine.timings import Timings
+from refsim.study import runs
 from refsim.study.convergence import observed_order
 from refsim.study.panels import Machine, drops, measured, panel
 from refsim.study.panels.scenes import scene_of
@@ -72,3 +74,41 @@ def test_compiling_is_told_of_above_a_second(seconds, said, monkeypatch):
     shown.until = 2.0
     shown._open(run)
     assert (len(words), shown.time, shown.bar) == (said, 0.25, (2.0, 0.25))
+
+
+@pytest.mark.parametrize("length, ends", [(0.3, (1.8, 2.1)), (0.25, (1.75, 2.0)), (5.0, (0.0, 5.0))])
+def test_a_value_at_the_end_lies_between_two_steps(length, ends):
+    """By a straight line; looked at where the end may be near, and not at the start."""
+    looks, last = [], SimpleNamespace(length=length)
+    run = SimpleNamespace(time=0.0, steps=0, last=None, plan=SimpleNamespace(scene=SimpleNamespace(end_time=2.0)))
+
+    def step():
+        run.time, run.steps, run.last = round(run.time + length, 9), run.steps + 1, last
+
+    def observable(run):
+        looks.append(run.time)
+        return 3.0 - run.time**2
+
+    found = runs._at_end(run, observable, SimpleNamespace(step=step))
+    low, high = ends
+    line = (3 - low**2) + (2.0 - low) / (high - low) * (low**2 - high**2)
+    assert found == pytest.approx(line if low else 3 - high**2)
+    assert looks[-1] == high
+    assert all(look + 2 * length >= 2.0 for look in looks)
+    assert len(looks) <= 3
+
+
+def test_bytes_of_arrays_are_counted_once():
+    """In containers and objects of refsim, of a view those of its owner; six containers deep."""
+    one, two = np.zeros(10), np.zeros((4, 3), np.float32)
+    held = Timings()
+    held.kept = {"a": [one[2:], (two,)], "b": two}
+    held.other, held.text, held.call = SimpleNamespace(far=np.zeros(99)), "text", lambda: np.zeros(99)
+    seen = {}
+    runs._count((held, one, {"again": one[:3]}), seen)
+    assert sum(seen.values()) == 80 + 48
+    deep = np.zeros(7)
+    for depth in range(1, 9):
+        deep, seen = [deep], {}
+        runs._count(deep, seen)
+        assert sum(seen.values()) == (56 if depth <= 6 else 0)
