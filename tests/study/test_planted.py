@@ -235,6 +235,3 @@ def test_a_resumed_run_counts_the_seconds_before_its_restart(tmp_path, monkeypat
     assert again.value == once.value
     assert again.seconds >= 3.0 * once.steps
     assert again.wall == again.seconds
-
-
-# What is counted

@@ -181,10 +181,6 @@ def test_a_film_on_a_wall_is_surface_and_one_between_two_walls_is_not(dim):
     assert inner.any()
 
 
-# Symmetries
-
-
-# Normals
 # As part of a scene
 def plan_of(*effects, dim=2):
     scene = Scene(
