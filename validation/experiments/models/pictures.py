@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -20,15 +20,12 @@ from validation.drawing import (
     VERMILION,
     WATER,
     caption,
-    read_data,
     seen_thousandths,
     show_balls,
     view_matrix,
 )
 from validation.experiment import Picture, Results
-from validation.experiments.models.scene import ADVANCED, CUTS, MODELS
-from validation.filling import ROOT
-from validation.measure.sigma_map import read_rows
+from validation.experiments.models.scene import MODELS
 from validation.results import real
 
 VIEW = view_matrix(azimuth=32.0, elevation=24.0)
@@ -214,75 +211,7 @@ def rest_picture(data: Mapping[str, Any]) -> Any:
     return figure
 
 
-LIQUIDS = {"summation": ("summed density, as in the papers", GREY), "continuity": ("advanced density", BLUE)}
-SEEN = {
-    "laplace": "jump\n[nominal tension]", "rayleigh": "frequency of n = 2\n[nominal tension]",
-    "spurious": "speed at rest\n[$\\sqrt{\\sigma/\\rho R}$]", "radius_variation": "a cube's ball:\nradius variation",
-    "time_s": "a cube's ball:\nat rest from [s]",
-}  # fmt: skip
-
-
-def liquids_data(results: Results) -> dict[str, Any]:
-    """Drops of R = 10 d of each model on both liquids, of the maps, and the balls that cubes become.
-
-    On the papers' liquid those are of table 1, which has settings of its own for each model.
-    """
-    table = {row["model"]: row["cut"] for row in read_data(ROOT / "figures", "models_table_1")["rows"]}
-    rows = []
-    for name, model in ADVANCED.items():
-        balls = [results[f"{start}_{name}"].values for start in CUTS]
-        ball = averaged("radius_variation", [v["end"]["radius_variation"] for v in balls])
-        ball |= averaged("time_s", [v["rest"] and v["rest"]["time"] for v in balls])
-        default = {key: table[model.words][key] for key in ("radius_variation", "time_s")}
-        short = name.removeprefix("advanced_")
-        row = {"summation": seen_of(short, "summation") | default, "continuity": seen_of(short, "continuity") | ball}
-        rows.append({"model": model.words, **row})
-    return {"title": "Drops of R = 10 d, h = 2.6 d, and the balls of cut cubes; \u00b1 over three seeds", "rows": rows}
-
-
-def averaged(key: str, values: Sequence[Any]) -> dict[str, float | None]:
-    """Mean and deviation over the starts; None where one has no value, or there is but one start."""
-    array = np.array(values, dtype=float)
-    whole = len(array) > 0 and bool(np.isfinite(array).all())
-    spread = float(array.std(ddof=1)) if whole and len(array) > 1 else None
-    return {key: float(array.mean()) if whole else None, f"{key}_spread": spread}
-
-
-def seen_of(model: str, liquid: str) -> dict[str, Any]:
-    """What the model's drops of 10 spacings on file have on a liquid, over the seeds."""
-    place = {"model": model, "dim": 3, "support": 2.6, "stiffness": 0.01, "kernels": "wendland", "radius": 10.0}
-    wanted = {**place, "liquid": liquid}
-    rows = [r for r in read_rows() if all(r.get(k, "summation") == v for k, v in wanted.items()) and not r["stopped"]]
-    parts = (averaged(key, [real(r.get(key)) for r in rows]) for key in ("spurious", "laplace", "rayleigh"))
-    return {name: value for part in parts for name, value in part.items()}
-
-
-def liquids_picture(data: Mapping[str, Any]) -> Any:
-    """Draw both liquids side by side: a bar for each, a panel for each quantity."""
-    rows = data["rows"]
-    figure, panels = plt.subplots(1, len(SEEN), figsize=(11.0, 4.6), sharey=True)
-    at = np.arange(len(rows))[::-1]
-    for axes, (key, words) in zip(panels, SEEN.items()):
-        for shift, (liquid, (label, colour)) in zip((0.19, -0.19), LIQUIDS.items()):
-            values = [row[liquid].get(key) for row in rows]
-            axes.barh(at + shift, [value or 0 for value in values], 0.36, color=colour, label=label)
-            for y, value, row in zip(at + shift, values, rows):
-                text = f" {'none' if value is None else format(value, '.3g')}"
-                spread = row[liquid].get(f"{key}_spread")
-                text += "" if spread is None else f" \u00b1 {spread:.1g}"
-                axes.text(value or 0, y, text, va="center", fontsize=7, color=colour)
-        axes.set(title=words, xmargin=0.25)
-        axes.grid(True, axis="x")
-        if key in ("spurious", "radius_variation"):
-            axes.set(xscale="log", xlim=(1e-4, 10.0))
-    panels[0].set_yticks(at, [row["model"] for row in rows])
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
-    figure.suptitle(data["title"], fontsize=11)
-    return figure
-
-
 PICTURES = (
-    Picture("models_liquids", liquids_data, liquids_picture, tuple(f"{c}_{m}" for c in CUTS for m in ADVANCED)),
     Picture("figure_3_force_curves", curve_data, curve_picture),
     Picture("dong_figure_1", dong_data, dong_picture),
     Picture("models_panel", panel_data, panel_picture, tuple(f"cube_{m}" for m in MODELS), shaded=True),

@@ -15,7 +15,6 @@ from refsim import (
     ImplicitPressure,
     TartakovskyMeakin2005,
 )
-from refsim.surface_tension.calibration import BESIDE, SETTINGS
 
 
 @dataclass(frozen=True)
@@ -57,17 +56,6 @@ MODELS: dict[str, Model] = {
     ),
     "he": Model("He 2014", None, {"effects": (He2014(surface_tension=0.1),), **_LONG}),
 }
-# Each as it is by default, on an advanced density.
-ADVANCED: dict[str, Model] = {
-    f"advanced_{name}": Model(
-        MODELS[name].words,
-        MODELS[name].paper,
-        {"effects": (SETTINGS[name][1](1.0),), "kernels": "wendland", "density": "continuity"},
-    )
-    for name in MODELS
-    if name not in BESIDE
-}
-CUTS = ("cut", "cut_2", "cut_3")  # starts of ADVANCED
 # For the claims alone: as in the paper, which leaves h, viscosity and sound speed open, and a rival at the same ones.
 EQUAL: dict[str, Model] = {
     "jiang_zhu_paper": Model(

@@ -9,17 +9,14 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.collections import PolyCollection
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 
 from validation.checks import number
-from validation.drawing import BLUE, GREEN, GREY, ORANGE, VERMILION, caption, plain_title, view_matrix
+from validation.drawing import BLUE, GREEN, GREY, ORANGE, VERMILION
 from validation.experiment import Picture, Results
 from validation.experiments.surface_reconstruction.scene import RADII
 from validation.results import floats
 
-VIEW = view_matrix(azimuth=32.0, elevation=24.0)
-WATER = np.array([0.16, 0.50, 0.80])
 SHOWN = {
     "gradient_0.25_1": ("best: gradient, $\\epsilon$ = h/4, 1 sweep", BLUE),
     "mls_0.5_10": ("default: MLS, $\\epsilon$ = h/2, 10 sweeps", GREEN),
@@ -57,55 +54,6 @@ def error_picture(data: Mapping[str, Any]) -> Any:
         axes.grid(axis="y")
         axes.legend(loc="upper right", fontsize=7.5)
     panels[0].set_ylabel("share of samples [%]")
-    return figure
-
-
-def mesh_data(results: Results) -> dict[str, Any]:
-    """The sphere's mesh as extracted and after the inset, and the normals of its facets."""
-    arrays = results["meshes"].arrays
-    return {
-        "title": "The reconstructed surface of a sphere, lit by facet normals and by fitted ones",
-        "facets": arrays["sphere_facets"],
-        "vertices": np.round(arrays["sphere_vertices"], 3), "inset": np.round(arrays["sphere_inset"], 3),
-        "facet_normal": np.round(arrays["sphere_facet_normal"], 3), "normal": np.round(arrays["sphere_normal"], 3),
-    }  # fmt: skip
-
-
-def lit(axes: Any, vertices: np.ndarray, facets: np.ndarray, normal: np.ndarray, extent: float) -> None:
-    """Triangles seen from VIEW, the farthest first, each in the shade that its normal gives it."""
-    seen = vertices @ VIEW.T
-    corner = seen[facets]
-    front = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])[:, 2] > 0
-    order = np.argsort(corner[:, :, 2].mean(1))
-    order = order[front[order]]
-    turned = normal[order] @ VIEW.T
-    light = np.array([-0.5, 0.6, 0.62])
-    light /= np.linalg.norm(light)
-    half = light + [0.0, 0.0, 1.0]
-    half /= np.linalg.norm(half)
-    shade = 0.25 + 0.7 * np.clip(turned @ light, 0, 1)
-    shine = 0.5 * np.clip(turned @ half, 0, 1) ** 40
-    colour = np.clip(WATER * shade[:, None] + shine[:, None], 0, 1)
-    axes.add_collection(PolyCollection(corner[order][:, :, :2], facecolors=colour, edgecolors=colour, linewidths=0.25))
-    axes.set(xlim=(-extent, extent), ylim=(-extent, extent), aspect="equal")
-    axes.set_axis_off()
-
-
-def mesh_picture(data: Mapping[str, Any]) -> Any:
-    """Three panels of one size: facet normals, fitted normals, and the surface pulled back to the liquid."""
-    facets = np.array(data["facets"])
-    far, near = floats(data["vertices"]), floats(data["inset"])
-    figure, panels = plt.subplots(1, 3, figsize=(9.6, 3.6))
-    extent = 1.03 * np.abs(far).max()
-    for axes, vertices, normal, words in (
-        (panels[0], far, data["facet_normal"], "marching cubes, facet normals"),
-        (panels[1], far, data["normal"], "the same mesh, fitted normals"),
-        (panels[2], near, data["normal"], "after the inset, fitted normals"),
-    ):
-        lit(axes, vertices, facets, floats(normal), extent)
-        radius = np.linalg.norm(vertices, axis=1)
-        plain_title(axes, words)
-        caption(axes, f"radius {radius.mean():.2f} ± {radius.std():.2f} h; particles end at 9 h", y=0.0)
     return figure
 
 
@@ -160,6 +108,5 @@ def pipeline_picture(data: Mapping[str, Any], columns: int = 5) -> Any:
 
 PICTURES = (
     Picture("surface_normals", error_data, error_picture, ("normals_sphere", "normals_ellipsoid")),
-    Picture("surface_meshes", mesh_data, mesh_picture, ("meshes",)),
     Picture("surface_pipeline", pipeline_data, pipeline_picture, ("stages",)),
 )

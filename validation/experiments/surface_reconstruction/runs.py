@@ -113,25 +113,16 @@ def fit_system(
 
 def meshes(context: Context, backend: str) -> Result:
     """The surfaces of both shapes, and whether they are closed."""
-    rows, arrays = {}, {}
+    rows = {}
     for shape in scene.RADII:
         made, surface, _ = reconstruct(scene.cloud(shape, RADIUS), backend, **DEFAULT)
-        host = made.backend.host
-        mesh = Mesh(*(host(a) for a in surface.mesh))
-        moved = host(surface.inset_mesh.vertices)
-        facet_normal, normal = host(surface.facet_normal), host(surface.samples.normal)
+        mesh = Mesh(*(made.backend.host(a) for a in surface.mesh))
         edges, unmatched = edge_counts(mesh.facets)
         rows[shape] = {
             "vertices": len(mesh.vertices), "facets": len(mesh.facets), "unmatched": unmatched,
             "euler": len(mesh.vertices) - edges + len(mesh.facets),
         }  # fmt: skip
-        arrays |= {
-            f"{shape}_vertices": (mesh.vertices / CELL).astype(np.float32), f"{shape}_facets": mesh.facets,
-            f"{shape}_inset": (moved / CELL).astype(np.float32),
-            f"{shape}_facet_normal": facet_normal.astype(np.float32),
-            f"{shape}_normal": normal.astype(np.float32),
-        }  # fmt: skip
-    return Result({"rows": rows}, arrays)
+    return Result({"rows": rows})
 
 
 # Time
