@@ -16,25 +16,26 @@ def entrywise(function):
     names = list(inspect.signature(function).parameters)
     overloaded(function, lambda *kinds: function, forceinline=True)
 
-    def for_length(*kinds):
-        length = next(len(kind) for kind in kinds if isinstance(kind, types.BaseTuple))
+    @functools.cache
+    def unrolled(*lengths):
+        """The formula for tuples of these lengths, 0 for what is no tuple."""
         entries = (
-            ", ".join(f"{n}[{k}]" if isinstance(kind, types.BaseTuple) else n for n, kind in zip(names, kinds))
-            for k in range(length)
+            ", ".join(f"{n}[{k}]" if length else n for n, length in zip(names, lengths))
+            for k in range(next(filter(None, lengths)))
         )
         made = {"entry": function}
         exec(f"def every({', '.join(names)}):\n    return ({' '.join(f'entry({e}),' for e in entries)})", made)
         return made["every"]
 
+    def for_kinds(*kinds):
+        return unrolled(*(len(kind) if isinstance(kind, types.BaseTuple) else 0 for kind in kinds))
+
     @functools.wraps(function)
     def every(*values):
-        length = next(len(value) for value in values if isinstance(value, tuple))
-        return tuple(
-            function(*(value[k] if isinstance(value, tuple) else value for value in values)) for k in range(length)
-        )
+        return unrolled(*[len(value) if isinstance(value, tuple) else 0 for value in values])(*values)
 
     every.entry = function
-    return overloaded(every, for_length, forceinline=True)
+    return overloaded(every, for_kinds, forceinline=True)
 
 
 @entrywise
