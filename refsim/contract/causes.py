@@ -129,11 +129,11 @@ class Diagnosis:
             with contextlib.suppress(*REFUSED):
                 for sentence, made in seek(self) if not most or (deep and self.per_particle) else ():
                     with contextlib.suppress(*REFUSED):
-                        if made is None or (sentence := self.told(sentence, made, most or len(self.order))):
+                        if made is None or (sentence := self.described(sentence, made, most or len(self.order))):
                             return sentence
         return ""
 
-    def told(self, sentence: str, made: Any, most: int) -> str:
+    def described(self, sentence: str, made: Any, most: int) -> str:
         """The words of a guess that holds in three wrong rows, then in so many, its amount by the secant; else ""."""
 
         def tried(s: float, rows: np.ndarray) -> tuple[np.ndarray, bool]:

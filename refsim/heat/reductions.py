@@ -43,10 +43,10 @@ def compensate_block(i, at, size, position, compensation_x, compensation_rest, n
             buffer(compensation_rest), buffer(compensation_rest),
         )  # fmt: skip
         gathered(neighbours.entries, at, size, (compensation_x, compensation_rest), (xx, xy, xz, yy, yz, zz))
-        own_x, own_rest, own = three(compensation_x, i), three(compensation_rest, i), three(position, i)
+        own_x, own_rest, place = three(compensation_x, i), three(compensation_rest, i), three(position, i)
         x, y, z = places
         for m in range(size):
-            dx, dy, dz = to_nearest_image(own[0] - x[m], own[1] - y[m], own[2] - z[m], period)
+            dx, dy, dz = to_nearest_image(place[0] - x[m], place[1] - y[m], place[2] - z[m], period)
             exchanges.weight[at + m] *= missing_factor(
                 (dx, dy, dz), own_x, own_rest, (xx[m], xy[m], xz[m]), (yy[m], yz[m], zz[m])
             )
@@ -124,14 +124,14 @@ def flow_along(i, lane, gradient, direction, share, exchanges):
 
 
 @formula
-def new_direction(i, own, flow, inverse, direction, image):
+def new_direction(i, direction_i, flow, inverse, direction, image):
     """Write p and A p = C p - sum_j g (p_j - p_i) [K; J] of particle i; p A p. A p is 0 for a reservoir, where p is."""
-    real = type(own)
+    real = type(direction_i)
     through = real(0)
     if inverse[i] > real(0):
-        through = own / inverse[i] - flow
-    direction[i], image[i] = own, through
-    return np.float64(own) * np.float64(through)
+        through = direction_i / inverse[i] - flow
+    direction[i], image[i] = direction_i, through
+    return np.float64(direction_i) * np.float64(through)
 
 
 @formula

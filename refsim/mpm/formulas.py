@@ -135,9 +135,9 @@ def image(j, which, low, high, low_rule, high_rule):
 
 
 @entrywise
-def mirror_of(own, j, low):
-    """Which mirror, as for `image`, makes node j of node a = `own` on the liquid's side, dimensionless; 0 if j = a."""
-    if own == j:
+def mirror_of(a, j, low):
+    """Which mirror, as for `image`, makes node j of node `a` on the liquid's side, dimensionless; 0 if j = a."""
+    if a == j:
         return 0
     return 1 if j < low else 2
 

@@ -64,11 +64,11 @@ def find_cells(position, inverse_cell, blocks, complete, cell):
 def has_reach(neighbour, b):
     """Whether all blocks exist that the particles of block b (x in b, dimensionless) reach."""
     ways = neighbour.shape[1]
-    found = True
+    whole = True
     for way in range(ways // 2, ways):
         if way % 3 > 0 and way // 3 % 3 > 0 and neighbour[b, way] < 0:
-            found = False
-    return found
+            whole = False
+    return whole
 
 
 @cuda_kernel
@@ -131,9 +131,9 @@ def find_place(jx, jy, jz, bits, hint, blocks):
     b = block_beside(hint, np.int32(x >> bits), np.int32(y >> bits), z, blocks.keys, blocks.neighbour)
     if b < 0:
         key = block_key(jx, jy, jz, bits)
-        found = lower_bound(blocks.keys, key)
-        if found < blocks.keys.shape[0] and blocks.keys[found] == key:
-            b = np.int32(found)
+        at = lower_bound(blocks.keys, key)
+        if at < blocks.keys.shape[0] and blocks.keys[at] == key:
+            b = np.int32(at)
     return b, local
 
 
@@ -150,7 +150,7 @@ def count_cells(position, inverse_cell, blocks, complete, held, noted, place, ce
         jx = base_coordinate(position[i, 0], inverse_cell)
         jy = base_coordinate(position[i, 1], inverse_cell)
         jz = base_coordinate(position[i, 2], inverse_cell) if deep else 0
-        found = np.int32(-1)
+        node = np.int32(-1)
         if jx <= FARTHEST and jy <= FARTHEST and jz <= FARTHEST:
             if deep:
                 b, local = find_place(jx, jy, jz, 2, cell[i] >> 6, blocks)
@@ -158,13 +158,13 @@ def count_cells(position, inverse_cell, blocks, complete, held, noted, place, ce
                 b, local = find_place(jx, jy, jz, 3, cell[i] >> 6, blocks)
             state = complete[number(b)] if b >= 0 else 0
             if state != 0:
-                found = np.int32(b * 64 + local)
-                place[i] = cuda.atomic.add(held, number(found), 1)
+                node = np.int32(b * 64 + local)
+                place[i] = cuda.atomic.add(held, number(node), 1)
             if noted is not None and state != DEEP:
                 cuda.atomic.add(noted, 0, 1)
         elif noted is not None:
             cuda.atomic.add(noted, 1, 1)
-        cell[i] = found
+        cell[i] = node
 
 
 @cuda_kernel(rows_of="point")

@@ -36,19 +36,19 @@ def occupied_cells(keys, cells, first, report, run):
     i = cuda.grid(1)
     n = run.shape[0]
     if i < n:
-        found = run[n - 1]
+        occupied = run[n - 1]
         capacity = cells.shape[0]
         cell = run[i] - 1
         if cell < capacity and (i == 0 or keys[i] != keys[i - 1]):
             cells[cell] = keys[i]
             first[cell] = i
-        if found + i < capacity:
-            cells[found + i] = FARTHEST
+        if occupied + i < capacity:
+            cells[occupied + i] = FARTHEST
         if i == 0:
-            report[0] = found
+            report[0] = occupied
             report[3] += 1
-            if found <= capacity:
-                first[found] = n
+            if occupied <= capacity:
+                first[occupied] = n
 
 
 class CellTable:

@@ -69,7 +69,7 @@ def build_list(query, run, low, high, placed, radius, exclude_self, period, repo
         c = run[i] - 1
         x, y, z = query[i, 0], query[i, 1], query[i, 2]
         itself = i if exclude_self != 0 else -1
-        found = 0
+        total = 0
         for k in range(low.shape[1]):
             end = high[c, k]  # read once: for the compiler, `entries` might be the same memory
             for begin in range(low[c, k], end, 4 * lanes):
@@ -79,7 +79,7 @@ def build_list(query, run, low, high, placed, radius, exclude_self, period, repo
                 third = near_source(placed, j + 2, end, itself, x, y, z, limit, period)
                 fourth = near_source(placed, j + 3, end, itself, x, y, z, limit, period)
                 before, together = sum_before_lane(first + second + third + fourth, lane, lanes)
-                at = found + before
+                at = total + before
                 write_found(i, n, j, first, at, capacity, listed)
                 at += first
                 write_found(i, n, j + 1, second, at, capacity, listed)
@@ -87,11 +87,11 @@ def build_list(query, run, low, high, placed, radius, exclude_self, period, repo
                 write_found(i, n, j + 2, third, at, capacity, listed)
                 at += third
                 write_found(i, n, j + 3, fourth, at, capacity, listed)
-                found += together
+                total += together
         if lane == 0:
-            listed.count[i] = found
-            if found > report[1]:
-                cuda.atomic.max(report, 1, found)
+            listed.count[i] = total
+            if total > report[1]:
+                cuda.atomic.max(report, 1, total)
 
 
 @cuda_formula
