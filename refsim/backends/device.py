@@ -75,11 +75,11 @@ def add_up_before(totals, one):  # noqa: ANN001, ANN201
     share = (totals.shape[0] + cuda.blockDim.x - 1) // cuda.blockDim.x
     first = cuda.threadIdx.x * share
     end = min(first + share, totals.shape[0])
-    own = 0
+    total = 0
     for k in range(first, end):
-        own += totals[k]
+        total += totals[k]
     shared = cuda.shared.array(THREADS_PER_BLOCK, np.int32)
-    before = sum_before(shared, own)
+    before = sum_before(shared, total)
     for k in range(first, end):
         mine = totals[k]
         totals[k] = before
@@ -147,17 +147,17 @@ def launch_after(calls: Sequence[Callable[[], None]], after: Sequence[Sequence[i
     ends: list[Any] = []
     tails: list[int] = []  # last call of each branch
     for k, call in enumerate(calls):
-        own = next((b for b, last in enumerate(tails) if last in after[k]), len(tails))
-        with on_branch(first + own):
-            if own == len(tails):
+        number = next((b for b, last in enumerate(tails) if last in after[k]), len(tails))
+        with on_branch(first + number):
+            if number == len(tails):
                 tails.append(-1)
-                if own and not after[k]:
+                if number and not after[k]:
                     own_stream().wait_event(here)
             for before in after[k]:
-                if before != tails[own]:
+                if before != tails[number]:
                     own_stream().wait_event(ends[before])
             call()
-            tails[own] = k
+            tails[number] = k
             ends.append(_event())
     for last in tails[1:]:
         own_stream().wait_event(ends[last])

@@ -46,7 +46,7 @@ def exchange_weights(placed, conductor, step, exchanges, inverse, largest):
     lanes = len(exchanges.lanes)
     i, lane = cuda.grid(1) // lanes, cuda.grid(1) % lanes
     real = largest.dtype.type
-    own = real(0)
+    diagonal = real(0)
     if i < inverse.shape[0]:
         first, stride, count = row_of(exchanges, i, (lane, lanes))
         total = type(conduction.support_radius)(0)
@@ -78,11 +78,11 @@ def exchange_weights(placed, conductor, step, exchanges, inverse, largest):
         total = over_lanes(total, (lane, lanes))
         if lane == 0:
             inverse[i] = capacity_of(i, conductor, conduction)
-            own = inverse[i] * total
-            if not own < real(np.inf):
-                own = real(np.inf)
+            diagonal = inverse[i] * total
+            if not diagonal < real(np.inf):
+                diagonal = real(np.inf)
     shared = cuda.shared.array(THREADS_PER_BLOCK, largest.dtype)
-    most = largest_of_block(shared, own)
+    most = largest_of_block(shared, diagonal)
     if cuda.threadIdx.x == 0:
         cuda.atomic.max(largest, 0, most)
 

@@ -189,8 +189,8 @@ class FluidMesh(Checked, tag="mesh", tag_field="shape", frozen=True, kw_only=Tru
         """The cells that it fills as far as bodies leave them."""
         if grid.dim != 3:
             raise InputError("fluid mesh: a mesh is a body in space; set dim to 3 or leave it out.")
-        own = placed_mesh(self.file, None, self.size, self.rotation, "fluid mesh").origin
-        center = tuple(own.tolist()) if self.center is None else self.center
+        origin = placed_mesh(self.file, None, self.size, self.rotation, "fluid mesh").origin
+        center = tuple(origin.tolist()) if self.center is None else self.center
         inside = SolidMesh(file=self.file, center=center, size=self.size, rotation=self.rotation)
         low, high = inside.extent()
         top = high[2] if self.level is None else min(self.level, high[2])

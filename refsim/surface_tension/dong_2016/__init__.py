@@ -186,8 +186,8 @@ class Dong2016(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=True)
             groups |= fluid.prepare(grid, others)
         force = correction = None
         if self.coheres():
-            own, far = self.coefficient(grid, others), self._rest_distance(grid)
-            force = MolecularForce(*map(real, (own, far, (1 - share) ** 2, 1 / (share * (2 - share)))))
+            strength, far = self.coefficient(grid, others), self._rest_distance(grid)
+            force = MolecularForce(*map(real, (strength, far, (1 - share) ** 2, 1 / (share * (2 - share)))))
         if self._corrects():
             coefficient = self.correction_coefficient(grid, others) / grid.support_radius
             correction = NormalCorrection(real(coefficient), int32("E21" not in self.printed()))
