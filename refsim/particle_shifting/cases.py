@@ -37,7 +37,7 @@ def _filling(case, random):
 
 
 # v_max = 3 m/s: half of the diagonal of a box of 4 m/s, 2 m/s and 4 m/s
-groups(velocity_range=lambda case, grid: np.array([1.0, 2, 0, 3, 0, 4], dtype=grid.dtype))
+groups(velocity_range=lambda case, grid: np.array([1.0, 0.5, 1.25, 3, 1.5, 2.75], dtype=grid.dtype))
 GIVEN = {
     "mass": [2.0, 3.0], "density": [1000.0, 500.0], "walls": None, "filling": None, "filling_gradient": None,
     "phase": None, "velocity_range": [1.0, 8.0, 0.0, 5.0, 0.0, 0.0], "timestep": [0.5, 0.2],
