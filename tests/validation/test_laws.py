@@ -55,14 +55,14 @@ def test_a_scene_in_other_units_comes_back():
 
 FAULTS = {
     "units": (sph, "central_coefficient", lambda mu, dim: (dim + 2) * mu + 1e-3),  # an epsilon without a scale
-    "exact": (sph.Gravity, "prepare", lambda self, grid, others: {"field": np.array(self.acceleration) * 1.001}),
+    "ledger": (sph.Gravity, "prepare", lambda self, grid, others: {"field": np.array(self.acceleration) * 1.001}),
     "told is counted": (sph.WeaklyCompressible, "particle_mass", lambda self, grid: 1.1 * grid.spacing**grid.dim),
 }
 
 
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_planted_fault_is_found(name, monkeypatch):
-    where = "gravity" if name == "exact" else "weakly_compressible"
+    where = "gravity" if name == "ledger" else "weakly_compressible"
     monkeypatch.setattr(*FAULTS[name])
     monkeypatch.setattr(command, "SMALLER", 2)
     assert campaign([name], [where], 3.0, 3, "numpy", until_first=True).breaks

@@ -6,30 +6,29 @@ spacings unless said. A run of STEPS steps amplifies rounding by less than AMPLI
 
 from __future__ import annotations
 
+import re
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 
+from refsim import Box, Cloud, Gravity, HeatConduction, Motion, RunStopped, Scene, Simulation, WeaklyCompressible
 from refsim.core.capabilities import BringsWalls, CorrectsPositions, effects_with, with_scene_defaults
-from refsim.core.errors import RunStopped
 from refsim.core.operation import REGISTRY
 from refsim.core.writing import write_file
-from refsim.engine.simulation import Simulation
 from refsim.scene.files import load_scene, scene_to_toml
-from refsim.scene.scene import Scene
-from refsim.scene.shapes import Box, Cloud
-from refsim.sph import WeaklyCompressible
 from validation.laws.scenes import Drawn
-from validation.laws.units import Unit, moved, scaled, turned, with_effect, without
+from validation.laws.units import Unit, moved, scaled, turned, unit, with_effect, without
 from validation.running import take_steps
 
 STEPS = 8
 AMPLIFIED = 1e8
 ROUNDING = AMPLIFIED * float(np.finfo(float).eps)  # spacings
+ONE, EACH = Unit(1.0, 1.0, 1.0, 1.0), (slice(None),) * 2
+ROUNDED = ("position", "compensation")  # names of places and of what rounding took
 
 
 class Found(NamedTuple):
@@ -50,16 +49,20 @@ def law(name: str, own: bool = False) -> Callable[[Any], Any]:
 
     def add(function: Any) -> Any:
         LAWS.setdefault(name, []).append(function)
-        if own:
-            OWN.add(function)
+        OWN.update([function] * own)
         return function
 
     return add
 
 
 def made(scene: Scene, backend: str, profile: bool = False) -> Simulation:
-    """The scene at its start."""
-    return Simulation(scene, backend, threads=1 if backend == "cpu" else None, profile=profile)
+    """The scene at its start; where heat is conducted, particles that move are warmer."""
+    simulation = Simulation(scene, backend, threads=1 if backend == "cpu" else None, profile=profile)
+    if "temperature" in simulation.fields and (conduction := of_kind(scene, HeatConduction)) is not None:
+        speed = (simulation.field("velocity").astype(float) ** 2).sum(1)
+        share = speed / max(speed.max(initial=0.0), 1e-300)
+        simulation.set_field("temperature", simulation.field("temperature") + conduction.temperature * share)
+    return simulation
 
 
 def run(scene: Scene, backend: str, steps: int = STEPS) -> Simulation:
@@ -77,6 +80,40 @@ def places(simulation: Simulation) -> np.ndarray:
 def apart(a: np.ndarray, b: np.ndarray) -> float:
     """Largest difference, infinite where one is no number."""
     return float(np.nan_to_num(np.abs(a - b), nan=np.inf).max()) if a.size else 0.0
+
+
+def fields_apart(
+    a: Simulation, b: Simulation, rows: Any = EACH, axes: Any = None, factors: Unit = ONE, kept: bool = False
+) -> float:
+    """Largest difference of two runs' fields [their sizes], or of what is `kept` from step to step.
+
+    rows     of a and of b that are the same particles
+    axes     of a that are x, y and z of b: lengths of vectors are compared
+    factors  by which b's units are smaller
+    """
+    off = 0.0
+    for name, field in a.plan.fields.items():
+        counted = field.dtype == "real" and field.rows is None and (field.state or not kept)
+        if not counted or any(word in name for word in ROUNDED) or name not in a.fields or name not in b.fields:
+            continue
+        x, y = (each.field(name).astype(float)[own] for each, own in zip((a, b), rows))
+        if axes and x.ndim > 1:
+            x, y = np.linalg.norm(x, axis=1), np.linalg.norm(y, axis=1)
+        y = y / unit(field.unit.replace(" (", "; "), a.plan.grid.dim).of(factors)
+        size = max(float(np.abs(x).max(initial=0.0)), float(name == "temperature"))
+        off = max(off, apart(x, y) / size if size > 0 and np.isfinite(size) else 0.0)
+    return off
+
+
+def runs_apart(a: Simulation, b: Simulation, steps: int = STEPS, **how: Any) -> float:
+    """Largest difference of two runs: of all fields after a step, of places and what is kept after some."""
+    off = 0.0
+    for number in (1, steps - 1):
+        for each in (a, b):
+            take_steps(each, number)
+        off = max(off, fields_apart(a, b, kept=number > 1, **how))
+    rows, axes = how.get("rows", EACH), how.get("axes", [0, 1, 2])
+    return max(off, apart(places(a)[rows[0]][:, axes], places(b)[rows[1]]))
 
 
 def lattice(cells: tuple[int, ...], d: float) -> np.ndarray:
@@ -100,16 +137,23 @@ def corrected(scene: Scene) -> bool:
     return any(e.corrects_positions() for e in effects_with(with_scene_defaults(scene.effects), CorrectsPositions))
 
 
+def keeps(one: Any, what: str) -> bool:
+    """Whether a pass claims to conserve it with the fields that it reads, beside those of its plain variant."""
+    o, names = REGISTRY[one.operation], one.names
+    more = {k: {names.get(n, n) for n in {*o.variants[0]} - {*o.variants[k]}} & {*one.reads} for k in o.broken}
+    return what in o.invariants and not any(what in o.broken[k] for k in more if more[k])
+
+
 def claims(simulation: Simulation, what: str) -> bool:
     """Whether every operation of a step that adds to the acceleration claims to conserve it."""
     plan = simulation.plan
     if "mpm_liquid" in plan.effects:  # whose angular momentum stands also in its matrices
         embedded = getattr(plan.effects.get("surface_energy"), "embedding", "cluster") == "cluster"
         return what == "linear_momentum" and embedded and "mpm_walls" not in plan.effects
-    adding = [p.operation for _, p in plan.passes if not p.on_demand and "acceleration" in p.written]
+    adding = [p for _, p in plan.passes if not p.on_demand and "acceleration" in p.written]
     turns = what == "angular_momentum" and corrected(plan.scene)  # shifts leave velocities as they are
     by_particles = of_kind(plan.scene, WeaklyCompressible) and plan.walls is None and not turns
-    return bool(by_particles) and all(what in REGISTRY[name].invariants for name in adding)
+    return bool(by_particles) and all(keeps(p, what) for p in adding)
 
 
 @law("absence")
@@ -124,8 +168,8 @@ def zero_is_absence(drawn: Drawn, backend: str) -> Found | None:
     given = {name: value for name in effect.scales if (value := getattr(effect, name)) is not None}
     nothing = {name: (0.0,) * 3 if isinstance(value, tuple) else type(value)(0) for name, value in given.items()}
     with_zero = with_effect(scene, msgspec.structs.replace(effect, **nothing))
-    a, b = run(without(scene, effect.name), backend), run(with_zero, backend)
-    return Found(apart(places(a), places(b)), 0.0, f"{effect.name}: {', '.join(nothing)} = 0")
+    a, b = made(without(scene, effect.name), backend), made(with_zero, backend)
+    return Found(runs_apart(a, b), 0.0, f"{effect.name}: {', '.join(nothing)} = 0")
 
 
 @law("absence")
@@ -136,26 +180,32 @@ def looking_changes_nothing(drawn: Drawn, backend: str) -> Found | None:
         watched.step()
         watched.evaluate()
         watched.snapshot()
-    return Found(apart(places(plain), places(watched)), 0.0, "evaluated after each step")
+    off = apart(places(plain), places(watched)) + fields_apart(plain, watched, kept=True)
+    return Found(off, 0.0, "evaluated after each step")
 
 
 @law("units")
 def other_units(drawn: Drawn, backend: str) -> Found:
-    """The same scene in other units of length, time, mass and temperature: the same run.
-
-    Beside a mesh, whose particles rest after many steps of float32, in powers of 64, which leave roundings as they are.
-    """
+    """The same scene in other units of length, time, mass and temperature: the same run, the same words in notes."""
     random, meshes = drawn.random(), any("file" in e.__struct_fields__ for e in drawn.scene.effects)
-    exact = meshes or random.random() < 0.5
+    exact = meshes or random.random() < 0.5  # a mesh's particles rest after many steps of float32: roundings stay
     factors = Unit(*(64.0 ** random.integers(-2, 3, 4) if exact else 10.0 ** random.uniform(-2, 2, 4)))
-    a, b = run(drawn.scene, backend), run(scaled(drawn.scene, factors), backend)
-    off = max(apart(places(a), places(b)), abs(a.time * factors.time / b.time - 1) if b.time else 0.0)
+    a, b = made(drawn.scene, backend), made(scaled(drawn.scene, factors), backend)
+    told, said = ([re.sub(r"-?\d[\d.,]*(e[-+]?\d+)?", "#", note) for note in each.plan.notes] for each in (a, b))
+    late = abs(a.time * factors.time / b.time - 1) if b.time else 0.0
+    off = max(runs_apart(a, b, factors=factors), float(told != said), late)
     return Found(off, ROUNDING, f"units {tuple(float(f'{f:.3g}') for f in factors)}")
 
 
+def in_turn(scene: Scene) -> bool:
+    """Whether pairs exchange heat one after the other."""
+    return getattr(of_kind(scene, HeatConduction), "scheme", "") == "pair_exchange"
+
+
 def by_chance(scene: Scene) -> bool:
-    """Whether an effect draws numbers, one particle after the other."""
-    return any("seed" in e.__struct_fields__ and e.passes({o.name: o for o in scene.effects}) for e in scene.effects)
+    """Whether the order of particles counts: an effect draws numbers, or pairs exchange heat, one after the other."""
+    drawing = [e for e in scene.effects if "seed" in e.__struct_fields__]
+    return in_turn(scene) or any(e.passes({o.name: o for o in scene.effects}) for e in drawing)
 
 
 @law("frames")
@@ -163,17 +213,12 @@ def other_order(drawn: Drawn, backend: str) -> Found | None:
     """The same particles in another order."""
     if by_chance(drawn.scene):
         return None
-    scene, random = drawn.scene, drawn.random()
-    counts = [len(part.position) for part in scene.fluid]
-    orders = [random.permutation(n) for n in counts]
-    fluid = tuple(
-        msgspec.structs.replace(part, position=part.position[o], velocity=part.velocity[o])
-        for part, o in zip(scene.fluid, orders)
-    )
-    a, b = run(scene, backend), run(msgspec.structs.replace(scene, fluid=fluid), backend)
-    first = np.cumsum([a.count - sum(counts), *counts])
-    order = np.concatenate([np.arange(first[0]), *(o + k for o, k in zip(orders, first))])
-    return Found(apart(places(a)[order], places(b)), ROUNDING, "order of the particles")
+    scene, random, fluid = drawn.scene, drawn.random(), []
+    for part in drawn.scene.fluid:
+        o = random.permutation(len(part.position))
+        fluid.append(msgspec.structs.replace(part, position=part.position[o], velocity=part.velocity[o]))
+    a, b = made(scene, backend), made(msgspec.structs.replace(scene, fluid=tuple(fluid)), backend)
+    return Found(runs_apart(a, b, rows=(order(a), order(b))), ROUNDING, "order of the particles")
 
 
 @law("frames")
@@ -182,30 +227,49 @@ def other_axes(drawn: Drawn, backend: str) -> Found | None:
     if by_chance(drawn.scene):
         return None
     axes = [1, 0, 2] if drawn.scene.dim == 2 else [[1, 2, 0], [2, 0, 1], [1, 0, 2]][drawn.random().integers(3)]
-    a, b = run(drawn.scene, backend), run(turned(drawn.scene, axes), backend)
-    return Found(apart(ordered(a, axes), ordered(b, [0, 1, 2])), ROUNDING, f"axes {axes}")
+    a, b = made(drawn.scene, backend), made(turned(drawn.scene, axes), backend)
+    return Found(runs_apart(a, b, rows=(order(a, axes), order(b)), axes=axes), ROUNDING, f"axes {axes}")
 
 
-def ordered(each: Simulation, axes: list[int]) -> np.ndarray:
-    """Positions [spacings] along such axes, in the order of where particles started: bodies are sorted by cell."""
+def order(each: Simulation, axes: Sequence[int] = (0, 1, 2)) -> np.ndarray:
+    """Particles by where they started along such axes: bodies are sorted by cell."""
     start = np.round(each.plan.grid.absolute(each.plan.state.position) / each.plan.grid.spacing, 3)
-    return places(each)[np.lexsort(start[:, axes].T)][:, axes]
+    return np.lexsort(start[:, axes].T)
 
 
 @law("frames")
 def elsewhere(drawn: Drawn, backend: str) -> Found:
-    """Moved by whole spacings, as far as float64 carries it; liquid that is free also flies, with a fixed step."""
-    scene, dim = drawn.scene, drawn.scene.dim
-    liquid, boost = of_kind(scene, WeaklyCompressible), np.zeros(3)
-    held = effects_with(scene.effects, BringsWalls) or scene.solid or any(scene.period)
+    """Moved by whole spacings, as far as float64 carries it, or along a period; what is free also flies."""
+    scene, dim, random = drawn.scene, drawn.scene.dim, drawn.random()
+    liquid, boost, period = of_kind(scene, WeaklyCompressible), np.zeros(3), np.array(scene.period)
+    held = effects_with(scene.effects, BringsWalls) or scene.solid or period.any()
     if not (liquid is None or held or any(motion.of == "turn" for motion in scene.motion)):
         scene = msgspec.structs.replace(scene, step=0.05 * scene.support_radius / liquid.sound_speed)
         boost[0] = 0.1 * liquid.sound_speed
-    k = float(drawn.random().choice([-38.0, 1024.0]))  # cells of MPM are two spacings
+    k = float(random.choice([-38.0, 1024.0]))  # cells of MPM are two spacings
     way = np.where(np.arange(3) < dim, k * scene.spacing, 0.0)
-    a, b = run(scene, backend), run(moved(scene, way, boost), backend)
-    there = places(a) + (way + boost * a.time) / scene.spacing
-    return Found(apart(there, places(b)), abs(k) * ROUNDING, f"moved by {k:g} spacings, boosted by {boost[0]:g} m/s")
+    other, round_it = moved(scene, way, boost), np.where(period > 0, period, np.inf)
+    if period.any():  # where no place is special
+        way = period * random.uniform(0, 1, 3)
+        parts = (msgspec.structs.replace(p, position=np.mod(p.position + way, round_it)) for p in scene.fluid)
+        other = msgspec.structs.replace(scene, fluid=tuple(parts))
+    a, b = run(scene, backend), run(other, backend)
+    off = (places(b) - places(a)) * scene.spacing - way - boost * a.time
+    off -= np.where(period > 0, np.round(off / round_it) * period, 0.0)
+    return Found(apart(off / scene.spacing, 0 * off), abs(k) * ROUNDING, f"moved by {way} m, boosted by {boost} m/s")
+
+
+@law("frames")
+def sway_as_formula(drawn: Drawn, backend: str) -> Found | None:
+    """A tank that sways, its motion given by numbers and by a formula: the same run."""
+    if of_kind(drawn.scene, Gravity) is None or (liquid := of_kind(drawn.scene, WeaklyCompressible)) is None:
+        return None
+    size, period = 0.1 * drawn.scene.spacing, 100 * drawn.scene.spacing / liquid.sound_speed
+    ways: Any = ({"kind": "sway", "amplitude": size, "period": period},
+                 {"kind": "formula", "formula": f"{size!r} * sin(2*pi*t/{period!r})"})  # fmt: skip
+    motions = [Motion(of="gravity", direction=(1.0, 1.0, 0.0), **way) for way in ways]
+    a, b = (made(msgspec.structs.replace(drawn.scene, motion=(motion,)), backend) for motion in motions)
+    return Found(runs_apart(a, b), ROUNDING, "a sway by numbers and by a formula")
 
 
 @law("frames")
@@ -219,7 +283,7 @@ def given_otherwise(drawn: Drawn, backend: str) -> Found | None:
     two = (Box(cells=(at, *full[1:])), Box(lower=(at * d, 0.0, 0.0), cells=(full[0] - at, *full[1:])))
     given = ((Box(cells=full),), two, (Cloud(position=lattice(cells, d)),))
     runs = [run(msgspec.structs.replace(scene, fluid=parts), backend) for parts in given]
-    a, b, c = (ordered(each, [0, 1, 2]) for each in runs)
+    a, b, c = (places(each)[order(each)] for each in runs)
     return Found(max(apart(a, b), apart(a, c)), ROUNDING, f"a box, two that share a face at {at} cells, a cloud")
 
 
@@ -234,8 +298,8 @@ def other_backend(drawn: Drawn, backend: str) -> Found | None:
         if "residual" in effect.__struct_fields__:  # at which kernels stop, and NumPy solves exactly
             scene = with_effect(scene, msgspec.structs.replace(effect, residual=1e-13))
         if errata and random.random() < 0.3:
-            printed = {"literal": (str(random.choice(errata)),)}
-            scene = with_effect(scene, msgspec.structs.replace(of_kind(scene, type(effect)), **printed))
+            own, printed = of_kind(scene, type(effect)), (str(random.choice(errata)),)
+            scene = with_effect(scene, msgspec.structs.replace(own, literal=printed))
     a, b = made(scene, "numpy"), made(scene, backend)
     v, fast = a.field("velocity").astype(float), float(random.choice([1.0, 1.0, 20.0]))  # which then limits the step
     shaken = v + (v != 0).any(0) * fast * np.abs(v).max() * random.uniform(-1, 1, v.shape)  # bodies, too
@@ -250,14 +314,10 @@ def other_backend(drawn: Drawn, backend: str) -> Found | None:
             if each is a:
                 return None
             raise
-    off = apart(places(a), places(b))
     b.evaluate()
-    for name, field in b.plan.fields.items():
-        if field.dtype == "real" and field.rows is None and name in a.fields:
-            x, y = a.field(name).astype(float), b.field(name).astype(float)
-            size = max(float(np.abs(x).max(initial=0.0)), float(name == "temperature"))
-            off = max(off, apart(x, y) / size if size > 0 and np.isfinite(size) else 0.0)
-    return Found(off, 1e-9, f"numpy and {backend}, all fields", scene)
+    if in_turn(scene) and (a.host("identity") != b.host("identity")).any():
+        return None
+    return Found(max(apart(places(a), places(b)), fields_apart(a, b)), 1e-9, f"numpy and {backend}, all fields", scene)
 
 
 @law("same run")
@@ -266,8 +326,8 @@ def written(drawn: Drawn, backend: str) -> Found:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "scene.toml"
         write_file(path, scene_to_toml(drawn.scene))
-        a, b = (run(scene, backend, 2) for scene in (drawn.scene, load_scene(path)))
-    return Found(apart(places(a), places(b)), 0.0, "written and read")
+        a, b = (made(scene, backend) for scene in (drawn.scene, load_scene(path)))
+    return Found(runs_apart(a, b, 2), 0.0, "written and read")
 
 
 @law("same run")

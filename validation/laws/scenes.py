@@ -12,14 +12,10 @@ import msgspec
 import numpy as np
 from hypothesis import strategies as st
 
-import refsim  # noqa: F401  (all effects are then known)
+from refsim import Cloud, Motion, Scene, SolidBall, SolidBox, SolidMesh
 from refsim.core.capabilities import PullsParticles
 from refsim.core.checked import Printed, Share
 from refsim.core.effect import EFFECTS, Effect
-from refsim.motion import Motion
-from refsim.scene.scene import Scene
-from refsim.scene.shapes import Cloud
-from refsim.scene.solids import SolidBall, SolidBox, SolidMesh
 from refsim.sph import DIFFUSION
 from validation.laws.units import Unit, hexahedron, unit, units_of
 
@@ -115,8 +111,8 @@ def drawn(draw: Draw, effect: str | None = None, most: int = FEW, alike: int | N
     if liquid != LIQUID or around in ("period", "mesh", "both") or alone:
         bodies = ""
     dim = 3 if bodies or around in ("mesh", "both") else choose(draw, (2, 2, 3))
-    large = most > FEW and draw(st.integers(0, 4)) == 4
-    widest = (12, 5) if not large else (int(most ** (1 / 2)), int(most ** (1 / 3)))
+    largest = most if most > FEW and draw(st.integers(0, 4)) == 4 else min(most, 144)
+    widest = [round(largest ** (1 / axes) - 0.2) for axes in (2, 3)]
     cells = tuple(draw(st.integers(7 if dim == 2 else 4, widest[dim - 2])) for _ in range(dim))
     if around == "period":
         cells = tuple(max(n, 8) if axis == 0 or dim == 2 else n for axis, n in enumerate(cells))
@@ -187,13 +183,8 @@ def _walls(draw: Draw, effects: Effects, frame: Frame, liquid: str) -> tuple[Mot
     if frame.around in ("mesh", "both"):
         file = hexahedron(*cells[:2], frame.deep, slope=draw(st.sampled_from((0.0, 0.5))))
         middle = tuple(d * np.array([cells[0] / 2, cells[1] / 2, -frame.deep / 2]))
-        given = {
-            "file": file,
-            "center": middle,
-            "size": d * float(cells[:2].max()),
-            "radius": 0.0,
-            "field_spacing": 0.0,
-        }
+        size = d * float(cells[:2].max())
+        given: dict[str, Any] = {"file": file, "center": middle, "size": size, "radius": 0.0, "field_spacing": 0.0}
         given |= {"model": None} if frame.around == "both" else {}
         effects["mesh_boundary"] = make_effect(draw, "mesh_boundary", frame, **given)
     if liquid == "mpm_liquid" or choose(draw, (1, 1, 1, 1, 0)):
@@ -236,8 +227,7 @@ def _bodies(draw: Draw, effects: Effects, frame: Frame, number: str, effect: str
         effects["two_way_coupling"] = make_effect(draw, "two_way_coupling", frame)
         if effect == "melting" or choose(draw, (0, 0, 0, 1)):
             point = choose(draw, (0.5, -0.5))  # of what begins at 0: all stays or all melts
-            latent = unit("J/kg").of(frame.scale) * draw(powers(-2, 1))
-            warmth = {"melting_point": point, "latent_heat": latent}
+            warmth = {"melting_point": point, "latent_heat": unit("J/kg").of(frame.scale) * draw(powers(-2, 1))}
             effects["heat_conduction"] = make_effect(draw, "heat_conduction", frame, **warmth)
             effects["melting"] = make_effect(draw, "melting", frame)
     return tuple(solid), taken
@@ -272,8 +262,7 @@ def _liquid(draw: Draw, name: str, frame: Frame, bodies: bool) -> Effect:
         return make_effect(draw, name, frame, rest_density=density, bulk_modulus=density * speed**2)
     given = {"rest_density": density, "sound_speed": speed, "tensile_control": "none"}
     given["dynamic_viscosity"] = density * speed * 3.0 * unit("m").of(frame.scale) / 60
-    kind = choose(draw, (None, None, "summation", "continuity"))
-    given["density"] = kind
+    given["density"] = kind = choose(draw, (None, None, "summation", "continuity"))
     if bodies:
         given |= {"viscosity": None, "clamp_pressure": None}
     if kind != "continuity":  # what belongs to an advanced density
@@ -291,8 +280,7 @@ def make_effect(draw: Draw, name: str, frame: Frame, **given: Any) -> Effect:
         needed = field.required or kind.scales[:1] == (field.name,)
         if field.name not in given and (needed or choose(draw, (0, 1, 1) if name == frame.asked else (0, 0, 1))):
             value = _value(draw, kind, field, frame)
-            if value is not None:
-                given[field.name] = value
+            given |= {} if value is None else {field.name: value}
     return kind(**given)
 
 

@@ -91,6 +91,7 @@ def with_effect(scene: Scene, effect: Effect) -> Scene:
 PLACES = {"position", "lower", "upper", "center", "pivot", "period_lower"}  # members that are places [m]
 CORNERS = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))  # and its ends
 SIDES = ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))  # of a hexahedron
+TRIANGLES = [(a, b, c) for p, q, r, s in SIDES for a, b, c in ((p, q, r), (p, r, s))]
 
 
 def hexahedron(length: float, width: float, depth: float, slope: float = 0.0) -> str:
@@ -99,8 +100,7 @@ def hexahedron(length: float, width: float, depth: float, slope: float = 0.0) ->
     top = np.array([[0, 0, 0], [length, 0, down], [length, width, down], [0, width, 0]], dtype=float)
     low = np.where([True, True, False], top, -float(depth))
     corners = np.concatenate([low, top])
-    faces = [(a, b, c) for p, q, r, s in SIDES for a, b, c in ((p, q, r), (p, r, s))]
-    return mesh_file(corners, faces)
+    return mesh_file(corners, TRIANGLES)
 
 
 def mesh_file(corners: np.ndarray, faces: Any) -> str:
