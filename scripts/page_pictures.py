@@ -88,8 +88,9 @@ def verdicts() -> Any:
     for verdict, color in VERDICTS.items():
         count = np.array([counted[system, verdict] for system in systems])
         axes.barh(range(len(systems)), count, left=left, color=color, label=f"{verdict} ({count.sum()})")
+        ink = "white" if color in (GREY, BLUE) else "black"  # a contrast of 4.5 and more
         for k in np.flatnonzero(count):
-            axes.text(left[k] + count[k] / 2, k, str(count[k]), ha="center", va="center", color="white", fontsize=8)
+            axes.text(left[k] + count[k] / 2, k, str(count[k]), ha="center", va="center", color=ink, fontsize=8)
         left += count
     axes.set(yticks=range(len(systems)), yticklabels=[SYSTEMS[s] for s in systems], xlabel="claims")
     axes.legend(loc="lower right")

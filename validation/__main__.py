@@ -61,20 +61,20 @@ def parser() -> argparse.ArgumentParser:
     part.set_defaults(perform=listed)
 
     performed = {"check": [VERDICT, CLAIM, HARD_CASE], "run": [VERDICT], "claims": [CLAIM], "stability": [HARD_CASE]}
-    for name, words in (
+    for name, about in (
         ("check", "performs checks, and says whether what they give keeps what is on file, with tables and pictures"),
         ("run", "the same for the verdicts alone: runs experiments and holds what they give against its bars"),
         ("claims", "the same for the claims alone: measures what the papers claim"),
         ("stability", "the same for the hard cases and the maps of what is stable alone"),
     ):
-        part = add(name, words)
+        part = add(name, about)
         part.add_argument("names", nargs="*", metavar="NAME", help="experiments, checks, maps, sources; all by default")
         add_options(part, "--only", "--jobs")
         if name == "check":
             part.add_argument("--kind", nargs="+", choices=performed[name], help="all by default")
         if CLAIM in performed[name]:
-            words = "write what was measured of claims into expected.toml and onto the pages"
-            part.add_argument("--write", action="store_true", help=words)
+            about = "write what was measured of claims into expected.toml and onto the pages"
+            part.add_argument("--write", action="store_true", help=about)
         part.set_defaults(perform=check, kind=performed[name], write=False)
 
     part = add("accuracy", "measures panels of error against time, and shows them beside their stored points")
@@ -176,9 +176,9 @@ def listed(given: argparse.Namespace) -> int:
             counts = ", ".join(f"{n} {COUNTED[kind]}{'s' * (n > 1)}" for kind, n in numbers.items())
             print(f"{experiment.name:22}  {experiment.title} ({counts})")
             continue
-        for name, (kind, words) in parts.items():
+        for name, (kind, about) in parts.items():
             if kind in (kinds or KINDS):
-                print(f"{experiment.name:22}  {kind:9}  {name:32}  {words}")
+                print(f"{experiment.name:22}  {kind:9}  {name:32}  {about}")
     return EXIT_FINE
 
 

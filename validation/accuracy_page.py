@@ -31,9 +31,9 @@ def places(of: Panel, *kinds: str) -> dict[tuple[str, str], list[str]]:
     for kind in kinds:
         for _, point in settings(of, kind):
             place = of.places[point.place]
-            words = f"{place.date}, commit {place.commit[:8]}"
-            sources.setdefault((kind, _machine(of, point)), set()).add(words)
-    return {key: sorted(words) for key, words in sources.items()}
+            origin = f"{place.date}, commit {place.commit[:8]}"
+            sources.setdefault((kind, _machine(of, point)), set()).add(origin)
+    return {key: sorted(texts) for key, texts in sources.items()}
 
 
 def _machine(of: Panel, point: Point) -> str:
@@ -105,10 +105,10 @@ def _cells(of: Panel, error: float, gpus: list[str]) -> list[str]:
 
 def _words(point: Point) -> str:
     """The setting, whatever it ran on."""
-    words = point.words
+    text = point.words
     for part in (", on a GPU", ", float32", ", cpu", ", cuda"):
-        words = words.replace(part, "")
-    return words
+        text = text.replace(part, "")
+    return text
 
 
 def pictures(of: Panel) -> list[str]:
@@ -231,11 +231,11 @@ def overview() -> Any:
 
     figure, axes = plt.subplots(figsize=(7.6, 4.0))
     errors = np.geomspace(0.1, 0.001, 201)
-    for (name, words), colour in zip(SYSTEMS.items(), COLOURS):
+    for (name, label), colour in zip(SYSTEMS.items(), COLOURS):
         for kind, line, fill in (("cpu", "-", colour), ("gpu", "--", "white")):
             spent = [_seconds(panel(name), error, kind) for error in errors]
             axes.plot(
-                100 * errors, spent, line, color=colour, drawstyle="steps-post", label=words if kind == "cpu" else None
+                100 * errors, spent, line, color=colour, drawstyle="steps-post", label=label if kind == "cpu" else None
             )
             axes.plot(100 * WANTED, _seconds(panel(name), WANTED, kind), "o", color=colour, mfc=fill, ms=7)
     axes.plot([], [], "--", color=GREY, label="dashed: on a GPU")

@@ -234,7 +234,7 @@ def _row(entry: Entry, experiment: Experiment, kept: Mapping[str, Any], system: 
     cells = [escape(entry.title or entry.what), f'<b class="{verdict.replace(" ", "-")}">{verdict}</b>',
              escape(measured(entry)), escape(_bar(entry))]  # fmt: skip
     name = f"<br><code>{escape(entry.name)}</code>"
-    opened = "".join(f"<dt>{head}</dt><dd>{words}</dd>" for head, words in _details(entry, experiment, kept) if words)
+    opened = "".join(f"<dt>{head}</dt><dd>{text}</dd>" for head, text in _details(entry, experiment, kept) if text)
     return (
         f'<tr class="check" {data}><td><details><summary>{cells[0]}</summary>{name}<dl>{opened}</dl></details></td>'
         + "".join(f"<td>{cell}</td>" for cell in cells[1:])

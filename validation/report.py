@@ -116,10 +116,10 @@ class Whole:
     def numbers(self) -> list[tuple[str, str, Check]]:
         """(experiment, words, check) of the summary's numbers; of several sizes the largest, which is the last."""
         rows = []
-        for experiment, begin, words in FIRST:
+        for experiment, begin, title in FIRST:
             named = [c for name, c in self.checks if name == experiment and c.name.startswith(begin)]
             exact = [c for c in named if c.name == begin]
-            rows += [(experiment, words, c) for c in exact[:1] or named[-1:]]
+            rows += [(experiment, title, c) for c in exact[:1] or named[-1:]]
         return rows[:SHOWN_FIRST]
 
 
@@ -130,7 +130,7 @@ def summary(whole: Whole, page: Path) -> str:
     """
     lines, width = [], min(columns(), WIDTH)
     rows = [["", "measured", "paper", "bar", "verdict"]]
-    rows += [[words, number(c.value), c.paper, c.bar, c.verdict] for _, words, c in whole.numbers()]
+    rows += [[title, number(c.value), c.paper, c.bar, c.verdict] for _, title, c in whole.numbers()]
     lines += ["", *table(rows[1:], rows[0], (1,), width).splitlines()] if len(rows) > 1 else []
     count = {verdict: sum(c.verdict == verdict for _, c in whole.checks) for verdict in (PASS, FAIL, SHOWN, MISSED)}
     said = [f"{count[PASS]} checks passed, {count[FAIL]} failed, {count[SHOWN]} are shown without a bar."]
@@ -207,7 +207,7 @@ def _section(each: Performed, title: str) -> list[str]:
         source = f"data:{MIME[path.suffix]};base64,{data}"
         words = escape(picture.replace("_", " "))
         made.append(f'<figure><img alt="{words}" src="{source}"><figcaption>{words}</figcaption></figure>')
-    return made + [_text(words) for words in (check_table([each]), *map(str, each.tables)) if words]
+    return made + [_text(text) for text in (check_table([each]), *map(str, each.tables)) if text]
 
 
 def _claims(claims: Sequence[tuple[Entry, Check | None]]) -> str:

@@ -59,10 +59,10 @@ def read(file: Path) -> dict[str, Any]:
     return {key: part for key, part in by_key.items() if not key.startswith("kernels ")}
 
 
-def merged(before: Times, found: Times) -> dict[str, Any]:
+def merged(before: Times, newer: Times) -> dict[str, Any]:
     """The store with new readings. Raises InputError where another machine measured a part of a table only."""
     made = {key: dict(part) for key, part in before.items()}
-    for key, part in found.items():
+    for key, part in newer.items():
         kept = made.get(key, {"readings": {}})
         missing = set(kept["readings"]) - set(part["readings"])
         if missing and kept["machine"] != part["machine"]:
@@ -185,15 +185,15 @@ class Line:
         """Of the cube, where Warp and the shares of the copy speed belong to it."""
         return self.name.split()[0] if "jiang_zhu" in self.name else ""
 
-    def value(self, found: Mapping[str, Any]) -> float | None:
+    def value(self, by_name: Mapping[str, Any]) -> float | None:
         """What was measured, in the unit shown."""
-        reading = found.get(self.name)
+        reading = by_name.get(self.name)
         if reading is None:
             return None
         if self.unit == FAST:
             return 1e-9 * float(reading["particles"]) / median(reading)
         if self.unit == AS_FAST:
-            return median(found[FASTEST]) / median(reading)
+            return median(by_name[FASTEST]) / median(reading)
         return float(reading["ratio"]) if "ratio" in reading else 1e3 * median(reading)
 
     def reached(self, value: float | None) -> str:
@@ -214,22 +214,22 @@ LINES = (
     Line("Jiang & Zhu cohesion, 59,319 particles", "60k jiang_zhu", "ms a step", 0.08),
     Line("the same, 1,000,000", "1M jiang_zhu", "ms a step"),
     Line("the same, 8,000,000", "8M jiang_zhu", FAST, 3.0),
-    *(Line(words, f"8M {cube}", AS_FAST, 0.6) for cube, words in BESIDE.items()),
+    *(Line(label, f"8M {cube}", AS_FAST, 0.6) for cube, label in BESIDE.items()),
     Line("melting, figure 6", "melting figure_6", "ms a step", 0.45),
     Line("MPM surface of a million particles", "surface in turns", "plain steps", 1.5),
     Line("table of MPM blocks, 2,097,152 particles", "table", "ms", 1.0),
 )
 
 
-def speeds(found: Mapping[str, Any]) -> tuple[float, float] | None:
+def speeds(by_name: Mapping[str, Any]) -> tuple[float, float] | None:
     """Bytes that the device copies and operations that it does in a second; None where they were not measured."""
-    if not {"copy", "arithmetic"} <= set(found):
+    if not {"copy", "arithmetic"} <= set(by_name):
         return None
-    copied, counted = found["copy"], found["arithmetic"]
+    copied, counted = by_name["copy"], by_name["arithmetic"]
     return copied["bytes"] / median(copied), counted["operations"] / median(counted)
 
 
-def least_of(found: Mapping[str, Any], size: str, kernel: str) -> tuple[Work, float] | None:
+def least_of(by_name: Mapping[str, Any], size: str, kernel: str) -> tuple[Work, float] | None:
     """Least work of a kernel and its seconds; None where a reading is missing.
 
     kernel  of `validation.limits`, or "step": all kernels of a step and its share of a list's build, over refsim's step
@@ -237,31 +237,31 @@ def least_of(found: Mapping[str, Any], size: str, kernel: str) -> tuple[Work, fl
     """
 
     def one(name: str) -> Work:
-        reading = found[f"{size} {name}"]
+        reading = by_name[f"{size} {name}"]
         return least(name, reading["particles"], reading["neighbours"], reading["entries"])
 
-    turns = found.get(f"{size} warp")
-    if f"{size} density" not in found or (kernel == "step" and turns is None):
+    turns = by_name.get(f"{size} warp")
+    if f"{size} density" not in by_name or (kernel == "step" and turns is None):
         return None
     if kernel != "step" or turns is None:
-        return one(kernel), median(found[f"{size} {kernel}"])
+        return one(kernel), median(by_name[f"{size} {kernel}"])
     built = one("list")
     columns = zip(*map(one, STEP_KERNELS), strict=True)
     work = Work(*(sum(column) + last / turns["serves"] for column, last in zip(columns, built, strict=True)))
     return work, float(np.median(turns["refsim"]))
 
 
-def shares(found: Mapping[str, Any], size: str, kernel: str) -> list[str]:
+def shares(by_name: Mapping[str, Any], size: str, kernel: str) -> list[str]:
     """Shares of the copy speed and of the arithmetic speed that a kernel reaches, in words."""
-    fast, amounts = speeds(found), least_of(found, size, kernel)
+    fast, amounts = speeds(by_name), least_of(by_name, size, kernel)
     if fast is None or amounts is None:
         return [NOT_YET] * 2
     return [f"{100 * amount / limit / amounts[1]:.2g} %" for amount, limit in zip(amounts[0], fast, strict=True)]
 
 
-def warp_words(found: Mapping[str, Any], size: str) -> str:
+def warp_words(by_name: Mapping[str, Any], size: str) -> str:
     """Warp's best way beside refsim's step in the same turns."""
-    turns = found.get(f"{size} warp")
+    turns = by_name.get(f"{size} warp")
     if turns is None:
         return NOT_YET
     best, refsim = min(map(np.median, turns["warp"].values())), np.median(turns["refsim"])
@@ -306,9 +306,9 @@ def limits_picture(times: Times) -> Any:
         copied, counted = (1e-9 * limit for limit in fast)
         low, edge, high = 0.05, counted / copied, 100.0
         left.loglog([low, edge, high], [low * copied, counted, counted], color=GREY)
-        words = {"color": GREY, "ha": "right", "fontsize": 8}
-        left.text(0.9, 1.44 * copied, f"copy speed {copied / 1e3:.2f} TB/s", **words)
-        left.text(high, 1.15 * counted, f"arithmetic {counted / 1e3:.1f} TFLOP/s", **words)
+        style = {"color": GREY, "ha": "right", "fontsize": 8}
+        left.text(0.9, 1.44 * copied, f"copy speed {copied / 1e3:.2f} TB/s", **style)
+        left.text(high, 1.15 * counted, f"arithmetic {counted / 1e3:.1f} TFLOP/s", **style)
         colours = dict(zip((*STEP_KERNELS, "list"), (BLUE, GREY, VERMILION, ORANGE, GREEN, PURPLE), strict=True))
         for size, marker in zip(SIZES, "osD"):
             for name, colour in colours.items():

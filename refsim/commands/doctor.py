@@ -175,11 +175,11 @@ def _text(report: dict[str, Any]) -> str:
         elif "why" in test:
             outcomes.append((name, "FAILS", "see the verdict"))
         else:
-            words = (
+            note = (
                 f"{test['operation']} of {test['particles']} particles: largest relative error"
                 f" {test['largest_relative_error']:.2g}, allowed {test['bound']:.2g}, {in_time(test['seconds'])}"
             )
             verdict = "works" if test["verdict"] == "pass" else "WRONG"
-            outcomes.append((name, verdict, "the reference for the others" if name == "numpy" else words))
+            outcomes.append((name, verdict, "the reference for the others" if name == "numpy" else note))
     outcomes += [("note", "", sentence) for sentence in report["private_names"].values()]
     return "\n".join([*lines, table(outcomes), "", f"Verdict: {report['verdict']}."])

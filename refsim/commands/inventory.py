@@ -114,7 +114,7 @@ def _overview(operations: dict[str, dict[str, Any]], effects: dict[str, dict[str
         for method, papers in sorted(methods.items())
         if method not in plain
     ]
-    also = f"; of no paper: {', '.join(plain)}" if plain else ""
+    also = f"; {' and '.join(plain)} have no paper" if plain else ""
     lines = [
         f"{len(operations)} operations; refsim list METHOD shows those of a method{also}",
         table(rows, right=(1,), width=width),

@@ -150,9 +150,10 @@ def _text(report: RunReport) -> str:
         lines.append(f"potential energy: {start['potential_energy']:.4g} -> {end['potential_energy']:.4g} {energy}")
     if (density := report.density) and "counted" in density:
         lines.append(
-            f"density inside the liquid: {density['told']:.5g} advanced, {density['counted']:.5g} counted"
-            f" ({density['difference']:+.2%}; 1 % of it {density['least']:+.2%}, 1 % {density['most']:+.2%}; at most"
-            f" {density['greatest_difference']:+.2%})"
+            f"density inside the liquid: {density['told']:.5g} kg/m^{report.dim} advanced, {density['counted']:.5g}"
+            f" counted, {_beside(density['difference'])}; the 1 % of the cells with the least"
+            f" {_beside(density['least'])}, with the largest {_beside(density['most'])}; farthest in the run"
+            f" {_beside(density['greatest_difference'])}"
         )
     for effect, account in end.get("effects", {}).items():
         for name, value in account.items():
@@ -185,6 +186,10 @@ def _profile(profile: dict[str, Any]) -> str:
     head = ("pass or part of the loop", "seconds", "share", "launches", "first launch [s]")
     note = f"\n{profile['note']}" if profile["note"] else ""
     return f"\n\n{table(rows, head, right=(1, 2, 3, 4))}{note}"
+
+
+def _beside(difference: float) -> str:
+    return f"{abs(difference):.2%} {'above' if difference > 0 else 'below'}"
 
 
 def _vector(values: list[float]) -> str:

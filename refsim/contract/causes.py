@@ -255,11 +255,11 @@ def altered(w: Diagnosis) -> Signs:
             with_altered(n, True, lambda v, _, k: (0 * v.T + v.T[w.number[k]]).T),
         )
         for name, kept in ((n, None), (f"{n}_j", True), (f"{n}_i", False))[: 3 if w.sums else 1]:
-            before, words = with_altered(n, kept, lambda v, *_: np.roll(v, 1, -1)), f"in place of {name}"
-            yield f"the answer has # times {name} {words}", with_altered(n, kept, lambda v, s, _: s * v)
-            yield f"the answer has {n} of the particle before {words}", before
+            before, place = with_altered(n, kept, lambda v, *_: np.roll(v, 1, -1)), f"in place of {name}"
+            yield f"the answer has # times {name} {place}", with_altered(n, kept, lambda v, s, _: s * v)
+            yield f"the answer has {n} of the particle before {place}", before
             for p, word in ((0, "1"), (2, "the square")):
-                yield f"the answer has {word} {words}", with_altered(n, kept, lambda v, *_, p=p: v**p)
+                yield f"the answer has {word} {place}", with_altered(n, kept, lambda v, *_, p=p: v**p)
 
 
 def recounted(w: Diagnosis) -> Signs:

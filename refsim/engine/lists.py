@@ -37,7 +37,7 @@ class Lists:
     step_displacement  bound on that of the latest step [m], of length `length` [s]; `shifted` its part beside dt v
     rate            change of the margin [m/s] if velocities stay, for `ahead` [s]; None where it is not known
     gained          bound on the change of the velocities [m/s] since the latest check
-    skins           that lists may take; `built_at` is the step before which the latest was built
+    skins           that lists may take, the first at first; `built_at` is the step before which the latest was built
     by_forces       whether velocities change by accelerations alone, so that these bound a step's displacement
     """
 
@@ -47,7 +47,7 @@ class Lists:
         if plan.list_radius > 0 and backend.name != "numpy":
             period = plan.shared["period"]
             self.skins = plan.scene.skins[: 1 if backend.name == "cuda" else None]
-            options = plan.list_radius, self.skins[0], period, self.skins[-1]
+            options = plan.list_radius, self.skins[0], period, max(self.skins)
             self.search = NeighbourSearch(backend, grid.dim, grid.dtype, *options)
         self.latest: tuple[Any, Any, Any] | None = None
         self.static: Any = None
@@ -143,10 +143,22 @@ class Lists:
         A wider list takes longer to build and to sum over, and is built more rarely.
         """
         assert self.search is not None
-        if (served := steps - self.built_at) < FEW_STEPS:
-            self.search.reach_further(self.skins[-1])
-        elif served > MANY_STEPS:
+        if self.outlasts(steps):
+            self.search.reach_further(min(self.skins))
+        elif (served := steps - self.built_at) < FEW_STEPS:
+            self.search.reach_further(max(self.skins))
+        elif served > MANY_STEPS and self.search.skin > self.skins[0]:
             self.search.reach_further(self.skins[0])
+
+    def outlasts(self, steps: int) -> bool:
+        """Whether a list of the first skin served many steps and the narrowest would serve twice as many.
+
+        A new one then saves more than it costs: the liquid rests, or creeps.
+        """
+        if self.search is None or not (least := min(self.skins)) < self.skins[0] == self.search.skin:
+            return False
+        moved = math.sqrt(self.squared_displacement)
+        return steps - self.built_at > MANY_STEPS and moved <= 0.25 * least * self.search.radius
 
     def after_build(self, steps: int) -> None:
         """Note that the list was built where the particles are, after this number of steps."""

@@ -14,11 +14,11 @@ SORT_EVERY = 50  # steps between two sortings of particles that no neighbour lis
 
 
 def update(state: State) -> None:
-    """Rebuild the lists where one may lack a pair; the particles are put into cell order before.
+    """Rebuild the lists where one may lack a pair, or reaches too far; the particles are put into cell order before.
 
     Raises RunStopped where the audit of the old list finds that it lacked a neighbour.
     """
-    if not state.lists.needs_no_look():
+    if state.lists.outlasts(state.steps) or not state.lists.needs_no_look():
         state.timings.run("neighbours", functools.partial(_look, state))
 
 
@@ -38,7 +38,7 @@ def _particles(state: State) -> Particles:
 def _look(state: State) -> None:
     lists, search = state.lists, state.lists.search
     assert search is not None
-    if lists.built and lists.keeps(_particles(state)):
+    if lists.built and not lists.outlasts(state.steps) and lists.keeps(_particles(state)):
         return
     # The audit steps positions back by velocities and shifts, which must be those that led to them.
     if lists.built and lists.auditable and not lists.velocities_set:

@@ -202,13 +202,15 @@ def a_pair_with_a_reservoir():
     return _pair(temperature, reservoir=[0, 1], conduction=conduction)
 
 
-@closed_form("heat.one_sided", across=5.0)
-def a_pair_each_by_itself():
+def _each_by_itself(weight):
     """T_i + f_i (T_j - T_i), f_i = g/C_i/(1 + g (1/C_1 + 1/C_2)), and again from the new temperatures."""
-    f, t = _alone() * INVERSE, TEMPERATURE
+    f, t = _alone(weight) * INVERSE, TEMPERATURE
     for _ in range(2):
         t = t + f * (t[::-1] - t)
-    return _pair(t)
+    return t
+
+
+closed_form("heat.one_sided", across=5.0, a_pair_each_by_itself=lambda: _pair(_each_by_itself(WEIGHT)))
 
 
 @closed_form("heat.chebyshev", across=5.0)
@@ -361,11 +363,19 @@ closed_form(  # RKL1 with one stage, which s_max < 1 allows, is forward Euler
 # The same pairs elsewhere.
 
 
+# The next image is beyond h: q = 127/128 in a box of 2 h, and L = (1 - q)^2/q is 1/(64 127) of that at q = 1/2.
+FAR = dataclasses.replace(PAIR, position=PAIR.position * (127 / 64))
+NARROW = period_group((0.0, 4.0, 0.0), "float64")
+
+
 @closed_form("heat.exchange_rate")
 def rates_at_nearly_half_a_period():
-    """The next image is beyond h: q = 127/128 in a box of 2 h, and L = (1 - q)^2/q is 1/(64 127) of that at q = 1/2."""
-    case = dataclasses.replace(PAIR, position=PAIR.position * (127 / 64))
-    return _rates(WEIGHT / (64 * 127) / 0.5 * INVERSE, case, period=period_group((0.0, 4.0, 0.0), "float64"))
+    return _rates(WEIGHT / (64 * 127) / 0.5 * INVERSE, FAR, period=NARROW)
+
+
+@closed_form("heat.one_sided")
+def each_by_itself_at_nearly_half_a_period():
+    return dataclasses.replace(_pair(_each_by_itself(WEIGHT / (64 * 127)), period=NARROW), case=FAR)
 
 
 def _two_sweeps_at(place):

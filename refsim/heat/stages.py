@@ -47,7 +47,7 @@ def legendre_stages(largest_sum: float) -> Iterator[Stage]:
     number = max(3, math.ceil((math.sqrt(9 + 16 * max(largest_sum, 0.0)) - 1) / 2 - 1e-9))
     number += 1 - number % 2
     w = 4 / (number**2 + number - 2)
-    b = [1 / 3, 1 / 3, 1 / 3] + [(j * j + j - 2) / (2 * j * (j + 1)) for j in range(3, number + 1)]
+    b = [1 / 3] * 3 + [(j * j + j - 2) / (2 * j * (j + 1)) for j in range(3, number + 1)]
     yield Stage(0.0, 0.0, b[1] * w, 0.0)
     for j in range(2, number + 1):
         mu = (2 * j - 1) / j * b[j] / b[j - 1]

@@ -215,11 +215,11 @@ class StaticSet:
 
 def coincident_pairs(position: np.ndarray) -> list[tuple[int, int]]:
     """Pairs of particles at exactly the same place; position (n, 3) [m]."""
-    words = np.uint32 if position.dtype.itemsize == 4 else np.uint64
+    word = np.uint32 if position.dtype.itemsize == 4 else np.uint64
     key = np.zeros(len(position), np.uint64)  # equal where places are, and rarely elsewhere
     for axis in range(3):
         key *= np.uint64(0x9E3779B97F4A7C15)
-        key ^= (position[:, axis] + 0.0).view(words)  # without -0
+        key ^= (position[:, axis] + 0.0).view(word)  # without -0
         key ^= key >> np.uint64(29)
     ordered = np.sort(key)
     twice = ordered[1:][ordered[1:] == ordered[:-1]]

@@ -99,11 +99,11 @@ def _called(function: Callable, beside: Callable | None = None) -> str:
 
 def _call(begin: str, arguments: Iterable[str], end: str) -> list[str]:
     """Lines of a call or of a head, each argument once."""
-    words = ", ".join(dict.fromkeys(arguments) if begin.startswith("def") else arguments)
-    if len(begin + words + end) <= WIDTH:
-        return [begin + words + end]
+    names = ", ".join(dict.fromkeys(arguments) if begin.startswith("def") else arguments)
+    if len(begin + names + end) <= WIDTH:
+        return [begin + names + end]
     space = " " * (len(begin) - len(begin.lstrip()))
-    return [begin, *textwrap.wrap(f"{words},", WIDTH, initial_indent=f"{space}    ", subsequent_indent=f"{space}    "),
+    return [begin, *textwrap.wrap(f"{names},", WIDTH, initial_indent=f"{space}    ", subsequent_indent=f"{space}    "),
             space + end]  # fmt: skip
 
 

@@ -201,12 +201,12 @@ def loop_source(
         "added": added(pair),
     }
     source = "listed.position" if "position" in listed else "places"
-    loop, more, words = NEAR + NEAR_LOOP if near else LOOP, {}, {}
+    loop, more, parts = NEAR + NEAR_LOOP if near else LOOP, {}, {}
     if near and "rows" in listed:
         lines |= _packed_lines(pair, given)
         loop, more = NEAR + PACKED_LOOP, _packed_names()
     elif near and "start" in listed and not held and not plain:
-        lines, words = lines | _staged_lines(pair, given, source), _staged_words(pair, given, source)
+        lines, parts = lines | _staged_lines(pair, given, source), _staged_words(pair, given, source)
         loop, more = NEAR + STAGED_LOOP, {"staging": staging, "np": np}
     else:
         lines["theirs"] = [f"{name}_j = {entry_of(name, given[name], 'j')}" for name in fields_of(pair, "j")]
@@ -217,7 +217,7 @@ def loop_source(
     text = filled_in(
         HEAD + ("" if plain else ROW) + loop, lines, given=", ".join(given), pair=pair.__name__,
         smoothing=other, real=f"listed.{held[0]}.dtype.type" if held else f"type({other})",
-        source=source, totals=", ".join(f"over_lanes(s{n}, lane)" for n in sums), **words,
+        source=source, totals=", ".join(f"over_lanes(s{n}, lane)" for n in sums), **parts,
     )  # fmt: skip
     return text, more
 

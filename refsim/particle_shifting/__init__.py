@@ -171,6 +171,6 @@ class ParticleShifting(Effect, CorrectsPositions, Joins, FollowsStart, frozen=Tr
         if self.strength == 0:
             return EnergyAccount()
         pulled = any(effect.passes(others) for effect in effects_with(others, PullsParticles))  # type: ignore[attr-defined]
-        words = ["what shifts change in the potential of cohesion"] if pulled else []
-        words += [] if self._at_surface() else ["what shifts change in the density"]
-        return EnergyAccount(uncounted=tuple(words))
+        parts = ["what shifts change in the potential of cohesion"] if pulled else []
+        parts += [] if self._at_surface() else ["what shifts change in the density"]
+        return EnergyAccount(uncounted=tuple(parts))

@@ -341,13 +341,13 @@ class Series:
 
         unit = self.run.unit(self.look.colour)
         place = figure.add_axes((0.60, 0.055, 0.35, 0.022))
-        words = self.run.label(self.look.colour) + (f" [{unit}]" if unit else "")
+        title = self.run.label(self.look.colour) + (f" [{unit}]" if unit else "")
         bar = figure.colorbar(
             ScalarMappable(Normalize(*self.limits), looks.MAP), cax=place, orientation="horizontal", extend="both"
         )
         bar.outline.set_visible(False)
         bar.ax.tick_params(labelsize=13, colors=INK)
-        bar.ax.set_title(words, fontsize=14, color=INK, pad=5)
+        bar.ax.set_title(title, fontsize=14, color=INK, pad=5)
         return time
 
 

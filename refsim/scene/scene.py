@@ -31,7 +31,7 @@ class Scene(Checked, frozen=True, kw_only=True):
     step            fixed step [s]; 0 lets the stable step decide
     step_factor     share of the stable step that is taken
     skin            share of the support radius by which the neighbour list reaches further; by default 0.1, and on a
-                    CPU 0.2 while lists serve few steps
+                    CPU 0.2 while lists serve few steps and 0.05 where particles hardly move
     period          lengths of a periodic box along x, y and z [m]; 0 along axes without a period
     period_lower    lower corner of that box [m]
     motion          how gravity or faces of walls move in time

@@ -373,24 +373,26 @@ def _melted(inputs, crowd, middle):
     return inputs | {"region_count": _counted(inputs["region"])}, crowd, middle
 
 
-def _at_the_bound(share):
-    """Equal members 32 m from a melted node at the origin, `share` 2^-38 m to their side of it along x and z.
+def _at_the_bound(share, axes=0):
+    """Equal members 32 m from a melted node at the origin, `share` 2^-38 m to their side of it along x and z; the axes
+    may be others.
 
     A = diag(a, 0, a), a = 150 share 2^-38 kg m; the rounding of the sums may make b = 2 w n eps 124 32 kg m. Above it
     the turn by 2 alpha about x that was there before becomes the one of the largest eigenvector of diag(2, 0) + f p
     p^T, f = 16 b/a, p = (cos alpha, sin alpha), twice: tan 2 phi = f sin 2 alpha/(2 + f cos 2 alpha).
     """
     away, alpha = share * 2.0**-38, 0.35
-    inputs, crowd, middle = _melted(*_crowd(2, np.array([0.0, 32.0, 0.0]), away * np.array([1.0, 0.0, 1.0])))
+    place, aside, about = (np.roll(part, axes) for part in ([0.0, 32.0, 0.0], [away, 0.0, away], [1, 0, 0]))
+    inputs, crowd, middle = _melted(*_crowd(2, place, aside))
     inputs["region_share"] = np.ones(343)
-    exact = _kept(inputs, crowd, middle, 2, _about([1, 0, 0], 2 * alpha))
+    exact = _kept(inputs, crowd, middle, 2, _about(about, 2 * alpha))
     bound = 2 * 2 * 125 * 2.0**-52 * (124 * 32 + 200 * away)
     if 150 * away > bound:
         f = 16 * bound / (150 * away)
         for _ in range(2):
             alpha = 0.5 * np.arctan2(f * np.sin(2 * alpha), 2 + f * np.cos(2 * alpha))
     wanted = exact.expected["rotation"].copy()
-    wanted[middle] = [np.cos(alpha), np.sin(alpha), 0.0, 0.0]
+    wanted[middle] = [np.cos(alpha), *(np.sin(alpha) * about)]
     return Exact(exact.case, exact.inputs, {"rotation": wanted})
 
 
@@ -398,6 +400,7 @@ closed_form(
     "shape_matching.match",
     turned_by_more_than_rounding=lambda: _at_the_bound(0.9),  # a tenth above: the region turns back a little
     turned_by_rounding=lambda: _at_the_bound(0.6),  # at three quarters of it: the region keeps its rotation
+    turned_by_rounding_along_z=lambda: _at_the_bound(0.6, 1),
 )
 
 

@@ -475,11 +475,11 @@ class WeaklyCompressible(
         if not pressure_is_replaced(others):
             least = self.rest_density * self.sound_speed * grid.support_radius / self._largest_number()
             risk = "water may not come to rest" if self.advances() else "kinetic energy may grow at walls and in drops"
-            words = (
+            notes = (
                 f"with a viscosity of {self.dynamic_viscosity:g} Pa s, below rho0 c h/{self._largest_number():g} ="
                 f" {least:.3g} Pa s, {risk}: increase the viscosity, or monitor the energy"
             )
-            yield Margin("dynamic_viscosity [Pa s]", self.dynamic_viscosity, least, least=True, beyond=words)
+            yield Margin("dynamic_viscosity [Pa s]", self.dynamic_viscosity, least, least=True, beyond=notes)
 
     def energy(self, grid: Discretisation, others: Others) -> EnergyAccount | None:
         """Work of compression of J(9) or Tait, unless another effect computes the pressure.

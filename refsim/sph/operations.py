@@ -119,21 +119,21 @@ def continuity(
     )  # fmt: skip
     b = wall_particles(walls, velocity=moving(walls, wall_motion), strain=wall_strain)
     around, at_walls = (neighbours(i, j, smoothing, period=period, rows=rows) for j in (i, b))
-    own, spread = around.i, 0.0
+    here, spread = around.i, 0.0
     strain = around(ref.strain) + at_walls(ref.strain)
     if shift is not None and dt != 0:
         strain += around(ref.transport) + at_walls(ref.transport_at_walls)
     filled, share = (around(ref.filling) + at_walls(ref.filling)) / int(smoothing.dim), 1.0
     if walls is not None and wall_strain is not None:
-        strain += ref.interior(filled) * at_walls(ref.handed_on) / own.volume
+        strain += ref.interior(filled) * at_walls(ref.handed_on) / here.volume
     if recount is not None:
         share = (around(ref.told_volume) + at_walls(ref.told_volume)) * float(recount.whole)
         strain += ref.returned(filled, share, float(recount.rate))
     if diffusion is not None:
         slope = float(diffusion.stretch) * np.array([float(part) for part in lean])
         spread = around(ref.diffusion, delta_h_c=diffusion.coefficient, lean=slope)
-    excess = ref.advanced(own, strain, spread, dt)
-    return {"filling": where(own.liquid, share, 1.0), "density_excess": excess, "density": own.rest + excess}
+    excess = ref.advanced(here, strain, spread, dt)
+    return {"filling": where(here.liquid, share, 1.0), "density_excess": excess, "density": here.rest + excess}
 
 
 @operation("rho of the step before", paper="standard", outputs="advanced_excess", invariants="reordering")

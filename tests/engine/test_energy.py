@@ -143,9 +143,11 @@ def ice(cells_below, deep):
     return runs.submerged((3, 3), cells_below, (8, deep), 2.6, runs.ARTIFICIAL).with_(dtype="float32")
 
 
-@pytest.mark.parametrize("scene", [driven((FACES,), MOVED), ice(3, 6)], ids=["faces", "ice"])
-def test_work_is_kept_in_checkpoints_and_changes_no_bit(tmp_path, scene):
-    plain, whole, first = (rs.Simulation(scene.with_(energy_audit=a), "numpy") for a in (None, AUDIT, AUDIT))
+@pytest.mark.parametrize(
+    "scene, backend", [(driven((FACES,), MOVED), "numpy"), (ice(3, 6), "cpu")], ids=["faces", "ice"]
+)
+def test_work_is_kept_in_checkpoints_and_changes_no_bit(tmp_path, scene, backend):
+    plain, whole, first = (rs.Simulation(scene.with_(energy_audit=a), backend) for a in (None, AUDIT, AUDIT))
     advanced(first, 13)
     first.checkpoint(tmp_path / "cut.h5")
     resumed = rs.Simulation.resume(tmp_path / "cut.h5")

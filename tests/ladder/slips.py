@@ -30,6 +30,7 @@ import numpy as np
 from refsim.backends.fast import rows
 from refsim.contract import Target
 from refsim.contract.answers import on_case
+from refsim.contract.bounds import takes_neighbours
 from refsim.contract.ladder import climbing
 from refsim.core import cases
 from refsim.core.errors import RunStopped
@@ -237,7 +238,8 @@ def noticed(operation, deep, seconds=math.inf):
             if not deep and not all(outcome.passed for outcome in climbing(target, ("T1",))):
                 return True
         for target in variants:
-            for name in (*cases.COMMON, *operation.cases) if deep else FIRST_CASES:
+            dense = ["dense_cluster"] * (deep and takes_neighbours(operation))
+            for name in (*cases.COMMON, *operation.cases, *dense) if deep else FIRST_CASES:
                 if not on_case(target, name, lists="all_pairs").passed:
                     return True
             if deep and not all(outcome.passed for outcome in climbing(target, ("T4", "T5", "T7", "T9"))):

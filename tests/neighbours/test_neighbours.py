@@ -283,6 +283,21 @@ def test_lists_reach_further_while_they_serve_few_steps(tmp_path, monkeypatch):
     assert (log.missed_neighbours, log.audited_rows) == (0, 120 * (log.rebuilds - 1))
 
 
+@pytest.mark.parametrize(("speed", "skin", "rebuilds"), [(0.1, 0.05, 2), (0.13, 0.1, 1)])
+def test_a_list_that_would_last_is_built_anew_with_a_narrower_skin(speed, skin, rebuilds):
+    """After 21 steps of 1 ms, if particles have moved by at most 2.5 mm, half of what the narrower one allows."""
+    box = rs.Box(cells=(4, 4, 4), velocity=(speed, 0.0, 0.0))
+    liquid = rs.WeaklyCompressible(sound_speed=10.0, density="summation")
+    scene = rs.Scene(spacing=0.1, support_radius=0.2, step=1e-3, dtype="float64", fluid=(box,), effects=(liquid,))
+    simulation = rs.Simulation(scene, "cpu")
+    advanced(simulation, 21)
+    assert simulation.search.log.rebuilds == 1
+    advanced(simulation, 4)
+    log = simulation.search.log
+    assert (simulation.search.skin, log.rebuilds, log.missed_neighbours) == (skin, rebuilds, 0)
+    assert (log.audited_rows > 0) == (rebuilds > 1)
+
+
 @pytest.mark.parametrize("more", [rs.ParticleShifting(), rs.ImplicitPressure()], ids=["shift", "pressure"])
 def test_rows_of_a_new_order_follow_in_all_that_a_step_computes(more):
     """Also what only a step writes, a shift or a pressure of IISPH, which is read after a later list is built."""

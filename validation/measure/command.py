@@ -36,7 +36,7 @@ def add_commands(made: argparse.ArgumentParser) -> None:
         part.set_defaults(perform=lambda given: importlib.import_module(where).perform(given) or 0)
         return part
 
-    for name, words, file in (
+    for name, about, file in (
         ("drops", "measures the free drops of the sigma map", "drops.json"),
         ("sessile", "measures the drops of the wetting map, which sit on a plane", "wetting.json"),
         (
@@ -45,7 +45,7 @@ def add_commands(made: argparse.ArgumentParser) -> None:
             "tension.json",
         ),
     ):
-        part = add(name, words)
+        part = add(name, about)
         part.set_defaults(perform=measure_drops)
         where = part.add_mutually_exclusive_group()
         where.add_argument("--jobs", type=int, default=1, help="processes of one thread each")
@@ -59,11 +59,11 @@ def add_commands(made: argparse.ArgumentParser) -> None:
         part.add_argument("--backend", default="cpu", help="cpu (default) or cuda")
         part.add_argument("--advanced", action="store_true", help="only drops of an advanced density")
         part.add_argument("--seconds", type=float, default=math.inf, help="stop after so long")
-    for name, words in (
+    for name, about in (
         ("sigma_map", "condenses the free drops on file into the table of refsim.calibrate"),
         ("wetting_map", "condenses the sessile drops on file into the table of refsim.calibrate_contact_angle"),
     ):
-        part = add(name, words)
+        part = add(name, about)
         part.set_defaults(perform=write_map)
         part.add_argument("--output", type=Path, help="the packaged table by default")
     part = add("studies", "holds refsim study against scenes with exact answers")

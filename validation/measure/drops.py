@@ -60,7 +60,7 @@ OTHER_BASE: dict[str, dict[str, Any]] = {
     "csf": {"kernels": "wendland"}, "he": {"kernels": "wendland"}, "akinci_iisph": {"support": 2.0},
 }  # fmt: skip
 
-MODELS = {name: (words, partial(effect, 1.0)) for name, (words, effect) in SETTINGS.items()}  # of nominal sigma = 1
+MODELS = {name: (label, partial(effect, 1.0)) for name, (label, effect) in SETTINGS.items()}  # of nominal sigma = 1
 
 
 @dataclass(frozen=True)

@@ -80,7 +80,7 @@ def launch(
     """
     if why := missing(module):
         return {"missing": why}
-    words = PROGRAMS[module][0]
+    title = PROGRAMS[module][0]
     paths = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")]))
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -92,10 +92,10 @@ def launch(
                 text=True, timeout=limit, check=False,
             )  # fmt: skip
         except (OSError, subprocess.TimeoutExpired) as error:
-            return {"missing": f"{words} did not run ({error})"}
+            return {"missing": f"{title} did not run ({error})"}
         if done.returncode != 0 or not (folder / "answer.json").exists():
             last = (done.stderr.strip() or done.stdout.strip() or "no message").splitlines()[-1]
-            return {"missing": f"{words} ended with code {done.returncode}: {last}"}
+            return {"missing": f"{title} ended with code {done.returncode}: {last}"}
         return _read(folder, "answer")
 
 

@@ -71,11 +71,11 @@ def _tank(cells: int, viscosity: float) -> type:
 
 def work(flow: str, scheme: str, cells: int, times: list[float], viscosity: float = 0.0) -> dict[str, Any]:
     """Run one flow in this process."""
-    words = ["--pfreq", str(10**9), "--tf", repr(times[-1] + 1e-9), "-d", "output", "--no-openmp"]
+    options = ["--pfreq", str(10**9), "--tf", repr(times[-1] + 1e-9), "-d", "output", "--no-openmp"]
     if flow == "vortices":
         from pysph.examples.taylor_green import TaylorGreen as Flow
 
-        words += ["--scheme", scheme, "--nx", str(cells), "--re", "100"]
+        options += ["--scheme", scheme, "--nx", str(cells), "--re", "100"]
     else:
         Flow = _tank(cells, viscosity)
     seen: dict[str, list[NDArray | float]] = {"time": [], "position": [], "velocity": [], "pressure": []}
@@ -97,7 +97,7 @@ def work(flow: str, scheme: str, cells: int, times: list[float], viscosity: floa
                     seen[name].append(np.column_stack(values))
                 seen["pressure"].append(fluid.get("p", only_real_particles=True).copy())
 
-    Watched().run(words)
+    Watched().run(options)
     spent = time.process_time() - clock["began"]
     series = {name: np.array(values) for name, values in seen.items()}
     return {**series, "seconds": spent, "steps": clock["steps"]}

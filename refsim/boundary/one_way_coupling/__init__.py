@@ -242,8 +242,8 @@ class MeshBoundary(
             return None
         if self.extrapolates():
             return adami_2012.account(others)
-        words = ("the boundary particles' own pressure",) if self._presses(others) else ()
-        return EnergyAccount(uncounted=words)
+        parts = ("the boundary particles' own pressure",) if self._presses(others) else ()
+        return EnergyAccount(uncounted=parts)
 
     def list_radius(self, grid: Discretisation) -> float:
         return grid.support_radius

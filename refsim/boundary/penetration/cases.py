@@ -163,3 +163,13 @@ closed_form(
     # beside the box no distance is looked at: deep inside the wall a particle moves on
     along_the_box=lambda: _step((6.0, 0.5, 0.5), (2.0, 0.0, 0.0), (8.0, 0.5, 0.5), (2.0, 0.0, 0.0), 0, _wall(), **LOW),
 )
+
+
+@closed_form("penetration.kick_drift", over=[(side, axis) for side in ("lower", "upper") for axis in range(3)])
+def past_one_side(side, axis):
+    """A particle that ends in the slab, past one side of a box that has no others, moves on."""
+    x = -2.5 if (side, axis) == ("upper", 2) else 0.25
+    y = -2.5 if (side, axis) in (("lower", 1), ("upper", 0)) else 0.5
+    end, box = np.array([x, y, -2.0]), {"lower": -FAR, "upper": FAR.copy()}
+    box[side][axis] = end[axis] + (0.125 if side == "lower" else -0.125)
+    return _step((x, y, 1.0), (0.0, 0.0, -3.0), end, (0.0, 0.0, -3.0), 0, swept=0, **box)

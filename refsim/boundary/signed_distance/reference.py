@@ -122,17 +122,17 @@ class Sampled:
         return phi, slope
 
 
-def walked(point, own, corners, across):
-    """|x - c| = min over `own` triangles, then over neighbours as long as one is nearer.
+def walked(point, triangles, corners, across):
+    """|x - c| = min over `triangles`, then over neighbours as long as one is nearer.
 
     (distance [m], x - c [m], triangle, feature).
     """
     best = np.inf, None, None, None
     while True:
-        offset, feature = triangle_offset(point[None], corners[own])
+        offset, feature = triangle_offset(point[None], corners[triangles])
         distance = np.linalg.norm(offset, axis=1)
         k = int(distance.argmin())
         if distance[k] >= best[0]:
             return best
-        best = float(distance[k]), offset[k], int(own[k]), int(feature[k])
-        own = across[best[2]].tolist()
+        best = float(distance[k]), offset[k], int(triangles[k]), int(feature[k])
+        triangles = across[best[2]].tolist()

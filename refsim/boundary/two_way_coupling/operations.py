@@ -56,10 +56,10 @@ def density(position, mass, rest_density, phase, relative_contribution, walls, s
     """Density [kg/m^dim], self and walls included, pressure [Pa] and volume [m^dim]; solids keep rho0_i, with p = 0."""
     i = Fields(position=position, mass=mass, rest=rest_density, phi=relative_contribution, **kinds(phase))
     around, at_walls = (neighbours(i, j, smoothing, rows=rows) for j in (i, wall_particles(walls)))
-    own = around.i
-    rho = where(own.liquid, around(ref.summed_density) + at_walls(ref.density_at_walls), own.rest)
-    p = ref.state(Fields(density=rho), own.rest * float(coupling.stiffness), own.rest, int(coupling.exponent))
-    return {"density": rho, "pressure": where(own.liquid, maximum(p, 0), 0), "volume": own.mass / rho}
+    here = around.i
+    rho = where(here.liquid, around(ref.summed_density) + at_walls(ref.density_at_walls), here.rest)
+    p = ref.state(Fields(density=rho), here.rest * float(coupling.stiffness), here.rest, int(coupling.exponent))
+    return {"density": rho, "pressure": where(here.liquid, maximum(p, 0), 0), "volume": here.mass / rho}
 
 
 @operation(

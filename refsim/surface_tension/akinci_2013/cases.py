@@ -21,9 +21,9 @@ def _tension(case, grid):
 
 
 VARIATIONS[CohesionSpline] = Variation(
-    following(amplitude=lambda own, h, dim: 32 * float(own.gamma) / (math.pi * h**dim))
+    following(amplitude=lambda group, h, dim: 32 * float(group.gamma) / (math.pi * h**dim))
 )
-VARIATIONS[Adhesion] = Variation(following(amplitude=lambda own, h, dim: 0.007 * float(own.beta) / h**dim))
+VARIATIONS[Adhesion] = Variation(following(amplitude=lambda group, h, dim: 0.007 * float(group.beta) / h**dim))
 cases.takes("akinci_2013.tension", "akinci_2013.adhesion", smoothing="support_radius dim")
 plain_keeps("akinci_2013.tension", spline="the equation sums cohesion and area term; cohesion needs no normals")
 

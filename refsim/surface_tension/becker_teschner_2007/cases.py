@@ -15,7 +15,7 @@ prepared("attraction", lambda case: BeckerTeschner2007(kappa=3.0, clamp_distance
 
 # kappa W(0) of the cubic spline
 VARIATIONS[Attraction] = Variation(
-    following(strength=lambda own, h, dim: float(own.kappa) * (8 if dim == 3 else 40 / 7) / (math.pi * h**dim)),
+    following(strength=lambda group, h, dim: float(group.kappa) * (8 if dim == 3 else 40 / 7) / (math.pi * h**dim)),
     other={"least_q": lambda q: 0.6},
 )
 takes("becker_teschner_2007.cohesion", smoothing="support_radius dim")

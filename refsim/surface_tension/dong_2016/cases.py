@@ -31,8 +31,8 @@ def _tension(case, grid):
 
 VARIATIONS[MolecularForce] = Variation(
     following(
-        rest_share=lambda own, h, dim: (1 - float(own.rest_distance) / h) ** 2,
-        scale=lambda own, h, dim: 1 / (1 - (1 - float(own.rest_distance) / h) ** 2),
+        rest_share=lambda group, h, dim: (1 - float(group.rest_distance) / h) ** 2,
+        scale=lambda group, h, dim: 1 / (1 - (1 - float(group.rest_distance) / h) ** 2),
     )
 )
 readings(normal_correction="symmetric")

@@ -48,8 +48,8 @@ def _tension(case, grid):
 # gamma W(0, h) of poly6, and W(0, 0.8 h) over it
 VARIATIONS[Cohesion] = Variation(
     following(
-        amplitude=lambda own, h, dim: float(own.gamma) * (315 / 64 if dim == 3 else 4) / (math.pi * h**dim),
-        inner_share=lambda own, h, dim: 0.8**-dim,
+        amplitude=lambda group, h, dim: float(group.gamma) * (315 / 64 if dim == 3 else 4) / (math.pi * h**dim),
+        inner_share=lambda group, h, dim: 0.8**-dim,
     ),
     {"inner_stretch": "the reference has the 0.8 of J(17)"},
 )

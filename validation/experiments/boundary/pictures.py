@@ -57,8 +57,8 @@ def shape_picture(data: Mapping[str, Any]) -> Any:
         axes.set(aspect="equal")
         axes.set_axis_off()
         axes.set_title(f"{shape.capitalize()}: {row['particles']:,} particles")
-        words = f"least/mean {row['least']:.3f}, variation {row['variation']:.3f}"
-        caption(axes, f"{words}\n{row['iterations']} iterations, {row['holes']} holes")
+        label = f"least/mean {row['least']:.3f}, variation {row['variation']:.3f}"
+        caption(axes, f"{label}\n{row['iterations']} iterations, {row['holes']} holes")
     figure.colorbar(last, ax=panels, shrink=0.6, label="distance to the nearest particle / 2 r")
     return figure
 
@@ -70,12 +70,12 @@ def pour_data(results: Results) -> dict[str, Any]:
     """Parts and holes of the liquid, half-way and at the end, of every shape and arm that was run."""
     rows = []
     for shape in POUR:
-        for arm, words in ARMS.items():
+        for arm, label in ARMS.items():
             if f"flow_pour_{shape}_{arm}" in results:
                 seen = results[f"flow_pour_{shape}_{arm}"].values["frames"]
                 frames = [{"time_s": f["time"], "components": f["components"], "holes": f["holes"]}
                           for f in (seen[2], seen[5])]  # fmt: skip
-                rows.append({"shape": shape, "arm": words, "frames": frames})
+                rows.append({"shape": shape, "arm": label, "frames": frames})
     return {"title": "Liquid poured on solids, by tension", "rows": rows}
 
 
@@ -126,16 +126,16 @@ def rain_picture(data: Mapping[str, Any]) -> Any:
     figure, axes = plt.subplots(len(panels), 1, figsize=(7.2, 1.7 * len(panels) + 0.6), sharex=True, squeeze=False)
     at = np.arange(len(data["shapes"]))
     for place, (share, rows) in zip(axes[:, 0], panels.items()):
-        for shift, (key, (words, colour)) in zip((-0.27, 0.0, 0.27), RAIN_WORDS.items()):
+        for shift, (key, (label, colour)) in zip((-0.27, 0.0, 0.27), RAIN_WORDS.items()):
             known = [k for k, value in enumerate(rows[key]) if value is not None]
             if known:
                 values = [rows[key][k] for k in known]
-                bars = place.bar(at[known] + shift, values, 0.26, color=colour, label=words)
+                bars = place.bar(at[known] + shift, values, 0.26, color=colour, label=label)
                 place.bar_label(bars, fmt="%d", fontsize=7, padding=1)
         place.margins(y=0.25)
         place.set_ylabel("particles")
-        words = "the runner's own step" if share == "1" else f"{share} times the runner's step"
-        place.set_title(words, fontsize=9, loc="left")
+        label = "the runner's own step" if share == "1" else f"{share} times the runner's step"
+        place.set_title(label, fontsize=9, loc="left")
     first = next((p for p in axes[:, 0] if len(p.get_legend_handles_labels()[0]) == len(RAIN_WORDS)), axes[0, 0])
     figure.legend(*first.get_legend_handles_labels(), loc="outside lower center", fontsize=8, ncols=3)
     axes[-1, 0].set_xticks(at, data["shapes"])

@@ -66,8 +66,8 @@ def detection_picture(data: Mapping[str, Any]) -> Any:
         axes.scatter(*position[missed].T, s=2.8 * size, facecolors="none", edgecolors=BLACK, lw=0.9)
         axes.plot([0, 0, 2, 2], [top, 0, 0, top], color=GREY, lw=1.2)
         axes.set_title(TITLES[method])
-        words = f"precision {score['precision']:.2f}   recall {score['recall']:.2f}   F1 {score['f1']:.2f}"
-        axes.set_title(words, loc="right", fontweight="normal", fontsize=9.5)
+        title = f"precision {score['precision']:.2f}   recall {score['recall']:.2f}   F1 {score['f1']:.2f}"
+        axes.set_title(title, loc="right", fontweight="normal", fontsize=9.5)
         axes.set(xlim=(-0.02, 2.02), ylim=(-0.02, top), aspect="equal", ylabel="y [m]")
     panels[-1].set_xlabel("x [m]")
 
@@ -77,10 +77,10 @@ def detection_picture(data: Mapping[str, Any]) -> Any:
         ("taken for interior", {"marker": "o", "color": INTERIOR_BLUE}),
         ("wrong: is interior", {"marker": "s", **hollow}), ("wrong: is surface", {"marker": "o", **hollow}),
     )  # fmt: skip
-    words = f"t = {data['time_s']:.2f} s, {len(position):,} particles ({above} of the spray are above the picture)"
+    title = f"t = {data['time_s']:.2f} s, {len(position):,} particles ({above} of the spray are above the picture)"
     truth_words = f"truth: exact arc cover, radius {data['truth_radius_spacings']:g} spacings"
     dots = {label: Line2D([], [], ls="", **look) for label, look in marks}
-    shared_legend(figure, (), dots, ncols=4, title=f"{words}; {truth_words}", title_fontsize=9)
+    shared_legend(figure, (), dots, ncols=4, title=f"{title}; {truth_words}", title_fontsize=9)
     return figure
 
 
@@ -112,7 +112,7 @@ def cost_picture(data: Mapping[str, Any]) -> Any:
     low, high = whole.get_ylim()
     whole.set_ylim(min(low, 10.0 ** np.floor(np.log10(low * 1.01))), 2.5 * high)
     shares = {}
-    for part, colour, line, words in (
+    for part, colour, line, label in (
         ("charged", SKY, "D--", "both with the pass of J(7) and J(8)"),
         ("whole", BLUE, "s-", "both without it: the liquid has computed it"),
     ):
@@ -120,7 +120,7 @@ def cost_picture(data: Mapping[str, Any]) -> Any:
         shares[part] = share = milliseconds("two_step", part) / scan
         relative = milliseconds("two_step", "spread") / milliseconds("two_step", part)
         bar = share * np.hypot(relative, milliseconds("fan_scan", "spread") / scan)
-        ratio.errorbar(number, 100 * share, 100 * bar, fmt=line, color=colour, ms=5, capsize=3, label=words)
+        ratio.errorbar(number, 100 * share, 100 * bar, fmt=line, color=colour, ms=5, capsize=3, label=label)
     ratio.axhline(50, color=GREY, lw=1, ls=":")
     ratio.set(title="Two steps over the fan scan", ylabel="share of time [%]", ylim=(0, 130))
     for axes in (whole, ratio):
@@ -143,7 +143,7 @@ def front_data(results: Results) -> dict[str, Any]:
     """Surge front of the runs, and each series' fitted offset."""
     names = ("particles", "time", "connected", "farthest", "front")
     fronts = {key[-2:].upper(): results[key].values for key in ("front_2d", "front_3d") if key in results}
-    runs = {words: {name: values[name] for name in names} for words, values in fronts.items()}
+    runs = {label: {name: values[name] for name in names} for label, values in fronts.items()}
     return {"title": "Surge front of a collapsing column", "tolerance": data_tolerance(), "runs": runs}
 
 

@@ -609,38 +609,38 @@ def planned(options: Options) -> list[RunSpec]:
 
 def checks(results: Results, check: Checks) -> None:
     """The verdicts."""
-    for key, words in (("detection_2d", "2D"), ("detection_3d", "3D")):
+    for key, label in (("detection_2d", "2D"), ("detection_3d", "3D")):
         if key not in results:
             continue
         values = results[key].values
         for method, score in values["score"].items():
             for name in ("precision", "recall", "f1"):
-                check(name, score[name], f"{key}.{method}", f"{WORDS[method]}, {words}")
+                check(name, score[name], f"{key}.{method}", f"{WORDS[method]}, {label}")
         f1, recall = ({m: real(score[part]) for m, score in values["score"].items()} for part in ("f1", "recall"))
-        check("f1_gain", f1["two_step"] - f1["number_density"], key, words)
+        check("f1_gain", f1["two_step"] - f1["number_density"], key, label)
         for moment in MOMENTS:
             k = int(np.argmin(np.abs(floats(values["time"]) - moment)))
-            check("recall_gap", recall_gap(values["over_time"], k), f"{key}.{moment}", f"{words}, {moment} s")
-        check("recall_gap", recall["two_step"] - recall["fan_scan"], key, f"{words}, whole collapse")
-        if words == "2D":  # the paper's figures are in the plane
-            check("f1_gain_paper", f1["two_step_paper"] - f1["number_density"], key, words)
+            check("recall_gap", recall_gap(values["over_time"], k), f"{key}.{moment}", f"{label}, {moment} s")
+        check("recall_gap", recall["two_step"] - recall["fan_scan"], key, f"{label}, whole collapse")
+        if label == "2D":  # the paper's figures are in the plane
+            check("f1_gain_paper", f1["two_step_paper"] - f1["number_density"], key, label)
             gap = recall["two_step_paper"] - recall["fan_scan_paper"]
-            check("recall_gap_paper", gap, key, f"{words}, whole collapse")
-        check("scanned_share", values["scanned_share"], key, words)
-    for key, words in (("front_2d", "2D"), ("front_3d", "3D")):
+            check("recall_gap_paper", gap, key, f"{label}, whole collapse")
+        check("scanned_share", values["scanned_share"], key, label)
+    for key, label in (("front_2d", "2D"), ("front_3d", "3D")):
         for name, fit in results[key].values["front"].items() if key in results else ():
             kind = "front" if dam_break.FRONT_DATA[name][1] == "experiment" else "front_computed"
-            check(kind, abs(real(fit["largest"])), f"{key}.{name}", f"{words}, {LABELS[name]}")
-            check("time_offset", fit["offset"], f"{key}.{name}", f"{words}, {LABELS[name]}")
+            check(kind, abs(real(fit["largest"])), f"{key}.{name}", f"{label}, {LABELS[name]}")
+            check("time_offset", fit["offset"], f"{key}.{name}", f"{label}, {LABELS[name]}")
     kept = ("lost_particles", "mass_change", "energy_rise", "missed_neighbours")
     for key in (key for key, result in results.items() if "ledger" in result.values):
         ledger = {name: lambda v, name=name: v["ledger"][name] for name in kept}
         check.run(results, key, ledger, key, key.replace("_", " "))
     for size in sizes(results):
-        run, words, methods = str(size["particles"]), f"{size['particles']:,} particles", size["methods"]
+        run, label, methods = str(size["particles"]), f"{size['particles']:,} particles", size["methods"]
         for method in ("number_density", "two_step", "fan_scan"):
             seconds = 1e3 * methods[method]["whole"]
-            check("detection_seconds", seconds, f"{method}.{run}", f"{WORDS[method]}, {words}")
+            check("detection_seconds", seconds, f"{method}.{run}", f"{WORDS[method]}, {label}")
         small = "" if size["particles"] >= FIGURE_FROM else "_small"
         together = size["all_threads"]
         for name, part, of, ledger in (
@@ -649,7 +649,7 @@ def checks(results: Results, check: Checks) -> None:
             ("detection_ratio_summed", "whole", methods, "two_step"), ("scan_ratio", "scan", methods, "two_step"),
             ("detection_ratio_threads", "charged", together, "two_step"),
         ):  # fmt: skip
-            check(name, of[ledger][part] / of["fan_scan"][part], run, words)
+            check(name, of[ledger][part] / of["fan_scan"][part], run, label)
 
 
 def sizes(results: Results) -> list[Mapping[str, Any]]:

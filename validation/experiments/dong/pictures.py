@@ -100,8 +100,8 @@ def splash_data(results: Results) -> dict[str, Any]:
     return {
         "title": "Dong, figure 4: the block after its impact, from above",
         "spacing_m": results["rest_with"].values["spacing"],
-        "rows": [{"words": words, "frames": [_room(results[f"rest_{arm}"], frame, TOP) for frame in frames]}
-                 for arm, words in ARMS.items()],
+        "rows": [{"words": label, "frames": [_room(results[f"rest_{arm}"], frame, TOP) for frame in frames]}
+                 for arm, label in ARMS.items()],
     }  # fmt: skip
 
 
@@ -117,16 +117,16 @@ def splash_picture(data: Mapping[str, Any]) -> Any:
     for row in data["rows"]:
         rows.append((row["words"], [f for f in row["frames"] if f["frame"] in SPLASH_SHOWN] or row["frames"]))
     figure, axes = plt.subplots(len(rows), len(rows[0][1]), figsize=(10.4, 5.9), squeeze=False)
-    for line, (words, frames) in enumerate(rows):
+    for line, (label, frames) in enumerate(rows):
         for column, frame in enumerate(frames):
             place = axes[line][column]
             _draw_room(place, {**frame, "part": [0] * len(frame["part"])}, data["spacing_m"], TOP)
             counts = f"frame {frame['frame']}: {_counts(frame, 'parts')}, {frame['lone']} lone"
             plain_title(place, counts, fontsize=8)
-        axes[line][0].text(-0.04, 0.5, words, transform=axes[line][0].transAxes, rotation=90, ha="right",
+        axes[line][0].text(-0.04, 0.5, label, transform=axes[line][0].transAxes, rotation=90, ha="right",
                            va="center", fontsize=9.5)  # fmt: skip
     last = [frames[-1] for _, frames in rows]
-    message = " and ".join(f"{frame['lone']} {words}" for (words, _), frame in zip(rows, last))
+    message = " and ".join(f"{frame['lone']} {label}" for (label, _), frame in zip(rows, last))
     figure.suptitle(f"{data['title']}; lone particles at frame {last[0]['frame']}: {message}", fontsize=10.5,
                     fontweight="bold")  # fmt: skip
     return figure
@@ -214,7 +214,7 @@ def data(results: Results) -> dict[str, Any]:
 
 def picture(data: Mapping[str, Any]) -> Any:
     """A group of bars for each scene; marks are the turns."""
-    words = {"droplet": "the cube, {:,} particles", "oil": "twelve drops of one oil, {:,} particles"}
+    titles = {"droplet": "the cube, {:,} particles", "oil": "twelve drops of one oil, {:,} particles"}
     cases = list(data["particles"])
     longest = max(max(r["frame_ms"]) for r in data["rows"])
     figure, axes = plt.subplots(figsize=(7.6, 3.0))
@@ -226,7 +226,7 @@ def picture(data: Mapping[str, Any]) -> Any:
             axes.barh(y, statistics.median(ms), 0.24, color=colour, label=label)
             axes.plot(ms, np.full(len(ms), y), "|", color="black", ms=7)
             axes.text(max(ms) + 0.012 * longest, y, f"{statistics.median(ms):.1f}", va="center", fontsize=8)
-    axes.set_yticks([-line for line in range(len(cases))], [words[c].format(data["particles"][c]) for c in cases])
+    axes.set_yticks([-line for line in range(len(cases))], [titles[c].format(data["particles"][c]) for c in cases])
     said = f"milliseconds a frame, {data['threads'] or 'all'} threads; bars: medians, strokes: single turns"
     axes.set(xlabel=said, xlim=(0, 1.1 * longest), title=data["title"])
     axes.grid(True, axis="x")

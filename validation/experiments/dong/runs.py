@@ -395,22 +395,22 @@ def speed(rival: str, case: str) -> Callable[[Options], list[RunSpec]]:
     return every(seconds_per_frame, runs, 8.0, case=case)
 
 
-def quotients(found: Results, rival: str, case: str) -> list[float]:
+def quotients(results: Results, rival: str, case: str) -> list[float]:
     """Seconds of a frame with Dong's model over those with its rival, round by round."""
-    seconds = {m: [per_frame(found[speed_key(case, m, *turn)].values) for turn in ROUNDS] for m in ("dong", rival)}
+    seconds = {m: [per_frame(results[speed_key(case, m, *turn)].values) for turn in ROUNDS] for m in ("dong", rival)}
     return [dong / its for dong, its in zip(seconds["dong"], seconds[rival])]
 
 
 def faster(rival: str, case: str) -> Measure:
     """Seconds of a frame over the rival's."""
-    return Measure(speed(rival, case), lambda found: quotients(found, rival, case), quick=False, timed=True)
+    return Measure(speed(rival, case), lambda results: quotients(results, rival, case), quick=False, timed=True)
 
 
 def more_so(rival: str) -> Measure:
     """The quotient of the oil drops over that of the droplet."""
 
-    def values(found: Results) -> list[float]:
-        return [a / b for a, b in zip(quotients(found, rival, "oil"), quotients(found, rival, "droplet"), strict=True)]
+    def values(results: Results) -> list[float]:
+        return [a / b for a, b in zip(*(quotients(results, rival, case) for case in ("oil", "droplet")), strict=True)]
 
     def planned(options: Options) -> list[RunSpec]:
         return [*speed(rival, "droplet")(options), *speed(rival, "oil")(options)]
@@ -453,10 +453,10 @@ def in_half_times(values: dict, at: NDArray) -> NDArray:
 HISTORIES = {f"claim_history_{side}_{m}": {"side": side, "model": m} for side in SIDES for m in ("dong", "csf")}
 
 
-def _history_values(found: Results) -> list[float]:
+def _history_values(results: Results) -> list[float]:
     values, at = [], np.linspace(0.0, 6.0, 241)
     for side in SIDES:
-        a, b = (in_half_times(dict(found[f"claim_history_{side}_{m}"].values), at) for m in ("dong", "csf"))
+        a, b = (in_half_times(dict(results[f"claim_history_{side}_{m}"].values), at) for m in ("dong", "csf"))
         both = np.isfinite(a) & np.isfinite(b)
         values.append(float(np.sqrt(((a - b)[both] ** 2).mean())) if both.any() else math.nan)
     return values
@@ -488,8 +488,8 @@ def splash(
         for seed in SEEDS for tension in (True, False)
     }  # fmt: skip
 
-    def values(found: Results) -> list[float]:
-        rows = [next(row for row in found[key].values["rows"] if row["frame"] == frame) for key in falls]
+    def values(results: Results) -> list[float]:
+        rows = [next(row for row in results[key].values["rows"] if row["frame"] == frame) for key in falls]
         counts = [real(row[part]) for row in rows]
         return [over(a, b) for a, b in zip(counts[::2], counts[1::2])]
 
@@ -530,8 +530,8 @@ def near(*models: str) -> Measure:
         for name, (shape, _, seed) in STARTS.items() for model in models
     }  # fmt: skip
 
-    def values(found: Results) -> list[float]:
-        last = [real(found[key].values["series"]["nn_5"][-1]) for key in runs]
+    def values(results: Results) -> list[float]:
+        last = [real(results[key].values["series"]["nn_5"][-1]) for key in runs]
         return last if len(models) == 1 else [first / its for first, its in zip(last[::2], last[1::2])]
 
     return Measure(every(cube, runs, 4.0, count=FEW, until=2.0, samples=20, viscosity=scenes.CALM), values)
@@ -643,9 +643,9 @@ def checks(results: Results, check: Checks) -> None:
         check("period_off_rayleigh", abs(ratio - 1))
         check("roundness", series["radius_variation"][-1])
         check("swing", values["swing_late"])
-    for name, words in WORDS.items():
+    for name, label in WORDS.items():
         rule = "printed_moved" if name == "cohesion" else "printed_moved_shown"
-        check.run(results, f"printed_{name}", {rule: lambda v: v["series"]["moved"][-1]}, name, words)
+        check.run(results, f"printed_{name}", {rule: lambda v: v["series"]["moved"][-1]}, name, label)
     shape: Quantities = {"printed_shape": lambda v: abs(1 - v["series"]["moment"][-1] / v["series"]["moment"][0])}
     check.run(results, "printed_both", shape)
     check.run(results, "printed_limits", {

@@ -40,7 +40,7 @@ def frame_data(results: Results) -> dict[str, Any]:
     """Figure 6: the particles that can be seen, of each start, at chosen times."""
     title = "Figure 6: a cube of liquid becomes a drop"
     data: dict[str, Any] = {"title": title, "half_width_radii": EXTENT, "rows": []}
-    for key, words in (ROWS | SURFACE_ONLY).items():
+    for key, label in (ROWS | SURFACE_ONLY).items():
         if key not in results or key == "cut_5039":
             continue
         values, position = results[key].values, results[key].arrays["position"]
@@ -54,7 +54,7 @@ def frame_data(results: Results) -> dict[str, Any]:
                 "position_milliradii": drawing.seen_thousandths(x, values["spacing"] / values["radius"], VIEW, EXTENT),
             })  # fmt: skip
         data["rows"].append({
-            "start": words, "particles": values["particles"], "radius_m": values["radius"],
+            "start": label, "particles": values["particles"], "radius_m": values["radius"],
             "capillary_time_s": values["capillary_time"], "spacing_radii": values["spacing"] / values["radius"],
             "frames": frames,
         })  # fmt: skip
@@ -77,9 +77,9 @@ def frame_picture(data: Mapping[str, Any]) -> Any:
             drawing.show_balls(axes, x, row["spacing_radii"], colour, VIEW, extent, 320)
             drawing.plain_title(axes, f"t = {frame['time_s'] / row['capillary_time_s']:.2f}")
             drawing.caption(axes, f"$q_4$ = {frame['cubic_moment']:+.3f}\nroughness {frame['radius_variation']:.4f}")
-        words = f"{row['start'].capitalize()}, {row['particles']:,} particles"
+        title = f"{row['start'].capitalize()}, {row['particles']:,} particles"
         line[0].set_title(" \n ", loc="left")  # space for the words, whose width must not push the next frame away
-        line[0].text(0, 1.2, words, transform=line[0].transAxes, fontweight="bold").set_in_layout(False)
+        line[0].text(0, 1.2, title, transform=line[0].transAxes, fontweight="bold").set_in_layout(False)
     bar = figure.colorbar(
         ScalarMappable(norm, colours), ax=panels, orientation="horizontal", shrink=0.4, aspect=40, pad=0.02
     )
@@ -144,9 +144,9 @@ def force_picture(data: Mapping[str, Any]) -> Any:
     figure, axes = plt.subplots(figsize=(6.4, 3.8))
     q = np.array(data["q"])
     looks = ((VERMILION, "-", 2.4), (BLUE, "--", 1.6), (GREY, ":", 1.8))
-    for (words, values), (colour, dash, width) in zip(data["curves"].items(), looks):
+    for (label, values), (colour, dash, width) in zip(data["curves"].items(), looks):
         c = np.array(values)
-        axes.plot(q, c, dash, color=colour, lw=width, label=words)
+        axes.plot(q, c, dash, color=colour, lw=width, label=label)
         cross = int(np.flatnonzero((c[:-1] > 0) & (c[1:] <= 0))[0])
         zero = q[cross] + (q[cross + 1] - q[cross]) * c[cross] / (c[cross] - c[cross + 1])
         axes.plot(zero, 0, "o", ms=6, mfc="white", mec=colour, mew=1.5, zorder=4)

@@ -657,13 +657,13 @@ def checks(results: Results, check: Checks) -> None:
     """The verdicts on the default model from every start."""
     ends = ("radius_variation", "nn_5", "nn_min", "kinetic_share", "momentum", "angular_momentum", "sphericity")
     quantities: Quantities = {name: lambda v, name=name: v["end"][name] for name in ends}
-    for key, (_, _, words) in SHAPES.items():
+    for key, (_, _, label) in SHAPES.items():
         check.run(results, key, {
             **quantities, "bulk_error": lambda v: abs(real(v["end"]["bulk_error"])),
             "steady_time": lambda v: v["steady"] and v["steady"]["time"] / v["capillary_time"],
             "rebuilds": lambda v: v["search"].get("rebuilds", 0),
             "missed_neighbours": lambda v: v["search"].get("missed_neighbours", 0),
-        }, key, words)  # fmt: skip
+        }, key, label)  # fmt: skip
     key = next((k for k in SHAPES if k in results), "")
     for shape in ("cube", "ball"):
         variation: Quantities = {"lattice_variation": lambda v, shape=shape: v["lattice"][shape]}

@@ -64,8 +64,8 @@ VARIANTS: dict[str, Variant] = {
     "default": Variant("all pairs, cohesion balanced (default)", {}),
     "all": Variant("all pairs, cohesion not balanced", {"tension": {"balance_pressure": False}, "sound_speed": 60.0}),
     **{
-        mode: Variant(words, {**_SOFT, "tension": {"pair_mode": mode, "area_ratio": 0.01}})
-        for mode, words in {
+        mode: Variant(label, {**_SOFT, "tension": {"pair_mode": mode, "area_ratio": 0.01}})
+        for mode, label in {
             "soft": "soft surface weight", "one_sided": "force on surface particles only",
             "either": "one of a pair on the surface", "both": "both of a pair on the surface",
         }.items()

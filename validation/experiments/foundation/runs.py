@@ -247,10 +247,10 @@ def viscosity_cell(context: Context, backend: str, scene: str, kernels: str, col
 
 VISCOSITY_CELLS = tuple(
     Cell(
-        f"{words}, {columns} wide", kernels, viscosity_cell,
+        f"{label}, {columns} wide", kernels, viscosity_cell,
         {"scene": scene, "kernels": kernels, "columns": columns}, seconds=20.0 if columns == 12 else 60.0,
     )
-    for scene, words in (("tank", "column in a tank"), ("box", "block in a box"))
+    for scene, label in (("tank", "column in a tank"), ("box", "block in a box"))
     for columns in (12, 24)
     for kernels in ("wendland", "mueller", "cubic_spline")
 )  # fmt: skip

@@ -199,8 +199,8 @@ def _reversed(scheme: str, passes: int) -> Measure:
 
 
 CLAIMS = {
-    f"heat_reversed_{words}_{passes}": _reversed(scheme, passes)
-    for words, scheme in (("pairs", "pair_exchange"), ("single", "one_sided")) for passes in PASSES[1:]
+    f"heat_reversed_{kind}_{passes}": _reversed(scheme, passes)
+    for kind, scheme in (("pairs", "pair_exchange"), ("single", "one_sided")) for passes in PASSES[1:]
 }  # fmt: skip
 HEAT_LONG_STEPS_HOLD = Measure(
     _runs("long", long_steps, [
@@ -287,20 +287,20 @@ def watched(
     extent = max(high - low, 1e-300)
     mass, before = simulation.field("mass").astype(float), heat(simulation)
     size = CAPACITY * float((mass * max(abs(low), abs(high))).sum()) + effect.melts * HARD_LATENT * float(mass.sum())
-    words = f"{effect.scheme}{', ice' if effect.melts else ''}"
+    label = f"{effect.scheme}{', ice' if effect.melts else ''}"
     for _ in range(steps):
         simulation.step()
         now = simulation.field("temperature")
         out = max(float(now.max()) - high, low - float(now.min()), 0.0) / extent
         if beyond is not None:
-            trial.check(f"{words}: beyond the range", out, at_most=beyond)
+            trial.check(f"{label}: beyond the range", out, at_most=beyond)
         else:
-            trial.show(f"{words}: beyond the range", max(out, trial.shown.get(f"{words}: beyond the range", 0.0)))
+            trial.show(f"{label}: beyond the range", max(out, trial.shown.get(f"{label}: beyond the range", 0.0)))
     change = abs(heat(simulation) - before) / size
     if effect.scheme in KEEPING and not effect.held:
-        trial.check(f"{words}: heat", change, at_most=KEPT)
+        trial.check(f"{label}: heat", change, at_most=KEPT)
     elif not effect.held:
-        trial.show(f"{words}: heat", change)
+        trial.show(f"{label}: heat", change)
     return simulation
 
 

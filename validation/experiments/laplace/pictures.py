@@ -32,8 +32,8 @@ def map_picture(data: Mapping[str, Any]) -> Any:
         span += models if dim == 3 else []
         axes.set(title=f"{dim}D, R = {SEEDED[dim]:g} d, h = 2.6 d, S = 0.01", xlabel="measured over nominal tension")
     panels[1].tick_params(labelleft=False)
-    handles, words = panels[1].get_legend_handles_labels()
-    figure.legend(handles, words, loc="outside lower center", ncols=2)
+    handles, names = panels[1].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside lower center", ncols=2)
     if span:
         times = f"{min(span):.1f} to {max(span):.1f} times the nominal one"
         figure.suptitle(f"3D: two measures of surface tension differ, and are {times}", fontweight="bold")
@@ -56,7 +56,7 @@ LARGEST = 10.0  # times the nominal tension that a panel shows
 def _models(axes: Any, entries: list[dict[str, Any]]) -> list[float]:
     """Draw both measures of each model; returns their values."""
     place = {name: -k for k, name in enumerate(MODELS)}
-    label = {name: words for name, words, *_ in MEASURES}
+    label = {name: title for name, title, *_ in MEASURES}
     seen: list[float] = []
     for e in entries:
         y, drops = place[e["model"]], at_radius(e)
@@ -71,8 +71,8 @@ def _models(axes: Any, entries: list[dict[str, Any]]) -> list[float]:
             if value > LARGEST:
                 axes.text(LARGEST - 0.2, y + 0.12, f"{value:.0f} \u2192", ha="right", fontsize=7.5, color=colour)
                 continue
-            bar, words = drops[f"{name}_spread"] or 0.0, label.pop(name, None)
-            axes.errorbar(value, y, xerr=bar, fmt=marker, ms=6, color=colour, capsize=2, lw=1.2, label=words, zorder=2)
+            bar, title = drops[f"{name}_spread"] or 0.0, label.pop(name, None)
+            axes.errorbar(value, y, xerr=bar, fmt=marker, ms=6, color=colour, capsize=2, lw=1.2, label=title, zorder=2)
     axes.axvline(1, color=GREY, lw=0.8, ls=":")
     models = {
         name: "" if base(name)["support"] == BASE["support"] else f", h = {base(name)['support']:g} d" for name in place

@@ -35,8 +35,8 @@ def checks(results: Results, check: Checks) -> None:
             if drop["radius"] >= LARGE:
                 liquid = "" if summed(entry) else ", advanced density"
                 name = f"{entry['model']}_R{drop['radius']:g}{liquid_key(entry.get('liquid', 'summation'))}"
-                words = f"{MODELS[entry['model']][0]}{liquid}, R = {drop['radius']:g} d"
-                check("agreement_drops", apart_by(drop), name, words)
+                label = f"{MODELS[entry['model']][0]}{liquid}, R = {drop['radius']:g} d"
+                check("agreement_drops", apart_by(drop), name, label)
     known = {}
     for entry in settings(results):
         if entry["dim"] == 3 and summed(entry) and math.isfinite(value := farthest_apart(entry)):
@@ -104,13 +104,13 @@ def wetting_checks(results: Results, check: Checks) -> None:
         caps = [drop for drop in entry["drops"] if not math.isnan(real(drop["angle"]))]
         if len(caps) < 4:
             continue
-        name, words = setting_name(entry), setting_words(entry)
+        name, label = setting_name(entry), setting_words(entry)
         angles = np.array([drop["angle"] for drop in caps])
-        check("span", float(np.ptp(angles)), name, words)
+        check("span", float(np.ptp(angles)), name, label)
         share, cosine = np.array([drop["share"] for drop in caps]), np.cos(np.radians(angles))
         rest = cosine - np.polyval(np.polyfit(share, cosine, 1), share)
         line = "line" if entry["dim"] == 3 else "line_2d"  # in 2D drops stand in rows
-        check(line, float(np.sqrt((rest**2).mean())), name, words)
+        check(line, float(np.sqrt((rest**2).mean())), name, label)
 
 
 WETTING_EXPERIMENT = Experiment(

@@ -25,23 +25,23 @@ PARTS = (
 def data(results: Results) -> dict[str, Any]:
     """Errors by flow, liquid and number of particles."""
     lines: dict[str, dict[str, list[list[float]]]] = {}
-    for flow, name, words in PARTS:
+    for flow, name, label in PARTS:
         for key, result in results.items():
             row = result.values
             if key.startswith(flow):
                 point = [row["cells"], float(f"{row[name]:.4g}")]
-                lines.setdefault(words, {}).setdefault(row["kind"], []).append(point)
+                lines.setdefault(label, {}).setdefault(row["kind"], []).append(point)
     return {"title": "Errors of two liquids", "lines": lines}
 
 
 def picture(data: Mapping[str, Any]) -> Any:
     """A part for each quantity, errors in per cent."""
     figure, parts = plt.subplots(1, max(1, len(data["lines"])), figsize=(11.0, 3.8), squeeze=False)
-    for axes, (words, kinds) in zip(parts[0], data["lines"].items()):
+    for axes, (title, kinds) in zip(parts[0], data["lines"].items()):
         for kind, points in kinds.items():
             cells, errors = zip(*sorted(points))
             axes.plot(cells, [100 * error for error in errors], marker="o", color=COLOURS[kind], label=WORDS[kind])
-        axes.set(xscale="log", yscale="log", xlabel="particles along a side (waves: depth)", title=words)
+        axes.set(xscale="log", yscale="log", xlabel="particles along a side (waves: depth)", title=title)
         axes.set(ylabel="error [%]")
         axes.axhline(1.0, color=GREY, lw=0.8, ls=":")
         ticks = sorted({cells for points in kinds.values() for cells, _ in points})

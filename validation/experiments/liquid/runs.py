@@ -467,23 +467,23 @@ def planned(options: Options) -> list[RunSpec]:
         row = {"cells": (wide, deep), "support": 3.0, "backend": "cpu"}
         made.append(RunSpec(f"column_{wide}_{deep}", column, row, estimate=0.02 * wide * deep))
     for offset, slope, wide, deep in ON_MESH:
-        words = f"mesh_{'slope' if slope else 'floor'}_{deep}" + ("_cut" if offset else "")
+        name = f"mesh_{'slope' if slope else 'floor'}_{deep}" + ("_cut" if offset else "")
         row = {"offset": offset, "slope": slope, "wide": wide, "deep": deep, "backend": "cpu"}
-        made.append(RunSpec(words, on_mesh, row, estimate=0.003 * deep**3))
-    for words, bottom, cells, falls, artificial in (
+        made.append(RunSpec(name, on_mesh, row, estimate=0.003 * deep**3))
+    for name, bottom, cells, falls, artificial in (
         ("rise_5", 5, (20, 15), 1.5, 0.005),
         ("float_5", 5, (20, 10), 20, 0.05),
     ):
         row = {"edge": 5, "bottom": bottom, "cells": cells, "falls": falls, "artificial": artificial, "backend": "cpu"}
-        made.append(RunSpec(words, ice, row, estimate=5.0 * falls))
+        made.append(RunSpec(name, ice, row, estimate=5.0 * falls))
     quick = ("tank_rests_2d_16_3", f"vortices_rests_{SIDES[0]}", f"vortices_papers_{SIDES[0]}")
     return [run for run in made if run.key in quick] if options.quick else made
 
 
 def _tank(kind: str, dim: int, cells: tuple[int, int], support: float, shake: float, shifted: bool) -> RunSpec:
-    words = f"tank_{kind}_{dim}d_{cells[1]}_{support:g}{'_shaken' * (shake > 0)}{'_shifted' * shifted}"
+    name = f"tank_{kind}_{dim}d_{cells[1]}_{support:g}{'_shaken' * (shake > 0)}{'_shifted' * shifted}"
     row = {"kind": kind, "dim": dim, "cells": cells, "support": support, "shake": shake, "shifted": shifted}
-    return RunSpec(words, tank, row | {"backend": "cpu"}, estimate=0.03 * cells[0] ** (dim - 1) * cells[1])
+    return RunSpec(name, tank, row | {"backend": "cpu"}, estimate=0.03 * cells[0] ** (dim - 1) * cells[1])
 
 
 WORDS = {  # what a run is, by the first word of its key

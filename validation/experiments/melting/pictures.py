@@ -174,10 +174,10 @@ COLOURS = {
 def time_data(results: Results) -> dict[str, Any]:
     """Table 2 and figure 7: milliseconds a step, stage by stage."""
     rows = []
-    for figure, (words, paper) in PAPER.items():
+    for figure, (label, paper) in PAPER.items():
         values = results[f"cost_{figure}"].values
         rows.append({
-            "figure": figure, "words": words, "paper": paper, "liquid": values["liquid"], "solid": values["solid"],
+            "figure": figure, "words": label, "paper": paper, "liquid": values["liquid"], "solid": values["solid"],
             "milliseconds": 1e3 * values["seconds"], "threads": values["threads"],
             "stages": {name: 1e3 * s for name, s in grouped(values["stages"]).items()},
         })  # fmt: skip
@@ -228,8 +228,8 @@ def gpu_picture(data: Mapping[str, Any]) -> Any:
         ends = drawing.stacked_bars(axes, [row["stages"] for row in rows], COLOURS)
         for k, (row, left) in enumerate(zip(rows, ends)):
             axes.plot([row["seconds"]] * 2, [k - 0.42, k + 0.42], color="black", linewidth=2)
-            words = f"  {row['seconds']:.2f} ms a step" + (f", paper {row['paper']:g}" if row["paper"] else "")
-            axes.text(max(left, row["seconds"]), k, words, va="center", fontsize=8.5)
+            label = f"  {row['seconds']:.2f} ms a step" + (f", paper {row['paper']:g}" if row["paper"] else "")
+            axes.text(max(left, row["seconds"]), k, label, va="center", fontsize=8.5)
         labels = [f"{row['liquid'] / 1e3:.1f}k + {row['solid'] / 1e3:.1f}k" for row in rows]
         axes.set_yticks(range(len(rows)), labels, fontsize=8)
         axes.set_xlim(0, 1.35 * max(max(sum(row["stages"].values()), row["seconds"]) for row in rows))

@@ -710,9 +710,9 @@ def checks(results: Results, check: Checks) -> None:
             check.run(results, key, {f"heat_{dtype}": "heat_drift", f"momentum_{dtype}": "momentum"})
         own = {f"mass_unexplained_{dtype}": "mass_unexplained", f"volume_{dtype}": "volume_change"}
         check.run(results, key, own, bookkeeping, f"{dtype}, {bookkeeping}")
-    for figure, (words, paper) in PAPER.items():
+    for figure, (label, paper) in PAPER.items():
         own = {"step": lambda v: 1e3 * v["seconds"], "step_ratio": lambda v, paper=paper: 1e3 * v["seconds"] / paper}
-        check.run(results, f"cost_{figure}", own, figure, words)
+        check.run(results, f"cost_{figure}", own, figure, label)
 
 
 EXPERIMENT = Experiment(

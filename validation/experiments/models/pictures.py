@@ -138,8 +138,8 @@ def panel_picture(data: Mapping[str, Any]) -> Any:
             x = np.array(frame["position_milliradii"], dtype=float) / 1000
             show_balls(place, x, row["spacing_radii"], WATER, VIEW, half, 300)
             variation = frame["radius_variation"]
-            words = "thrown apart" if variation is None or variation > THROWN else f"{variation:.4f}"
-            caption(place, f"{frame['time_s']:.2f} s, {words}", fontsize=7.5, color="#444444")
+            label = "thrown apart" if variation is None or variation > THROWN else f"{variation:.4f}"
+            caption(place, f"{frame['time_s']:.2f} s, {label}", fontsize=7.5, color="#444444")
         title = row["model"].replace(" & ", " &\n").replace("] ", "]\n")
         column[0].set_title(title, fontsize=8, loc="center")
     figure.suptitle(data["title"] + " (time, radius variation)", fontsize=10.5, fontweight="bold")

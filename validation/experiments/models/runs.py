@@ -584,12 +584,12 @@ def planned(options: Options) -> list[RunSpec]:
 def checks(results: Results, check: Checks) -> None:
     """Shape, neighbours, rest and momenta of each model at its end; nothing is judged but shown."""
     for key, result in results.items():
-        values, words = result.values, f"{result.values['words']}, {result.values['particles']:,} particles"
+        values, label = result.values, f"{result.values['words']}, {result.values['particles']:,} particles"
         for name in ("radius_variation", "nn_5", "kinetic_share", "momentum", "angular_momentum", "bulk_error"):
-            check(name, values["end"][name], key, words)
+            check(name, values["end"][name], key, label)
         rest = values["rest"]
-        check("rest_time", float("nan") if rest is None else rest["time"], key, words)
-        check("rest_seconds", float("nan") if rest is None else rest["wall"], key, words)
+        check("rest_time", float("nan") if rest is None else rest["time"], key, label)
+        check("rest_seconds", float("nan") if rest is None else rest["wall"], key, label)
 
 
 EXPERIMENT = Experiment(

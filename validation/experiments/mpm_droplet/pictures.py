@@ -88,9 +88,9 @@ def shaded(axes: Any, frame: Mapping[str, Any], extent: float, turn: bool = Fals
 
 def ledger_lines(axes: Any, series: Mapping[str, Any], names: Any = LEDGER) -> None:
     """Energies over time."""
-    for name, words, colour in names:
+    for name, label, colour in names:
         wide = 2.2 if name == "energy" else 1.4
-        axes.plot(series["time"], series[name], color=colour, label=words, linewidth=wide)
+        axes.plot(series["time"], series[name], color=colour, label=label, linewidth=wide)
     axes.set_xlabel("time [s]")
     axes.grid(axis="y")
     axes.legend(ncols=2, loc="center right")
@@ -120,10 +120,10 @@ def outline(axes: Any, frame: Mapping[str, Any], colour: str) -> None:
 def surfaces_data(results: Results) -> dict[str, Any]:
     """Reconstructed surfaces of each scene at four times."""
     rows = []
-    for key, words in SURFACES.items():
+    for key, label in SURFACES.items():
         values = results[key].values
         times = values["shown"]
-        rows.append({"words": words, "floor": key.startswith("floor"), "space": "vertices_0" in results[key].arrays
+        rows.append({"words": label, "floor": key.startswith("floor"), "space": "vertices_0" in results[key].arrays
                      and results[key].arrays["facets_0"].shape[1] == 3, "times": times,
                      "frames": frames_of(results[key], len(times))})  # fmt: skip
     return {"title": "Reconstructed surfaces over time", "rows": rows}
@@ -155,8 +155,8 @@ def surfaces_picture(data: Mapping[str, Any]) -> Any:
                     axes.set(ylim=(middle[1] - extent, middle[1] + extent), aspect="equal")
                     if row["floor"]:
                         axes.axhline(0.0, color=GREY, linewidth=0.8)
-                words = f"{row['times'][k]:.3g} s"
-                drawing.plain_title(axes, f"{row['words']}: {words}" if k == 0 else words, fontsize=8)
+                label = f"{row['times'][k]:.3g} s"
+                drawing.plain_title(axes, f"{row['words']}: {label}" if k == 0 else label, fontsize=8)
     return figure
 
 

@@ -824,10 +824,10 @@ def checks(results: Results, check: Checks) -> None:
     check_bodies(results, check)
     for key, values in peers(results).items():
         if not values["missing"]:
-            words = "Taichi" if key == "peer_taichi" else f"Taichi, {values['particles']:,} ({values['order']})"
+            label = "Taichi" if key == "peer_taichi" else f"Taichi, {values['particles']:,} ({values['order']})"
             rule = "peer_ratio" if key == "peer_taichi" else "peer_ratio_gpu"
-            check(rule, values["ratio"], key.removeprefix("peer_"), words)
-            check("peer_difference", values["difference"], key.removeprefix("peer_"), words)
+            check(rule, values["ratio"], key.removeprefix("peer_"), label)
+            check("peer_difference", values["difference"], key.removeprefix("peer_"), label)
 
 
 def peers(results: Results) -> dict[str, Mapping[str, Any]]:

@@ -66,12 +66,12 @@ def _drawn(data: Mapping[str, Any], titles: Titles) -> Any:
             if name.partition("_")[0] != problem:
                 continue
             form = name.partition("_")[2]
-            for (quantity, words), style in zip(quantities.items(), STYLES):
+            for (quantity, label), style in zip(quantities.items(), STYLES):
                 if quantity in one:
                     places = np.array(one["spacing"])
                     exponent = np.log(one[quantity][0] / one[quantity][-1]) / np.log(places[0] / places[-1])
                     axes.loglog(places, one[quantity], style, marker="o", ms=4, color=COLOURS[form],
-                                label=f"{words}{WORDS[form]}: order {round(float(exponent), 1) + 0.0:g}")  # fmt: skip
+                                label=f"{label}{WORDS[form]}: order {round(float(exponent), 1) + 0.0:g}")  # fmt: skip
                     largest = max(largest, one[quantity][0])
         axes.loglog(places, largest * places / places[0], ":", color=GREY, lw=1.0, label="first order")
         across = "spacing [m]" if titles is TITLES else "spacing over length"

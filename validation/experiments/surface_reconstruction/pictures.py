@@ -83,7 +83,7 @@ def pipeline_picture(data: Mapping[str, Any], columns: int = 5) -> Any:
     for k in range(len(BOXES)):
         row, at = divmod(k, columns)
         centres.append((at + 0.5 if row % 2 == 0 else columns - 0.5 - at, 0.6 + 1.15 * (rows - 1 - row)))
-    for (name, words), (x, y) in zip(BOXES, centres):
+    for (name, label), (x, y) in zip(BOXES, centres):
         seconds = data["stages"].get(name, 0.0)
         share = seconds / total
         box = FancyBboxPatch(
@@ -91,7 +91,7 @@ def pipeline_picture(data: Mapping[str, Any], columns: int = 5) -> Any:
             edgecolor="#444444", facecolor=plt.get_cmap("Blues")(0.08 + 0.6 * share),
         )  # fmt: skip
         axes.add_patch(box)
-        axes.text(x, y + 0.1, words, ha="center", va="center", fontsize=8.5)
+        axes.text(x, y + 0.1, label, ha="center", va="center", fontsize=8.5)
         spent = f"{number(float(f'{1e3 * seconds:.3g}'))} ms, {100 * share:.0f} %"
         axes.text(x, y - 0.2, spent, ha="center", va="center", fontsize=8, color=GREY)
     for (x0, y0), (x1, y1) in itertools.pairwise(centres):

@@ -46,11 +46,11 @@ def settings() -> dict[str, dict[str, Any]]:
 
 def words_of(parameters: Mapping[str, Any]) -> str:
     """A setting in words."""
-    words = WORDS[parameters["normals"]]
+    text = WORDS[parameters["normals"]]
     if "offset" in parameters:
         sweeps = parameters["iterations"]
-        words += f", epsilon {parameters['offset']:g} h, {sweeps} sweep{'s' if sweeps > 1 else ''}"
-    return words
+        text += f", epsilon {parameters['offset']:g} h, {sweeps} sweep{'s' if sweeps > 1 else ''}"
+    return text
 
 
 def reconstruct(
@@ -430,8 +430,8 @@ def checks(results: Results, check: Checks) -> None:
         for name in ("euler", "unmatched"):
             check.run(results, "meshes", {name: lambda v, name=name, shape=shape: v["rows"][shape][name]}, shape)
     for row in results["stages"].values["rows"] if "stages" in results else ():
-        words = f"{row['particles']:,} particles, {row['quadrature']}"
-        check("stage_time", 1e3 * sum(row["stages"].values()), f"{row['particles']}_{row['quadrature']}", words)
+        label = f"{row['particles']:,} particles, {row['quadrature']}"
+        check("stage_time", 1e3 * sum(row["stages"].values()), f"{row['particles']}_{row['quadrature']}", label)
     if "beside_transfers" in results:
         values = results["beside_transfers"].values
         check("over_transfers", values["ratio"], "cuda", f"{values['particles']:,} particles")

@@ -70,14 +70,14 @@ def planned(options: Options) -> list[RunSpec]:
 
 def checks(results: Results, check: Checks) -> None:
     """Absolute times are shown; the ratio to the peer is judged."""
-    for key, (ratio, name, words) in PEERS.items():
+    for key, (ratio, name, label) in PEERS.items():
         if key not in results or results[key].values["missing"]:
             continue
         values = results[key].values
         check(ratio, values["ratio"], name, "SPlisHSPlasH")
         for part, program in (("refsim", "refsim"), ("peer", "SPlisHSPlasH")):
             run = part if key == "peer_splishsplash" else f"{part}_akinci"
-            check("peer_time", 1e6 * values[part]["median"], run, f"{program}, {words}")
+            check("peer_time", 1e6 * values[part]["median"], run, f"{program}, {label}")
 
 
 EXPERIMENT = Experiment(
