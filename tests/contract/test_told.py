@@ -12,8 +12,10 @@ import pytest
 from refsim import InputError
 from refsim.contract import Programs, Target, answers, drawn, properties, whole_runs
 from refsim.contract.answers import seconds_of_many
+from refsim.contract.apart import LibraryDescription, Request
 from refsim.contract.parameters import groups_of, scaled
 from refsim.contract.properties import on_grid
+from refsim.contract.report import junit, report, text, verdict
 from refsim.contract.target import Outcome, told_values
 from refsim.contract.trajectories import Snapshot
 from refsim.core.operation import REGISTRY
@@ -249,3 +251,50 @@ def test_a_spoiled_row_reaches_its_neighbours_alone(name):
         assert np.isnan(spoiled.inputs[name][11]).all()
         assert (np.delete(spoiled.inputs[name], 11, 0) == np.delete(inputs[name], 11, 0)).all()
         assert (spoiled.changed[name][11] != inputs[name][11]).all()
+
+
+# Reports
+def drawn_outcome(rng, name):
+    passed, left = bool(rng.random() < 0.7), str(rng.choice(["", "", "", "", "with walls", "above 900 particles"]))
+    error = float(rng.choice([0.2, 3.5, math.inf, 1e9])) if not passed else float(rng.uniform(0, 1))
+    values = {"output": "a", "row": 7, "got": 1.0, "expected": 1.5, "error": 0.5, "bound": None, "neighbours": 4}
+    words = "" if passed else str(rng.choice(["misses 3 of 9", "misses 4 of 7", "is late", "gives 2.5 times", ""]))
+    return Outcome(
+        name, str(rng.choice(["T1", "T2", "T2", "T3", "T7", "T11"])), f"case {rng.integers(9)}", "numpy",
+        str(rng.choice(["float32", "float64"])), int(rng.integers(0, 4)), passed and not left, error, words, left,
+        str(rng.choice(["", "wendland_c2", "cubic_spline wendland_c2"])), int(rng.integers(2, 4)),
+        bool(rng.random() < 0.9), values if not passed and rng.random() < 0.6 else {}, seconds=float(rng.random()),
+    )  # fmt: skip
+
+
+def test_reports_of_drawn_outcomes_are_as_ever(recorded):
+    """What holds, is lacking, failed and is grouped, as data, as text and for CI."""
+    found, names = {}, ["sph.density", "sph.momentum"]
+    for number in range(15):
+        rng = np.random.default_rng(number)
+        outcomes = {n: [drawn_outcome(rng, n) for _ in range(rng.choice([0, 3, 12, 30]))] for n in names}
+        if number % 4 == 0:
+            outcomes = {n: [o for o in given if o.passed or o.not_judged] for n, given in outcomes.items()}
+        offered = None if number % 5 == 4 else names
+        declared = {
+            "dtypes": ["float32", "float64"], "dims": [2, 3][: 1 + number % 2], "kernels": ["wendland_c2", "mueller"],
+            "left_out": ["walls", "period", "number_density", "asymmetry"][: number % 5],
+        }  # fmt: skip
+        request = Request(
+            "lib", allow_untried=bool(number % 3 == 1), steps=((), ("T1",), ("T2", "T7"))[number % 7 % 3],
+            dtypes=(("float32",), ())[number % 2], variants=((), (1,))[number % 6 == 5],
+        )  # fmt: skip
+        data = report(LibraryDescription("lib", "numpy", names, offered, declared), request, outcomes, 3.25)
+        operations = data.pop("operations")
+        told = {n: {k: v for k, v in o.items() if k not in ("outcomes", "cause")} for n, o in operations.items()}
+        told = {n: (o, len(o["gaps"]), verdict(o) == "holds", verdict(o)[0] == "n") for n, o in told.items()}
+        data["operations"] = operations
+        found[f"{number}"] = (
+            data["holds"],
+            len(data["not_offered"]),
+            told,
+            text(data, outcomes),
+            junit(data, outcomes).decode(),
+        )
+        found[f"{number} lines"] = [len(line.split()) for line in text(data, outcomes).splitlines()][:40]
+    recorded(found)

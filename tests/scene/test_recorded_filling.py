@@ -101,3 +101,12 @@ def test_what_fills_a_room_is_as_ever(recorded):
             inside = room_in(room, D, ball) if dim == 3 else room
             found[f"{dim} {shift} ball"] = np.sort(filling.filled(inside, grid, {}, solids), axis=0)
     recorded(found)
+
+
+def test_a_cell_of_which_one_place_lies_in_a_body_has_its_centre_there():
+    corner, place = np.full(3, AROUND * D), np.array([0.125, -0.375, 0.375]) * D
+    room = Room(np.zeros((1, 3)), np.full(1, 0.5), np.zeros((1, 3)))
+    for known, share, centre in (([corner, place], 0.5 / PARTS**3, place), ([corner], 0.0, 0 * place)):
+        found = room_in(room, D, lambda points, known=known: (points[:, None] == known).all(2).any(1))
+        assert found.share == pytest.approx([share])
+        assert found.centre == pytest.approx(centre[None])
