@@ -153,7 +153,8 @@ def test_triangles_cross_in_the_segment_between_their_sides():
         if len(points) == 2 and not (np.abs(high[0][k]).min() < 1e-9):
             met += 1
             assert length[k] == pytest.approx(np.linalg.norm(points[1] - points[0]))
-            assert sorted(map(tuple, ends[k].round(9))) == pytest.approx(sorted(map(tuple, np.round(points, 9))))
+            found, expected = (np.array(sorted(map(tuple, np.round(pair, 9)))) for pair in (ends[k], points))
+            assert found == pytest.approx(expected)
     assert met > 30
 
 

@@ -135,7 +135,8 @@ def test_a_parameter_is_a_hundredth_larger_or_else_smaller(monkeypatch):
     assert "weakly_compressible.dynamic_viscosity" not in found
 
 
-@pytest.mark.parametrize("dtype, far", itertools.product(("float32", "float64"), (0.0, 40.0)))
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("far", [0.0, 40.0])
 def test_a_shaken_start_is_moved_by_what_its_precision_shows(dtype, far):
     """By a millionth of the spacing, or two roundings of the farthest coordinate from the middle of the scene."""
     text = SCENE.replace("float64", dtype).replace("lower = [0.0", f"lower = [{far}")
