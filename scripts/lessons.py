@@ -37,6 +37,7 @@ from validation.perform import EXIT_FAILED, EXIT_FINE  # noqa: E402
 
 DPI = 128
 NUMBER = re.compile(r"[-+]?[\d.,]+(?:e[-+]?\d+)?|\binf\b|\bnan\b")
+WIDTH = re.compile(r"[ -]+")  # blanks of a column, and the line below its head
 MOST_SECONDS = 60.0  # of a lesson whose kernels are compiled
 
 
@@ -90,12 +91,15 @@ def run_lesson(name: str, text: str, pictures: Path | None = None, printed: list
 
 
 def hold_to_stored(name: str, printed: Sequence[str]) -> None:
-    """Raise ValueError where a cell prints other words than in the notebook of the site; numbers may differ."""
+    """Raise ValueError where a cell prints other words than in the notebook of the site.
+
+    Numbers may differ, and with them the width of a table's columns.
+    """
     made = json.loads((ROOT / "docs" / "lessons" / f"{name}.ipynb").read_text(encoding="utf-8"))
     cells_of_code = (cell for cell in made["cells"] if cell["cell_type"] == "code")
     stored = ["".join(output["text"] for output in cell["outputs"]) for cell in cells_of_code]
     for number, (now, then) in enumerate(zip(printed, stored, strict=True)):
-        if NUMBER.sub("#", now) != NUMBER.sub("#", then):
+        if WIDTH.sub("", NUMBER.sub("#", now)) != WIDTH.sub("", NUMBER.sub("#", then)):
             raise ValueError(f"{name}: cell {number} printed {then!r} and prints {now!r}: write the notebooks anew")
 
 

@@ -79,6 +79,15 @@ def test_the_runner_holds_worked_answers_to_their_judges():
         runner.run_lesson("toy", asked.replace("a = 1\n", begin % False + "a = 1\n"))
 
 
+def test_a_lesson_is_held_to_the_words_that_it_has_printed(monkeypatch, tmp_path):
+    (tmp_path / "docs" / "lessons").mkdir(parents=True)
+    (tmp_path / "docs" / "lessons" / "toy.ipynb").write_text(notebook(TOY, ["", "cost [s]\n--------\n  0.0283\n", ""]))
+    monkeypatch.setattr(runner, "ROOT", tmp_path)
+    runner.hold_to_stored("toy", ["", "cost [s]\n----\n0.3\n", ""])  # a number of another width
+    with pytest.raises(ValueError, match="write the notebooks anew"):
+        runner.hold_to_stored("toy", ["", "price [s]\n--------\n  0.0283\n", ""])
+
+
 def test_binder_starts_each_lesson_in_an_environment_that_has_refsim(monkeypatch, tmp_path):
     """The links of the site, the notebooks, and the files by which Binder makes the environment."""
     monkeypatch.syspath_prepend(ROOT / "docs")
