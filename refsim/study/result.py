@@ -334,7 +334,7 @@ def percent(share: float | None, signed: bool = False) -> str:
     """A share as text in percent."""
     if share is None or not math.isfinite(share):
         return "-"
-    digits = ".0f" if abs(share) >= 1 else ".2g"
+    digits = ".0f" if abs(share) >= 0.1 else ".2g"
     return f"{100 * share:{'+' if signed else ''}{digits}} %"
 
 

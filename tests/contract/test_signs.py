@@ -137,6 +137,9 @@ def test_a_row_is_wrong_beyond_its_bound(monkeypatch):
     w = Diagnosis(target, dataclasses.replace(given, ratios={name: ratios}))
     assert w.name == name
     assert w.wrong.tolist() == (~(ratios <= 1)).tolist()
+    known = ratios > 0
+    assert w.bound[known] == pytest.approx(w.error[known] / ratios[known])
+    assert w.error[ratios == 0.5].any()
     assert set(w.order) == set(np.flatnonzero(w.wrong))
     assert (np.diff(w.error[w.order]) <= 0).all()
     asked = []

@@ -13,6 +13,7 @@ from refsim.study import runs
 from refsim.study.convergence import observed_order
 from refsim.study.panels import Machine, drops, measured, panel
 from refsim.study.panels.scenes import scene_of
+from refsim.study.result import percent
 
 
 @pytest.mark.parametrize("order", [0.002, 0.5, 1.0, 2.0, 7.3, 39.0])
@@ -112,3 +113,13 @@ def test_bytes_of_arrays_are_counted_once():
         deep, seen = [deep], {}
         runs._count(deep, seen)
         assert sum(seen.values()) == (56 if depth <= 6 else 0)
+
+
+@pytest.mark.parametrize("share, words", [
+    (0.012345, "1.2 %"), (0.984, "98 %"), (0.9951, "100 %"), (1.0, "100 %"), (1.256, "126 %"), (-3.17, "-317 %"),
+    (None, "-"), (np.inf, "-"), (-0.0456, "-4.6 %"),
+])  # fmt: skip
+def test_shares_have_two_digits_and_whole_per_cents_from_one_on(share, words):
+    assert percent(share) == words
+    if words != "-":
+        assert percent(share, signed=True) == ("+" if share > 0 else "") + words
