@@ -528,7 +528,7 @@ class WeaklyCompressible(
             )  # fmt: skip
             ratio = 1 + strength * depth * exponent / self.sound_speed**2
             excess[ends[bodies] :] = self.rest_density * (ratio ** (1 / exponent) - 1)
-        usual = np.isclose(state.mass, self.particle_mass(grid), rtol=1e-12)
+        usual = np.isclose(state.mass, self.particle_mass(grid), rtol=1e-12, atol=0.0)
         mass = np.where(usual, state.mass * (1 + excess / self.rest_density), state.mass)
         return {ADVANCED_EXCESS.name: excess, "mass": mass}
 

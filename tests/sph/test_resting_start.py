@@ -43,6 +43,20 @@ def cells(low, size):
     return np.array(low) + np.indices(size).reshape(3, -1).T
 
 
+@pytest.mark.parametrize("spacing", [1e-6, 1.0])
+def test_a_given_mass_stays_however_small_it_is(spacing):
+    """1e-9 kg/m in a tank, whose particles without a mass get that of their pressure."""
+    places = spacing * (cells((0, 0, 0), (4, 4, 1)) + 0.5) * [1, 1, 0]
+    mass = np.full(16, 1.01 * 1000 * spacing**2)
+    walls = rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(4 * spacing, 8 * spacing, 0.0))
+    scene = rs.Scene(
+        dim=2, spacing=spacing, support_radius=3 * spacing, dtype="float64",
+        fluid=(rs.Cloud(position=places, mass=mass),),
+        effects=(rs.WeaklyCompressible(sound_speed=10.0), rs.Gravity(acceleration=(0.0, -0.1 / spacing, 0.0)), walls),
+    )  # fmt: skip
+    np.testing.assert_array_equal(rs.make_plan(scene).state.mass, mass)
+
+
 def test_each_column_of_a_step_has_its_own_surface():
     """A tower on a pool, which is not in balance: under the tower its weight, beside it none."""
     found, place = started(tank([((0, 0, 0), (9, 9, 2)), ((3, 3, 2), (3, 3, 4))], (9, 9, 6)))
