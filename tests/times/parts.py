@@ -16,7 +16,7 @@ import time
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 SCENES = ["dam_break_2d", "droplet", "mesh_boundary", "melting", "mpm_droplet"]
 SUMS = "sph.density", "sph.momentum", "sph.continuity", "surface_normal.color_gradient"
-PARTS = ["", "chain", "staging", "rows", "shape", "plain"]
+PARTS = ["", "staging", "rows", "vectors", "shape", "plain"]
 SECONDS, LEAST, ROUNDS = 4.0, 24, 3  # of steps that are timed, the fastest of some rounds
 
 
@@ -27,7 +27,7 @@ def take_out(part):
 
     from refsim.backends.fast import bits, rows
 
-    if part == "chain":
+    if part == "vectors":
         binding.set_option = lambda *option: None
     elif part == "rows":
         rows.over_rows = numba.njit(rows.over_rows)
@@ -136,7 +136,7 @@ def main():
     if not given.scenes:
         for what, of, parts in (
             ("compiling", "1", ["", "plain"]), ("compiling", "2", ["plain"]),
-            ("listing", "24", ["", "bits"]), ("other_bits", "large", ["", "chain"]),
+            ("listing", "24", ["", "bits"]), ("other_bits", "large", ["", "vectors"]),
         ):  # fmt: skip
             with tempfile.TemporaryDirectory() as cache:
                 values = (f"{part or 'fast'} {measured(part, what, of, cache):.2f}" for part in parts)
