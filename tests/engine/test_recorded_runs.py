@@ -311,3 +311,16 @@ def test_a_velocity_that_is_set_acts_behind_the_step_that_led_to_the_positions()
     assert (found[0] == found[1]).all()
     assert (found[0] == found[2]).all()
     assert (found[3] == found[4]).all()
+
+
+@pytest.mark.parametrize("name", ["faces that move", "a tank that turns", "tank"])
+def test_work_and_energies_of_what_is_driven_are_as_ever(name, recorded):
+    """Of faces by their friction and pressure, and of a tank that turns or sways."""
+    text = SCENES[name] if "energy_audit" in SCENES[name] else SCENES[name] + "\n[energy_audit]\nevery = 1\n"
+    run, found = Simulation(parse_scene(text, name), "numpy"), {}
+    for step in range(5):
+        run.step()
+        energies = {k: (part.value, part.size) for k, part in run.auditor.energies(run).items()}
+        found[f"{step}"] = energies, run.auditor.driving.work, run.auditor.saved()
+    found["report"] = run.auditor.report()
+    recorded(found)
