@@ -415,7 +415,7 @@ def cells_of_a_mesh(drawn: Drawn, backend: str) -> Found:
     """A body of two blocks that cross, in a mesh of triangles in any order, turned, twice or apart: their union."""
     random, d = drawn.random(), 10.0 ** drawn.random().uniform(-3, 0)
     low = np.array([np.zeros(3), random.uniform(0.3, 2.5, 3)]) + random.uniform(-9, 9, 3)
-    high = low + random.uniform(2.6, 5, (2, 3))
+    high = low + np.sort(random.uniform(2.6, 5, (2, 3)), 0)  # so that none lies inside the other, which plan refuses
     ends = np.stack([low, high], 1) * d  # of block, end, axis
     corners = np.array([[end[k][axis] for axis, k in enumerate(at)] for end in ends for at in CORNERS])
     faces = np.concatenate([np.array(TRIANGLES)[:, :: random.choice([-1, 1])] + 8 * k for k in range(2)])

@@ -87,8 +87,7 @@ def fields_apart(
 ) -> float:
     """Largest difference of two runs' fields [their sizes], or of what is `kept` from step to step.
 
-    rows     of a and of b that are the same particles
-    axes     of a that are x, y and z of b: lengths of vectors are compared
+    rows     of a and of b that are the same particles; of other `axes` the lengths of vectors are compared
     factors  by which b's units are smaller
     """
     off = 0.0
@@ -100,7 +99,8 @@ def fields_apart(
         if axes and x.ndim > 1:
             x, y = np.linalg.norm(x, axis=1), np.linalg.norm(y, axis=1)
         y = y / unit(field.unit.replace(" (", "; "), a.plan.grid.dim).of(factors)
-        size = max(float(np.abs(x).max(initial=0.0)), float(name == "temperature"))
+        slow = {"m/s": a.time, "m/s^2": a.time**2}.get(field.unit, np.inf)  # what rests has velocities of rounding
+        size = max(float(np.abs(x).max(initial=0.0)), float(name == "temperature"), 1e-3 * a.plan.grid.spacing / slow)
         off = max(off, apart(x, y) / size if size > 0 and np.isfinite(size) else 0.0)
     return off
 
@@ -198,12 +198,12 @@ def other_units(drawn: Drawn, backend: str) -> Found:
 
 
 def in_turn(scene: Scene) -> bool:
-    """Whether pairs exchange heat one after the other."""
-    return getattr(of_kind(scene, HeatConduction), "scheme", "") == "pair_exchange"
+    """Whether particles exchange heat one after the other."""
+    return getattr(of_kind(scene, HeatConduction), "scheme", "") in ("pair_exchange", "one_sided")
 
 
 def by_chance(scene: Scene) -> bool:
-    """Whether the order of particles counts: an effect draws numbers, or pairs exchange heat, one after the other."""
+    """Whether the order of particles counts: an effect draws numbers, or heat goes one by one."""
     drawing = [e for e in scene.effects if "seed" in e.__struct_fields__]
     return in_turn(scene) or any(e.passes({o.name: o for o in scene.effects}) for e in drawing)
 
