@@ -153,18 +153,18 @@ def test_an_amount_is_told_where_a_guess_with_it_holds_in_all_wrong_rows(rows, r
     for amount, power in itertools.product((1.75, 0.31, -1.0, 0.0, 1.0004), (1, 2, 3)):
         w.off = wrong * change(amount, power)
         guess = lambda s, k, power=power: right[k] + change(s, power)[k]  # noqa: E731
-        words = Diagnosis.told(w, "it is # times", guess, 40)
+        words = Diagnosis.described(w, "it is # times", guess, 40)
         found[f"{amount} {power}"] = said = [words]
         if power == 1:
             assert float(words.split()[2]) == pytest.approx(amount, rel=1e-4)
-            better = Diagnosis.told(w, "gives y # times as large as right", guess, 40)
+            better = Diagnosis.described(w, "gives y # times as large as right", guess, 40)
             assert (better == "gives y with the opposite sign") == (amount == -1)
-        assert Diagnosis.told(w, "it is so", lambda s, k: right[k] + w.off[k], 40) == "it is so"
+        assert Diagnosis.described(w, "it is so", lambda s, k: right[k] + w.off[k], 40) == "it is so"
         with np.errstate(invalid="ignore"):  # as `judgement` sets it
-            assert Diagnosis.told(w, "it is # times", lambda s, k: right[k], 40) == ""
+            assert Diagnosis.described(w, "it is # times", lambda s, k: right[k], 40) == ""
         for more in (1e-2, 1e-4, 2e-7, 3e-9):
             w.off = wrong * change(amount, power) * (1 + more * odd)
-            said.append([bool(Diagnosis.told(w, "# times", guess, most)) for most in (2, 4, 40)])
+            said.append([bool(Diagnosis.described(w, "# times", guess, most)) for most in (2, 4, 40)])
     recorded(found)
 
 
