@@ -163,19 +163,26 @@ def fit_weights(fit_position, fit_cells, blocks, surface_term, fit_splines, node
     """(3.7), and the splines, which the stage keeps cell by cell; 0 for points outside all blocks."""
     a = _sorted_points(fit_position, fit_cells, blocks, surface_term) | {"node_weight": node_weight}
     stages.sweep(a, blocks, surface_term)
-    xp = device.cupy_or_numpy()
-    cell, kept = device.as_cupy(fit_cells.cell), device.as_cupy(a["fit_splines"])
-    by_cell = xp.argsort(xp.where(cell < 0, xp.iinfo(cell.dtype).max, cell), kind="stable")
-    place = xp.where(cell < 0, len(kept), xp.argsort(by_cell, kind="stable"))
+    xp, kept = device.cupy_or_numpy(), device.as_cupy(a["fit_splines"])
     kept = xp.concatenate([kept, xp.zeros((1, kept.shape[1]), kept.dtype)])
-    device.gather(device.as_numba(kept), device.as_numba(place), fit_splines)
+    device.gather(device.as_numba(kept), device.as_numba(_rows(a, fit_cells.cell)), fit_splines)
+
+
+def _rows(a, cells):
+    """Row of each point in the arrays by cell; behind all of them for points without a cell."""
+    xp, cell, first = device.cupy_or_numpy(), device.as_cupy(cells), device.as_cupy(a["fit_first"])
+    order = xp.argsort(cell, kind="stable")
+    ordered = cell[order]
+    rank = xp.arange(len(cell)) - xp.searchsorted(ordered, ordered)
+    rows = xp.empty(len(cell), np.int64)
+    rows[order] = xp.where(ordered < 0, len(a["fit_target"]), first[xp.maximum(ordered, 0)] + rank)
+    return rows
 
 
 def fit(fit_position, fit_splines, fit_cells, blocks, surface_term, residual, coefficients):
     """(3.6), Algorithm 2, from the given splines; residuals stay in registers, so that there is no such output."""
     a = _sorted_points(fit_position, fit_cells, blocks, surface_term) | {"coefficients": coefficients}
-    xp, cell = device.cupy_or_numpy(), device.as_cupy(fit_cells.cell)
-    order = xp.argsort(xp.where(cell < 0, blocks.neighbour.shape[0] * 64, cell), kind="stable")  # without a cell: last
+    order = device.cupy_or_numpy().argsort(_rows(a, fit_cells.cell))
     a["fit_splines"] = device.empty(fit_splines.shape, fit_splines.dtype)
     device.gather(fit_splines, device.as_numba(order), a["fit_splines"])
     stages.sweep(a, blocks, surface_term)

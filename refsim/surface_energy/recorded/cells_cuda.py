@@ -16,9 +16,9 @@ from refsim.surface_energy import formulas
 CELLS = 64  # of a block, a thread to each
 # What `counts` holds: whether a particle is not covered, most particles in a cell, cut edges and facets as found and
 # as made (0 where they do not fit), samples without a particle, cells with a point of the fit or a sample, blocks with
-# weights of the fit
-MISSING, MOST, EDGES, FACETS, VERTICES, MADE, UNFOUND, FILLED, ACTIVE = range(9)
-COUNTS = 9
+# weights of the fit, points of the fit or samples in all cells
+MISSING, MOST, EDGES, FACETS, VERTICES, MADE, UNFOUND, FILLED, ACTIVE, POINTS = range(10)
+COUNTS = 10
 
 
 @cuda_kernel(rows_of="held")
@@ -80,12 +80,12 @@ def place_particles(interior_position, surface_term, blocks, first, point, cell,
 
 
 @cuda_formula
-def occupied_near(first, blocks, b, lowest_direction, directions):
+def occupied_near(first, blocks, b):
     """Whether one of the blocks around b holds a point; called by all threads of the thread block."""
     thread = cuda.threadIdx.x
     occupied = 0
-    if thread < directions:
-        other = blocks.neighbour[b, lowest_direction + thread]
+    if thread < blocks.neighbour.shape[1]:
+        other = blocks.neighbour[b, thread]
         if other >= 0 and first[CELLS * other] != first[CELLS * other + CELLS]:
             occupied = 1
     return cuda.syncthreads_or(occupied) != 0

@@ -11,10 +11,10 @@ import numpy as np
 
 from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
 from refsim.backends.primitives import sum_before
-from refsim.sparse_grid.block_search_cuda import SUMMING, number
+from refsim.sparse_grid.block_search_cuda import number
 from refsim.sparse_grid.formulas import step_node
 from refsim.surface_energy import formulas, kernels
-from refsim.surface_energy.recorded.cells_cuda import ACTIVE, CELLS, FILLED, MADE, occupied_near, sum_pairs
+from refsim.surface_energy.recorded.cells_cuda import ACTIVE, CELLS, FILLED, MADE, POINTS
 
 REACHING = 216  # cells that reach a block's nodes: 6 x 6 x 6, or 10 x 10 in the plane
 CELL_BIT = 1 << 24  # counts a cell beside its points: the points of 64 cells are fewer than 2^24
@@ -30,72 +30,67 @@ def fill_points(cell, place, first, each, counts, unsorted):
 
 
 @formula
-def place_in_row(r, cell, first, unsorted):
+def place_in_row(r, cell, first, held, unsorted):
     """Position (dimensionless) of point r in the list of points by cell, in the order of their numbers."""
     at = first[cell]
-    for k in range(first[cell], first[cell + 1]):
+    for k in range(first[cell], first[cell] + held[cell]):
         if unsorted[k] < r:
             at += 1
     return at
 
 
 @cuda_kernel(rows_of="fit_cell")
-def sort_points(fit_position, fit_cell, fit_first, unsorted, blocks, surface_term, counts, fit_splines, fit_target):
+def sort_points(fit_position, fit_cell, bins, unsorted, blocks, surface_term, counts, fit_splines, fit_target):
     """Splines of the fit's points, cell by cell, and b [h]: 0 at the samples, epsilon at their second points."""
     r = cuda.grid(1)
     if r < 2 * counts[MADE] and fit_cell[r] >= 0:
-        at = place_in_row(r, fit_cell[r], fit_first, unsorted)
+        at = place_in_row(r, fit_cell[r], *bins, unsorted)
         real = type(surface_term.cell_size)
         kernels.put_splines(at, r, fit_position, fit_cell[r], blocks, surface_term, fit_splines)
         fit_target[at] = surface_term.offset if r >= counts[MADE] else real(0)
 
 
-@cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="pair_total")
-def total_points(held, pair_total):
-    """Points and 2^32 cells with points of each block."""
+@cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="held_in_block")
+def number_points(held, first, rank, filled, counts, held_in_block):
+    """First point of each cell, the number of each cell with points, -1 for the others, and points of each block.
+
+    Points stand block by block and cells are numbered so, the blocks in any order.
+    """
     part = cuda.shared.array(CELLS, np.int32)
+    place = cuda.shared.array(2, np.int32)
     thread = cuda.threadIdx.x
-    mine = held[CELLS * cuda.blockIdx.x + thread]
-    mine += CELL_BIT if mine > 0 else 0
-    before = sum_before(part, np.int32(mine))
+    i = CELLS * cuda.blockIdx.x + thread
+    mine = np.int32(held[i])
+    own = np.int32(mine + (CELL_BIT if mine > 0 else 0))
+    before = sum_before(part, own)
     if thread == CELLS - 1:
-        pair_total[cuda.blockIdx.x] = unpacked(before + mine)
-
-
-@formula
-def unpacked(pair):
-    """Points + 2^32 cells (dimensionless) out of 32 bits."""
-    return (np.int64(pair >> 24) << 32) | np.int64(pair & (CELL_BIT - 1))
-
-
-@cuda_kernel(block_for_each_row=True, threads=SUMMING, rows_of="one")
-def sum_points(one, pair_total, counts):
-    """pair_total[b] <- sum over the blocks before b; number of cells with points."""
-    part = cuda.shared.array(SUMMING, np.int64)
-    before = sum_pairs(part, pair_total)
-    if cuda.threadIdx.x == SUMMING - 1:
-        counts[FILLED] = before >> 32
-
-
-@cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="pair_total")
-def first_points(held, first, rank, filled, pair_total):
-    """First point of each cell; the number of each cell with points, -1 for the others."""
-    part = cuda.shared.array(CELLS, np.int32)
-    i = CELLS * cuda.blockIdx.x + cuda.threadIdx.x
-    mine = held[i]
-    before = unpacked(sum_before(part, np.int32(mine + (CELL_BIT if mine > 0 else 0))))
-    before += pair_total[cuda.blockIdx.x]
-    first[i] = before & 0xFFFFFFFF
-    rank[i] = -1
+        whole = before + own
+        held_in_block[cuda.blockIdx.x] = whole & (CELL_BIT - 1)
+        if whole > 0:
+            place[0] = cuda.atomic.add(counts, POINTS, whole & (CELL_BIT - 1))
+            place[1] = cuda.atomic.add(counts, FILLED, whole >> 24)
+    cuda.syncthreads()
+    first[i] = place[0] + (before & (CELL_BIT - 1))
+    n = place[1] + (before >> 24)
+    rank[i] = n if mine > 0 else -1
     if mine > 0:
-        rank[i] = before >> 32
-        filled[before >> 32] = i
-    if i == first.shape[0] - 2:
-        first[i + 1] = (before & 0xFFFFFFFF) + mine
+        filled[n] = i
+
+
+@cuda_formula
+def reached_from(held_in_block, blocks, b):
+    """Whether a point reaches a node of block b: from itself or a block below; called by the whole thread block."""
+    thread = cuda.threadIdx.x
+    occupied = 0
+    if thread <= blocks.neighbour.shape[1] // 2:  # directions 0 to the middle
+        other = blocks.neighbour[b, thread]
+        if other >= 0 and held_in_block[other] > 0:
+            occupied = 1
+    return cuda.syncthreads_or(occupied) != 0
 
 
 @cuda_kernel(threads=CELLS)
-def sum_fit(fit_first, fit_splines, fit_target, blocks, coefficients, counts, reached, change, filled):
+def sum_fit(bins, fit_splines, fit_target, blocks, coefficients, counts, reached, change, filled):
     """Of each cell's points, for each node k that they reach: sum of B_k, and of (b - B C) B_k in units of h.
 
     Without `coefficients` C is 0; the first of the sums is left out where `reached` is.
@@ -114,7 +109,8 @@ def sum_fit(fit_first, fit_splines, fit_target, blocks, coefficients, counts, re
                 j = step_node(blocks, cell, k % 3, k // 3 % 3, k // 9 if space else 0)
                 held = coefficients[number(max(j, 0))]  # read in any case: such reads do not wait for each other
                 c[k] = held if j >= 0 else zero
-        for point in range(fit_first[cell], fit_first[cell + 1]):
+        first, held = bins
+        for point in range(first[cell], first[cell] + held[cell]):
             r = number(point)
             x0, x1, x2 = fit_splines[r, 0], fit_splines[r, 1], fit_splines[r, 2]
             residual = fit_target[r]
@@ -200,7 +196,7 @@ class Active(NamedTuple):
 
 
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")
-def begin_fit(fit_first, rank, blocks, reached, change, surface_term, node_weight, coefficients, active, total):
+def begin_fit(held_in_block, rank, blocks, reached, change, surface_term, node_weight, coefficients, active, total):
     """(3.7): 1/sum_r B_i(x_r), 0 where the sum is at most LEAST_SUM, and the first sweep from C = 0."""
     b, thread = cuda.blockIdx.x, cuda.threadIdx.x
     i = CELLS * b + thread
@@ -208,8 +204,7 @@ def begin_fit(fit_first, rank, blocks, reached, change, surface_term, node_weigh
     place = cuda.shared.array(1, np.int32)
     real = type(surface_term.cell_size)
     weight, value = real(0), real(0)
-    # a block's nodes are reached from itself and the blocks below, directions 0 to the middle
-    if occupied_near(fit_first, blocks, b, 0, blocks.neighbour.shape[1] // 2 + 1):
+    if reached_from(held_in_block, blocks, b):
         load_columns(b, rank, blocks, change, near)
         whole = sum_around(near, blocks, 0, 1, reached)
         if whole > real(formulas.LEAST_SUM):

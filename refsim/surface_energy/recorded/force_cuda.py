@@ -6,18 +6,20 @@ from refsim.backends.compile import cuda, cuda_kernel
 from refsim.backends.tuples import put, scaled, three
 from refsim.sparse_grid.formulas import node_coordinates
 from refsim.surface_energy import formulas
-from refsim.surface_energy.recorded.cells_cuda import CELLS, FILLED, MADE, node_at, occupied_near
-from refsim.surface_energy.recorded.fit_cuda import REACHING, load_columns, place_in_row, sum_around
+from refsim.surface_energy.recorded.cells_cuda import CELLS, FILLED, MADE, POINTS, node_at
+from refsim.surface_energy.recorded.fit_cuda import REACHING, load_columns, place_in_row, reached_from, sum_around
 
 PLANES = 3  # of nodes along z that the samples of a cell reach, a thread to each; 1 in the plane
 
 
 @cuda_kernel(rows_of="held")
-def clear_samples(held):
+def clear_samples(held, counts):
     """Sets the counters to 0."""
     i = cuda.grid(1)
     if i < held.shape[0]:
         held[i] = 0
+        if i == 0:
+            counts[FILLED], counts[POINTS] = 0, 0
 
 
 @cuda_kernel(rows_of="facets")
@@ -33,15 +35,15 @@ def locate_samples(sample_position, vertex_edge, facets, blocks, surface_term, c
 
 
 @cuda_kernel(rows_of="sample_cell")
-def sort_samples(sample_cell, first, unsorted, counts, point):
+def sort_samples(sample_cell, bins, unsorted, counts, point):
     """The samples of each cell by their numbers."""
     s = cuda.grid(1)
     if s < counts[MADE] and sample_cell[s] >= 0:
-        point[place_in_row(s, sample_cell[s], first, unsorted)] = s
+        point[place_in_row(s, sample_cell[s], *bins, unsorted)] = s
 
 
 @cuda_kernel(threads=CELLS, rows_of="planes")
-def sum_pulls(samples, first, point, filled, counts, blocks, surface_term, pulls, planes):
+def sum_pulls(samples, bins, point, filled, counts, blocks, surface_term, pulls, planes):
     """(4.18*): sum of A_s (I - n n^T) h grad B_k(x_s) of each cell's samples, for each node k that they reach."""
     sample_position, sample_normal = samples.sample_position, samples.sample_normal
     most = pulls.shape[1] - 1
@@ -54,7 +56,8 @@ def sum_pulls(samples, first, point, filled, counts, blocks, surface_term, pulls
         total = cuda.local.array(27, pulls.dtype)
         for k in range(27):
             total[k] = real(0)
-        for at in range(first[cell], first[cell + 1]):
+        first, held = bins
+        for at in range(first[cell], first[cell] + held[cell]):
             s = point[at]
             fx = formulas.grid_offset(sample_position[s, 0], jx, surface_term)
             fy = formulas.grid_offset(sample_position[s, 1], jy, surface_term)
@@ -77,14 +80,14 @@ def sum_pulls(samples, first, point, filled, counts, blocks, surface_term, pulls
 
 
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")
-def pull_nodes(first, rank, blocks, pulls, surface_term, node_force, total):
+def pull_nodes(held_in_block, rank, blocks, pulls, surface_term, node_force, total):
     """(4.18*): force on the nodes [N], -k sum_s A_s (I - n n^T) grad B_i(x_s)."""
     b = cuda.blockIdx.x
     i = CELLS * b + cuda.threadIdx.x
     real = type(surface_term.cell_size)
     near = cuda.shared.array(REACHING, np.int32)
     t = real(0), real(0), real(0)
-    if occupied_near(first, blocks, b, 0, blocks.neighbour.shape[1] // 2 + 1):
+    if reached_from(held_in_block, blocks, b):
         load_columns(b, rank, blocks, pulls, near)
         x, y = sum_around(near, blocks, 0, 3, pulls), sum_around(near, blocks, 1, 3, pulls)
         t = x, y, sum_around(near, blocks, 2, 3, pulls)

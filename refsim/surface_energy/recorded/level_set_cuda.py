@@ -116,7 +116,7 @@ def states_of_blocks(placed, cells, blocks, surface_term, node_state, node_label
     i = CELLS * b + thread
     state = 0
     if placed is not None:
-        if occupied_near(cells.first, blocks, b, 0, blocks.neighbour.shape[1]):
+        if occupied_near(cells.first, blocks, b):
             mark_nodes(label, placed, cells.first, blocks, surface_term)
             state = label[thread]
             cuda.syncthreads()

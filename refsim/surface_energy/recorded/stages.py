@@ -30,16 +30,16 @@ def work_arrays(
         "vertex_edge": v, "facets": ((f, dim), np.int32), "vertex_position": ((v, 3), real),
         "vertex_outward": ((v, 3), real), "vertex_nearest": v, "sample_place": ((f, 3), real),
         "facet_normal": ((f, 3), real), "outward": ((f, 3), real), "fit_position": ((2 * f, 3), real),
-        "fit_cell": 2 * f, "fit_place": 2 * f, "held_points": count, "fit_first": count + 1, "fit_unsorted": 2 * f,
+        "fit_cell": 2 * f, "fit_place": 2 * f, "held_points": count, "fit_first": count, "fit_unsorted": 2 * f,
         "fit_splines": ((2 * f, 9), real), "fit_target": (2 * f, real), "node_weight": (count, real),
-        "coefficients": (count, real), "rank": count, "filled": 2 * f, "pair_total": (b, np.int64), "active_block": b,
+        "coefficients": (count, real), "rank": count, "filled": 2 * f, "held_in_block": b, "active_block": b,
         "active_columns": ((b, fit_cuda.REACHING), np.int32),
         "reached": ((27, 2 * f + 1), real), "change": ((27, 2 * f + 1), real), "pulls": ((81, f + 1), real),
         "planes": (3 * f, np.uint8), "sample_normal": ((f, 3), real), "vertex_normal": ((v, 3), real),
         "inset_position": ((v, 3), real), "sample_position": ((f, 3), real), "sample_area": (f, real), "nearest": f,
         "sample_count": n, "either": (f + v, np.uint8), "total": b, "one": 1,
         "totals": device.tiles(count) + 1, "counts": cells_cuda.COUNTS,
-        "held_samples": count, "samples_first": count + 1, "sample_point": f, "node_force": ((count, 3), real),
+        "held_samples": count, "samples_first": count, "sample_point": f, "node_force": ((count, 3), real),
     }  # fmt: skip
     kinds = {name: shape if isinstance(shape, tuple) else (shape, np.int32) for name, shape in shapes.items()}
     arrays = {name: empty(shape, dtype) for name, (shape, dtype) in kinds.items()}
@@ -108,18 +108,18 @@ def sort_points(a: Arrays, blocks: Any, term: Any) -> None:
     number_cells(a, a["held_points"], a["fit_first"])
     fit_cuda.fill_points(a["fit_cell"], a["fit_place"], a["fit_first"], 2, a["counts"], a["fit_unsorted"])
     fit_cuda.sort_points(
-        a["fit_position"], a["fit_cell"], a["fit_first"], a["fit_unsorted"], blocks, term, a["counts"],
-        a["fit_splines"], a["fit_target"],
+        a["fit_position"], a["fit_cell"], (a["fit_first"], a["held_points"]), a["fit_unsorted"], blocks, term,
+        a["counts"], a["fit_splines"], a["fit_target"],
     )  # fmt: skip
 
 
 def sweep(a: Arrays, blocks: Any, term: Any) -> None:
     """(3.7), and Algorithm 2 from C = 0."""
     weight, coefficients, rank, change = a["node_weight"], a["coefficients"], a["rank"], a["change"]
-    points = a["fit_first"], a["fit_splines"], a["fit_target"], blocks
+    points = (a["fit_first"], a["held_points"]), a["fit_splines"], a["fit_target"], blocks
     fit_cuda.sum_fit(*points, None, a["counts"], a["reached"], change, a["filled"])
     active = named(fit_cuda.Active, a), a["total"]
-    fit_cuda.begin_fit(a["fit_first"], rank, blocks, a["reached"], change, term, weight, coefficients, *active)
+    fit_cuda.begin_fit(a["held_in_block"], rank, blocks, a["reached"], change, term, weight, coefficients, *active)
     for _ in range(int(term.iterations) - 1):
         fit_cuda.sum_fit(*points, coefficients, a["counts"], None, change, a["filled"])
         fit_cuda.correct(blocks, change, term, weight, coefficients, *active)
@@ -141,20 +141,18 @@ def place_samples(a: Arrays, position: Any, number: Any, blocks: Any, term: Any,
 def pull(a: Arrays, blocks: Any, term: Any) -> None:
     """The force of the samples on the nodes [N]."""
     counts, held, first = a["counts"], a["held_samples"], a["samples_first"]
-    force_cuda.clear_samples(held)
+    force_cuda.clear_samples(held, counts)
     force_cuda.locate_samples(
         a["sample_position"], a["vertex_edge"], a["facets"], blocks, term, counts, held, a["fit_place"], a["fit_cell"]
     )
     number_cells(a, held, first)
     fit_cuda.fill_points(a["fit_cell"], a["fit_place"], first, 1, counts, a["fit_unsorted"])
-    force_cuda.sort_samples(a["fit_cell"], first, a["fit_unsorted"], counts, a["sample_point"])
-    bins = first, a["sample_point"], a["filled"], counts
+    force_cuda.sort_samples(a["fit_cell"], (first, held), a["fit_unsorted"], counts, a["sample_point"])
+    bins = (first, held), a["sample_point"], a["filled"], counts
     force_cuda.sum_pulls(named(Samples, a), *bins, blocks, term, a["pulls"], a["planes"])
-    force_cuda.pull_nodes(first, a["rank"], blocks, a["pulls"], term, a["node_force"], a["total"])
+    force_cuda.pull_nodes(a["held_in_block"], a["rank"], blocks, a["pulls"], term, a["node_force"], a["total"])
 
 
 def number_cells(a: Arrays, held: Any, first: Any) -> None:
-    """first <- sum of `held` over the cells before each; cells with points are numbered."""
-    fit_cuda.total_points(held, a["pair_total"])
-    fit_cuda.sum_points(a["one"], a["pair_total"], a["counts"])
-    fit_cuda.first_points(held, first, a["rank"], a["filled"], a["pair_total"])
+    """first <- the first point of each cell that holds so many; cells with points are numbered."""
+    fit_cuda.number_points(held, first, a["rank"], a["filled"], a["counts"], a["held_in_block"])
