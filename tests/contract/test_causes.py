@@ -168,6 +168,19 @@ def test_an_amount_is_told_where_a_guess_with_it_holds_in_all_wrong_rows(rows, r
     recorded(found)
 
 
+@pytest.mark.parametrize(
+    "rows, columns, told", [(1, 1, False), (3, 1, False), (1, 2, False), (1, 3, True), (4, 1, True)]
+)
+def test_of_two_numbers_no_amount_is_told(rows, columns, told):
+    """Any amount would fit them."""
+    right, wrong = np.ones((9, columns)), (np.arange(9) < rows)[:, None]
+    w = types.SimpleNamespace(
+        right=right, off=wrong * 0.75 * right, bound=np.full(9, 1e-9), number=np.arange(9), order=np.arange(rows)
+    )
+    assert bool(Diagnosis.described(w, "it is # times", lambda s, k: s * right[k], 40)) == told
+    assert Diagnosis.described(w, "it is so", lambda s, k: 1.75 * right[k], 40) == "it is so"
+
+
 # Values
 def test_the_worst_row_has_values():
     def density(position, mass, smoothing, density):

@@ -305,7 +305,7 @@ def test_a_scene_that_cannot_be_planned_gives_a_reading_without_seconds():
     assert found.failed
     assert [found.seconds, found.wall, found.bytes, found.particles, found.steps, found.time] == [0] * 6
     setting = Setting("spacing", "", 1.0, scene, "numpy")
-    assert runs._run(setting, None, None, None, None, None, 1.0) == replace(found, failed=found.failed)
+    assert repr(runs._run(setting, None, None, None, None, None, 1.0)) == repr(found)  # NaN is not itself
 
 
 def test_swings_and_lines_through_balls_are_as_ever(recorded):

@@ -1,5 +1,6 @@
 """Small parts of studies and panels, and of what a run says: orders, radii, machines, steps, stages and bars."""
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -7,13 +8,15 @@ import msgspec
 import numpy as np
 import pytest
 
+from refsim import InputError, study
 from refsim.engine import progress
 from refsim.engine.timings import Timings
 from refsim.study import runs
-from refsim.study.convergence import observed_order
+from refsim.study.convergence import _doubt, observed_order
 from refsim.study.panels import Machine, drops, measured, panel
 from refsim.study.panels.scenes import scene_of
 from refsim.study.result import percent
+from tests.study.test_cost import tank
 
 
 @pytest.mark.parametrize("order", [0.002, 0.5, 1.0, 2.0, 7.3, 39.0])
@@ -123,3 +126,17 @@ def test_shares_have_two_digits_and_whole_per_cents_from_one_on(share, words):
     assert percent(share) == words
     if words != "-":
         assert percent(share, signed=True) == ("+" if share > 0 else "") + words
+
+
+@pytest.mark.parametrize("values, words", [
+    ([1.0, 1.2, 1.1], "alternate"), ([1.0, 0.8, 0.9], "alternate"), ([-1.0, -0.9, -0.85], "do not shrink"),
+    ([1.0, 1.0, 1.1], "do not shrink"), ([-3.0, 2.0, 1.5], "alternate"), ([3.0, 2.5, 2.4], "do not shrink"),
+])  # fmt: skip
+def test_values_without_an_order_alternate_or_do_not_shrink(values, words):
+    assert words in _doubt((1.0, 2.0, 4.0), values, math.nan)
+
+
+@pytest.mark.parametrize("error", [0.0, -0.1, 1.0, 1.5, math.nan])
+def test_a_study_is_asked_for_a_share_as_error(error):
+    with pytest.raises(InputError, match=r"error = .* is not possible"):
+        study(tank(), "front", error=error, backend="numpy")
