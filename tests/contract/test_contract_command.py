@@ -2,6 +2,7 @@
 
 import ctypes
 import inspect
+import itertools
 import json
 import re
 import sys
@@ -325,6 +326,39 @@ def test_a_program_that_ends_every_process_is_given_up(folder, capsys, monkeypat
     assert len(words) == 2
     assert words[-1].endswith("; the trials behind this one are not judged")
     assert operations["sph.gravity"]["holds"]
+
+
+@pytest.mark.parametrize("said, most, told", [
+    # e: the process ends in the next trial; a, b: an operation is done. Told: where processes begin, and what fails
+    ("e a e e", 2, "0 a 1 b 3 b!"), ("e e e e", 2, "0 a 1 a! 0 b 3 b!"), ("e a e b", 2, "0 a 1 b 3"),
+    ("e e a e e e", 3, "0 a 1 a 2 b 4 b 5 b!"), ("a e", 1, "0 b!"),
+])  # fmt: skip
+def test_ends_of_processes_are_counted_for_each_operation(said, most, told, monkeypatch):
+    rest, number, found = said.split(), itertools.count(), []
+
+    class Child:
+        def __init__(self, request, names, stopped=None):
+            self.names, self.begun, self.stopped = list(names), False, stopped
+            found.append(str(request.first))
+
+        def message(self, seconds):
+            self.begun = not self.begun
+            if self.begun:
+                return "begin", [self.names[0], "float64", 0, "T1", "trial", next(number)]
+            if (word := rest.pop(0)) == "e":
+                raise apart._Gone("it ended")
+            self.names.remove(word)
+            return "done", word
+
+        def close(self):
+            pass
+
+    monkeypatch.setattr(apart, "_Child", Child)
+    monkeypatch.setattr(apart, "MOST_ENDINGS", most)
+    request = apart.Request("own")
+    for outcome in apart._outcomes(Child(request, "ab"), "ab", "numpy", request):
+        found.append(outcome.operation + "!" * outcome.words.endswith("; the trials behind this one are not judged"))
+    assert (" ".join(found), rest) == (told, [])
 
 
 @pytest.mark.parametrize("options", [
