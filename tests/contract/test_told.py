@@ -13,6 +13,7 @@ from refsim import InputError
 from refsim.contract import Programs, Target, answers, drawn, native, properties, whole_runs
 from refsim.contract.answers import seconds_of_many
 from refsim.contract.apart import LibraryDescription, Request
+from refsim.contract.inputs import listed
 from refsim.contract.parameters import groups_of, scaled
 from refsim.contract.properties import on_grid
 from refsim.contract.report import junit, report, text, verdict
@@ -21,6 +22,21 @@ from refsim.contract.trajectories import Snapshot
 from refsim.core.operation import REGISTRY
 from refsim.scene.files import parse_scene
 from tests.contract.test_recorded_contract import SCENE
+
+
+@pytest.mark.parametrize("radius", [0.2, 0.004])
+def test_columns_of_a_gpu_hold_what_rows_do(radius):
+    """Of 400 points, so that numbers above 100 are among them."""
+    place = np.random.default_rng(7).random((400, 3)) * (1, 1, 0)
+    rows, columns = (
+        listed(place, place, radius, True, types.SimpleNamespace(name=name, asarray=np.asarray))
+        for name in ("cpu", "cuda")
+    )
+    for i, (start, count) in enumerate(zip(rows.start, rows.count, strict=True)):
+        assert (rows.entries[start : start + count] == columns.entries[i::400][:count]).all()
+    assert (rows.count == columns.count).all()
+    distance = np.linalg.norm(place[:, None] - place, axis=2) + np.eye(400)
+    assert (rows.count == (distance < radius).sum(1)).all()
 
 
 def test_numbers_have_digits_enough_to_show_the_error():

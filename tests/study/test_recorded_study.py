@@ -194,6 +194,26 @@ def test_tolerances_of_a_scene_are_those_that_end_an_iteration():
     assert not list(tolerances(tank()))
 
 
+@pytest.mark.parametrize("step, longest", [(0.0, {"step_factor": 0.4}), (1e-4, {"step": 5e-5})])
+def test_a_setting_of_a_study_changes_one_thing(step, longest):
+    a, b, c = tank().effects
+    solver = rs.ImplicitPressure(tolerance=0.002)
+    scene, left_out = tank(step=step, step_factor=0.8, effects=(a, solver, b, c)), []
+    all_settings, plan = importlib.import_module("refsim.study")._settings, types.SimpleNamespace(list_radius=1)
+    made = all_settings(scene, plan, (1.0,), ("support", "step", "precision", "tolerance"), (), "numpy", left_out)
+    tighter = msgspec.structs.replace(solver, tolerance=0.0002)
+    expected = [
+        ("spacing", {}), ("support", {"support_radius": 1.25 * scene.support_radius}), ("step", longest),
+        ("precision", {"dtype": "float64"}), ("tolerance", {"effects": (a, tighter, b, c)}),
+    ]  # fmt: skip
+    assert made == [
+        Setting(kind, own.label, 1.0, msgspec.structs.replace(scene, **other), "numpy")
+        for own, (kind, other) in zip(made, expected, strict=True)
+    ]
+    assert not all_settings(scene, types.SimpleNamespace(list_radius=0), (), ("support",), (), "numpy", left_out)
+    assert len(left_out) == 1
+
+
 def test_what_a_scene_costs_leaves_out_what_first_calls_take(monkeypatch):
     """Of ten timed steps of 2 s of the processor, 4 s by the clock, one calls a stage first, for 4 s."""
     clock, plan, steps = Clock(), make_plan(tank()), []
