@@ -46,14 +46,13 @@ def segments(case, dim):
     place, arrows = [corner[list(pair)].mean(axis=0) for pair in ends], {}
     for axis, side in [(2, 0)] if dim == 2 else [(axis, side) for axis in range(3) for side in (0, 1)]:
         on_face = {c for c in range(2**dim) if c >> axis & 1 == side}
-        inside, outward = {c for c in on_face if case >> c & 1}, np.eye(3)[axis] * (1 if dim == 2 else 2 * side - 1)
+        inside = {c for c in on_face if case >> c & 1}
         for group in joined(inside):
             cut = [e for e, pair in enumerate(ends) if pair <= on_face and pair & set(group) and pair - inside]
-            if cut:
-                a, b = cut
-                towards = np.cross(place[b] - place[a], outward) @ (corner[group].mean(axis=0) - place[a])
-                a, b = (b, a) if (towards < 0) != (dim == 2) else (a, b)
-                arrows[a] = b
+            if cut:  # turned so that the group is on the right, as seen from outside; a plane's cell is a lowest face
+                a, b = (place[e] for e in cut)
+                right = np.cross(b - a, np.eye(3)[axis] * (2 * side - 1)) @ (corner[group].mean(axis=0) - a)
+                arrows.update([cut if right >= 0 else cut[::-1]])
     return arrows
 
 

@@ -11,6 +11,17 @@ def nearest_image(separation, period):
     return separation - length * np.round(separation / np.where(length > 0, length, np.inf))
 
 
+def separations(query, source, period=None):
+    """Of all pairs x_query - x_source (n, m, 3), to the nearest image, and its length (n, m) [m]."""
+    separation = np.empty((len(query), len(source), 3))
+    for k in range(3):  # quicker than an axis of three
+        np.subtract.outer(query[:, k], source[:, k], out=separation[..., k])
+    if period is not None:
+        separation = nearest_image(separation, period)
+    x, y, z = np.moveaxis(separation, -1, 0)
+    return separation, np.sqrt(x * x + y * y + z * z)
+
+
 def pair_blocks(query, source, rows=None, period=None):
     """Yield (place, separation, distance) for blocks of queries against all sources, in float64.
 
@@ -18,21 +29,12 @@ def pair_blocks(query, source, rows=None, period=None):
     periodic box first, or None. `place` is the block's slice of the result, separation (b, m, 3) = x_query - x_source
     to the nearest image, distance (b, m).
     """
-    query = np.asarray(query, dtype=float)
-    source = np.asarray(source, dtype=float)
-    if rows is not None:
-        query = query[rows]
+    query, source = np.asarray(query, dtype=float), np.asarray(source, dtype=float)
+    query = query if rows is None else query[rows]
     size = max(1, BLOCK_BYTES // (8 * 8 * max(1, len(source))))
     for first in range(0, len(query), size):
         place = slice(first, min(first + size, len(query)))
-        block = query[place]
-        separation = np.empty((len(block), len(source), 3))
-        for k in range(3):  # quicker than an axis of three
-            np.subtract.outer(block[:, k], source[:, k], out=separation[..., k])
-        if period is not None:
-            separation = nearest_image(separation, period)
-        x, y, z = np.moveaxis(separation, -1, 0)
-        yield place, separation, np.sqrt(x * x + y * y + z * z)
+        yield place, *separations(query[place], source, period)
 
 
 def other_particles(place, count, rows=None):

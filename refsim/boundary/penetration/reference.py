@@ -30,26 +30,34 @@ def path_in_box(start, path, lower, upper):
     return first, np.where((still & ((start < lower) | (start > upper))).any(1), -1.0, last)
 
 
-def entry(start, path, sampled, lower, upper, everywhere):
-    """Swept: least t with phi(start + t path) < 0 by sphere tracing, t <- t + max(phi - h/4, h/4)/|path|, inf for none.
+def samples(start, path, sampled, lower, upper, everywhere):
+    """Sphere tracing, t <- t + max(phi - h/4, h/4)/|path|: yields (rows, t dimensionless, phi [m]), sample by sample.
 
-    (t (n,), least |phi| on the path [m], without the particle's own position, which is exact).
+    A row's samples end within the solid, phi < 0, or where its path leaves the box.
     """
     length = np.sqrt((path**2).sum(1))
     t, last = path_in_box(start, path, lower, upper)
-    share, least = np.full((2, len(start)), np.inf)
     going = np.flatnonzero((t <= last) & (length > 0) & np.isfinite(length))
-    clearance = sampled.h / CLEARANCE
     for _ in range(LONGEST):
         if not len(going):
-            break
+            return
         phi, _ = sampled(start[going] + t[going, None] * path[going], everywhere)
-        least[going] = np.minimum(least[going], np.where(t[going] > 0, np.abs(phi), np.inf))
-        share[going] = np.where(phi < 0, t[going], np.inf)
+        yield going, t[going], phi
         on = (phi >= 0) & (t[going] < last[going])
-        step = np.maximum(phi - clearance, clearance) / length[going]
+        step = np.maximum(phi - sampled.h / CLEARANCE, sampled.h / CLEARANCE) / length[going]
         t[going] = np.where(on, np.minimum(t[going] + step, last[going]), t[going])
         going = going[on]
+
+
+def entry(start, path, sampled, lower, upper, everywhere):
+    """Swept: (least t of a sample with phi < 0, inf for none, dimensionless; least |phi| on the path [m]).
+
+    The particle's own position, t = 0, is exact and does not count in the second.
+    """
+    share, least = np.full((2, len(start)), np.inf)
+    for rows, t, phi in samples(start, path, sampled, lower, upper, everywhere):
+        least[rows] = np.minimum(least[rows], np.where(t > 0, np.abs(phi), np.inf))
+        share[rows] = np.where(phi < 0, t, np.inf)
     return share, least
 
 

@@ -102,7 +102,7 @@ class Sampled:
         return value
 
     def __call__(self, x, everywhere=False):
-        """phi = sum_c w_c phi_c (n,) [m] over the corners of the cell and d phi/dx (n, 3) at points (n, 3) [m].
+        """phi = `trilinear` (n,) [m] and d phi/dx (n, 3) at points (n, 3) [m].
 
         Where the lowest corner is in no block, phi is +-band, unless values are sought `everywhere`.
         """
@@ -111,15 +111,20 @@ class Sampled:
         phi, slope = np.zeros(len(j)), np.zeros((len(j), 3))
         unmarked = (self.node(j) < 0) & (not everywhere)
         phi[unmarked] = self.beyond(j[unmarked])
-        rest = np.flatnonzero(~unmarked)
-        u = (local - np.floor(local))[rest]
-        for step in CORNERS:
-            corner = self.nodes(j[rest] + step)
-            weight = np.where(step == 1, u, 1 - u)
-            phi[rest] += weight.prod(1) * corner
-            for a in range(3):
-                slope[rest, a] += (2 * step[a] - 1) * np.delete(weight, a, axis=1).prod(1) * corner / self.h
+        corner = [self.nodes(j[~unmarked] + step) for step in CORNERS]
+        phi[~unmarked], slope[~unmarked] = trilinear(corner, (local - np.floor(local))[~unmarked], self.h)
         return phi, slope
+
+
+def trilinear(corner, u, h):
+    """phi = sum_c w_c phi_c (n,) [m] at u (n, 3) in cells with values phi_c (8, n), and d phi/dx (n, 3)."""
+    phi, slope = np.zeros(len(u)), np.zeros((len(u), 3))
+    for step, value in zip(CORNERS, corner, strict=True):
+        weight = np.where(step == 1, u, 1 - u)
+        phi += weight.prod(1) * value
+        for a in range(3):
+            slope[:, a] += (2 * step[a] - 1) * np.delete(weight, a, axis=1).prod(1) * value / h
+    return phi, slope
 
 
 def walked(point, triangles, corners, across):
