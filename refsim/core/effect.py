@@ -196,7 +196,7 @@ class Effect(Checked, frozen=True, kw_only=True):
     with_spacing: ClassVar[tuple[str, ...]] = ()  # its lengths [m] that follow the spacing if a scene is refined
     places: ClassVar[tuple[str, ...]] = ()  # its parameters that are places in the scene [m]
     virial: ClassVar[str] = ""  # why its forces between particles at rest need no `PairCohesion`, which every other has
-    scales: ClassVar[tuple[str, ...]] = ()  # with all of these at zero, or off, it does nothing
+    scales: ClassVar[tuple[str, ...]] = ()  # with all of these at zero, or off, it does nothing but what it `replaces`
     needed: ClassVar[tuple[str, ...]] = ()  # `needs`, and below `replaces`, whatever its parameters are
     replaced: ClassVar[tuple[str, ...]] = ()
 

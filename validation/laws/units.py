@@ -73,8 +73,7 @@ def scaled(part: Any, factors: Unit, dim: int = 0) -> Any:
             f = units[field.name].of(factors)
             if f == 1 or (field.name in ("amplitude", "values") and part.of == "turn"):  # whose unit is then the radian
                 continue
-            kept = isinstance(value, np.ndarray)
-            changes[field.name] = value * f if kept or np.isscalar(value) else tuple(f * v for v in value)
+            changes[field.name] = tuple(f * v for v in value) if isinstance(value, tuple | list) else value * f
     return msgspec.structs.replace(part, **changes)
 
 
@@ -96,11 +95,9 @@ TRIANGLES = [(a, b, c) for p, q, r, s in SIDES for a, b, c in ((p, q, r), (p, r,
 
 def hexahedron(length: float, width: float, depth: float, slope: float = 0.0) -> str:
     """The file of a block below z = 0, whose top falls along x by `slope` of its depth."""
-    down = -depth * slope
-    top = np.array([[0, 0, 0], [length, 0, down], [length, width, down], [0, width, 0]], dtype=float)
+    top = np.array([[0, 0, 0], [length, 0, -depth * slope], [length, width, -depth * slope], [0, width, 0]], float)
     low = np.where([True, True, False], top, -float(depth))
-    corners = np.concatenate([low, top])
-    return mesh_file(corners, TRIANGLES)
+    return mesh_file(np.concatenate([low, top]), TRIANGLES)
 
 
 def mesh_file(corners: np.ndarray, faces: Any) -> str:
