@@ -120,8 +120,7 @@ def converge(spacing: Sequence[float], value: Sequence[float]) -> Convergence:
         return Convergence(q[0], CAUTIOUS * float(np.ptp(q[:3])), p, False, f"not in the asymptotic range: {doubt}")
     limit = extrapolated(h[:2], q[:2], p)
     trusted = TRUSTED[0] <= p <= TRUSTED[1]
-    used = min(max(p, TRUSTED[0]), TRUSTED[1])
-    off = abs(extrapolated(h[:2], q[:2], min(p, used)) - q[0])
+    off = abs(extrapolated(h[:2], q[:2], min(p, TRUSTED[1])) - q[0])
     factor = SAFE if trusted else CAUTIOUS
     why = "" if trusted else f", because the order is not between {TRUSTED[0]:g} and {TRUSTED[1]:g}"
     reason = f"Richardson extrapolation with the observed order {p:.2f}; factor {factor:g} of safety{why}"

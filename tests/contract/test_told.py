@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from refsim import InputError
-from refsim.contract import Programs, Target, answers, drawn, native, properties, whole_runs
+from refsim.contract import Programs, Target, answers, drawn, inputs, native, properties, whole_runs
 from refsim.contract.answers import seconds_of_many
 from refsim.contract.apart import LibraryDescription, Request
-from refsim.contract.inputs import listed
 from refsim.contract.parameters import groups_of, scaled
 from refsim.contract.properties import on_grid
 from refsim.contract.report import junit, report, text, verdict
@@ -21,6 +20,8 @@ from refsim.contract.target import Outcome, told_values
 from refsim.contract.trajectories import Snapshot
 from refsim.core.operation import REGISTRY
 from refsim.scene.files import parse_scene
+from refsim.smoothing import Smoothing
+from refsim.smoothing.shapes import WENDLAND_C2
 from tests.contract.test_recorded_contract import SCENE
 
 
@@ -29,7 +30,7 @@ def test_columns_of_a_gpu_hold_what_rows_do(radius):
     """Of 400 points, so that numbers above 100 are among them."""
     place = np.random.default_rng(7).random((400, 3)) * (1, 1, 0)
     rows, columns = (
-        listed(place, place, radius, True, types.SimpleNamespace(name=name, asarray=np.asarray))
+        inputs.listed(place, place, radius, True, types.SimpleNamespace(name=name, asarray=np.asarray))
         for name in ("cpu", "cuda")
     )
     for i, (start, count) in enumerate(zip(rows.start, rows.count, strict=True)):
@@ -37,6 +38,29 @@ def test_columns_of_a_gpu_hold_what_rows_do(radius):
     assert (rows.count == columns.count).all()
     distance = np.linalg.norm(place[:, None] - place, axis=2) + np.eye(400)
     assert (rows.count == (distance < radius).sum(1)).all()
+
+
+def test_lists_reach_a_skin_beyond_the_support_radius(monkeypatch):
+    reach, backend = [], types.SimpleNamespace(asarray=list)
+    for name in ("with_list", "liquid_with_list", "period_of"):
+        monkeypatch.setattr(inputs, name, lambda *_: None)
+    monkeypatch.setattr(inputs, "listed", lambda _, source, radius, *more: reach.append((source, radius)))
+    made = type("Made", (dict,), {"case": types.SimpleNamespace(list_radius=2.0, skin=0.25)})
+    made = made(position=[1], walls=types.SimpleNamespace(position=[2], volume=[3]))
+    inputs.all_pairs(made, backend)
+    inputs.value_of(types.SimpleNamespace(outputs=()), "liquid_near_walls", made, None, None, backend)
+    assert reach == [([1], 2.5), ([2], 2.5), ([1], 2.5)]
+    made.dtype, made.replaced, made.dropped = "float32", dict, {}.get
+    assert [part.shape for part in inputs.without_walls(made)["walls"]] == [(0, 3), (0,)]
+
+
+def test_what_a_program_left_is_known_and_the_default_kernel_is_that_of_runs():
+    for dtype in ("float32", "int32", "uint32"):
+        values = np.array([inputs.unset(np.dtype(dtype)), 3], dtype)
+        assert inputs._unset(values).tolist() == [True, False]
+    for shape in range(1, 5):
+        kernel = Smoothing(*[1.0] * 5, np.int32(shape), 2)
+        assert isinstance(inputs.as_in_runs(kernel).shape, tuple) == (shape == WENDLAND_C2)
 
 
 def test_numbers_have_digits_enough_to_show_the_error():

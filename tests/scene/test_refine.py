@@ -1,13 +1,14 @@
 """The same scene at another spacing, or without an effect."""
 
 import itertools
+import types
 
 import numpy as np
 import pytest
 
 import refsim as rs
 from refsim import make_plan
-from refsim.scene.refine import misfit, notes, refined, resting_step, spaced, without
+from refsim.scene.refine import _cells, _edges, misfit, notes, refined, resting_step, spaced, without
 
 LIQUID = rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0, density="summation")
 
@@ -128,6 +129,8 @@ def test_a_fixed_step_follows_what_is_stable():
     """Sound: as the spacing. Diffusion: as its square."""
     sound = scene_of(step=1e-5)
     assert refined(sound, 2.0).step == pytest.approx(5e-6)
+    still = scene_of(step=1e-5, effects=(rs.Gravity(acceleration=(0.0, -9.81, 0.0)),))  # which limits no step
+    assert refined(still, 2.0).step == pytest.approx(5e-6)
     thick = scene_of(
         step=1e-5, effects=(rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2e5, density="summation"),)
     )
@@ -159,6 +162,39 @@ def test_levels_hold_the_scene_and_whole_cells(cells, count, finer):
     assert (len(found), found[count - 1 - finer]) == (count, 1.0)
     assert all(1.2 < b / a < 1.8 for a, b in itertools.pairwise(found))
     assert max(misfit(scene, f) for f in found) <= 0.03
+
+
+@pytest.mark.parametrize("low, high, cells", [
+    (0.0, 0.3, 3), (0.0, 0.304, 3), (0.051, 0.2504, 2), (0.0496, 0.2496, 2), (0.0, 0.2504, 3), (-0.25, 0.15, 3),
+    (0.01, 0.02, 1), (0.0504, 0.3, 2), (0.0, 0.251, 3),
+])  # fmt: skip
+def test_cells_of_a_solid_are_those_whose_centres_it_holds(low, high, cells):
+    assert _cells(low, high, 0.1) == cells
+    body = rs.SolidBox(lower=(low, 0.0, 9.0), upper=(high, 0.2, 9.0))
+    scene = types.SimpleNamespace(fluid=(rs.Box(cells=(3, 5, 1)),), solid=(body,), dim=2, spacing=0.1)
+    assert list(_edges(scene, 3.0)) == [(3, 9), (5, 15), (cells, _cells(low, high, 0.1 / 3)), (2, 6)]
+
+
+def test_a_step_at_rest_follows_the_cells():
+    scene = scene_of(effects=(rs.MpmLiquid(bulk_modulus=1e4, cell_size=0.02),))
+    assert resting_step(scene, 0.005, 0.013) / resting_step(scene, 0.01, 0.026) == pytest.approx(0.5)
+
+
+def test_least_and_largest_levels_are_taken():
+    assert spaced(scene_of(), 1, 0, 1.1) == spaced(scene_of(), 1, 0, 4.0) == (1.0,)
+    assert misfit(scene_of(fluid=(rs.Ball(radius=0.3),)), 1.3) == 0
+
+
+def test_a_coarse_box_keeps_a_layer():
+    assert refined(scene_of(fluid=(rs.Box(cells=(2, 40, 1)),)), 0.4).fluid[0].cells[:2] == (1, 16)
+
+
+def test_solids_are_numbered_from_one(monkeypatch):
+    named = []
+    monkeypatch.setattr("refsim.scene.refine.body_cells", lambda body, name, spacing: named.append(name) or [0])
+    balls = tuple(rs.SolidBall(center=(k, 0.0, 0.0), radius=0.1) for k in range(2))
+    refined(scene_of(solid=balls, fluid=(), dim=3, effects=(LIQUID, rs.ShapeMatching())), 2.0)
+    assert named == ["[[solid]] number 1", "[[solid]] number 2"]
 
 
 def test_exact_levels_are_preferred():

@@ -80,7 +80,8 @@ def test_few_and_equal_values():
     assert not two.asymptotic
     assert two.uncertainty == pytest.approx(0.3)
     same = converge([1.0, 2.0, 3.0], [5.0, 5.0, 5.0])
-    assert (same.uncertainty, same.bound(5.0)) == (0, 0)
+    assert (same.uncertainty, same.bound(5.0), same.words) == (0, 0, "the same value at all levels")
+    assert "the same value" not in converge([1.0, 2.0, 3.0], [5.0, 5.5, 6.0]).words  # which differ by 1
     for spacing, value in (([], []), ([1.0, 1.0], [1.0, 2.0]), ([1.0], [1.0, 2.0])):
         with pytest.raises(ValueError, match="different spacings"):
             converge(spacing, value)

@@ -195,23 +195,30 @@ def test_tolerances_of_a_scene_are_those_that_end_an_iteration():
 
 
 @pytest.mark.parametrize("step, longest", [(0.0, {"step_factor": 0.4}), (1e-4, {"step": 5e-5})])
-def test_a_setting_of_a_study_changes_one_thing(step, longest):
+def test_a_setting_of_a_study_changes_one_thing(step, longest, monkeypatch):
+    module = importlib.import_module("refsim.study")
+    monkeypatch.setattr(module, "unavailable", {"cpu": None, "cuda": "no card"}.get)
     a, b, c = tank().effects
     solver = rs.ImplicitPressure(tolerance=0.002)
     scene, left_out = tank(step=step, step_factor=0.8, effects=(a, solver, b, c)), []
-    all_settings, plan = importlib.import_module("refsim.study")._settings, types.SimpleNamespace(list_radius=1)
-    made = all_settings(scene, plan, (1.0,), ("support", "step", "precision", "tolerance"), (), "numpy", left_out)
+    plan, knobs = types.SimpleNamespace(list_radius=1), ("support", "step", "precision", "tolerance", "backend")
+    made = module._settings(scene, plan, (1.0,), knobs, (), "numpy", left_out)
     tighter = msgspec.structs.replace(solver, tolerance=0.0002)
     expected = [
         ("spacing", {}), ("support", {"support_radius": 1.25 * scene.support_radius}), ("step", longest),
-        ("precision", {"dtype": "float64"}), ("tolerance", {"effects": (a, tighter, b, c)}),
+        ("precision", {"dtype": "float64"}), ("tolerance", {"effects": (a, tighter, b, c)}), ("backend", {}),
     ]  # fmt: skip
     assert made == [
-        Setting(kind, own.label, 1.0, msgspec.structs.replace(scene, **other), "numpy")
+        Setting(kind, own.label, 1.0, msgspec.structs.replace(scene, **other), "cpu" if kind == "backend" else "numpy")
         for own, (kind, other) in zip(made, expected, strict=True)
     ]
-    assert not all_settings(scene, types.SimpleNamespace(list_radius=0), (), ("support",), (), "numpy", left_out)
-    assert len(left_out) == 1
+    plan.list_radius = 0
+    assert not module._settings(scene, plan, (), ("support", "backend"), (), "cpu", left_out)
+    assert [words.split()[-1] for words in left_out] == ["card", "neighbours", "card"]
+    levels = [s.scene for s in module._settings(tank(), plan, (0.5, 1.0, 2.0), (), (), "cpu", [])]
+    assert levels == [refined(tank(), 0.5), tank(), refined(tank(), 2.0)]
+    less = module._without(tank(), "cpu", [])
+    assert {(s.kind, s.factor, len(s.scene.effects), s.backend) for s in less} == {("effect", 1.0, 2, "cpu")}
 
 
 def test_what_a_scene_costs_leaves_out_what_first_calls_take(monkeypatch):

@@ -1,6 +1,8 @@
 """Small parts of studies and panels, and of what a run says: orders, radii, machines, steps, stages and bars."""
 
 import math
+import re
+import sys
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -12,7 +14,7 @@ from refsim import InputError, study
 from refsim.engine import progress
 from refsim.engine.timings import Timings
 from refsim.study import runs
-from refsim.study.convergence import _doubt, observed_order
+from refsim.study.convergence import Reference, _doubt, observed_order
 from refsim.study.panels import Machine, drops, measured, panel
 from refsim.study.panels.scenes import scene_of
 from refsim.study.result import percent
@@ -25,6 +27,8 @@ def test_an_order_is_found_up_to_forty(order):
     assert observed_order(h, 3.0 - 0.2 * h**order) == pytest.approx(order, rel=1e-5)
     assert np.isnan(observed_order(h, 3.0 - 0.2 * h ** (order + 41)))
     assert np.isnan(observed_order(h, 3.0 - 0.2 * h ** (-order)))
+    assert math.isnan(observed_order((1.0, 2.0, 4.0), (1.0, 1.0, 2.0)))
+    assert observed_order((1.0, 2.0, 4.0), (1.0, 2.0, 1.0 + 1 + 2**order)) == pytest.approx(order)
 
 
 def test_a_drop_has_the_radius_of_its_volume():
@@ -131,9 +135,28 @@ def test_shares_have_two_digits_and_whole_per_cents_from_one_on(share, words):
 @pytest.mark.parametrize("values, words", [
     ([1.0, 1.2, 1.1], "alternate"), ([1.0, 0.8, 0.9], "alternate"), ([-1.0, -0.9, -0.85], "do not shrink"),
     ([1.0, 1.0, 1.1], "do not shrink"), ([-3.0, 2.0, 1.5], "alternate"), ([3.0, 2.5, 2.4], "do not shrink"),
+    ([1.0, 0.8, 1.1], "alternate"), ([1.0, 1.2, 1.2], "do not shrink"),
 ])  # fmt: skip
 def test_values_without_an_order_alternate_or_do_not_shrink(values, words):
     assert words in _doubt((1.0, 2.0, 4.0), values, math.nan)
+
+
+@pytest.mark.parametrize("levels, given, finer", [(1, None, 0), (2, None, 1), (3, None, 1), (5, None, 2), (5, 4, 4)])
+def test_half_of_the_levels_are_finer(levels, given, finer, monkeypatch):
+    def asked(scene, *more):
+        raise InputError(f"{more}")
+
+    monkeypatch.setattr(sys.modules["refsim.study"], "spaced", asked)  # refsim.study is a function, too
+    with pytest.raises(InputError, match=re.escape(f"({levels}, {finer}, 1.25)")):
+        study(tank(), "front", levels=levels, finer=given, ratio=1.25, backend="numpy")
+
+
+def test_errors_are_relative_to_the_value_or_to_the_scale_of_a_reference(monkeypatch):
+    made = lambda settings, *_: [(s, SimpleNamespace(value=4 + 1 / s.factor, failed="")) for s in settings]  # noqa: E731
+    monkeypatch.setattr(sys.modules["refsim.study"], "_measured", made)
+    for reference, scale in ((None, 0.0), (Reference(4.0, 7.0, 0.0, "known"), 7.0)):
+        found = study(tank(), "front", knobs=("spacing",), reference=reference, backend="numpy")
+        assert (found.convergence.scale, found.convergence.value) == (scale, pytest.approx(4.0))
 
 
 @pytest.mark.parametrize("error", [0.0, -0.1, 1.0, 1.5, math.nan])
