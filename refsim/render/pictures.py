@@ -450,7 +450,7 @@ def write_film(
             str(beside), (width, height), fps=per_second, codec="libx264", quality=None, macro_block_size=2,
             ffmpeg_log_level="quiet",  # what it refuses is told in one sentence
             output_params=[
-                *("-crf", "20", "-preset", "medium", "-threads", "1"), *("-x264-params", "rc-lookahead=10"),  # memory
+                *("-crf", "20", "-preset", "medium", "-threads", "1"), *("-x264-params", "rc-lookahead=3"),  # memory
                 *("-movflags", "+faststart", "-f", "mp4"),
             ],
         )  # fmt: skip

@@ -364,6 +364,23 @@ def test_a_solid_is_seen_through_clear_water():
 
 
 @needs_pyvista
+@pytest.mark.parametrize("edges", [False, True])
+def test_the_near_one_of_two_clear_drops_is_drawn_over_the_far_one(edges):
+    """In whatever order their facets are given."""
+    ball, towards = trimesh.creation.icosphere(subdivisions=2, radius=0.3), Camera().axes(np.array([0.0, 0.0, 1.0]))[2]
+    points = np.concatenate([ball.vertices + 0.5 * towards, ball.vertices - 0.5 * towards])
+    colours = np.repeat([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]], len(ball.vertices), 0)
+    facets, corner = np.concatenate([ball.faces, ball.faces + len(ball.vertices)]), np.ones(3)
+    stage = Stage(-corner, corner, np.array([0.0, 0.0, 1.0]), Camera(), (64, 64), half_height=1.0)
+    one, other = (
+        stage.draw([Body(points, order, colours, water=True, gloss=0.0, edges=edges)]).astype(int)
+        for order in (facets, facets[::-1])
+    )
+    assert np.abs(one - other).max() <= 2
+    assert one[32, 32, 2] > one[32, 32, 0] + 30  # white behind both, the near one blue
+
+
+@needs_pyvista
 def test_a_cut_has_the_colours_of_the_bar(in_space, monkeypatch):
     """The drop, 14 cm wide, cut through its middle and coloured by height, seen at a slant of 30 degrees."""
     import matplotlib
