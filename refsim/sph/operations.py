@@ -259,7 +259,8 @@ def central_viscous(position, velocity, mass, density, smoothing, central_viscos
 @operation(
     "J(10), momentum equation with zeta = 5 eta/3", paper="Jiang & Zhu 2023; Espanol & Revenga 2003",
     adds="acceleration", optional="central_viscosity period",
-    variants=("central_viscosity period", "period", ""), tolerance=12.0, reason="those of sph.central_viscosity",
+    variants=("central_viscosity period", "period", ""), tolerance=12.0,
+    reason="those of sph.central_viscosity; the size counts |p_i| and |p_j|, too",
     invariants=f"{SYMMETRY} linear_momentum angular_momentum galilean", broken={2: "rotation angular_momentum"},
     packed="central_momentum_pair",
 )  # fmt: skip
