@@ -163,3 +163,15 @@ def long_signatures():
 
 def test_functions_take_at_most_ten_arguments():
     assert not list(long_signatures())
+
+
+def test_functions_of_references_have_at_most_twelve_statements():
+    """An equation is one expression, as a rule; what is longer has parts with names."""
+    found = {}
+    for path in ROOT.glob("**/reference.py"):
+        for function in ast.walk(ast.parse(path.read_text())):
+            if isinstance(function, ast.FunctionDef):
+                inner = sum(isinstance(node, ast.stmt) for node in ast.walk(function)) - 1
+                found[f"{path.parent.name}.{function.name}"] = inner - (ast.get_docstring(function) is not None)
+    assert len(found) > 200
+    assert not {name: count for name, count in found.items() if count > 12}
