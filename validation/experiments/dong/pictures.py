@@ -89,8 +89,8 @@ def cube_picture(data: Mapping[str, Any]) -> Any:
     for place, row in zip(axes, data["rows"]):
         x = np.array(row["position_mm"], dtype=float) * MILLI
         show_balls(place, x, data["spacing_m"], COLOURS[0], OBLIQUE, CUBE_EXTENT, 420)
-        plain_title(place, f"{row['time']:.2f} s: q4 {row['moment']:+.3f}", fontsize=8)
-    figure.suptitle(data["title"], fontsize=10.5, fontweight="bold")
+        plain_title(place, f"{row['time']:.2f} s: q4 {round(row['moment'], 3) + 0.0:+.3f}", fontsize=8)  # no -0.000
+    figure.suptitle(f"{data['title']}; q4: cube < 0 < octahedron", fontsize=10.5, fontweight="bold")
     return figure
 
 
