@@ -139,7 +139,7 @@ def test_a_run_is_that_of_the_cpu_and_the_same_again(name, dtype):
 
 
 @pytest.mark.gpu
-@pytest.mark.parametrize("pair", pairs.pairs(), ids=" ".join)
+@pytest.mark.parametrize("pair", list(pairs.pairs()), ids=" ".join)
 def test_two_effects_are_those_of_the_references(pair):
     assert [part for part in pairs.compare(*pair, "cuda") if part.error > part.allowed] == []
 
