@@ -116,8 +116,8 @@ def test_a_key_follows_the_values_that_a_function_names(tmp_path, monkeypatch):
 
 HELPERS = {
     "beside": ("import helper\n", "helper.py", ""), "through another": ("import first\n", "helper.py", "import helper"),
-    "in a package": ("from own_parts import helper\n", "own_parts/helper.py", ""),
-    "relative in a package": ("from own_parts import first as helper\n", "own_parts/helper.py", "from .helper import *"),
+    "in a package": ("from own_part import helper\n", "own_part/helper.py", ""),
+    "relative in a package": ("from own_part import first as helper\n", "own_part/helper.py", "from .helper import *"),
     "when it is called": ("", "helper.py", ""),
     "by its name": ("import importlib\nhelper = importlib.import_module('helper')\n", "helper.py", ""),
     "from a folder below": ("sys.path.insert(0, here + '/lib')\nimport helper\n", "lib/helper.py", ""),
@@ -130,7 +130,7 @@ def test_a_key_follows_the_modules_that_an_observable_imports(where, tmp_path, m
     begin, place, between = HELPERS[where]
     monkeypatch.setattr(sys, "path", list(sys.path))
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
-    for name in ("helper", "first", "own_parts", "own_parts.helper", "own_parts.first"):
+    for name in ("helper", "first", "own_part", "own_part.helper", "own_part.first"):
         monkeypatch.delitem(sys.modules, name, raising=False)
     helper, file, plan = tmp_path / place, tmp_path / "own.py", make_plan(block())
     helper.parent.mkdir(exist_ok=True)
