@@ -283,10 +283,11 @@ def test_points_on_rays_along_edges_are_inside_where_the_body_is(tmp_path):
 @pytest.mark.parametrize(("begin", "end", "within"), [
     ((-1.0, 1.0), (4.0, 1.0), 2.0), ((0.6, 0.25), (0.6, 0.75), 0.5), ((1.0, -13.0), (1.0, -9.3), 0.7),
     ((-0.5, -9.5), (0.5, -10.5), 0.0), ((1.5, 0.5), (3.0, 2.0), 0.5**0.5),
+    ((0.0, -5.0), (0.0, 5.0), 0.0), ((0.5, 10.0), (1.5, 10.0), 0.0),
 ])  # fmt: skip
 def test_a_segment_runs_in_a_polygon_for_a_length(begin, end, within):
-    """In a rectangle of 2 by 20: across it, inside, into it, by a corner, and out of it aslant."""
-    rectangle = np.array([[0.0, -10.0], [2.0, -10.0], [2.0, 10.0], [0.0, 10.0]])
+    """In a rectangle of 2 by 20, one corner twice: across, inside, into it, by a corner, out aslant, along edges."""
+    rectangle = np.array([[0.0, -10.0], [2.0, -10.0], [2.0, 10.0], [2.0, 10.0], [0.0, 10.0]])
     for ends in ((begin, end), (end, begin)):
         given = [np.array(each) for each in ends]
         assert overlaps._runs_through(rectangle, *given, within - 0.01) or not within

@@ -154,6 +154,24 @@ def test_a_detector_is_judged_by_what_it_finds_and_the_seconds_of_its_stages(nam
     assert observables.detection_2d.reduce(None, [(9.0, 0.5), (1.0, 0.25)]) == 0.25
 
 
+def test_pressures_of_iisph_act_by_the_masses_of_both(monkeypatch):
+    position, mass = np.array([[0.0, 0, 0], [3, 4, 0], [99, 0, 0]]), np.array([2.0, 7.0, 1.0])
+    given = {
+        "position": position,
+        "mass": mass,
+        "pressure": np.array([8.0, 5.0, 1.0]),
+        "density": np.array([2.0, 1, 1]),
+    }
+    plan = SimpleNamespace(
+        grid=SimpleNamespace(support_radius=6.0), effects={"iisph": 1}, shared={"gradient_smoothing": 0}
+    )
+    monkeypatch.setattr(virial, "_accelerations", lambda run, i, j: np.array([[1.0, 0, 0], [0, 2, 0]]))
+    monkeypatch.setattr(virial, "kernel_slope", lambda r, smoothing: -r)
+    i, j, half = virial.pair_virials(SimpleNamespace(plan=plan, field=given.get))
+    both = 2 * 7 * (8 / 4 + 5) * 25
+    assert (i.tolist(), j.tolist(), half.tolist()) == ([0, 1], [1, 0], [(-2 * 3 + both) / 2, (7 * 2 * 4 + both) / 2])
+
+
 @pytest.mark.parametrize("solver", ["iisph", "none"])
 def test_pressures_at_rest_are_compared_in_the_bulk(monkeypatch, solver):
     resting = SimpleNamespace(pressure=lambda y: 100 * y)
