@@ -117,6 +117,15 @@ def test_rest_counts_what_the_lattice_of_spiky_does_not_carry():
     assert 0.1 < found.value <= found.bound
 
 
+def test_a_block_that_stops_is_not_held_against_the_drawn_shape(monkeypatch):
+    def run(scene, backend, steps):
+        raise RunStopped("diverged", "It stopped.")
+
+    monkeypatch.setattr(laws, "run", run)
+    scene = Scene(effects=(sph.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=50.0),), **GIVEN)
+    assert laws.given_otherwise(Drawn(scene, 0, (6, 6), False), "numpy") is None
+
+
 def test_scenes_of_every_kind_are_drawn():
     """An effect that is asked for is there; bodies, motions, periods, both kinds of walls, several parts are drawn."""
     seen = set()

@@ -21,7 +21,7 @@ from refsim.core.effect import EFFECTS
 from refsim.core.writing import write_file
 from refsim.scene.files import scene_to_toml
 from validation.laws import exact  # noqa: F401  (its laws are then known)
-from validation.laws.laws import LAWS, OWN, Found, other_backend, run
+from validation.laws.laws import LAWS, OWN, Found, other_backend, stops
 from validation.laws.scenes import FEW, MANY, Drawn, drawn
 
 OUTCOMES = ("held", "noted", "broken", "refused", "stopped")
@@ -123,15 +123,6 @@ def _written(scene: Drawn, other: Scene | None) -> str:
     return "\n".join([f"# cells {scene.cells}, seed {scene.seed}", *(a for a in lines if not a.startswith(drawn_anew))])
 
 
-def _stops(scene: Drawn, steps: int) -> bool:
-    """Whether the drawn scene is refused or stops on the NumPy backend, without a law."""
-    try:
-        run(scene.scene, "numpy", steps)
-    except (InputError, RunStopped):
-        return True
-    return False
-
-
 def judged(name: str, law: Callable[..., Any], scene: Drawn, backend: str, refusals: Counter[str]) -> tuple[str, Found]:
     """(outcome, what was found) of a law in a scene."""
     nothing = Found(math.nan, math.nan)
@@ -150,7 +141,7 @@ def judged(name: str, law: Callable[..., Any], scene: Drawn, backend: str, refus
             stopped = isinstance(error, RunStopped)
             refusals[f"stopped: {error.reason}" if stopped else str(error).split(";")[0][:120]] += 1
             possible = (name in SAME and law is not other_backend) or (stopped and name != "absence")
-            alone = name != "silence is truth" if law in OWN else possible and not _stops(scene, 20 * stopped)
+            alone = name != "silence is truth" if law in OWN else possible and not stops(scene.scene, 20 * stopped)
             found = Found(math.nan, 0.0, f"as drawn it runs: {error}")
             return ("broken" if alone else "stopped" if stopped else "refused"), found
         except Exception:  # any other error is a finding
