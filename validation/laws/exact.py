@@ -104,28 +104,29 @@ def lift(drawn: Drawn, backend: str) -> Found | None:
 
 @law("shape does not matter", own=True)
 def strip(drawn: Drawn, backend: str) -> Found:
-    """A cosine along an insulated strip or rod of any thickness decays as it does along a line, to 1 %."""
+    """A cosine along an insulated strip, rod or closed ring of any thickness decays as along a line, to 1 %."""
     random, dim = drawn.random(), drawn.scene.dim
-    across, along, d = tuple(int(random.integers(1, 6)) for _ in range(dim - 1)), 24, 10.0 ** random.uniform(-3, 0)
+    across, d = tuple(int(random.integers(1, 6)) for _ in range(dim - 1)), 10.0 ** random.uniform(-3, 0)
     k, rho, capacity = (10.0 ** random.uniform(-1, 3) for _ in range(3))
-    h = float(random.choice([2.13, 2.62, 3.21]))
-    diffusivity = k / (rho * capacity)
-    rate = (2 / d * math.sin(math.pi / (2 * along))) ** 2 * diffusivity  # that of the chain of cells
+    h, halves = float(random.choice([2.13, 2.62, 3.21])), int(random.integers(1, 3))  # of a wave; two close a ring
+    along, diffusivity = 24 * halves, k / (rho * capacity)
+    rate = (2 / d * math.sin(math.pi / 48)) ** 2 * diffusivity  # that of the chain of cells
     scheme = str(random.choice(["implicit", "conjugate_gradient", "runge_kutta_legendre", "explicit"]))
     conduction = HeatConduction(
         conductivity=k, heat_capacity=capacity, density=rho, temperature=0.0, scheme=scheme, tolerance=1e-4,
         residual=1e-6, laplacian=str(random.choice(["spiky", "mueller"])) if dim == 2 else "spiky",
     )  # fmt: skip
     share = 0.002 if scheme == "explicit" else float(random.choice([0.002, 0.03]))
-    scene = own_scene(d, h, (Box(cells=(along, *across, 1)[:3]),), (conduction,), dim=dim, step=share / rate)
+    part, period = Box(cells=(along, *across, 1)[:3]), ((halves - 1) * along * d, 0.0, 0.0)
+    scene = own_scene(d, h, (part,), (conduction,), dim=dim, step=share / rate, period=period)
     simulation = made(scene, backend)
-    mode = np.cos(np.pi * simulation.field("position")[:, 0].astype(float) / (along * d))
+    mode = np.cos(np.pi * simulation.field("position")[:, 0].astype(float) / (24 * d))
     simulation.set_field("temperature", 50 + 40 * mode)
     take_steps(simulation, 4)
     left = (mode * (simulation.field("temperature").astype(float) - 50)).sum() / (40 * (mode**2).sum())
-    each = (math.pi / (along * d)) ** 2 * diffusivity * simulation.time / 4
+    each = (math.pi / (24 * d)) ** 2 * diffusivity * simulation.time / 4
     exact = math.log1p(each) if scheme in ("implicit", "conjugate_gradient") else each  # backward Euler's
-    return Found(abs(-math.log(left) / 4 / exact - 1), 0.01, f"{scheme}, {across} cells across, h = {h:.2f} d", scene)
+    return Found(abs(-math.log(left) / 4 / exact - 1), 0.01, f"{scheme}, {along}, {across} cells, h = {h:.2f} d", scene)
 
 
 @law("shape does not matter", own=True)

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
+from numba import config
 
 from refsim import Box, Cloud, Gravity, HeatConduction, Motion, Scene, Simulation, WeaklyCompressible
 from refsim.core.capabilities import BringsWalls, CorrectsPositions, effects_with, with_scene_defaults
@@ -57,9 +58,9 @@ def law(name: str, own: bool = False) -> Callable[[Any], Any]:
     return add
 
 
-def made(scene: Scene, backend: str, profile: bool = False) -> Simulation:
+def made(scene: Scene, backend: str, profile: bool = False, threads: int = 1) -> Simulation:
     """The scene at its start; where heat is conducted, particles that move are warmer."""
-    simulation = Simulation(scene, backend, threads=1 if backend == "cpu" else None, profile=profile)
+    simulation = Simulation(scene, backend, threads=threads if backend == "cpu" else None, profile=profile)
     if "temperature" in simulation.fields and (conduction := of_kind(scene, HeatConduction)) is not None:
         speed = (simulation.field("velocity").astype(float) ** 2).sum(1)
         share = speed / max(speed.max(initial=0.0), 1e-300)
@@ -310,7 +311,7 @@ def other_backend(drawn: Drawn, backend: str) -> Found | None:
         if errata and random.random() < 0.3:
             own, printed = of_kind(scene, type(effect)), (str(random.choice(errata)),)
             scene = with_effect(scene, msgspec.structs.replace(own, literal=printed))
-    a, b = made(scene, "numpy"), made(scene, backend)
+    a, b = made(scene, "numpy"), made(scene, backend, threads=1 + int(random.integers(config.NUMBA_NUM_THREADS)) % 2)
     v, fast = a.field("velocity").astype(float), float(random.choice([1.0, 1.0, 20.0]))  # which then limits the step
     shaken = v + (v != 0).any(0) * fast * np.abs(v).max() * random.uniform(-1, 1, v.shape)  # bodies, too
     warm = random.uniform(-1, 1, a.count)

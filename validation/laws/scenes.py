@@ -288,10 +288,8 @@ def _value(draw: Draw, kind: type[Effect], field: Any, frame: Frame) -> Any:
     own = units_of(kind, frame.dim).get(field.name)
     if field.type is Printed or field.name in UNDRAWN or (frame.dim == 3 and field.name in COSTLY):
         return None
-    if field.name == "held":
-        return choose(draw, ((), (0,)))
-    if field.type is int:
-        return choose(draw, (1, 2, 3))
+    if field.name == "held" or field.type is int:
+        return choose(draw, ((), (0,)) if field.name == "held" else (1, 2, 3))
     if choices := [c for k in inside if typing.get_origin(k) is typing.Literal for c in typing.get_args(k)]:
         return choose(draw, choices) if not isinstance(choices[0], tuple) else None
     if bool in inside:
