@@ -25,6 +25,7 @@ NIGHT = {  # minutes, and the command
     "host_slips": (240, (*PYTHON, "tests/host_slips.py", "--count", "300", "--seed", SEED, "--jobs", CORES)),
     "writes": (60, (*PYTHON, "tests/commands/refused_writes.py", "--count", "2000", "--seed", SEED)),
     "laws": (130, (*VALIDATION, "laws", "--minutes", "110", "--seed", SEED)),
+    "laws_cpu": (200, (*VALIDATION, "laws", "--backend", "cpu", "--minutes", "110", "--seed", SEED)),
     "attack": (75, (*VALIDATION, "attack", "--minutes", "60", "--seed", SEED)),
     "peers": (180, (*VALIDATION, "run", "boundary", "mpm_droplet", "timing", "--peers")),
     "plain": (90, ("env", "REFSIM_PLAIN=1", *PYTEST, "-m", "not gpu", "tests/ladder/test_pairing.py", "-k", "cpu")),
