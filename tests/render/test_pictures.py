@@ -69,8 +69,13 @@ def test_a_run_far_away_is_drawn_as_at_the_origin(tmp_path):
 
 
 # Surfaces
-@needs_pyvista
-def test_the_surface_of_a_ball_encloses_its_volume():
+@pytest.mark.parametrize("there", [pytest.param(True, marks=needs_pyvista), False])
+def test_the_surface_of_a_ball_encloses_its_volume(there, monkeypatch):
+    """Also without PyVista, which the main job does not need."""
+    if not there:
+        find = importlib.util.find_spec
+        monkeypatch.setattr(importlib.util, "find_spec", lambda name: find(name) if name != "pyvista" else None)
+        monkeypatch.setitem(surface_around.__globals__, "pyvista", None)
     x = lattice((24, 24, 24)) - 12
     ball = x[(x**2).sum(1) < 100]
     mesh = surface_around(1e-3 * ball, 1e-3)
@@ -80,7 +85,6 @@ def test_the_surface_of_a_ball_encloses_its_volume():
     assert radius.std() < 0.2
 
 
-@needs_pyvista
 def test_the_surface_reaches_to_a_solid_and_not_beyond():
     x = lattice((10, 10, 6)) + [0.0, 0.0, 0.4]  # the lowest particles are 0.9 off the plane z = 0
     mesh = surface_around(x, 1.0, solid=lambda points: points[:, 2])
@@ -89,7 +93,6 @@ def test_the_surface_reaches_to_a_solid_and_not_beyond():
     assert surface_around(x, 1.0).vertices[:, 2].min() > 0.2
 
 
-@needs_pyvista
 def test_a_level_is_flat_up_to_the_walls_of_a_box():
     box = np.array([0.0, 0.0, -np.inf]), np.full(3, 10.0)
     mesh = surface_around(lattice((10, 10, 6)), 1.0, box=box)
