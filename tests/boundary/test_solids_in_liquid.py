@@ -57,19 +57,6 @@ def test_a_solid_beside_a_mesh_has_the_lift_of_archimedes(tmp_path):
     assert found == pytest.approx([0.0, 0.0, 1.0], abs=0.005)
 
 
-def test_walls_bear_what_they_push_a_solid_with():
-    """The floor below a solid carries rho g H, and all forces are the weight and the walls' push, to rounding."""
-    gauge = rs.Gauge(name="floor", kind="force", on="-z")
-    simulation = rs.Simulation(at_rest([((1, 1, 1), (3, 3, 3))], (5, 5, 7), gauge=(gauge,), step=1e-5), "numpy")
-    advanced(simulation, 1)
-    assert simulation.gauge("floor").values[0][2] == pytest.approx(-runs.DENSITY * runs.GRAVITY * 0.7 * 0.25, rel=0.01)
-    simulation.evaluate()
-    mass, acceleration = simulation.field("mass"), simulation.field("acceleration")
-    weight = np.array([0.0, 0.0, -runs.GRAVITY]) * mass.sum()
-    size = (mass[:, None] * np.abs(acceleration)).sum()
-    assert np.abs(mass @ acceleration - weight - runs.pushed(simulation)).max() <= 1e-13 * size
-
-
 def test_solids_feel_a_tank_that_sways():
     """Their pressure is that of the acceleration in the tank's frame, 1 m/s^2 along x here."""
     sway = rs.Motion(of="gravity", kind="formula", direction=(1.0, 0.0, 0.0), formula="-0.5*t**2")

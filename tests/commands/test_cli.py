@@ -94,6 +94,7 @@ BAD = {
     "wrong face": ('"+y"', '"y+"', "open_faces[0] = 'y+' is not possible"),
     "not TOML": ("spacing = 0.01", "spacing 0.01", "is not TOML: expected '='"),
     "twice": ("dim = 2", "dim = 2\ndim = 3", "is not TOML: cannot overwrite a value (at line 5"),
+    "audit as a number": ("dim = 2", "dim = 2\nenergy_audit = 5", "energy_audit must be a table"),
     "a later version": ("dim = 2", "dim = 2\nversion = 2", "version = 2 is not known; this refsim reads version 1."),
     "a true version": ("dim = 2", "dim = 2\nversion = true", "version = True is not known"),
     "a version in text": ("dim = 2", 'dim = 2\nversion = "1"', "version = '1' is not known"),
@@ -352,15 +353,6 @@ def test_plan_names_the_backend_and_warns_of_a_step_that_is_too_large(scene, cap
     assert "refsim.sph.operations.momentum" in out
     assert "1.2 times the stable one" in out
     assert "Neighbour list: none" in out
-
-
-@pytest.mark.parametrize("apart, code", [(0.003, 2), (0.0595, 0), (0.06, 0)])
-def test_plan_refuses_parts_that_overlap(scene, capsys, apart, code):
-    scene.write_text(SCENE.replace("[effects", f"[[fluid]]\n{BOX}\nlower = [{apart}, 0.002, 0.0]\n[effects", 1))
-    assert main(["plan", str(scene)]) == code
-    out, err = capsys.readouterr()
-    assert ("times the particles of a lattice of the spacing are counted at" in err) == (code == 2)
-    assert "are counted at" not in out
 
 
 def test_list_tells_the_registry(capsys):

@@ -12,7 +12,7 @@ from refsim.engine.driver import simulate
 from refsim.gauges import KINDS as gauge_kinds
 from refsim.motion import KINDS as motion_kinds
 from tests.running import advanced, run_to
-from tests.sph.test_liquid_at_rest import DEPTH, SOUND
+from tests.sph.test_liquid_at_rest import DEPTH
 from tests.sph.test_liquid_at_rest import tank as water
 
 GAUGES = (
@@ -34,29 +34,6 @@ def tank(cells=8, gauges=GAUGES, dim=2, model="extrapolated", dtype="float64", *
     calm = made.effects[0].dynamic_viscosity * (1.0 if model == "extrapolated" else 10.0)
     walls = {f"box_walls__{name}": value for name, value in ({"model": model} | walls).items()}
     return made.with_(gauge=gauges, weakly_compressible__dynamic_viscosity=calm, **walls)
-
-
-@pytest.mark.parametrize("viscosity", [0.0, 3.0])
-def test_the_force_on_a_mesh_balances_the_liquid(tmp_path, viscosity):
-    trimesh = pytest.importorskip("trimesh")
-    trimesh.creation.box((1.0, 1.0, 0.4)).export(tmp_path / "plate.stl")
-    scene = rs.Scene(
-        dtype="float64", spacing=0.1, support_radius=0.23, fluid=(rs.Box(cells=(5, 5, 4)),),
-        gauge=(rs.Gauge(name="plate", kind="force", on="mesh_boundary"), rs.Gauge(name="side", kind="force", on="-x")),
-        effects=(
-            rs.WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=10.0, density="summation"), rs.Gravity(),
-            rs.MeshBoundary(
-                file=str(tmp_path / "plate.stl"), center=(0.25, 0.25, -0.25), viscosity=viscosity, correction="none"
-            ),
-            rs.BoxWalls(lower=(-9.0, -9.0, -9.0), upper=(9.0, 9.0, 9.0)),
-        ),
-    )  # fmt: skip
-    simulation = run_to(rs.Simulation(scene, "cpu"), 0.05)
-    push = simulation.field("acceleration") - (0.0, 0.0, -9.81)
-    force = -(simulation.field("mass")[:, None] * push).sum(0)
-    assert simulation.gauge("plate").values[-1, :3] == pytest.approx(force, rel=1e-9, abs=1e-6)
-    assert force[2] < -10.0
-    assert not simulation.gauge("side").values.any()
 
 
 @pytest.mark.parametrize("model", ["extrapolated", "mirrored"])

@@ -18,7 +18,6 @@ from refsim.neighbours import (
     AuditedRows,
     NeighbourSearch,
     Particles,
-    coincident_pairs,
 )
 from refsim.neighbours.reference import neighbour_list, pair_blocks
 from refsim.neighbours.rows import NeighbourRows
@@ -210,15 +209,6 @@ def test_bits_do_not_depend_on_threads_or_repetition(dtype):
 
 
 # Where the input is no good
-def test_coincident_particles_are_named():
-    position = np.array([[0.0, 0, 0], [1, 2, 3], [5, 5, 5], [1, 2, 3], [0, 0, 0], [0, 0, 1e-300]])
-    assert (sorted(coincident_pairs(position)), coincident_pairs(position[:3])) == ([(0, 4), (1, 3)], [])
-    assert coincident_pairs(np.zeros((0, 3))) == []
-    liquid = rs.WeaklyCompressible(sound_speed=10.0, density="summation")
-    with pytest.raises(rs.InputError, match="particles 1 and 3 are at the same place"):
-        rs.Simulation(
-            rs.Scene(spacing=1.0, support_radius=2.0, fluid=(rs.Cloud(position=position[:4]),), effects=(liquid,))
-        )
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])

@@ -11,14 +11,13 @@ import pytest
 from refsim import Ball, Box, Gauge, InputError, Motion, SolidBall, SolidBox, SolidMesh, make_plan
 from refsim.core.effect import Discretisation
 from refsim.gauges import checks as gauge_checks
-from refsim.gauges import due, places
-from refsim.gauges.places import crossing
+from refsim.gauges import due
 from refsim.motion import pace
 from refsim.motion.expression import Jet, parsed
 from refsim.neighbours import coincident_pairs
 from refsim.scene import counting, solids
 from refsim.scene.counting import Cells, _numbered
-from refsim.scene.files import parse_scene, scene_from_dict, scene_to_dict
+from refsim.scene.files import parse_scene
 from refsim.scene.particles import fitting_share
 from refsim.scene.refine import _cells, fitting, misfit, notes, refined, resting_step, spaced
 from refsim.scene.scene import Scene
@@ -113,13 +112,6 @@ def test_changed_scenes_are_refused_or_noted_on_with_the_same_numbers(name, reco
         except InputError as error:
             found[key] = str(error)
     recorded(found)
-
-
-def test_scenes_written_out_come_back():
-    for name, text in SCENES.items():
-        scene = parse_scene(text, name)
-        again = scene_from_dict(scene_to_dict(scene), name)
-        assert repr(scene_to_dict(again)) == repr(scene_to_dict(scene))
 
 
 # Shapes and solids
@@ -343,43 +335,6 @@ def test_formulas_are_what_python_makes_of_them():
     assert parsed("t" + " " * 999, "it")
     with pytest.raises(InputError, match="1001 characters; give at most 1000"):
         parsed("t" + " " * 1000, "it")
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_points_of_gauges_are_as_ever_and_lie_in_their_patch(dim, recorded):
-    random, grid, found = np.random.default_rng(dim), Discretisation(dim, "float64", 0.1, 0.26, 0), {}
-    for k in range(8):
-        low, high = np.sort(random.uniform(-1, 1, (2, 3)), axis=0)
-        across = int(random.integers(0, dim))
-        patch = tuple(np.where(np.arange(3) == across, low, high))
-        made = places.patch("it", (None, tuple(low), patch), grid)
-        area = math.prod(high[a] - low[a] for a in range(dim) if a != across)
-        assert made.area * len(made.place) == pytest.approx(area)
-        middle = 0.5 * (low + patch) * (np.arange(3) < dim)
-        assert made.place.mean(0) == pytest.approx(middle)
-        line = places.line("it", (None, tuple(low), tuple(np.where(np.arange(3) == across, high, low))), grid)
-        steps = np.diff(line.place[:, across])
-        assert (line.axis, made.axis) == (across, across)
-        assert steps == pytest.approx(steps[0])
-        assert 0.1 / 4 * 0.5 <= steps[0] <= 0.1 / 4 + 1e-12
-        assert (line.place[0, across], line.place[-1, across]) == pytest.approx((low[across], high[across]))
-        found[str(k)] = made, line
-    for upper in ((0.0, 0.0, 0.0), (1.0, -1.0, 0.0), (1e9, 0.0, 0.0), (1.0, 1.0, 1.0), (0.0, 9e4, 9e4)):
-        for make in (places.patch, places.line):
-            try:
-                found[f"{make.__name__} {upper}"] = len(make("it", (None, (0.0, 0.0, 0.0), upper), grid).place)
-            except InputError as error:
-                found[f"{make.__name__} {upper}"] = str(error)
-    recorded(found)
-
-
-def test_the_highest_crossing_of_half_is_found():
-    height = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
-    for fill, known in (
-        ([0.4, 0.3, 0.2, 0.1, 0.0], 0.0), ([0.5, 0.3, 0.2, 0.1, 0.0], 0.0), ([1.0, 0.2, 0.9, 0.4, 0.0], 2.8),
-        ([1.0, 1.0, 1.0, 1.0, 0.5], 4.0), ([1.0, 0.75, 0.25, 0.3, 0.1], 1.5),
-    ):  # fmt: skip
-        assert crossing(height, np.array(fill)) == pytest.approx(known)
 
 
 def test_gauges_are_due_once_on_each_multiple():

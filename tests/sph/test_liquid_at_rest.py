@@ -92,26 +92,6 @@ def test_shifting_beside_a_surface_brings_the_slow_return():
         assert with_scene_defaults((liquid, *effects))["weakly_compressible"].restoring == rate, (given, effects)
 
 
-@pytest.mark.parametrize("dim", [2, 3])
-def test_shifting_does_not_see_how_fast_a_block_flies(dim):
-    """Particles that swirl, in a block at rest and in one that flies at a tenth of the sound speed: the same places."""
-    drawing, cells, boost = np.random.default_rng(5), (7,) * dim + (1,) * (3 - dim), np.array([3.0, -2.0, 0.0])
-    place = 0.1 * (np.indices(cells).reshape(3, -1).T + 0.5 + drawing.uniform(-0.2, 0.2, (7**dim, 3)))
-    velocity = drawing.uniform(-1, 1, place.shape)
-    place[:, dim:], velocity[:, dim:] = 0.0, 0.0
-    found = []
-    for flight in (0.0, 1.0):
-        block = rs.Cloud(position=place, velocity=velocity + flight * boost)
-        scene = rs.Scene(
-            dim=dim, dtype="float64", spacing=0.1, support_radius=0.26, fluid=(block,), step=2e-4,
-            effects=(rs.WeaklyCompressible(sound_speed=36.0, dynamic_viscosity=10.0),),
-        )  # fmt: skip
-        run = advanced(rs.Simulation(scene, "numpy"), 5)
-        found.append(run.field("position") - flight * boost * run.time)
-    assert np.abs(run.field("shift")).max() > 1e-5
-    assert found[1] == pytest.approx(found[0], abs=1e-11)
-
-
 def test_a_free_surface_that_shifting_is_not_told_of_is_refused():
     """A tank that is open above, one with a lid a cell over the water, and none where the water fills it."""
     for height, open_faces in ((0.9, ()), (0.9, ("+y",)), (0.8, ())):
