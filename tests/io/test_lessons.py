@@ -43,20 +43,6 @@ def test_a_lesson_is_a_notebook_and_a_script(name):
     assert ast.dump(ast.parse(script(LESSONS[name]))) == ast.dump(ast.parse("\n".join(code)))
 
 
-@every
-def test_a_lesson_has_at_most_60_lines_of_code(name):
-    """Without answers, docstrings and comments."""
-    lines = 0
-    for cell in cells(LESSONS[name]):
-        if cell.kind == "code":
-            tree = ast.parse(cell.text)
-            for node in ast.walk(tree):
-                if isinstance(node, ast.FunctionDef) and ast.get_docstring(node):
-                    lines -= len(ast.get_docstring(node).splitlines())
-            lines += sum(bool(line.split("#")[0].strip()) for line in cell.text.splitlines())
-    assert lines <= 60
-
-
 def test_pieces_of_a_lesson():
     assert [cell.kind for cell in cells(TOY)] == ["markdown", "code", "markdown", "answer", "markdown"]
     made = json.loads(notebook(TOY))["cells"]

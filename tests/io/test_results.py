@@ -213,16 +213,3 @@ def test_a_missing_extra_is_named(folder, monkeypatch):
 @needs("pandas")
 def test_a_ledger_is_a_frame_of_pandas(folder):
     assert open_run(folder).ledger.to_pandas().loc["mass", "change"] == 0.0
-
-
-@needs("pyvista")
-def test_the_reader_of_pyvista_takes_any_step(folder):
-    import pyvista
-
-    run = open_run(folder)
-    reader = pyvista.get_reader(folder / "particles.pvd")
-    assert reader.time_values == run.times.tolist()
-    reader.set_active_time_value(reader.time_values[3])
-    (read,) = reader.read()
-    assert np.array_equal(np.asarray(read.points), run[3].position)
-    assert np.array_equal(read.point_data["density"], run[3]["density"])
