@@ -49,9 +49,8 @@ def scene(*effects, **options):
     return Scene(spacing=0.1, support_radius=0.21, fluid=(Box(cells=(5, 5, 5)),), effects=effects, **options)
 
 
-@pytest.mark.parametrize("backend", ["numpy", "cpu"])
-def test_values_tables_and_places(backend):
-    simulation = Simulation(scene(LIQUID, Gravity(), Extra()), backend)
+def test_values_tables_and_places():
+    simulation = Simulation(scene(LIQUID, Gravity(), Extra()), "cpu")
     start = simulation.field("position")[:, 0].copy()
     for _ in range(40):
         assert simulation.step().limiter == "extra"

@@ -31,10 +31,10 @@ def place(simulation):
     return position.astype(float) + rest
 
 
-@pytest.mark.parametrize("dim, backend", [(2, "cpu"), (3, "cpu"), (2, "numpy")])
-@pytest.mark.parametrize("far", [1_000, -10_000, FAR])
-@pytest.mark.parametrize("mach", [1e-4, 1e-5])
-def test_a_slow_block_moves_by_its_velocity(dim, backend, far, mach):
+@pytest.mark.parametrize("dim, far, mach, backend", [
+    (2, 1_000, 1e-4, "numpy"), (2, FAR, 1e-5, "cpu"), (3, -10_000, 1e-5, "numpy"), (3, FAR, 1e-5, "numpy"),
+])  # fmt: skip
+def test_a_slow_block_moves_by_its_velocity(dim, far, mach, backend):
     velocity = (mach * C, -0.5 * mach * C, 0.0)
     simulation = rs.Simulation(block((far, 0.3 * far, -far * (dim == 3)), velocity, dim=dim), backend)
     start = simulation.field("position")
@@ -122,13 +122,11 @@ def scenes(kind, at, ball=None):
 KINDS = ("walls", "tension", "period", "mesh", "mpm", "solid")
 
 
-@pytest.mark.parametrize(
-    "kind, at", [*((kind, (FAR, 0, -FAR)) for kind in KINDS), ("tension", (-1_000, 10_000, 1_000))]
-)
+@pytest.mark.parametrize("kind, at", [(kind, (FAR, 0, -FAR)) for kind in KINDS])
 def test_a_scene_far_away_is_the_scene_at_the_origin(kind, at, ball):
     if kind in ("walls", "period", "mpm"):
         at = (*at[:2], 0)
-    near, far = (rs.Simulation(scenes(kind, where, ball)) for where in ((0, 0, 0), at))
+    near, far = (rs.Simulation(scenes(kind, where, ball), "numpy") for where in ((0, 0, 0), at))
     assert any(far.plan.grid.origin)
     assert near.plan.fields == far.plan.fields
     for step in range(21):
@@ -155,9 +153,9 @@ def test_slow_solids_and_liquid_on_a_grid_move_by_their_velocity(kind):
         body = rs.SolidBox(lower=tuple((at - 2) * D), upper=tuple((at + 2) * D), velocity=tuple(velocity))
         effects = (LIQUID, rs.ShapeMatching(), rs.TwoWayCoupling())
         scene = block(at + [20, 0, 0], tuple(velocity), cells=(3, 3, 3), solid=(body,), effects=effects)
-    simulation = rs.Simulation(scene)
+    simulation = rs.Simulation(scene, "numpy")
     start = place(simulation)
-    moved = place(advanced(simulation, 100)) - start
+    moved = place(advanced(simulation, 20)) - start
     assert moved.mean(0) == pytest.approx(simulation.time * velocity, rel=0.01, abs=1e-8)
     assert moved[:64].mean(0) == pytest.approx(simulation.time * velocity, rel=0.01, abs=1e-8)
 
@@ -165,7 +163,7 @@ def test_slow_solids_and_liquid_on_a_grid_move_by_their_velocity(kind):
 # What leaves
 def test_frames_reports_and_observables_are_places_in_the_scene(tmp_path):
     at = np.array([FAR, FAR, 0])
-    simulation = rs.Simulation(scenes("walls", at))
+    simulation = rs.Simulation(scenes("walls", at), "numpy")
     report = simulate(simulation, until=5e-3, output=tmp_path / "run", every=1e-3)
     assert report.ledger["end"]["outside_walls"] == 0
     run = open_run(tmp_path / "run")
@@ -180,7 +178,7 @@ def test_frames_reports_and_observables_are_places_in_the_scene(tmp_path):
 
 
 def test_a_post_mortem_names_places_in_the_scene(tmp_path):
-    simulation = rs.Simulation(scenes("walls", (FAR, FAR, 0)))
+    simulation = rs.Simulation(scenes("walls", (FAR, FAR, 0)), "numpy")
     simulation.fields["velocity"][7] = np.nan
     with pytest.raises(Exception, match=r"finite|diverged"):
         simulate(simulation, until=1e-2, output=tmp_path / "run")
@@ -189,7 +187,7 @@ def test_a_post_mortem_names_places_in_the_scene(tmp_path):
 
 
 def test_positions_are_set_as_places_in_the_scene():
-    simulation = advanced(rs.Simulation(scenes("walls", (FAR, FAR, 0))), 5)
+    simulation = advanced(rs.Simulation(scenes("walls", (FAR, FAR, 0)), "numpy"), 5)
     wanted = simulation.field("position") + [0.25 * D, 0.0, 0.0]
     simulation.set_field("position", wanted)
     assert simulation.field("position") == pytest.approx(wanted, abs=1e-6 * D)

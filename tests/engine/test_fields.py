@@ -78,14 +78,14 @@ def test_an_audit_a_frame_and_a_checkpoint_of_one_state_take_one_evaluation(tmp_
 
     monkeypatch.setattr(launching, "launch", launch)
     scene = dam(step=1e-3, energy_audit=rs.EnergyAudit(every=1, bound=10.0))
-    simulate(scene, 2e-3, backend="cpu", output=tmp_path, every=1e-3, checkpoint_every=0.0)
+    simulate(scene, 2e-3, backend="numpy", output=tmp_path, every=1e-3, checkpoint_every=0.0)
     steps, evaluations = passes.count(None), len(passes) - passes.count(None)
     assert steps == 2
     assert evaluations == 1 + 2 * steps  # after a step the audit's, then the frame's, which shows more fields
 
 
 def test_what_is_set_outdates_what_follows_from_it(tmp_path):
-    run = begun("cpu", 3)
+    run = begun("numpy", 3)
     before = run.field("density")
     run.set_field("position", 1.02 * run.field("position"))
     assert run.field("density").mean() < 0.99 * before.mean()
@@ -99,12 +99,12 @@ def test_what_is_set_outdates_what_follows_from_it(tmp_path):
 
 def test_what_only_a_step_computes_is_refused_before_the_first(tmp_path):
     effects = (rs.WeaklyCompressible(sound_speed=20.0, density="summation"), rs.ImplicitPressure())
-    run = rs.Simulation(dam(effects=effects), "cpu")
+    run = rs.Simulation(dam(effects=effects), "numpy")
     assert run.field("density").min() > 0
     for name in ("diagonal", "advected_density"):
         with pytest.raises(InputError, match=f"field: '{name}' is computed in a step, and there was none yet"):
             run.field(name)
     run.step()
     assert np.abs(run.field("diagonal")).max() > 0
-    report = simulate(dam(effects=effects), 1e-3, backend="cpu", output=tmp_path, every=5e-4)
+    report = simulate(dam(effects=effects), 1e-3, backend="numpy", output=tmp_path, every=5e-4)
     assert report.reason is None

@@ -128,7 +128,7 @@ def test_cells_of_a_mesh_outlive_its_file(tmp_path):
     path = tmp_path / "ball.stl"
     trimesh.creation.icosphere(subdivisions=3, radius=1.0).export(path)
     mesh = SolidMesh(file=str(path), center=(0.9, 0.9, 1.6), size=1.3, rotation=(10.0, 20.0, 30.0))
-    simulation = rs.Simulation(scene(solid=(mesh,)))
+    simulation = rs.Simulation(scene(solid=(mesh,)), "numpy")
     volume = 4 / 3 * np.pi * 0.65**3
     assert simulation.plan.grid.solids.lattice.first[1] * 0.2**3 == pytest.approx(volume, rel=0.1)
     simulation.step()
