@@ -22,6 +22,9 @@ def test_values_and_errors_come_back():
     assert isinstance(found["wild"].error, RunStopped)
     assert (found["wild"].error.reason, max(watched)) == ("diverged", 2)
     assert all(each.seconds > 0 for each in found.values())
+    with pytest.raises(InputError, match="--jobs = 0"):
+        outcomes([Task("a", "a", there.square, (1,))], jobs=0)
+    assert outcomes([]) == {}
 
 
 def test_a_killed_process_costs_its_own_task_one_attempt(tmp_path):
@@ -75,9 +78,3 @@ def test_a_process_has_one_thread_where_the_main_module_has_loaded_numba(tmp_pat
     script = tmp_path / "main.py"
     script.write_text(MAIN_WITH_NUMBA)
     assert python(script, NUMBA_NUM_THREADS="2").stdout.strip() == "threads 1 None"
-
-
-def test_jobs_are_at_least_one():
-    with pytest.raises(InputError, match="--jobs = 0"):
-        outcomes([Task("a", "a", there.square, (1,))], jobs=0)
-    assert outcomes([]) == {}

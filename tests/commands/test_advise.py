@@ -87,13 +87,20 @@ def test_an_answer_takes_two_seconds_of_the_processor(folder):
     assert min(spent) < 2.0
 
 
-def test_the_least_error_that_seconds_buy(folder, capsys):
+def test_the_least_error_that_seconds_buy_and_what_is_not_reached_are_said(folder, capsys):
+    assert advise("surface_tension_jump", "--error", "0.01") == 0
+    assert "no meaning: the reference is known to 2.3 % (uncertainty of Akinci's flat" in capsys.readouterr().out
+    assert advise("detection_2d", "--error", "0.001") == 0
+    assert "not reached; the least error has:" in capsys.readouterr().out
+    assert not list(folder.iterdir())
     assert advise("tank_pressure", "--seconds", "0.3", "--json") == 0
     found = json.loads(capsys.readouterr().out)
     assert found["answer"]["seconds"] <= 0.3
     assert found["error"] == found["answer"]["error"]
     (quick, _), (slow, _) = (advice.least(panel("droplet"), seconds=s) for s in (0.3, 2.0))
     assert quick > slow
+    assert advise() == 0
+    assert "surge front of a 2D dam break" in capsys.readouterr().out
 
 
 ANSWERS = {  # errors that are wanted of observables: each has an answer
@@ -119,19 +126,6 @@ def test_the_run_of_an_answer_s_scene_has_its_error(folder, capsys, name):
     if name == "implicit_pressure":  # whose run is watched, and not resumed
         assert main(["run", f"{name}.toml", "--resume", f"{name}_run", *words[3:], "--quiet"]) == 2
         assert "read during the whole run" in capsys.readouterr().err
-
-
-def test_what_has_no_meaning_and_what_is_not_reached_is_said(folder, capsys):
-    assert advise("surface_tension_jump", "--error", "0.01") == 0
-    assert "no meaning: the reference is known to 2.3 % (uncertainty of Akinci's flat" in capsys.readouterr().out
-    assert advise("detection_2d", "--error", "0.001") == 0
-    assert "not reached; the least error has:" in capsys.readouterr().out
-    assert not list(folder.iterdir())
-
-
-def test_the_list(folder, capsys):
-    assert advise() == 0
-    assert "surge front of a 2D dam break" in capsys.readouterr().out
 
 
 def test_a_panel_of_clouds_is_studied_by_its_settings(folder, capsys, monkeypatch):

@@ -24,9 +24,16 @@ NUMBERED = {
 PAPERS = ("jiang_zhu", "dong", "mpm_thesis", "shao_song", "patent")  # pages of the sources, in their order
 
 
-def test_the_page_is_what_the_code_says():
+def test_each_has_functions_of_both_kinds_and_a_test_or_a_reason_and_can_be_shown():
     written = (DOCS / "equations.md").read_text(encoding="utf-8")
     assert written == page(), "run `refsim show equations > docs/equations.md`"
+    for found in equations():
+        stands = found.references and found.kernels and found.operations
+        assert bool(stands) != bool(found.reason), found.name
+        assert found.printed, found.name
+    for found in equations():
+        text = shown(found).text
+        assert all(f"def {name}(" in text for _, name in (*found.references, *found.kernels)), found.name
 
 
 @pytest.mark.parametrize("source", NUMBERED)
@@ -35,25 +42,12 @@ def test_every_number_of_a_source_is_there_in_its_order(source):
     assert [number for number in numbers if number in NUMBERED[source]] == NUMBERED[source]
 
 
-def test_each_has_functions_of_both_kinds_and_a_test_or_a_reason():
-    for found in equations():
-        stands = found.references and found.kernels and found.operations
-        assert bool(stands) != bool(found.reason), found.name
-        assert found.printed, found.name
-
-
 def test_the_errata_that_are_named_are_those_of_the_source():
     for source, name in zip(NUMBERED, PAPERS, strict=True):
         chapter = (DOCS / f"paper_{name}.md").read_text(encoding="utf-8").partition("\n## Errata\n")[2]
         for found in (e for e in equations() if e.source == source):
             for erratum in re.findall(r"\b[EMP]\d+\b", found.reading):
                 assert re.search(rf"\b{erratum}\b", chapter), f"{found.name} names {erratum}"
-
-
-def test_all_can_be_shown():
-    for found in equations():
-        text = shown(found).text
-        assert all(f"def {name}(" in text for _, name in (*found.references, *found.kernels)), found.name
 
 
 @pytest.mark.parametrize(("name", "parts"), [

@@ -60,7 +60,8 @@ def test_values_tables_and_places():
     assert (identity[place] == np.arange(simulation.count)).all()
 
 
-def test_motion_comes_last_and_the_integrator_at_its_end():
+def test_motion_comes_last_and_acts():
+    """The table is added to the acceleration after the forces: velocities differ by its share of the step."""
     plan = make_plan(scene(LIQUID, Extra()))
     assert [p.operation for _, p in plan.motion] == ["sph.gravity", "sph.kick_drift"]
     assert plan.launches()[-2:] == ("sph.gravity", "sph.kick_drift")
@@ -68,18 +69,11 @@ def test_motion_comes_last_and_the_integrator_at_its_end():
     assert (effect, leap_frog.operation) == (None, "sph.kick_drift")
     with pytest.raises(InputError, match="would both move the particles; keep one"):
         make_plan(scene(LIQUID, Extra(), Other()))
-
-
-def test_a_motion_pass_acts():
-    """The table is added to the acceleration after the forces: velocities differ by its share of the step."""
     step, velocity = 2e-4, []
     for effects in ((Extra(),), ()):
         simulation = Simulation(scene(LIQUID, *effects, step=step, dtype="float64"), "numpy")
         simulation.step()
         velocity.append(simulation.field("velocity"))
     assert np.allclose(velocity[0] - velocity[1], 0.5 * step * np.array([0.0, 1.0, 2.0]), atol=1e-15)
-
-
-def test_values_that_do_not_fit_are_an_error_of_the_effect():
     with pytest.raises(ValueError, match="gives 'table' the shape"):
         make_plan(scene(LIQUID, Extra(shape=4)))

@@ -30,22 +30,16 @@ def test_sizes(found, value, size):
     assert pair(found) == (pytest.approx(value), pytest.approx(size))
 
 
-def test_what_cancels_in_both_factors_counts_once():
+def test_sizes_of_products_vectors_and_decisions():
     """(3 - 2) (5 - 4): an error of 5e and 9e in the factors changes the product by 14e, not by 45e."""
     value, size = (Terms(3.0) - 2) * (Terms(5.0) - 4)
     assert (value, size) == (1, pytest.approx(13 + 1e-3 * 32))
-
-
-def test_a_number_times_a_vector_is_a_vector():
     numbers, vectors = Terms([2.0, 3.0]), Terms([[1.0, 0.0, -1.0], [0.0, 1.0, 2.0]], rank=1)
     assert pair(numbers * vectors)[0] == [[2, 0, -2], [0, 3, 6]]
     assert outer(vectors, vectors).rank == 2
     matrix = Terms(np.diag([1.0, 2.0, 4.0]), rank=2)
     assert pair(matrix @ vectors)[0] == [[1, 0, -4], [0, 2, 8]]
     assert pair(inverse(matrix))[1] == np.diag([1.0, 0.5, 0.25]).tolist()
-
-
-def test_decisions_keep_their_margin():
     small, large = Terms([1.0, 4.0]), Terms([2.0, 3.0])
     below = small < large
     assert pair(below) == ([1, 0], [0.5, 0.25])

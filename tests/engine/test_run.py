@@ -111,27 +111,6 @@ def test_what_outlives_a_step_survives_a_look():
     assert np.array_equal(simulation.field("mass"), before)
 
 
-def test_clouds_come_out_of_the_checkpoint(tmp_path):
-    points = np.random.default_rng(5).random((40, 3)) * 0.05
-    np.save(tmp_path / "points.npy", points)
-    file = rs.Cloud(file=str(tmp_path / "points.npy"), velocity=(1.0, 0.0, 0.0))
-    scene = rs.Scene(
-        spacing=0.01, support_radius=0.02,
-        fluid=(
-            file, rs.Box(cells=(2, 2, 2), lower=(1.0, 0.0, 0.0)), rs.Cloud(position=points + 2.0, mass=np.arange(1.0,
-            41.0)),
-        ),
-        effects=(rs.WeaklyCompressible(sound_speed=20.0, density_bound=1e6, density="summation"),),
-    )  # fmt: skip
-    first = rs.Simulation(scene, "numpy")
-    first.checkpoint(tmp_path / "c.h5")
-    (tmp_path / "points.npy").unlink()
-    second = rs.Simulation.resume(tmp_path / "c.h5")
-    for name in ("position", "velocity", "mass"):
-        assert np.array_equal(getattr(second.plan.state, name), getattr(first.plan.state, name))
-    assert second.plan.state.sizes == (40, 8, 40)
-
-
 # -- resuming what does not fit
 def test_another_backend_goes_on_and_says_so(tmp_path):
     advance(rs.Simulation(tank()), 20).checkpoint(tmp_path / "c.h5")
@@ -178,17 +157,22 @@ def test_a_scene_that_is_not_the_checkpoints_is_refused(tmp_path, other, words):
 
 
 @pytest.mark.parametrize("counts", [(40, 7), (0,), (0, 3)])
-def test_clouds_begin_where_they_began(tmp_path, counts):
-    """Each with its own particles, none of them too: beside a box in their midst."""
-    points = np.random.default_rng(5).random((sum(counts), 3)) * 0.05
-    clouds = [rs.Cloud(position=part) for part in np.split(points, np.cumsum(counts)[:-1])]
-    fluid = (*clouds[:1], rs.Box(lower=(1.0, 1.0, 1.0), cells=(3, 3, 3)), *clouds[1:])
-    liquid = rs.WeaklyCompressible(sound_speed=20.0, density="summation")
+def test_clouds_come_out_of_the_checkpoint(tmp_path, counts):
+    """Each with its own particles, none of them too: beside a box in their midst, and a file that is gone."""
+    random = np.random.default_rng(5)
+    np.save(tmp_path / "points.npy", 2.0 + 0.05 * random.random((5, 3)))
+    clouds = [rs.Cloud(position=0.05 * random.random((n, 3)), mass=1e-3 * np.arange(1.0, n + 1)) for n in counts]
+    file = rs.Cloud(file=str(tmp_path / "points.npy"), velocity=(1.0, 0.0, 0.0))
+    fluid = (*clouds[:1], rs.Box(lower=(1.0, 1.0, 1.0), cells=(3, 3, 3)), *clouds[1:], file)
+    liquid = rs.WeaklyCompressible(sound_speed=20.0, density_bound=1e6, density="summation")
     run = rs.Simulation(rs.Scene(spacing=0.01, support_radius=0.02, fluid=fluid, effects=(liquid,)), "numpy")
     run.checkpoint(tmp_path / "c.h5")
+    (tmp_path / "points.npy").unlink()
     again = rs.Simulation.resume(tmp_path / "c.h5").plan
-    assert [len(part.position) for part in again.scene.fluid if isinstance(part, rs.Cloud)] == list(counts)
-    assert np.array_equal(again.state.position, run.plan.state.position)
+    assert [len(part.position) for part in again.scene.fluid if isinstance(part, rs.Cloud)] == [*counts, 5]
+    assert again.state.sizes == run.plan.state.sizes
+    for name in ("position", "velocity", "mass"):
+        assert np.array_equal(getattr(again.state, name), getattr(run.plan.state, name))
 
 
 LOST = object()
@@ -374,37 +358,24 @@ def test_a_damaged_checkpoint_is_passed_over_and_the_run_says_so(tmp_path, capsy
 
 
 # -- runs that stop
-@pytest.mark.parametrize(
-    "scene, reason",
-    [
-        (
-            tank(step=0.0003, viscosity=50.0, literal=("E3",)).with_(weakly_compressible__density_bound=100.0),
-            "diverged",
-        ),
-        (tank(step=0.0003, viscosity=50.0, literal=("E3",)), "compressed"),
-    ],
-    ids=["Jiang & Zhu E3", "its density"],
-)
-def test_a_diverging_run_stops_with_its_reason(tmp_path, capsys, scene, reason):
-    path = tmp_path / "bad.toml"
+def test_a_diverging_run_stops_with_its_reason(tmp_path, capsys):
+    path, out = tmp_path / "bad.toml", tmp_path / "out"
+    scene = tank(step=0.0003, viscosity=50.0, literal=("E3",)).with_(weakly_compressible__density_bound=100.0)
     path.write_text(scene_to_toml(scene))
-    out = tmp_path / "out"
     command = ["run", str(path), "--until", "5", "--output", str(out), "--quiet", "--checkpoint-every", "0"]
     assert main([*command, "--json"]) == 3
     told = capsys.readouterr()
     found = json.loads(told.out)
-    assert found["reason"] == found["report"]["reason"] == reason
-    assert "Traceback" not in told.err
     report = json.loads((out / "report.json").read_text())
-    assert report["reason"] == reason
+    assert found["reason"] == found["report"]["reason"] == report["reason"] == "diverged"
+    assert "Traceback" not in told.err
     saved = read_checkpoint(out / "checkpoint.h5")
     assert all(np.isfinite(array).all() for array in saved.arrays.values() if array.dtype.kind == "f")
     assert json.loads(saved.attributes["clock"])["steps"] <= report["steps"]
 
     post = json.loads((out / "postmortem.json").read_text())
-    assert (post["reason"], post["step"]) == (reason, report["steps"])
-    speed = np.linalg.norm(post["particle"]["velocity"])
-    assert speed > 200 if reason == "diverged" else post["particle"]["density"] > 1500
+    assert (post["reason"], post["step"]) == ("diverged", report["steps"])
+    assert np.linalg.norm(post["particle"]["velocity"]) > 200
     near = load(out / "postmortem.npz")
     assert near["identity"][0] == post["particle"]["identity"]
     assert len(near["identity"]) == post["neighbourhood"]["particles"]

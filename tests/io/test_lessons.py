@@ -43,21 +43,15 @@ def test_a_lesson_is_a_notebook_and_a_script(name):
     assert ast.dump(ast.parse(script(LESSONS[name]))) == ast.dump(ast.parse("\n".join(code)))
 
 
-def test_pieces_of_a_lesson():
+def test_pieces_of_a_lesson_are_executed_and_held_to_their_judges():
     assert [cell.kind for cell in cells(TOY)] == ["markdown", "code", "markdown", "answer", "markdown"]
     made = json.loads(notebook(TOY))["cells"]
     assert [cell["cell_type"] for cell in made] == ["code", "markdown", "code", "code"]
     assert made[3]["source"] == "# @title Worked answer: run it, or unfold and read it\nb = a + 1"
     assert "# b = a + 1" in script(TOY)
-
-
-def test_the_code_of_answers_is_executed_too():
     assert runner.run_lesson("toy", TOY)["b"] == 2
     with pytest.raises(NameError):
         runner.run_lesson("toy", TOY.replace("a + 1", "c"))
-
-
-def test_the_runner_holds_worked_answers_to_their_judges():
     asked = f"{TOY}\n```{{judge}} 1\nright = 'yes'\n```\n\n"
     begin = "from refsim.io.exercises import Verdict\nclass check:\n    verdicts = {1: Verdict(%s, 'because')}\n"
     assert runner.run_lesson("toy", asked.replace("a = 1\n", begin % True + "a = 1\n"))["b"] == 2

@@ -14,12 +14,15 @@ from refsim.io.store import read_stored, stored_bytes, tidy, write_stored
 VALUES = {"label": "a run", "reading": {"value": 0.1 + 0.2, "failed": "", "steps": 12}}
 
 
-def test_values_come_back_and_the_file_is_json(tmp_path):
+def test_values_come_back_of_their_own_file_of_json(tmp_path):
     write_stored(tmp_path / "key.json", VALUES)
     assert read_stored(tmp_path / "key.json") == VALUES
     assert json.loads((tmp_path / "key.json").read_text())["reading"] == VALUES["reading"]
     assert read_stored(tmp_path / "other.json") is None
     assert read_stored(tmp_path / "key.json" / "below.json") is None
+    write_stored(tmp_path / "key.json", VALUES)
+    os.rename(tmp_path / "key.json", tmp_path / "other.json")
+    assert read_stored(tmp_path / "other.json") is None
 
 
 def test_every_flipped_bit_and_every_cut_is_noticed(tmp_path):
@@ -45,12 +48,6 @@ def test_what_was_damaged_is_set_aside_under_a_free_name(tmp_path, content):
             f"key.json is damaged (it has no digest at its beginning): it is kept as {name}, and computed anew"
         )
         assert (tmp_path / name).read_bytes() == content
-
-
-def test_a_file_under_another_name_is_no_result(tmp_path):
-    write_stored(tmp_path / "key.json", VALUES)
-    os.rename(tmp_path / "key.json", tmp_path / "other.json")
-    assert read_stored(tmp_path / "other.json") is None
 
 
 @pytest.mark.parametrize("make", [os.mkdir, os.mkfifo])

@@ -109,15 +109,12 @@ def test_surface_of_noise_is_closed_whatever_the_states(seed):
         assert seen == len(edges) == len(follows)
 
 
-def test_classical_table_leaves_holes():
+def test_table_is_what_the_reference_finds_and_the_classical_one_leaves_holes():
     whole = meshed(noise, 8, 0.1, 3)
     merged = meshed(noise, 8, 0.1, 3, merged=True)
     assert closed(whole)
     assert not closed(merged)
     assert np.array_equal(whole.vertices, merged.vertices)
-
-
-def test_table_is_what_the_reference_finds():
     for dim in (2, 3):
         table = case_table(dim)
         for state in range(2 ** (2**dim)):

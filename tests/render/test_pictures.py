@@ -85,15 +85,12 @@ def test_the_surface_of_a_ball_encloses_its_volume(there, monkeypatch):
     assert radius.std() < 0.2
 
 
-def test_the_surface_reaches_to_a_solid_and_not_beyond():
+def test_the_surface_reaches_to_a_solid_and_is_flat_up_to_walls():
     x = lattice((10, 10, 6)) + [0.0, 0.0, 0.4]  # the lowest particles are 0.9 off the plane z = 0
     mesh = surface_around(x, 1.0, solid=lambda points: points[:, 2])
     low = mesh.vertices[(np.abs(mesh.vertices[:, :2] - 5) < 3).all(1) & (mesh.vertices[:, 2] < 3)]
     assert np.abs(low[:, 2]).max() < 0.12
     assert surface_around(x, 1.0).vertices[:, 2].min() > 0.2
-
-
-def test_a_level_is_flat_up_to_the_walls_of_a_box():
     box = np.array([0.0, 0.0, -np.inf]), np.full(3, 10.0)
     mesh = surface_around(lattice((10, 10, 6)), 1.0, box=box)
     top = mesh.vertices[mesh.vertices[:, 2] > 4.5]
@@ -101,7 +98,7 @@ def test_a_level_is_flat_up_to_the_walls_of_a_box():
     assert np.ptp(mesh.vertices[:, :2], axis=0) == pytest.approx([10.1, 10.1], abs=0.2)
 
 
-def test_the_grid_of_a_surface_ends_at_the_walls():
+def test_the_grid_and_the_band_of_a_surface_are_no_larger_than_they_must():
     box, wide = (np.full(3, -0.5), np.full(3, 9.5)), (np.full(3, -np.inf), np.full(3, np.inf))
     x, stray = lattice((9, 9, 5)) + 0.1, np.array([[40.0, 4.0, 4.0]])
     low, phi, _ = distances(np.concatenate([x, stray]), 1.0, 0.5, box)
@@ -111,15 +108,9 @@ def test_the_grid_of_a_surface_ends_at_the_walls():
     within = tuple(slice(a, a + n) for a, n in zip(low - first, phi.shape))
     assert np.abs(phi - whole[within]).max() < 1e-4
     assert len(surface_around(stray, 1.0, box=box).facets) == 0
-
-
-def test_the_band_of_a_surface_is_its_cells_and_those_next_to_them():
     for inside in np.random.default_rng(3).random((3, 7, 6, 5)) > 0.97:
         mixed = maximum_filter(inside, 3) & ~minimum_filter(inside, 3)
         assert np.array_equal(_band(inside), np.argwhere(maximum_filter(mixed, 3)))
-
-
-def test_no_particle_has_no_surface_and_too_large_a_grid_is_refused():
     assert len(surface_around(np.zeros((0, 3)), 1.0).facets) == 0
     with pytest.raises(InputError, match="draw particles"):
         surface_around(np.array([[0.0, 0, 0], [1e4, 1e4, 1e4]]), 1.0)

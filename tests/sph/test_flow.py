@@ -60,7 +60,7 @@ def test_flow_of_a_fall_is_noted_and_the_advice_suffices(name):
     assert not flow_notes(made(advised))
 
 
-def test_speeds_at_the_start_are_noted():
+def test_speeds_at_the_start_are_noted_and_nothing_where_no_liquid_falls():
     still = scene(sound=20.0)
     assert not flow_notes(still)
     moving = scene(sound=20.0, fluid=(COLUMN, rs.Box(cells=(2, 2, 1), lower=(3.0, 0.0, 0.0), velocity=(0.0, 3.0, 0.0))))
@@ -74,9 +74,6 @@ def test_speeds_at_the_start_are_noted():
         rs.ShapeMatching(), rs.TwoWayCoupling(), sound=20.0, dim=3, fluid=(rs.Box(cells=(3, 3, 3)),), solid=(body,)
     )
     assert "at least 70 m/s" in flow_notes(solid)[0]
-
-
-def test_nothing_is_noted_where_no_liquid_falls_or_no_sound_speed_acts():
     driven = {"period": (0.5, 0.0, 0.0), "fluid": (rs.Box(cells=(10, 10, 1)),)}
     assert not flow_notes(scene(rs.Gravity(acceleration=(9.81, 0.0, 0.0)), **driven))
     assert flow_notes(scene(DOWN, **driven))

@@ -57,14 +57,11 @@ def test_a_given_mass_stays_however_small_it_is(spacing):
     np.testing.assert_array_equal(rs.make_plan(scene).state.mass, mass)
 
 
-def test_each_column_of_a_step_has_its_own_surface():
-    """A tower on a pool, which is not in balance: under the tower its weight, beside it none."""
+def test_each_column_of_a_step_has_its_own_surface_and_liquid_in_the_air_none():
+    """A tower on a pool, which is not in balance: under it its weight, beside it none; in the air the rest density."""
     found, place = started(tank([((0, 0, 0), (9, 9, 2)), ((3, 3, 2), (3, 3, 4))], (9, 9, 6)))
     under = ((place[:, :2] >= 3) & (place[:, :2] < 6)).all(1)
     assert np.abs(found - np.where(under, 6, 2) + 0.5 + place[:, 2]).max() < 1e-9
-
-
-def test_liquid_in_the_air_has_the_rest_density():
     found, place = started(tank([((0, 0, 0), (5, 4, 2)), ((1, 1, 4), (2, 2, 2))], (5, 4, 6)))
     assert np.abs(found - np.where(place[:, 2] >= 4, 0, 1.5 - place[:, 2])).max() < 1e-9
 

@@ -116,7 +116,8 @@ def test_spray_is_surface(method, count, dim):
     assert surface(np.arange(count)[:, None] * [0.6, 0.8, 0.0], dim=dim, method=method).all()
 
 
-def test_the_full_radius_sees_across_a_gap_that_the_half_one_misses():
+def test_the_full_radius_sees_across_a_gap_and_the_printed_cone_nothing():
+    """Jiang & Zhu E5: with "<" the second line is the outside of the cone, where the liquid lies."""
     block = lattice(Box(cells=(8, 12, 1)))
     apart = 3.6  # wider than h = 2.6, within reach of a ball of radius h
     position = np.vstack([block, block + [7.0 + apart, 0, 0]])
@@ -125,10 +126,6 @@ def test_the_full_radius_sees_across_a_gap_that_the_half_one_misses():
     assert surface(position, scan_radius="half")[facing].all()
     assert not surface(position, scan_radius="full")[facing].any()
     np.testing.assert_array_equal(surface(position, literal=("E6",)), surface(position, scan_radius="full"))
-
-
-def test_the_printed_cone_finds_no_surface():
-    """Jiang & Zhu E5: with "<" the second line is the outside of the cone, where the liquid lies."""
     assert surface(disc()).any()
     assert not surface(disc(), literal=("E5",)).any()
     assert not surface(disc(), literal=("all",)).any()

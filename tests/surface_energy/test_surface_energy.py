@@ -276,10 +276,9 @@ def shaken_block(dim, **parameters):
 @pytest.mark.parametrize(
     "dim, parameters",
     [
-        (2, {}), (2, {"enclose_volume": True}), (2, {"quadrature": "poisson"}), (2, {"normals": "gradient"}),
-        (2, {"normals": "facets", "embedding": "none"}), (2, {"normals": "offsets"}), (2, {"inset": -1.0}),
-        (2, {"contact_angle": 60.0}), (2, {"recount_time": 0.01}), (3, {"enclose_volume": True}),
-        (3, {"contact_angle": 60.0}),
+        (2, {"quadrature": "poisson", "normals": "gradient"}), (2, {"normals": "facets", "embedding": "none"}),
+        (2, {"normals": "offsets", "inset": -1.0}), (2, {"contact_angle": 60.0, "recount_time": 0.01}),
+        (3, {"enclose_volume": True}), (3, {"contact_angle": 60.0}),
     ],
     ids=str,
 )  # fmt: skip
@@ -309,20 +308,16 @@ def test_run_of_the_references_is_the_cpus(dim, parameters):
     assert np.abs(runs[0].field("velocity")).max() > 1e-4  # m/s: the tension moves it
 
 
-@pytest.mark.parametrize(
-    "dim, dtype, parameters", [(2, "float32", {"contact_angle": 60.0}), (3, "float64", {})], ids=str
-)
-def test_a_lattice_moves_alike_on_both_backends(dim, dtype, parameters):
+def test_a_lattice_moves_alike_on_both_backends():
     """The CPU sorts the particles, and rounding differs; of equally near particles both take the lowest number.
 
     1e-4 of the largest velocity is far above float32's rounding; another particle of a tie is 1e-2.
     """
-    axes = [np.arange(6) + 0.5] * dim + [np.zeros(1)] * (3 - dim)
-    lattice = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    lattice = np.pad(np.argwhere(np.ones((6, 6))) + 0.5, ((0, 0), (0, 1)))
     place = 0.1 * np.random.default_rng(3).permutation(lattice)
     runs = []
     for backend in ("numpy", "cpu"):
-        made = shaken_block(dim, **parameters).with_(dtype=dtype, fluid=(Cloud(position=place),))
+        made = shaken_block(2, contact_angle=60.0).with_(dtype="float32", fluid=(Cloud(position=place),))
         runs.append(Simulation(made, backend))
         runs[-1].step()
     oracle, own = (simulation.shared["surface"] for simulation in runs)

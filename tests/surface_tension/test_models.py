@@ -119,15 +119,12 @@ def beside_akinci(fluid):
     return rs.Scene(spacing=1.0, support_radius=2.6, fluid=(rs.Box(cells=(3, 3, 3)),), effects=effects)
 
 
-def test_a_rate_of_restoring_that_cannot_be_is_refused():
+def test_a_coefficient_on_an_advanced_density_is_noted_and_restoring_only_there():
     summed = rs.WeaklyCompressible(sound_speed=10.0, density="summation", restoring=0.3)
     with pytest.raises(
         rs.InputError, match=r"restoring = 0.3 is for an advanced density, and this one is summed; leave"
     ):
         make_plan(beside_akinci(summed))
-
-
-def test_a_coefficient_on_an_advanced_density_is_noted_and_its_density_restored():
     for density, restoring, noted in (("continuity", 0.3, 1), (None, 0.003, 0)):
         fluid = rs.WeaklyCompressible(sound_speed=100.0, dynamic_viscosity=10.0, density=density)
         plan = make_plan(beside_akinci(fluid))

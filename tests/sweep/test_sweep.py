@@ -25,14 +25,11 @@ def folder(tmp_path, monkeypatch):
     return files(tmp_path, monkeypatch)
 
 
-def test_a_grid_is_every_combination(folder):
+def test_a_grid_is_every_combination_and_a_list_what_it_says(folder):
     found = points(folder, SWEEP)
     set_to = [(p.scene.effects[0].dynamic_viscosity, p.scene.fluid[0].velocity[0]) for p in found]
     assert set_to == [(1.0, 0.0), (1.0, 0.1), (2.0, 0.0), (2.0, 0.1)]
     assert all(p.scene.effects[0].sound_speed == 20.0 for p in found)
-
-
-def test_a_list_is_what_it_says(folder):
     text = SWEEP.partition("[grid]")[0]
     found = points(folder, text + f'[[points]]\nspacing = 0.005\n[[points]]\n"{VISCOSITY}" = 3.0\nspacing = 0.02\n')
     assert [(p.scene.spacing, p.scene.effects[0].dynamic_viscosity) for p in found] == [(0.005, 2.0), (0.02, 3.0)]
