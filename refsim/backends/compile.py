@@ -17,6 +17,7 @@ from typing import Any
 
 import numba
 from numba import njit
+from numba.core import event
 from numba.extending import overload
 
 from refsim.backends import plain
@@ -27,10 +28,13 @@ from refsim.backends.fast.vectors import set_vectors
 from refsim.backends.launching import direct_launch, kinds_of
 from refsim.backends.runtime import simulated, stream
 from refsim.backends.threads import choose_layer
+from refsim.core.clock import Compiling
 
 THREADS_PER_BLOCK = 128
 SIMULATED_THREADS = 8  # each is a Python thread
 choose_layer()
+TOLD = type("Told", (event.Listener,), {"on_start": Compiling.begin, "on_end": Compiling.end})
+event.register("numba:compiler_lock", TOLD())
 atexit.register(gc.freeze)  # or Python looks for cycles among all that Numba holds, for 0.2 s, only to end
 ANY_ORDER = {"reassoc", "contract", "arcp", "nsz"}
 COMPILE_OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # C never calls them

@@ -30,5 +30,29 @@ class Seconds(NamedTuple):
         return Seconds(self.wall + other.wall, self.processor + other.processor)
 
 
+class Compiling:
+    """What this process took so far to compile kernels and to load them: Numba tells when it begins and ends.
+
+    taken  of the calls that have ended
+    """
+
+    taken = Seconds()
+    _depth, _began = 0, Seconds()
+
+    @classmethod
+    def begin(cls, *event: object) -> None:
+        """Count from now on; one kernel's compiling may hold another's."""
+        cls._depth += 1
+        if cls._depth == 1:
+            cls._began = Seconds.now()
+
+    @classmethod
+    def end(cls, *event: object) -> None:
+        """Count until now."""
+        cls._depth -= 1
+        if cls._depth == 0:
+            cls.taken = cls.taken.plus(Seconds.now().less(cls._began))
+
+
 _IMPORTED = Seconds.now()
 PROCESS = Seconds(_IMPORTED.wall - _IMPORTED.processor)  # when this process began: until here one processor was at work

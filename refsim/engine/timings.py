@@ -10,7 +10,7 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from refsim.core.clock import Seconds
+from refsim.core.clock import Compiling, Seconds
 
 WRITING = ("frames", "writing", "checkpoints")  # the stages of the part "writing"
 
@@ -22,7 +22,7 @@ class StageCost(NamedTuple):
     seconds   of all launches; without the first one, where that may compile
     share     of `seconds` in the sum over all stages
     launches  number of launches, the first one included
-    first     seconds of the first launch, where that may compile
+    first     seconds of the first launch, where that may compile, and of compiling in later ones
     """
 
     stage: str
@@ -34,7 +34,7 @@ class StageCost(NamedTuple):
 
 @dataclass
 class Timings:
-    """Seconds by part, and wall seconds by stage; the first call of a program, which may compile it, is counted apart.
+    """Seconds by part, and wall seconds by stage; what compiles, the first call or in a later one, is counted apart.
 
     compiles  whether first calls belong to the part "compiling"
     wait  of a run that is profiled: waits until everything launched has run, after every stage. Without it a stage on
@@ -80,10 +80,11 @@ class Timings:
             whole = whole.plus(seconds)
         return whole
 
-    def add(self, stage: str, seconds: float) -> None:
-        """Count a call of a program; the first one of a stage is kept apart, because it may compile."""
+    def add(self, stage: str, seconds: float, compiling: float = 0.0) -> None:
+        """Count a call of a program; the first one of a stage is kept apart, and what later ones compile."""
         if stage in self.first_calls:
-            self.stages[stage] = self.stages.get(stage, 0.0) + seconds
+            self.first_calls[stage] += compiling
+            self.stages[stage] = self.stages.get(stage, 0.0) + seconds - compiling
         else:
             self.first_calls[stage] = seconds
         self.launches[stage] = self.launches.get(stage, 0) + 1
@@ -98,11 +99,14 @@ class Timings:
             self._run(stage, call)
 
     def _run(self, stage: str, call: Callable[[], None]) -> None:
-        began = time.perf_counter()
+        began, before, later = time.perf_counter(), Compiling.taken, stage in self.first_calls
         call()
         if self.wait is not None:
             self.wait()
-        self.add(stage, time.perf_counter() - began)
+        compiling = Compiling.taken.less(before)
+        self.add(stage, time.perf_counter() - began, compiling.wall)
+        if later and compiling.wall:
+            self.parts["compiling"] = self.parts.get("compiling", Seconds()).plus(compiling)
 
     @contextmanager
     def of_host(self, stage: str) -> Iterator[None]:

@@ -15,6 +15,7 @@ from refsim import Simulation, make_plan
 from refsim.commands.plan import describe_plan
 from refsim.core import clock as clocks
 from refsim.core import errors
+from refsim.core.clock import Compiling
 from refsim.engine import timings
 from refsim.scene import solids
 from refsim.scene.refine import refined
@@ -242,32 +243,44 @@ def test_what_a_scene_costs_leaves_out_what_first_calls_take(monkeypatch):
 
 
 def test_every_second_of_a_run_is_counted_once(monkeypatch):
-    """Of stages that are called three times, 0.5 s are waited for each time; one of the host holds another one."""
+    """Of stages that are called three times, 0.5 s are waited for each time; one of the host holds another one.
+
+    The third call compiles, in one kernel another: what no first call does counts no more for the steps.
+    """
     clock = Clock()
+
+    def compiled():
+        Compiling.begin()
+        clock(0.5, 0.25)
+        Compiling.begin()
+        clock(1.0, 1.0)
+        Compiling.end()
+        Compiling.end()
+
     clock.set_in(monkeypatch, clocks, timings)
     of = timings.Timings()
     of.wait = lambda: clock(0.5, 0.1)
     clock(4.0, 1.0)
     of.begin_steps()
     for k in range(3):
-        of.run("density", lambda first=not k: clock(2.0 + 8 * first, 1.0))
+        of.run("density", lambda k=k: (clock(10.0 if k == 0 else 2.0, 1.0), compiled() if k == 2 else None))
         with of.of_host("frames"):
             clock(1.0, 0.5)
             of.run("forces", lambda: clock(3.0, 2.0))
         clock(0.25, 0.25)
         of.begin_steps()
     assert of.stages == pytest.approx({"density": 5.0, "forces": 7.0, "frames": 3.0})
-    assert of.first_calls == pytest.approx({"density": 10.5, "forces": 3.5})
+    assert of.first_calls == pytest.approx({"density": 12.0, "forces": 3.5})
     assert of.launches == {"density": 3, "frames": 3, "forces": 3}
-    assert of.counted == pytest.approx(5.0 + 7.0 + 3.0 + 14.0)
+    assert of.counted == pytest.approx(5.0 + 7.0 + 3.0 + 15.5)
     costs = of.costs(40.0)
     assert [cost.stage for cost in costs] == ["other", "forces", "density", "frames"]
-    assert [cost.seconds for cost in costs] == pytest.approx([11.0, 7.0, 5.0, 3.0])
-    assert [cost.share for cost in costs] == pytest.approx([11 / 26, 7 / 26, 5 / 26, 3 / 26])
-    assert [(cost.launches, cost.first) for cost in costs] == [(0, 0.0), (3, 3.5), (3, 10.5), (3, 0.0)]
+    assert [cost.seconds for cost in costs] == pytest.approx([9.5, 7.0, 5.0, 3.0])
+    assert [cost.share for cost in costs] == pytest.approx([x / 24.5 for x in (9.5, 7.0, 5.0, 3.0)])
+    assert [(cost.launches, cost.first) for cost in costs] == [(0, 0.0), (3, 3.5), (3, 12.0), (3, 0.0)]
     assert of.costs(1.0)[-1][:2] == ("other", 0.0)
     found = of.account()
-    wall, processor = (4.0, 14.0, 5.75, 10.0, 33.75), (1.0, 3.2, 2.95, 5.7, 12.85)
+    wall, processor = (4.0, 15.5, 5.75, 10.0, 35.25), (1.0, 4.45, 2.95, 5.7, 14.1)
     names = ("start", "compiling", "steps", "writing", "total")
     assert {name: found[name] for name in names} == pytest.approx(dict(zip(names, wall)))
     assert found["processor"] == pytest.approx(dict(zip(names, processor)))
