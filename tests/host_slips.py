@@ -36,7 +36,7 @@ import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "ladder")]
-from slips import altered, parsed, sites  # noqa: E402
+from slips import altered, code_of, parsed, sites  # noqa: E402
 
 PACKAGES = ("engine", "gauges", "motion", "scene", "study", "boundary", "contract")
 HARMLESS = tomllib.loads(pathlib.Path(__file__).with_name("harmless_host.toml").read_text(encoding="utf-8"))
@@ -87,15 +87,15 @@ def pytest_configure() -> None:
     if "PYTEST_XDIST_WORKER" not in os.environ or CALLS not in os.environ:
         return
     for function in [f for package in os.environ[CALLS].split(",") for f in functions(package) if changes(f)]:
-        tree = parsed(function)
-        definition = tree.body[0]
-        assert isinstance(definition, ast.FunctionDef)
-        definition.body[:0] = ast.parse(f"__import__('host_slips').CALLED.add({place(function)!r})").body
-        definition.decorator_list = []
-        space = dict(function.__globals__)
         with contextlib.suppress(NameError):  # in an annotation
-            exec(compile(ast.fix_missing_locations(tree), function.__code__.co_filename, "exec"), space)
-            function.__code__ = space[function.__name__].__code__
+            function.__code__ = noting(function)
+
+
+def noting(function: types.FunctionType) -> types.CodeType:
+    """Code of the function that notes that it was called."""
+    tree = parsed(function)
+    tree.body[0].body[:0] = ast.parse(f"__import__('host_slips').CALLED.add({place(function)!r})").body
+    return code_of(function, tree)
 
 
 def pytest_runtest_protocol(item: Any) -> None:

@@ -155,11 +155,15 @@ def altered(function, number, change):
     line = ast.unparse(copy.deepcopy(statement(tree, node)))
     change(node)
     after = ast.unparse(statement(tree, node))
+    return code_of(function, tree), f"{line.splitlines()[0]}  ->  {after.splitlines()[0]}"
+
+
+def code_of(function, tree):
+    """Code of the function with another source."""
     tree.body[0].decorator_list = []
-    ast.fix_missing_locations(tree)
     space = dict(function.__globals__)
-    exec(compile(tree, function.__code__.co_filename, "exec"), space)
-    return space[function.__name__].__code__, f"{line.splitlines()[0]}  ->  {after.splitlines()[0]}"
+    exec(compile(ast.fix_missing_locations(tree), function.__code__.co_filename, "exec"), space)
+    return space[function.__name__].__code__
 
 
 def statement(tree, node):

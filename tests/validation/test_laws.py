@@ -1,5 +1,8 @@
 """Laws of scenes drawn at random: they read units, find planted faults, and hold where nothing is planted."""
 
+import pathlib
+import subprocess
+import sys
 from collections import Counter
 
 import numpy as np
@@ -56,7 +59,6 @@ def test_a_scene_in_other_units_comes_back():
 FAULTS = {
     "units": (sph, "central_coefficient", lambda mu, dim: (dim + 2) * mu + 1e-3),  # an epsilon without a scale
     "ledger": (sph.Gravity, "prepare", lambda self, grid, others: {"field": np.array(self.acceleration) * 1.001}),
-    "told is counted": (sph.WeaklyCompressible, "particle_mass", lambda self, grid: 1.1 * grid.spacing**grid.dim),
 }
 
 
@@ -66,6 +68,33 @@ def test_a_planted_fault_is_found(name, monkeypatch):
     monkeypatch.setattr(*FAULTS[name])
     monkeypatch.setattr(command, "SMALLER", 2)
     assert campaign([name], [where], 3.0, 3, "numpy", until_first=True).breaks
+
+
+MEND = (
+    """["{words}"]\nof = "refsim.sph:WeaklyCompressible.particle_mass"\nnow = "return"\nthen = "return {factor} *"\n"""
+)
+
+
+def test_the_hunt_finds_a_fault_and_none_in_what_changes_nothing(tmp_path):
+    mends = tmp_path / "mends.toml"
+    mends.write_text(MEND.format(words="heavier", factor=1.1) + MEND.format(words="the same", factor=1.0))
+    program = pathlib.Path(__file__).parents[1] / "laws_faults.py"
+    command = [
+        sys.executable,
+        program,
+        "--seed",
+        "1",
+        "--mends",
+        program.with_name("taken_back.toml"),
+        "--minutes",
+        "0",
+    ]
+    subprocess.run(command, cwd=tmp_path, check=True)  # mends are where the file says
+    command = [sys.executable, program, "--seed", "105", "--mends", mends, "--minutes", "0.001", "--jobs", "1"]
+    told = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    assert "found 0: heavier\n  ('told is counted', 'gauges'" in told
+    assert "missed 1: the same; 2 of 2 scenes" in told
+    assert told.endswith("1 of 2 faults found, seed 105\n")
 
 
 def test_a_note_excuses_only_what_it_says_and_a_stop_only_that_of_the_drawn_scene():
