@@ -17,6 +17,7 @@ import tempfile
 import time
 import traceback
 import warnings
+from collections.abc import Callable
 
 import numpy as np
 import trimesh
@@ -27,6 +28,7 @@ from refsim.scene.surface_mesh import load_mesh
 LONGEST = 30.0  # s that one mesh may take
 FORMATS = ("stl", "stl_ascii", "obj", "ply", "off", "glb")
 Triangles = tuple[np.ndarray, np.ndarray]
+Damage = Callable[[random.Random, np.ndarray, np.ndarray], Triangles]
 
 
 def body(draw: random.Random) -> Triangles:
@@ -46,43 +48,6 @@ def some(draw: random.Random, count: int, most: int = 6) -> list[int]:
     return draw.sample(range(count), draw.randint(1, min(most, count)))
 
 
-def turned(draw: random.Random, v: np.ndarray, f: np.ndarray) -> Triangles:
-    chosen = some(draw, len(f), len(f) // 3)
-    f[chosen] = f[chosen][:, ::-1]
-    return v, f
-
-
-def inside_out(draw: random.Random, v: np.ndarray, f: np.ndarray) -> Triangles:
-    return v, f[:, ::-1]
-
-
-def apart(draw: random.Random, v: np.ndarray, f: np.ndarray) -> Triangles:
-    """Each triangle with corners of its own."""
-    return v[f].reshape(-1, 3), np.arange(f.size).reshape(-1, 3)
-
-
-def doubled(draw: random.Random, v: np.ndarray, f: np.ndarray) -> Triangles:
-    return v, np.concatenate([f, f[some(draw, len(f))]])
-
-
-def disordered(draw: random.Random, v: np.ndarray, f: np.ndarray) -> Triangles:
-    """Triangles, their corners and the vertices in another order, with vertices that no triangle has."""
-    place = np.array(draw.sample(range(len(v) + 3), len(v)))
-    moved = np.full((len(v) + 3, 3), v.mean(0))
-    moved[place] = v
-    return moved, np.roll(place[f][draw.sample(range(len(f)), len(f))], draw.randrange(3), axis=1)
-
-
-def flat(draw: random.Random, v: np.ndarray, f: np.ndarray) -> Triangles:
-    """Triangles that are points or lines."""
-    more = [[a, b, draw.choice((a, b))] for a, b, _ in f[some(draw, len(f))]]
-    return v, np.concatenate([f, more])
-
-
-def hole(draw: random.Random, v: np.ndarray, f: np.ndarray) -> Triangles:
-    return v, np.delete(f, some(draw, len(f)), axis=0)
-
-
 def moved(draw: random.Random, v: np.ndarray, f: np.ndarray) -> Triangles:
     """Corners elsewhere: triangles cross."""
     chosen = some(draw, len(v))
@@ -90,18 +55,17 @@ def moved(draw: random.Random, v: np.ndarray, f: np.ndarray) -> Triangles:
     return v, f
 
 
-def not_finite(draw: random.Random, v: np.ndarray, f: np.ndarray) -> Triangles:
-    v[draw.randrange(len(v)), draw.randrange(3)] = draw.choice((np.nan, np.inf, 1e38, -1e300, 1e-320))
-    return v, f
+def disordered(draw: random.Random, v: np.ndarray, f: np.ndarray) -> Triangles:
+    """Triangles, their corners and the vertices in another order, with vertices that no triangle has."""
+    place = np.array(draw.sample(range(len(v) + 3), len(v)))
+    other = np.full((len(v) + 3, 3), v.mean(0))
+    other[place] = v
+    return other, np.roll(place[f][draw.sample(range(len(f)), len(f))], draw.randrange(3), axis=1)
 
 
-def scaled(draw: random.Random, v: np.ndarray, f: np.ndarray) -> Triangles:
-    return v * 10 ** draw.uniform(-30, 30) + 10 ** draw.uniform(-20, 20), f
-
-
-def flattened(draw: random.Random, v: np.ndarray, f: np.ndarray) -> Triangles:
-    v[:, draw.randrange(3)] *= draw.choice((0.0, 1e-9, 1e-4))
-    return v, f
+def put(array: np.ndarray, value: object, place: object) -> np.ndarray:
+    array[place] = value
+    return array
 
 
 def confused(draw: random.Random, v: np.ndarray, f: np.ndarray) -> Triangles:
@@ -111,19 +75,31 @@ def confused(draw: random.Random, v: np.ndarray, f: np.ndarray) -> Triangles:
     return v, f
 
 
-def pinched(draw: random.Random, v: np.ndarray, f: np.ndarray) -> Triangles:
-    one, other = draw.sample(range(len(v)), 2)
-    return v, np.where(f == other, one, f)
-
-
 def crossed(draw: random.Random, v: np.ndarray, f: np.ndarray) -> Triangles:
     """With another body, which may lie across."""
     w, g = body(draw)
     return np.concatenate([v, w]), np.concatenate([f, g + len(v)])
 
 
-HARMLESS = (turned, inside_out, apart, doubled, disordered, flat)  # the body keeps its volume
-DAMAGES = (*HARMLESS, hole, moved, not_finite, scaled, flattened, confused, pinched, crossed)
+HARMLESS: dict[str, Damage] = {  # the body keeps its volume
+    "turned": lambda d, v, f: (v, put(f, f[c := some(d, len(f), len(f) // 3)][:, ::-1], c)),
+    "inside_out": lambda d, v, f: (v, f[:, ::-1]),
+    "apart": lambda d, v, f: (v[f].reshape(-1, 3), np.arange(f.size).reshape(-1, 3)),
+    "doubled": lambda d, v, f: (v, np.concatenate([f, f[some(d, len(f))]])),
+    "disordered": disordered,
+    "flat": lambda d, v, f: (v, np.concatenate([f, [[a, b, d.choice((a, b))] for a, b, _ in f[some(d, len(f))]]])),
+}
+DAMAGES: dict[str, Damage] = HARMLESS | {
+    "hole": lambda d, v, f: (v, np.delete(f, some(d, len(f)), axis=0)), "moved": moved,
+    "not_finite": lambda d, v, f: (
+        put(v, d.choice((np.nan, np.inf, 1e38, -1e300, 1e-320)), (d.randrange(len(v)), d.randrange(3))), f,
+    ),
+    "scaled": lambda d, v, f: (v * 10 ** d.uniform(-30, 30) + 10 ** d.uniform(-20, 20), f),
+    "flattened": lambda d, v, f: (put(v, v[:, k := d.randrange(3)] * d.choice((0.0, 1e-9, 1e-4)), (slice(None), k)), f),
+    "confused": confused,
+    "pinched": lambda d, v, f: (v, np.where(f == (pair := d.sample(range(len(v)), 2))[1], pair[0], f)),
+    "crossed": crossed,
+}  # fmt: skip
 
 
 def spoiled(draw: random.Random, data: bytes) -> bytes:
@@ -139,17 +115,17 @@ def drawn(draw: random.Random) -> tuple[str, str, bytes, float | None]:
     """(what was done, suffix, the file's bytes, volume [m^3] that the body has to keep)."""
     vertices, faces = body(draw)
     volume = float(np.linalg.det(vertices[faces] - vertices[0]).sum() / 6)
-    damages = draw.choices(HARMLESS if draw.random() < 0.3 else DAMAGES, k=draw.choice((0, 1, 1, 2, 3)))
+    damages = draw.choices([*(HARMLESS if draw.random() < 0.3 else DAMAGES)], k=draw.choice((0, 1, 1, 2, 3)))
     with np.errstate(all="ignore"):
         for damage in damages:
-            vertices, faces = damage(draw, vertices.copy(), faces.copy())
+            vertices, faces = DAMAGES[damage](draw, vertices.copy(), faces.copy())
         kind = draw.choice(FORMATS)
         made = trimesh.Trimesh(vertices, faces, process=False, validate=False).export(file_type=kind)
     data, spoils = made.encode() if isinstance(made, str) else made, draw.choice((0, 0, 1, 2))
     for _ in range(spoils):
         data = spoiled(draw, data)
-    words = [*(damage.__name__ for damage in damages), *["spoiled"] * spoils]
-    kept = not spoils and set(damages) <= set(HARMLESS)
+    words = [*damages, *["spoiled"] * spoils]
+    kept = not spoils and set(damages) <= HARMLESS.keys()
     return f"{kind}: {', '.join(words) or 'whole'}", kind.partition("_")[0], data, volume if kept else None
 
 
@@ -194,12 +170,8 @@ def campaign(count: int, seed: int, only: int | None = None, minutes: float = fl
                 at = traceback.extract_tb(error.__traceback__)[-1]
                 print(f"{number}, {words}: {type(error).__name__}: {error} [{at.name}]", flush=True)
     total = outcomes.total() + wrong
-    print(
-        f"{total} meshes, seed {seed}:",
-        *(f"{n} {k}," for k, n in sorted(outcomes.items())),
-        f"{wrong} wrong",
-        flush=True,
-    )
+    told = "".join(f" {n} {k}," for k, n in sorted(outcomes.items()))
+    print(f"{total} meshes, seed {seed}:{told} {wrong} wrong", flush=True)
     return wrong
 
 

@@ -88,7 +88,7 @@ def told(vertices, faces, pieces=True):
 def test_damaged_bodies_become_meshes_as_ever(seed, recorded, monkeypatch):
     monkeypatch.setattr(damaged_meshes, "body", body)
     draw, found = random.Random(f"recorded {seed}"), {}
-    damages = [d for d in damaged_meshes.DAMAGES if d is not damaged_meshes.scaled]  # of a float's whole range
+    damages = [d for name, d in damaged_meshes.DAMAGES.items() if name != "scaled"]  # of a float's whole range
     for number in range(12):
         vertices, faces = body(draw)
         for damage in draw.choices(damages, k=draw.choice((0, 1, 1, 2, 3))):

@@ -77,7 +77,7 @@ def test_contact_angle_of_180_is_no_contact():
     areas = {}
     for angle in (180.0, 90.0, 0.0):
         surface = rs.SurfaceEnergy(surface_tension=1.0, contact_angle=angle)
-        run = rs.Simulation(scene(rs.MpmLiquid(bulk_modulus=1e4), walls, surface, dim=2, fluid=box))
+        run = rs.Simulation(scene(rs.MpmLiquid(bulk_modulus=1e4), walls, surface, dim=2, fluid=box), "numpy")
         assert ("mpm.contact" in run.plan.launches()) == (angle == 0.0)
         run.step()
         areas[angle] = run.shared["surface"].sample_area.sum()
@@ -163,7 +163,7 @@ def test_bad_input_gets_one_sentence(words):
     assert words in str(error.value)
 
 
-@pytest.mark.parametrize("surface", [None, 180.0, 60.0])
+@pytest.mark.parametrize("surface", [None, 60.0])
 def test_velocity_of_before_the_update_knows_no_force(surface):
     """Thesis M7: (4.12) to (4.14) with v^n, which is (mv)^n/m^n of (4.11): a thrown block moves straight on, at any
     pressure, tension, gravity, viscosity and wall, and no volume changes."""
@@ -172,9 +172,9 @@ def test_velocity_of_before_the_update_knows_no_force(surface):
     effects = [liquid, pull, rs.MpmWalls(lower=(-0.2, -0.2, 0.0), upper=(0.9, 0.9, 0.0), rule="slip")]
     if surface is not None:
         effects.append(rs.SurfaceEnergy(surface_tension=50.0, contact_angle=surface))
-    run = rs.Simulation(scene(*effects, dim=2, velocity=(3.0, -2.0, 0.0), step=1e-3))
+    run = rs.Simulation(scene(*effects, dim=2, velocity=(3.0, -2.0, 0.0), step=2e-3), "numpy")
     start, moved = run.field("position"), 0.0
-    for _ in range(150):
+    for _ in range(75):
         moved += run.step().length
     assert abs(run.field("position") - start - moved * np.array([3.0, -2.0, 0.0])).max() < 1e-12
     assert start[:, 0].max() + 3.0 * moved > 0.9  # it is in the wall
