@@ -69,7 +69,8 @@ def replay() -> int:
     target = Target(REGISTRY["sph.gravity"], "cpu", "float64", 0)
     (outcome, *_) = climbing(target, ("T1",))
     assert outcome.passed
-    write_replay(target)
+    with contextlib.chdir("out"):
+        write_replay(target)
     return 0
 
 
@@ -94,32 +95,18 @@ COMMANDS = {  # each writes into the folder "out", and what it left there before
     "sample": words("sample box.obj --radius 0.2 -o out/box.vtp"),
     "junit": words(f"{CONTRACT} --junit out/report.xml"),
     "export": words("contract sph.gravity --export out"),
-    "replay": lambda: within("out", replay),
+    "replay": replay,
 }
 SLOW = ("sweep", "study", "junit", "sample", "film")  # drawn half as often
-FAULTS = {
-    "full": lambda: OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)),
-    "quota": lambda: OSError(errno.EDQUOT, os.strerror(errno.EDQUOT)),
-    "broken": lambda: OSError(errno.EIO, os.strerror(errno.EIO)),
-    "read-only": lambda: OSError(errno.EROFS, os.strerror(errno.EROFS)),
-    "interrupted": KeyboardInterrupt,
-    "vanished": None,
-    "slow": None,
-}
-
-
-def within(folder: str, perform: Callable[[], int]) -> int:
-    with contextlib.chdir(folder):
-        return perform()
+NUMBERS = {"full": errno.ENOSPC, "quota": errno.EDQUOT, "broken": errno.EIO, "read-only": errno.EROFS}
+FAULTS = {name: OSError(number, os.strerror(number)) for name, number in NUMBERS.items()}
+FAULTS |= {"interrupted": KeyboardInterrupt(), "vanished": None, "slow": None}
 
 
 class Disk:
     """Counts opens, writes, renames and fsyncs; call number `fault_at` meets the fault, and if `lasting` all later."""
 
-    def __init__(self) -> None:
-        self.calls, self.fault_at, self.fault, self.lasting, self.met = 0, 10**9, "", False, False
-
-    def begin(self, fault_at: int, fault: str, lasting: bool) -> None:
+    def begin(self, fault_at: int = 10**9, fault: str = "", lasting: bool = False) -> None:
         self.calls, self.fault_at, self.fault, self.lasting, self.met = 0, fault_at, fault, lasting, False
 
     def meet(self, half: Callable[[], object] = lambda: None) -> None:
@@ -131,7 +118,7 @@ class Disk:
             shutil.rmtree("../out" if os.path.basename(os.getcwd()) == "out" else "out", ignore_errors=True)
         elif made := FAULTS[self.fault]:
             half()
-            raise made()
+            raise made
 
     @contextlib.contextmanager
     def watching(self) -> Iterator[None]:
@@ -173,32 +160,34 @@ class Disk:
             yield
 
 
+READERS: dict[str, Callable[[bytes], object]] = {
+    ".json": json.loads, ".toml": lambda data: tomllib.loads(data.decode()),
+    ".png": lambda data: Image.open(io.BytesIO(data)).load(), ".xml": xml.etree.ElementTree.fromstring,
+    ".pvd": xml.etree.ElementTree.fromstring,
+    ".h5": lambda data: h5py.File(io.BytesIO(data)).visititems(
+        lambda _, item: item[()] if isinstance(item, h5py.Dataset) else None
+    ),
+}  # fmt: skip
+
+
 def check_whole(path: pathlib.Path) -> None:
     """Raises where a file is not whole, as its suffix says."""
     data = path.read_bytes()
     assert data or path.suffix == ".lock", "empty"
-    if path.suffix == ".json":
-        json.loads(data)
-    elif path.suffix == ".toml":
-        tomllib.loads(data.decode())
-    elif path.suffix == ".png":
-        Image.open(io.BytesIO(data)).load()
+    if path.suffix in READERS:
+        READERS[path.suffix](data)
     elif path.suffix == ".csv":
         rows = list(csv.reader(io.StringIO(data.decode())))
         assert len({len(row) for row in rows}) == 1, "rows of several lengths"
         assert data.endswith(b"\n"), "cut in its last line"
     elif path.suffix == ".html":
         assert data.rstrip().endswith(b"</html>"), "cut"
-    elif path.suffix == ".h5":
-        h5py.File(io.BytesIO(data)).visititems(lambda _, item: item[()] if isinstance(item, h5py.Dataset) else None)
     elif path.suffix == ".vtp":
         head = read_head(path)
         read_arrays(head, ["position", *head.fields], check=True)
     elif path.suffix == ".npz":
         with np.load(io.BytesIO(data)) as read:
             assert all(read[name] is not None for name in read)
-    elif path.suffix in (".xml", ".pvd"):
-        xml.etree.ElementTree.fromstring(data)
 
 
 def contents(folder: str = "out") -> dict[str, bytes]:
@@ -212,12 +201,13 @@ def prepare(names: Iterable[str], disk: Disk) -> dict[str, int]:
     pathlib.Path("wrong.py").write_text(WRONG)
     pathlib.Path("box.obj").write_text(BOX)
     calls = {}
+    disk.begin()
     with contextlib.redirect_stderr(said := io.StringIO()), contextlib.redirect_stdout(said):
         assert words("run tank.toml --backend numpy --quiet --output run --every 1e-3")() == 0
         for name in names:
             shutil.rmtree("out", ignore_errors=True)
             shutil.copytree("old_run", "out") if name == "resume" else os.mkdir("out")
-            disk.begin(10**9, "", False)
+            disk.begin()
             assert COMMANDS[name]() in (0, 4), said.getvalue()
             calls[name] = disk.calls
             shutil.copytree("out", f"old_{name}")
@@ -273,12 +263,11 @@ def campaign(count: int, seed: int, only: int | None = None, names: tuple[str, .
             draw = random.Random(f"{seed} {number}")
             (name,) = draw.choices(names, chances)
             fault, lasting = draw.choice(list(FAULTS)), draw.random() < 0.5
-            given = (
+            fault_at, old = (
                 draw.randrange(calls[name] + 1),
-                fault,
-                lasting,
                 name == "resume" or (draw.random() < 0.6 and name != "export"),
             )
+            given = fault_at, fault, lasting, old
             try:
                 outcomes[trial(name, disk, *given)] += 1
             except Exception as error:
