@@ -1,5 +1,6 @@
 """Declarations in C and Fortran that a command prints: one library of each is compiled, loaded and judged."""
 
+import pathlib
 import shutil
 import subprocess
 
@@ -11,46 +12,7 @@ from refsim.contract import native
 from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY
 
-C = """
-#include <math.h>
-#include "density.h"
-void sph_density(int64_t n, const REAL *x, const REAL *m, const refsim_neighbours *near, const refsim_walls *walls,
-                 const refsim_smoothing *w, const refsim_fluid *fluid, const refsim_period *period, REAL *count,
-                 REAL *asymmetry, REAL *density) {
-    for (int64_t i = 0; i < n; i++) {
-        REAL sum = m[i];
-        for (int32_t k = 0; k < near->count[i]; k++) {
-            int64_t j = near->entries[near->start[i] + k];
-            REAL d[3] = {x[3*i] - x[3*j], x[3*i+1] - x[3*j+1], x[3*i+2] - x[3*j+2]};
-            REAL q = sqrt(d[0]*d[0] + d[1]*d[1] + d[2]*d[2]) * w->inverse_radius, a = 1 - q;
-            if (q < 1) sum += m[j] * a * a * a * a * (1 + 4 * q);
-        }
-        density[i] = w->value_scale * sum;
-        if (walls) for (int64_t b = 0; b < walls->rows; b++) {
-            const REAL *y = walls->position + 3 * b;
-            REAL d[3] = {x[3*i] - y[0], x[3*i+1] - y[1], x[3*i+2] - y[2]};
-            REAL q = sqrt(d[0]*d[0] + d[1]*d[1] + d[2]*d[2]) * w->inverse_radius, a = 1 - q;
-            REAL filled = fluid->rest_density * walls->volume[b];
-            if (q < 1) density[i] += filled * w->value_scale * a * a * a * a * (1 + 4 * q);
-        }
-    }
-}
-"""
-FORTRAN = """
-submodule (refsim_sph_density) mine
-contains
-  module procedure sph_density
-    integer(c_int64_t) :: i, j
-    real(real_kind) :: q(n)
-    do i = 1, n
-      do j = 1, n
-        q(j) = min(sqrt(sum((position(:, i) - position(:, j))**2)) * smoothing%inverse_radius, 1.0_c_double)
-      end do
-      density(i) = smoothing%value_scale * sum(mass * (1 - q)**4 * (1 + 4 * q))
-    end do
-  end procedure
-end submodule
-"""
+FOLDER = pathlib.Path(__file__).parent
 
 
 def printed(capsys, language):
@@ -74,9 +36,19 @@ def test_a_c_library_holds_by_its_header(tmp_path, capsys):
     if compiler is None:
         pytest.skip("no C compiler is on the path")
     (tmp_path / "density.h").write_text(printed(capsys, "c"))
-    (tmp_path / "density.c").write_text(C)
     for dtype, real in (("float32", "float"), ("float64", "double")):
-        command = [compiler, "-O2", "-Wall", "-Werror", "-shared", "-fPIC", f"-DREAL={real}", "density.c", "-lm"]
+        command = [
+            compiler,
+            "-O2",
+            "-Wall",
+            "-Werror",
+            "-shared",
+            "-fPIC",
+            f"-I{tmp_path}",
+            f"-DREAL={real}",
+            FOLDER / "density.c",
+            "-lm",
+        ]
         subprocess.run([*command, "-o", f"c_{dtype}.so"], check=True, cwd=tmp_path)
     holds(tmp_path, "c_{dtype}.so", (0, 6))
 
@@ -85,7 +57,7 @@ def test_a_fortran_library_holds_by_its_module(tmp_path, capsys):
     compiler = shutil.which("gfortran")
     if compiler is None:
         pytest.skip("gfortran is not on the path")
-    (tmp_path / "density.f90").write_text(printed(capsys, "fortran") + FORTRAN)
+    (tmp_path / "density.f90").write_text(printed(capsys, "fortran") + (FOLDER / "density.f90").read_text())
     subprocess.run([compiler, "-O2", "-shared", "-fPIC", "density.f90", "-o", "f.so"], check=True, cwd=tmp_path)
     holds(tmp_path, "f.so", (0,), dtypes=("float64",), walls=False)
 

@@ -2,7 +2,6 @@
 
 import contextlib
 import math
-import re
 import types
 
 import numba
@@ -10,7 +9,7 @@ import numpy as np
 import pytest
 
 from refsim import InputError
-from refsim.contract import Programs, Target, answers, drawn, inputs, native, properties, trajectories, whole_runs
+from refsim.contract import Programs, Target, answers, drawn, inputs, properties, trajectories, whole_runs
 from refsim.contract.answers import seconds_of_many
 from refsim.contract.apart import LibraryDescription, Request
 from refsim.contract.parameters import groups_of, scaled
@@ -356,15 +355,3 @@ def test_reports_of_drawn_outcomes_are_as_ever(recorded):
         found[f"{number}"] = data["holds"], told, "\n".join(lines), junit(data, outcomes).decode()
         found[f"{number} lines"] = [len(line.split()) for line in lines][:40]
     recorded(found)
-
-
-# Headers
-@pytest.mark.parametrize("name", ["sph.density", "sph.momentum", "heat.melt", "mpm.grid_update"])
-def test_a_header_has_constant_inputs_and_other_outputs(name):
-    operation = REGISTRY.get(name) or REGISTRY["sph.density"]
-    text = native.header(operation).partition(f"void {native.function_of(operation)}(")[2]
-    lines = [line.strip() for line in text.splitlines() if "*" in line.partition("/*")[0]]
-    pointers = {re.search(r"\*(\w+)", line)[1]: line for line in lines if not line.startswith("const refsim_")}
-    assert set(operation.outputs) & set(pointers)
-    for row, line in pointers.items():
-        assert line.startswith("const ") == (row not in operation.outputs), line

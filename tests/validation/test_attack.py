@@ -3,9 +3,7 @@
 import pytest
 from hypothesis import strategies as st
 
-from tests.running import python
 from validation import attack
-from validation.__main__ import main
 from validation.attack import Damage, plan, reached, resume
 
 NOT_COUPLED = b"""spacing = 0.01
@@ -46,13 +44,6 @@ def test_what_was_found_does_not_come_back(name, tmp_path):
     assert perform(trial, tmp_path) in ("0", "2")
 
 
-@pytest.mark.slow
-def test_a_campaign_ends_without_a_finding(tmp_path):
-    words = ["--minutes", "0.01", "--seed", "2", "--out", str(tmp_path)]
-    done = python("-m", "validation", "attack", *words)  # a process of its own, whose memory is limited
-    assert [line.split(",")[0] for line in done.stdout.splitlines()] == ["scenes", "files", "stops"]
-
-
 def test_a_finding_is_made_small_and_kept(tmp_path, monkeypatch, capsys):
     tried = []
 
@@ -78,8 +69,3 @@ def test_a_lost_state_and_words_that_are_no_sentence_are_noticed(monkeypatch, tm
     monkeypatch.setattr("refsim.__main__.main", lambda arguments: 2)
     with pytest.raises(AssertionError, match="not one sentence"):
         attack.outcome_of(["plan"])
-
-
-def test_bad_options_get_one_sentence(capsys):
-    assert main(["attack", "--minutes", "-1"]) == 2
-    assert "--minutes = -1.0 is not possible" in capsys.readouterr().err

@@ -18,7 +18,6 @@ from validation.checks import (
     CLAIM,
     CONFIRMED,
     HARD_CASE,
-    MISSED,
     MIXED,
     NOT_CLAIMED,
     NOT_TESTABLE,
@@ -32,7 +31,7 @@ from validation.checks import (
     read_all,
 )
 from validation.experiment import Experiment, Measure, Options, RunSpec, discover
-from validation.perform import EXIT_FAILED, EXIT_FINE, EXIT_INPUT
+from validation.perform import EXIT_FAILED, EXIT_FINE
 from validation.results import Result
 from validation.running import Context
 
@@ -41,7 +40,10 @@ ENTRIES = filling.with_reasons(read_all())
 CLAIMS = {entry.name: entry for entry in ENTRIES if entry.kind == CLAIM}
 TESTABLE = [name for name, claim in CLAIMS.items() if claim.rule]
 MEASURED = [name for name in TESTABLE if CLAIMS[name].starts]
-LONG = {"mpm_momentum_none", "surface_fit_converges", "heat_order_matters", "heat_explicit_breaks"}  # seconds
+LONG = {  # seconds, or kernels that nothing else here compiles
+    "mpm_momentum_none", "mpm_momentum_cluster", "surface_fit_converges", "heat_order_matters", "heat_explicit_breaks",
+    "heat_long_steps_hold", "cohesion_not_minimal",
+}  # fmt: skip
 
 
 # What is on file
@@ -141,18 +143,10 @@ SAID = Sentence("small", "s", "section 1, sentence 1", "小", "It is small.", "n
 
 def claim(**changes):
     given = {
-        "name": "one",
-        "experiment": "e",
-        "kind": CLAIM,
-        "sentence": SAID,
-        "title": "It is small",
-        "reading": "as printed",
-        "verdict": CONFIRMED,
-        "what": "a size",
-        "rule": "at_most",
-        "bound": 1.0,
-    }
-    return Entry(**{**given, **changes})
+        "name": "one", "experiment": "e", "kind": CLAIM, "sentence": SAID, "title": "It is small",
+        "reading": "as printed", "verdict": CONFIRMED, "what": "a size", "rule": "at_most", "bound": 1.0,
+    }  # fmt: skip
+    return Entry(**given | changes)
 
 
 @pytest.mark.parametrize(("values", "verdict"), [
@@ -173,12 +167,6 @@ def test_what_the_source_does_not_say_is_never_its_verdict(apart, values, went):
     entry = claim(verdict=f"{apart}: kept")
     assert entry.judge(values) == f"{apart}: {went}"
     assert checks.checked(entry, values).verdict == ("pass" if went == "kept" else "fail")
-
-
-def test_a_bar_that_is_known_to_be_missed_fails_where_it_is_kept():
-    entry = Entry("a", "e", VERDICT, rule="at_most", bound=1.0, misses=True)
-    assert (entry.judge([2.0]), entry.judge([1.0])) == (MISSED, "fail")
-    assert not checks.failed([checks.checked(entry, [2.0])])
 
 
 def test_a_check_judges_the_runs_that_it_names(tmp_path):
@@ -307,10 +295,6 @@ def test_the_command_measures_stores_and_writes(own, capsys):
     assert "“It is small indeed.” (小; (1))" in text
     assert json.loads((folder / "figures" / "claims.json").read_text())["small"]["values"] == values
     assert len(list((folder / "results" / "e").iterdir())) == 5
-
-
-def test_a_verdict_that_no_longer_holds_is_told_and_can_be_written(own, capsys):
-    values, folders, _ = own
     values[2] = 1.5
     assert main(["check", "small", *folders]) == EXIT_FAILED
     assert "now mixed" in capsys.readouterr().out
@@ -319,50 +303,29 @@ def test_a_verdict_that_no_longer_holds_is_told_and_can_be_written(own, capsys):
     assert small().verdict == MIXED
 
 
-def test_bad_input_gets_a_sentence(own, capsys):
-    _, folders, _ = own
-    assert main(["claims", "smell", *folders]) == EXIT_INPUT
-    assert "no claim 'smell'; did you mean 'small'?" in capsys.readouterr().err
-    assert main(["claims", "--write", "--quick", *folders]) == EXIT_INPUT
-
-
 # Published numbers, computed anew
-def made(context, value):
-    return Result({"value": value})
+NUMBERS = {"measured": 2.0, "spread": (1.9, 2.1)}
 
 
-STEADY = claim(name="steady", experiment="fake", what="size", unit="m", bound=3.0, measured=2.0, spread=(1.9, 2.1),
-               starts=5, verify="number")  # fmt: skip
-FIRST = Entry("first", "fake", VALUE, "first size", "m", "nothing", measured=2.0, spread=(1.9, 2.1), run="start_0",
-              quantity="value")  # fmt: skip
-
-
-def verified(starts, steady=STEADY, value=FIRST):
-    runs = [RunSpec(f"start_{k}", made, {"value": value}) for k, value in enumerate(starts)]
+@pytest.mark.parametrize(("starts", "changed", "told"), [
+    ([2.0, 2.0, 2.0, 1.95, 2.3], {}, ("", "")), ([1.899, 1.899, 1.899, 2.0, 2.0], {}, ("", "")),
+    (5 * [2.2], {}, ("is 2.2, published is confirmed, 2 m (1.9 to 2.1); find what changed", "published is 2 m")),
+    (5 * [2.0], {"measured": 2.2, "spread": (2.15, 2.25)}, ("published is confirmed, 2.2 m (2.15 to 2.25)", "2.2 m")),
+    ([2.0, 2.0, 2.0, 2.0, 4.0], {}, ("the verdict is mixed", "")),
+    (5 * [1e-3], {"verify": "verdict"}, ("", "is 0.001")),
+    (5 * [4.0], {"verify": "verdict"}, ("the verdict is refuted", "is 4")),
+])  # fmt: skip
+def test_an_altered_number_or_verdict_is_noticed(starts, changed, told):
+    """Of a claim by its median, of a value by one run; where numbers are rounding, the verdict alone."""
+    runs = [RunSpec(f"start_{k}", number_of, {"value": value}) for k, value in enumerate(starts)]
     measure = Measure(lambda options: runs, lambda results: [each.values["value"] for each in results.values()])
+    of = NUMBERS | {"experiment": "fake", "what": "size", "unit": "m"} | changed
+    steady = claim(**{"name": "steady", "bound": 3.0, "starts": 5, "verify": "number"} | of)
+    first = claim(**of | {"name": "first", "kind": VALUE, "verify": "number", "run": "start_0", "quantity": "value"})
     known = {"fake": Experiment("fake", "for tests", runs=lambda options: runs, claims={"steady": measure})}
-    return {entry.name: why for entry, _, why in judging.verify([steady, value], 1, None, known)}
-
-
-def test_what_is_within_the_published_spread_holds():
-    assert verified([2.0, 2.0, 2.0, 1.95, 2.3]) == {"steady": "", "first": ""}
-    assert verified([1.899, 1.899, 1.899, 2.0, 2.0]) == {"steady": "", "first": ""}
-
-
-def test_an_altered_number_is_noticed():
-    why = verified(5 * [2.2])
-    assert why["steady"].startswith("steady: size is 2.2, published is confirmed, 2 m (1.9 to 2.1); find what changed")
-    assert why["first"].startswith("first: first size is 2.2, published is 2 m (1.9 to 2.1); find what changed it")
-    other = dataclasses.replace(STEADY, measured=2.2, spread=(2.15, 2.25))
-    assert "published is confirmed, 2.2 m (2.15 to 2.25)" in verified(5 * [2.0], steady=other)["steady"]
-    assert verified(5 * [2.0], value=dataclasses.replace(FIRST, measured=2.2, spread=(2.2, 2.2)))["first"]
-
-
-def test_another_verdict_is_noticed_even_where_numbers_are_rounding():
-    rounding = dataclasses.replace(STEADY, verify="verdict")
-    assert "the verdict is mixed" in verified([2.0, 2.0, 2.0, 2.0, 4.0])["steady"]
-    assert verified(5 * [1e-3], steady=rounding)["steady"] == ""
-    assert "the verdict is refuted" in verified(5 * [4.0], steady=rounding)["steady"]
+    for (_, _, why), words in zip(judging.verify([steady, first], 1, None, known), told, strict=True):
+        assert words in why
+        assert bool(words) == bool(why)
 
 
 def test_every_system_has_a_number_that_is_verified_and_can_be_compared_on_any_machine():
@@ -391,17 +354,3 @@ def test_the_command_compares_with_what_is_written(monkeypatch, capsys):
     told = capsys.readouterr()
     assert "deviates" in told.out
     assert "run `python -m validation claims repulsion_3d --write`" in told.err
-
-
-@pytest.mark.slow
-def test_a_draw_is_repeated_by_its_seed(capsys):
-    first = judging.drawn(5, seed=3)
-    assert first == judging.drawn(5, seed=3) != judging.drawn(5, seed=4)
-    assert not {entry.name for entry in first} & {entry.name for entry in judging.selected()}
-    everything = judging.drawn(10_000, seed=1)
-    assert len(everything) > 30
-    assert not any(discover()[entry.experiment].claims[entry.name].timed for entry in everything)
-    assert main(["verify", "--draw", "0"]) == EXIT_INPUT
-    assert main(["verify", "repulsion_3d", "--draw", "1"]) == EXIT_INPUT
-    assert main(["verify", "--draw", "1", "--seed", "5", "--jobs", "1"]) == EXIT_FINE
-    assert "seed 5: " in capsys.readouterr().err

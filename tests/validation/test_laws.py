@@ -1,6 +1,8 @@
 """Laws of scenes drawn at random: they read units, find planted faults, and hold where nothing is planted."""
 
+import inspect
 import pathlib
+import re
 import subprocess
 import sys
 from collections import Counter
@@ -14,7 +16,6 @@ from refsim.core.effect import EFFECTS
 from refsim.core.errors import RunStopped
 from refsim.scene.files import describe, unit_of
 from refsim.scene.shapes import Box
-from validation.__main__ import main
 from validation.laws import command, exact, laws
 from validation.laws.command import campaign, table
 from validation.laws.scenes import Drawn, drawn
@@ -33,8 +34,6 @@ def test_units_are_read():
 
 @pytest.mark.parametrize("name", sorted(EFFECTS))
 def test_every_unit_of_an_effect_is_known(name):
-    import re
-
     words = {unit_of(text) for key, text in describe(EFFECTS[name]).items() if key != "literal"} - {None}
     known = {*SYMBOLS, "deg", "degrees", "cells", "in", "D", "c", "h"}
     assert {symbol for each in words for symbol in re.findall("[A-Za-z]+", each)} <= known
@@ -120,39 +119,12 @@ def test_a_note_excuses_only_what_it_says_and_a_stop_only_that_of_the_drawn_scen
 GIVEN = {"dim": 2, "spacing": 0.1, "support_radius": 0.213, "fluid": (Box(cells=(6, 6, 1)),), "dtype": "float64"}
 
 
-def test_numbers_of_a_note_end_before_a_comma():
-    assert {laws.NUMBER.sub("#", note) for note in ("at (0.0625, 0.1) m", "at (1.5e-05, -4e-06) m")} == {"at (#, #) m"}
-
-
-def test_absence_leaves_out_what_solves_without_a_tension():
-    liquid = sph.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=50.0)
-    own = EFFECTS["dong_2016"](surface_tension=1.0, solver="hu_adams")
-    assert laws.zero_is_absence(Drawn(Scene(effects=(liquid, own), **GIVEN), 0, (6, 6), False), "numpy") is None
-
-
-def test_a_drop_with_drawn_samples_is_moved_by_whole_blocks():
-    tension = EFFECTS["surface_energy"](surface_tension=1.0, quadrature="poisson")
-    scene = Scene(effects=(EFFECTS["mpm_liquid"](bulk_modulus=1e5), tension), **GIVEN)
-    found = laws.elsewhere(Drawn(scene, 1, (6, 6), False), "numpy")
-    assert found.how.startswith("moved by [-6.4")
-    assert found.value <= found.bound
-
-
 def test_rest_breaks_where_spiky_does_not_carry_the_lattice():
     liquid = sph.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=50.0, kernels="mueller", density="continuity")
     walls, pull = BoxWalls(lower=(0.0,) * 3, upper=(0.6, 1.2, 0.0)), sph.Gravity(acceleration=(0.0, -1.0, 0.0))
     scene = Scene(effects=(liquid, walls, pull), step_factor=0.2, **GIVEN)
     found = exact.full_tank(Drawn(scene, 0, (6, 6), True), "numpy")
     assert found.bound < found.value < 0.13
-
-
-def test_a_block_that_stops_is_not_held_against_the_drawn_shape(monkeypatch):
-    def run(scene, backend, steps):
-        raise RunStopped("diverged", "It stopped.")
-
-    monkeypatch.setattr(laws, "run", run)
-    scene = Scene(effects=(sph.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=50.0),), **GIVEN)
-    assert laws.given_otherwise(Drawn(scene, 0, (6, 6), False), "numpy") is None
 
 
 def test_scenes_of_every_kind_are_drawn():
@@ -190,13 +162,8 @@ def test_a_turned_scene_comes_back(axes):
     assert (again.solid, again.effects) == (scene.solid, scene.effects)
 
 
-def test_a_law_is_short_and_told_in_the_table(capsys):
-    import inspect
-
+def test_a_law_is_short_and_told_in_the_table():
     for each in (law for group in laws.LAWS.values() for law in group):
         assert len(inspect.getsource(each).splitlines()) <= 40
         assert each.__doc__
-    assert main(["laws", "--minutes", "0.001", "--seed", "2", "--law", "told is counted"]) == 0
-    assert "told is counted" in capsys.readouterr().out
-    assert main(["laws", "--minutes", "-1"]) == 2
-    assert "held" in table(campaign(["told is counted"], [None], 0.0, 1, "numpy"))
+    assert "silence is truth" in table(campaign(["silence is truth"], [None], 0.0, 1, "numpy"))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface, detection_score
+from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface
 
 
 def grid(*sites):
@@ -103,17 +103,6 @@ def test_walls_cover_but_are_not_judged(dim):
     tank = outside[outside[:, -1] < 6]  # open at the top
     assert np.array_equal(COVER[dim](block, 1.2, tank), block[:, -1] == 5)
     assert COVER[dim](block[:1], 1.2, tank[:1]).tolist() == [True]
-
-
-def test_detection_score_counts():
-    truth = [1, 1, 1, 1, 0, 0, 0, 0, 0, 0]
-    flags = [1, 1, 1, 0, 1, 1, 0, 0, 0, 0]
-    score = detection_score(flags, truth)
-    assert (score.precision, score.recall) == (pytest.approx(3 / 5), pytest.approx(3 / 4))
-    assert (score.f1, (score.false_interior, score.false_surface)) == (pytest.approx(2 / 3), (1, 2))
-    nothing = detection_score([0, 0], [0, 1])
-    assert np.isnan(nothing.precision)
-    assert (nothing.recall, nothing.f1) == (0, 0)
 
 
 def test_neighbour_search_is_completed_in_dense_clumps():
