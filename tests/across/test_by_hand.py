@@ -40,8 +40,9 @@ def test_the_sph_front_is_that_of_the_experiment(sph):
         assert np.interp(at, T, Z) == pytest.approx(expected, rel=0.12)
 
 
-@pytest.mark.parametrize(("columns", "rows", "spacing", "until"), [(14, 3, 0.1, 0.8), (4, 12, 0.06, 0.5)])
-@pytest.mark.parametrize(("viscosity", "bound"), [(None, 1e-12), (0.0, 1e-3)])
+@pytest.mark.parametrize(("columns", "rows", "spacing", "until", "viscosity", "bound"), [
+    (14, 3, 0.1, 0.8, None, 1e-12), (4, 12, 0.06, 0.5, 0.0, 1e-3),
+])  # fmt: skip
 def test_no_energy_of_the_sph_liquid_rises(columns, rows, spacing, until, viscosity, bound):
     """As shares of the first energy: to rounding with viscosity; without, up to what a step of 0.2 h/c leaves."""
     sph = loaded("sph_by_hand")
@@ -69,11 +70,9 @@ def test_no_energy_of_the_mpm_block_rises(mpm, monkeypatch):
         return give(x, v, affine, deformation, mass, volume)
 
     monkeypatch.setattr(mpm, "to_grid", recorded)
-    for side, height in ((8, 0.3), (6, 0.5)):
-        energies.clear()
-        mpm.bounce(side, 0.6, height, report=lambda words: None)
-        total = np.array(energies)
-        assert (total - np.minimum.accumulate(total)).max() < 3e-3 * total[0]
+    mpm.bounce(6, 0.6, 0.5, report=lambda words: None)
+    total = np.array(energies)
+    assert (total - np.minimum.accumulate(total)).max() < 3e-3 * total[0]
 
 
 def test_the_mpm_block_falls_and_bounces(mpm):

@@ -234,10 +234,8 @@ E13 in figure 12 of 2023 is `0.5`, $0.5$ and <!-- {{x}} -->0.75<!-- . -->; 1,000
 
 
 @pytest.mark.parametrize(("words", "having", "lines"), [
-    (("told", "None."), 1, 3), (("given by `python -m validation run heat`", "None."), 2, 2),
-    (("told", "Given by `pytest tests/heat`."), 2, 2), (("told", "Measured by `refsim\nadvise front`."), 3, 1),
-    (("told", "```sh\nrefsim advise front\n```"), 2, 2), (("told", "`refsim` and `0.3 s`."), 1, 3),
-    (("told. Measured by `nox -s laws`", "None."), 4, 0),
+    (("told", "`refsim` and `0.3 s`."), 1, 3), (("told", "```sh\nrefsim advise front\n```"), 2, 2),
+    (("told", "Measured by `refsim\nadvise front`."), 3, 1), (("told. Measured by `nox -s laws`", "None."), 4, 0),
 ])  # fmt: skip
 def test_a_number_has_the_command_of_its_section_and_of_what_contains_it(words, having, lines):
     every, found, without = counted(PAGE.format(*words))

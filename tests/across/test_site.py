@@ -58,49 +58,54 @@ def site(tmp_path_factory):
     return folder / "html"
 
 
-@pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
-@pytest.mark.parametrize("width", WIDTHS)
-def test_pages_fit_the_width_and_formulas_are_typeset(site, tmp_path, width):
-    browser = Browser(tmp_path, width, 900)
-    try:
-        for page in ("index", "gallery", "results", "api"):
-            browser.open(site / f"{page}.html")
-            assert browser.value("document.documentElement.scrollWidth") <= width
-            assert browser.value("[...document.images].filter(i => i.complete && !i.naturalWidth).length") == 0
-        browser.open(site / "sph_by_hand.html", "document.querySelectorAll('mjx-container').length > 0")
-        assert browser.value("document.querySelectorAll('mjx-container merror, mjx-merror').length") == 0
-        for page in (site / "lessons").glob("*_in_the_browser.html"):
-            browser.open(page, "document.querySelectorAll('.live svg, .live form').length >= 3")
-        assert not browser.errors
-    finally:
-        browser.close()
+@pytest.fixture(params=WIDTHS)
+def browser(request, tmp_path):
+    """Chromium of a width [pixels]."""
+    if chromium() is None:
+        pytest.skip("Chromium is not installed")
+    made = Browser(tmp_path, request.param, 900)
+    made.width = request.param
+    yield made
+    made.close()
 
 
-@pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
-@pytest.mark.parametrize("width", WIDTHS)
-def test_pictures_fill_their_column_and_words_of_code_stay_whole(site, tmp_path, width):
+wide = pytest.mark.parametrize("browser", WIDTHS[:1], indirect=True)
+narrow = pytest.mark.parametrize("browser", WIDTHS[1:], indirect=True)
+
+
+def test_pages_fit_the_width_and_formulas_are_typeset(site, browser):
+    width = browser.width
+    for page in ("index", "gallery", "results", "api"):
+        browser.open(site / f"{page}.html")
+        assert browser.value("document.documentElement.scrollWidth") <= width
+        assert browser.value("[...document.images].filter(i => i.complete && !i.naturalWidth).length") == 0
+    browser.open(site / "sph_by_hand.html", "document.querySelectorAll('mjx-container').length > 0")
+    assert browser.value("document.querySelectorAll('mjx-container merror, mjx-merror').length") == 0
+    for page in (site / "lessons").glob("*_in_the_browser.html"):
+        browser.open(page, "document.querySelectorAll('.live svg, .live form').length >= 3")
+    assert not browser.errors
+
+
+def test_pictures_fill_their_column_and_words_of_code_stay_whole(site, browser):
     """On every page; up to the picture's own width, with its own shape. Tables scroll in their box.
 
     A picture that is no scene alone is at least as wide as where `enlarge_words` makes its words legible: at 1,280
     pixels the column is, and on a phone the picture scrolls.
     """
     texts = {page: NO_SCRIPT.sub("", page.read_text()) for page in sorted(site.rglob("*.html"))}
-    browser, wrong, seen = Browser(tmp_path, width, 900), [], 0
-    try:
-        for page in (page for page, text in texts.items() if not MOVED.search(text)):
-            browser.open(page)
-            for file, own, own_height, available, shown, height, in_card in browser.value(PICTURES):
-                seen += 1
-                least = 0 if in_card else COLUMN
-                if abs(shown - min(own, max(available, least))) > 1 or abs(height - shown * own_height / own) > 1:
-                    wrong.append(f"{page.name}: {file} of {own} pixels has {shown:g} of {available:g}")
-            wrong += [f"{page.name}: {word} is broken" for word in browser.value(BROKEN_CODE)]
-            if (wide := browser.value("document.documentElement.scrollWidth")) > width:
-                wrong.append(f"{page.name} is {wide} pixels wide")
-            wrong += [f"{page.name}: {error}" for error in browser.errors]
-            browser.errors.clear()
-    finally:
-        browser.close()
+    wrong, seen, width = [], 0, browser.width
+    for page in (page for page, text in texts.items() if not MOVED.search(text)):
+        browser.open(page)
+        for file, own, own_height, available, shown, height, in_card in browser.value(PICTURES):
+            seen += 1
+            least = 0 if in_card else COLUMN
+            if abs(shown - min(own, max(available, least))) > 1 or abs(height - shown * own_height / own) > 1:
+                wrong.append(f"{page.name}: {file} of {own} pixels has {shown:g} of {available:g}")
+        wrong += [f"{page.name}: {word} is broken" for word in browser.value(BROKEN_CODE)]
+        if (wide := browser.value("document.documentElement.scrollWidth")) > width:
+            wrong.append(f"{page.name} is {wide} pixels wide")
+        wrong += [f"{page.name}: {error}" for error in browser.errors]
+        browser.errors.clear()
     assert wrong == []
     assert seen == sum(text.count("<img ") for text in texts.values()) > 100
 
@@ -113,58 +118,46 @@ def test_old_addresses_lead_to_a_place_that_there_is(site):
         assert not anchor or f'id="{anchor}"' in (site / page).read_text(), found[1]
 
 
-@pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
-def test_the_page_of_checks_filters_its_rows(site, tmp_path):
+@wide
+def test_the_page_of_checks_filters_its_rows(site, browser):
     shown = "[...document.querySelectorAll('#checks tr.check')].filter(row => !row.hidden).length"
     choose = "(() => { const form = document.getElementById('filter'); form.elements.%s.value = '%s';"
-    browser = Browser(tmp_path, 1280, 900)
-    try:
-        browser.open(site / "checks.html")
-        counts = [browser.value(shown)]
-        for name, value in (("kind", "claim"), ("verdict", "refuted"), ("words", "no such words")):
-            browser.value(choose % (name, value) + " form.dispatchEvent(new Event('input')); return 0; })()")
-            counts.append(browser.value(shown))
-    finally:
-        browser.close()
+    browser.open(site / "checks.html")
+    counts = [browser.value(shown)]
+    for name, value in (("kind", "claim"), ("verdict", "refuted"), ("words", "no such words")):
+        browser.value(choose % (name, value) + " form.dispatchEvent(new Event('input')); return 0; })()")
+        counts.append(browser.value(shown))
     assert counts[0] > counts[1] > counts[2] > counts[3] == 0
 
 
-@pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
-def test_the_search_has_pages_first_where_a_word_belongs(site, tmp_path):
+@wide
+def test_the_search_has_pages_first_where_a_word_belongs(site, browser):
     first = "(document.querySelector('#search-results li a') || {href: ''}).href"
-    browser = Browser(tmp_path, 1280, 900)
-    try:
-        for words, page in FIRST.items():
-            browser.call("Page.navigate", url=f"{(site / 'search.html').as_uri()}?q={words.replace(' ', '+')}")
-            end = time.monotonic() + 30
-            while not (found := browser.value(first)) and time.monotonic() < end:
-                time.sleep(0.1)
-            assert f"/{page}.html" in found, (words, found)
-    finally:
-        browser.close()
+    for words, page in FIRST.items():
+        browser.call("Page.navigate", url=f"{(site / 'search.html').as_uri()}?q={words.replace(' ', '+')}")
+        end = time.monotonic() + 30
+        while not (found := browser.value(first)) and time.monotonic() < end:
+            time.sleep(0.1)
+        assert f"/{page}.html" in found, (words, found)
 
 
-@pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
-def test_each_card_of_the_gallery_leads_to_its_recipe(site, tmp_path):
+@narrow
+def test_each_card_of_the_gallery_leads_to_its_recipe(site, browser):
     """A recipe shows its picture, a scene file and the command that runs it."""
     links = "[...document.querySelectorAll('.gallery.scenes .card a')].map(link => link.href)"
-    browser = Browser(tmp_path, 390, 900)
-    try:
-        browser.open(site / "gallery.html")
-        found = [link for link in browser.value(links) if "cookbook.html#" in link]
-        assert len(found) == len(set(found)) >= 15
-        for link in found:
-            browser.call("Page.navigate", url=link)
-            place = f"document.getElementById({link.partition('#')[2]!r})"
-            end = time.monotonic() + 30
-            while not browser.value(f"document.readyState === 'complete' && {place} !== null"):
-                assert time.monotonic() < end, link
-                time.sleep(0.05)
-            recipe = f"{place}.closest('section')"
-            assert browser.value(f"Math.min(...['img', 'pre'].map(kind => {recipe}.querySelectorAll(kind).length))") > 0
-            assert "refsim run" in browser.value(f"{recipe}.textContent"), link
-    finally:
-        browser.close()
+    browser.open(site / "gallery.html")
+    found = [link for link in browser.value(links) if "cookbook.html#" in link]
+    assert len(found) == len(set(found)) >= 15
+    for link in found:
+        browser.call("Page.navigate", url=link)
+        place = f"document.getElementById({link.partition('#')[2]!r})"
+        end = time.monotonic() + 30
+        while not browser.value(f"document.readyState === 'complete' && {place} !== null"):
+            assert time.monotonic() < end, link
+            time.sleep(0.05)
+        recipe = f"{place}.closest('section')"
+        assert browser.value(f"Math.min(...['img', 'pre'].map(kind => {recipe}.querySelectorAll(kind).length))") > 0
+        assert "refsim run" in browser.value(f"{recipe}.textContent"), link
 
 
 CONTRAST = """(words => { const light = colour => {
@@ -177,14 +170,10 @@ CONTRAST = """(words => { const light = colour => {
     return one ? Math.max(ink / paper, paper / ink) : 21; }); })(['refuted', 'fails', 'missed', 'confirmed', 'pass'])"""
 
 
-@pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
-def test_words_of_verdicts_are_legible_on_light_and_dark_pages(site, tmp_path):
-    browser = Browser(tmp_path, 1280, 900)
-    try:
-        for scheme in ("light", "dark"):
-            browser.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
-            browser.open(site / "checks.html")
-            assert min(browser.value(CONTRAST)) >= 4.5, scheme
-            assert 21 not in browser.value(CONTRAST)[:1]
-    finally:
-        browser.close()
+@wide
+def test_words_of_verdicts_are_legible_on_light_and_dark_pages(site, browser):
+    for scheme in ("light", "dark"):
+        browser.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
+        browser.open(site / "checks.html")
+        assert min(browser.value(CONTRAST)) >= 4.5, scheme
+        assert 21 not in browser.value(CONTRAST)[:1]
