@@ -178,8 +178,7 @@ def write() -> list[Path]:
 
 
 METHODS = {  # in a legend
-    "R1": "each particle\nby itself (R1)", "R3": "both of a pair (R3)", "CG": "conjugate gradients",
-    "RKL2": "Runge-Kutta-\nLegendre",
+    "R1": "each particle\nby itself (R1)", "CG": "conjugate gradients", "RKL2": "Runge-Kutta-\nLegendre",
 }  # fmt: skip
 
 

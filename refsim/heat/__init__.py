@@ -66,7 +66,6 @@ SCHEMES = {
     "implicit": ("heat.chebyshev", "heat.chebyshev"),  # without and with latent heat
     "conjugate_gradient": ("heat.conjugate_gradient", "heat.conjugate_gradient"),
     "runge_kutta_legendre": ("heat.runge_kutta_legendre", "heat.runge_kutta_legendre"),
-    "pair_exchange": ("heat.pair_exchange", None),
     "one_sided": ("heat.one_sided", None),
     "explicit": ("heat.explicit", "heat.explicit"),
 }
@@ -88,8 +87,7 @@ class HeatConduction(
     density        of the lattice's particles [kg/m^3] in a scene without a liquid that gives them their mass
     scheme         "implicit" (backward Euler: Chebyshev's iteration, conjugate gradients if the step is too long for
                    it), "conjugate_gradient", "runge_kutta_legendre" (second order; the most accurate), "explicit", and
-                   the paper's: "pair_exchange" (M(4), both particles of a pair), "one_sided" (M(4), each particle by
-                   itself)
+                   the paper's "one_sided" (M(4), each particle by itself)
     largest_number  k dt/(rho c d^2) that a step may reach; it limits the step, a fixed one must keep to it; "explicit"
                    and "runge_kutta_legendre" with latent heat are also limited by the particles' own sums s_i
     mean           "harmonic" or "arithmetic" (as in M(4)) mean of two conductivities
@@ -103,14 +101,16 @@ class HeatConduction(
                    (temperature differences before the sweep); their own choices "M6" (Mueller's Laplacian not halved,
                    twice the diffusivity), "M8" (both sweeps of M(4) over the whole step), "M11" (conductivity is a
                    diffusivity [m^2/s], no heat capacity), "M26" (nothing makes up for neighbours that are missing, as
-                   always with schemes "pair_exchange" and "one_sided"); "paper" for their own choices, with scheme
+                   always with scheme "one_sided"); "paper" for their own choices, with scheme
                    "one_sided", laplacian "mueller", the arithmetic mean, nothing calibrated and any drift of the heat;
                    "all" for every printed text
     """
 
     name: ClassVar[str] = "heat_conduction"
     periodic: ClassVar[bool] = True
-    removed: ClassVar[Mapping[str, str]] = dict.fromkeys(("single_pass", "nonlinear_jacobi"), "implicit")
+    removed: ClassVar[Mapping[str, str]] = dict.fromkeys(
+        ("single_pass", "nonlinear_jacobi", "pair_exchange"), "implicit"
+    )
     ledger_units: ClassVar[Mapping[str, str]] = {"heat": "J"}
     ledger_expected: ClassVar[Mapping[str, str]] = {
         "heat": "conduction keeps it to rounding; reservoirs and a melt that changes its mass do not"
@@ -132,9 +132,7 @@ class HeatConduction(
     latent_heat: PerPart = 0.0
     held: tuple[int, ...] = ()
     density: Positive = 1000.0
-    scheme: Literal[
-        "implicit", "conjugate_gradient", "runge_kutta_legendre", "pair_exchange", "one_sided", "explicit",
-    ] = "implicit"  # fmt: skip
+    scheme: Literal["implicit", "conjugate_gradient", "runge_kutta_legendre", "one_sided", "explicit"] = "implicit"
     largest_number: Positive = 10.0
     mean: Literal["harmonic", "arithmetic"] = "harmonic"
     laplacian: Literal["spiky", "mueller"] = "spiky"
@@ -166,7 +164,7 @@ class HeatConduction(
     @property
     def compensates(self) -> bool:
         """Whether pairs make up for neighbours that are missing."""
-        plain = not self.calibrated or self.scheme in ("pair_exchange", "one_sided")
+        plain = not self.calibrated or self.scheme == "one_sided"
         return self.conducts and not plain and not self.printed() & {"M5", "M6", "M26"}
 
     def operation(self) -> str:
@@ -203,19 +201,12 @@ class HeatConduction(
             raise InputError(
                 f"{self.name}: with literal Shao & Song M11 there is no heat capacity and no latent heat; drop one."
             )
-        if "M5" in printed and self.scheme not in ("pair_exchange", "one_sided", "explicit"):
+        if "M5" in printed and self.scheme not in ("one_sided", "explicit"):
             raise InputError(
                 f"{self.name}: with literal Shao & Song M5 some pairs conduct from cold to warm, and scheme"
-                f" {self.scheme!r} cannot solve that; choose pair_exchange, one_sided or explicit."
+                f" {self.scheme!r} cannot solve that; choose one_sided or explicit."
             )
         self.operation()
-        for axis, length in zip("xyz", grid.period) if self.scheme == "pair_exchange" else ():
-            if 0 < length < 4 * grid.support_radius:
-                raise InputError(
-                    f"{self.name}: the scene's period along {axis} is {length:g} m, below four support radii"
-                    f" ({4 * grid.support_radius:g} m), which scheme 'pair_exchange' needs; give a longer one, or"
-                    " another scheme."
-                )
         number = grid.step * self.greatest_diffusivity(grid, others) / grid.spacing**2
         if number > self.largest_number * (1 + 1e-6) and self.scheme != "explicit":
             raise InputError(

@@ -82,11 +82,6 @@ def tight(grid):
     return 1e-6 if grid.dtype == "float32" else 1e-14
 
 
-def wide_box(case, grid):
-    """A periodic box as long as the colours of the pairs need it."""
-    return cases.period_around(case, grid, 4.5 * case.support_radius)
-
-
 def planned(case, grid):
     """The number of passes is found on the GPU, not on the host."""
     passes = 0 if case.name.startswith("dense_cluster") else MOST_PASSES  # more than a table holds; then they only damp
@@ -124,8 +119,7 @@ cases.readings(conduction="laplacian harmonic unit_capacity frozen")
 PAIRS = "support_radius factor laplacian harmonic unit_capacity dim"
 cases.codes(Conduction, laplacian={"spiky": SPIKY, "mueller": MUELLER, "poly6": POLY6})
 takes("heat.compensation", conduction="support_radius factor laplacian dim unit_capacity")  # which changes `factor`
-takes("heat.one_sided", conduction=f"{PAIRS} frozen")
-takes("heat.pair_exchange", conduction=f"{PAIRS} sweep_share")
+takes("heat.one_sided", conduction=f"{PAIRS} frozen sweep_share")
 takes("heat.chebyshev", conduction=f"{PAIRS} tolerance most_passes")
 
 
@@ -176,17 +170,9 @@ def _alone(weight=WEIGHT):
     return weight / (1 + weight * INVERSE.sum())
 
 
-def _swept_twice(weight):
-    """Twice M(4) over half the step; the second time the difference has shrunk."""
-    once = _alone(weight / 2)
-    return _moved(once * APART * (1 + (1 - once * INVERSE.sum())))
-
-
 # E = g (T_2 - T_1); and over 1 + g (1/C_1 + 1/C_2): M(4) is backward Euler for a pair
 closed_form("heat.explicit", across=5.0, a_pair_forward=lambda: _pair(_moved(WEIGHT * APART)))
 closed_form("heat.conjugate_gradient", across=5.0, a_pair_backward=lambda: _pair(_moved(_alone() * APART)))
-# across a border in a box of four support radii
-closed_form("heat.pair_exchange", across=8.0, a_pair_in_two_sweeps=lambda: _pair(_swept_twice(WEIGHT)))
 closed_form(
     "heat.exchange_rate",  # G/C_i, G = WEIGHT/dt; a reservoir has none
     rates_of_a_pair=lambda: _rates(np.array([WEIGHT / 0.5 * INVERSE[0], 0.0]), reservoir=[0, 1]),
@@ -203,8 +189,8 @@ def a_pair_with_a_reservoir():
 
 
 def _each_by_itself(weight):
-    """T_i + f_i (T_j - T_i), f_i = g/C_i/(1 + g (1/C_1 + 1/C_2)), and again from the new temperatures."""
-    f, t = _alone(weight) * INVERSE, TEMPERATURE
+    """T_i + f_i (T_j - T_i), f_i = g/C_i/(1 + g (1/C_1 + 1/C_2)) of half a step, and again from the new ones."""
+    f, t = _alone(weight / 2) * INVERSE, TEMPERATURE
     for _ in range(2):
         t = t + f * (t[::-1] - t)
     return t
@@ -315,9 +301,7 @@ closed_form(  # the moduli: |G|/C_i
 closed_form(  # heat goes from cold to warm
     "heat.explicit", a_pair_forward_by_poly6=lambda: _pair(_moved(POLY6_WEIGHT * APART), conduction=BY_POLY6)
 )
-closed_form(
-    "heat.pair_exchange", a_pair_in_two_sweeps_by_poly6=lambda: _pair(_swept_twice(POLY6_WEIGHT), conduction=BY_POLY6)
-)
+closed_form("heat.one_sided", each_by_itself_by_poly6=lambda: _pair(_each_by_itself(POLY6_WEIGHT), conduction=BY_POLY6))
 
 
 # Conductivities below 1 W/(m K), a tenth of the pair's: the harmonic mean of 0.3 and 0.1 is 0.15.
@@ -336,7 +320,7 @@ closed_form(
     ),
 )
 closed_form(
-    "heat.pair_exchange", a_poor_conductor_in_two_sweeps=lambda: _pair(_swept_twice(0.1 * WEIGHT), conductivity=POOR)
+    "heat.one_sided", a_poor_conductor_by_itself=lambda: _pair(_each_by_itself(0.1 * WEIGHT), conductivity=POOR)
 )
 
 
@@ -378,20 +362,6 @@ def each_by_itself_at_nearly_half_a_period():
     return dataclasses.replace(_pair(_each_by_itself(WEIGHT / (64 * 127)), period=NARROW), case=FAR)
 
 
-def _two_sweeps_at(place):
-    pair = _pair(_swept_twice(WEIGHT))
-    return dataclasses.replace(pair, case=dataclasses.replace(pair.case, position=pair.case.position + place))
-
-
-closed_form(
-    "heat.pair_exchange",
-    # in a box of 104 cells the pair stands in the last one and in the first
-    two_sweeps_across_a_far_border=lambda: cases.across_a_border(_two_sweeps_at([0.0, 103.5, 0.0]), 104.0),
-    # 2^21 cells from the origin; cells are numbered up to 2^20
-    two_sweeps_beyond_all_cells=lambda: _two_sweeps_at([0.0, 0.0, 2.0**21]),
-)
-
-
 @closed_form("heat.particle_volume")
 def volume_of_two():
     """V = m/rho."""
@@ -424,13 +394,6 @@ def a_pair_of_unit_weight():
     conduction = _conduction_of(factor=UNIT)
     assert conduction.scale == 1.0
     return _pair(_moved(APART), conductivity=np.ones(2), timestep=[0.7, 1.0], conduction=conduction)
-
-
-@closed_form("heat.pair_exchange")
-def two_sweeps_of_unit_weight():
-    """The same in each of two sweeps over half of 2 s."""
-    conduction = _conduction_of(factor=UNIT, sweep_share=0.5)
-    return _pair(_swept_twice(2.0), conductivity=np.ones(2), timestep=[0.7, 2.0], conduction=conduction)
 
 
 @closed_form("heat.exchange_rate")

@@ -267,7 +267,7 @@ def sweep(i, exchanges, inverse, conduction, backwards, old, temperature):
         k = count - np.uint64(1) - n if backwards else n
         at = first + k * stride
         j = exchanges.entries[at]
-        share = inverse[i] * pair_share(exchanges.weight[at], inverse[i], inverse[j])
+        share = inverse[i] * pair_share(conduction.sweep_share * exchanges.weight[at], inverse[i], inverse[j])
         if conduction.frozen:  # Shao & Song M9 as printed
             running += share * (old[j] - before)
         else:

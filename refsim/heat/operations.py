@@ -227,11 +227,12 @@ def one_sided(body: Body, step: Step, temperature):
     """M(4) as read literally (R1): T_i <- T_i + E_ij/C_i, neighbour by neighbour [degrees C].
 
     Every particle takes its neighbours one after another, with their temperatures before the sweep; then, from the new
-    temperatures, backwards. With `frozen` (Shao & Song M9) T_i in the difference is that before the sweep, too.
+    temperatures, backwards; half of dt each, or all of it (Shao & Song M8). With `frozen` (Shao & Song M9) T_i in the
+    difference is that before the sweep, too.
     """
     pairs, (before,) = Exchanges(body, step), _f(temperature)
     first, count = np.searchsorted(pairs.i, np.arange(len(before))), np.bincount(pairs.i, minlength=len(before))
-    size = np.abs(before).max(initial=0)
+    size, weight = np.abs(before).max(initial=0), float(step.conduction.sweep_share) * pairs.weight
     for backwards in (False, True):
         running = before.copy()
         for k in range(count.max(initial=0)):
@@ -240,7 +241,7 @@ def one_sided(body: Body, step: Step, temperature):
             reached = before if step.conduction.frozen else running
             j = pairs.j[pair]
             i, j = _side(active, reached, pairs.inverse), _side(j, before, pairs.inverse)
-            running[active] += i.inverse * ref.exchange(i, j, Of(weight=pairs.weight[pair]))
+            running[active] += i.inverse * ref.exchange(i, j, Of(weight=weight[pair]))
         before = running
         size = max(size, np.abs(before).max(initial=0))
     return {"temperature": (before, np.full(len(before), 4 * size))}
@@ -248,82 +249,6 @@ def one_sided(body: Body, step: Step, temperature):
 
 def _side(rows, temperature, inverse):
     return Of(temperature=temperature[rows], inverse=inverse[rows])
-
-
-@_scheme(
-    "(4) with Shao & Song M5 to M9 (R3)", paper="Shao & Song 2017", outputs="temperature", optional="reservoir period",
-    variants=("reservoir period", without("reservoir", period="wide_box"), "period"), invariants="",
-    programs={"cpu": "pair_exchange", "cuda": "pair_exchange"},
-)  # fmt: skip
-def pair_exchange(
-    position, mass, volume, heat_capacity, conductivity, reservoir, timestep, conduction, period, temperature
-):
-    """M(4) for both particles of a pair at once (R3): E goes from j to i. [degrees C]
-
-    Every pair once, in the order of `rounds`, and once more backwards; half of dt each (Shao & Song M8).
-    """
-    step = Step(timestep, conduction, period)
-    pairs = Exchanges(Body(position, mass, volume, heat_capacity, conductivity, reservoir, None, None), step)
-    g, t = float(step.conduction.sweep_share) * pairs.weight, np.array(temperature, dtype=float)
-    side, dim = float(step.conduction.support_radius) / 2, int(step.conduction.dim)
-    order = [np.array(r).T for r in rounds(position, side, dim, step.period)]
-    size = np.abs(t).max(initial=0)
-    at = np.append(pairs.i * np.int64(len(t)) + pairs.j, -1)  # sorted but for the last, which is no pair
-    for a, b in order + order[::-1]:
-        k = np.searchsorted(at[:-1], a * np.int64(len(t)) + b)
-        near = at[k] == a * np.int64(len(t)) + b
-        a, b, ij = a[near], b[near], Of(weight=g[k[near]])
-        moved = ref.exchange(_side(a, t, pairs.inverse), _side(b, t, pairs.inverse), ij)
-        t[a] += pairs.inverse[a] * moved
-        t[b] -= pairs.inverse[b] * moved
-    size = max(size, np.abs(t).max(initial=0))
-    return {"temperature": (t, np.full(len(t), 4 * size))}
-
-
-def rounds(position, side, dim, period):
-    """Yield lists of pairs (a, b) no two of which share a particle; together every pair of neighbouring cells.
-
-    Cells of `side` [m], half the support radius, or wider, so that a multiple of four fits a period. First each cell
-    with itself, then with those up to two cells away, 62 directions (12 in 2D), by falling distance and then in the
-    order of x, y, z; cells whose place along the direction's first axis, counted in its steps, is even before odd ones.
-    In two cells of p and q particles round k pairs number a with number (a + k) mod max(p, q); in one cell of p, number
-    a with the one that makes a + b = k mod p.
-    """
-    lengths = [0.0] * 3 if period is None else [float(v) for v in period[:3]]
-    wraps = [int(length / side * (1 + 1e-6)) // 4 * 4 for length in lengths]
-    sides = [length / n if n else side for length, n in zip(lengths, wraps)]
-    cell = np.floor(np.asarray(position, dtype=float) * (1.0 / np.array(sides))).astype(np.int64)
-    for axis, n in enumerate(wraps):
-        if n:
-            cell[:, axis] %= n
-
-    def beside(key, direction):
-        moved = key[0] + direction[0], key[1] + direction[1], key[2] + direction[2]
-        return moved if period is None else tuple(m % n if n else m for m, n in zip(moved, wraps))
-
-    members = {}
-    for i, key in enumerate(map(tuple, cell.tolist())):
-        members.setdefault(key, []).append(i)
-    turns = {}
-    for here in members.values():
-        for b, j in enumerate(here):
-            for a, i in enumerate(here[:b]):
-                turns.setdefault((a + b) % len(here), []).append((i, j))
-    yield from (turns[k] for k in sorted(turns))
-    steps = [(a - 2, b - 2, c - 2) for a, b, c in np.ndindex(5, 5, 5)]
-    for x, y, z in sorted(steps[63:], key=lambda d: -(d[0] ** 2 + d[1] ** 2 + d[2] ** 2)):
-        if dim == 2 and z != 0:
-            continue
-        axis, stride = (0, x) if x else (1, y) if y else (2, z)
-        parities = {}, {}
-        for key, here in members.items():
-            other = members.get(beside(key, (x, y, z)), [])
-            turns, m = parities[key[axis] // stride % 2], max(len(here), len(other))
-            for a, i in enumerate(here):
-                for b, j in enumerate(other):
-                    turns.setdefault((b - a) % m, []).append((i, j))
-        for turns in parities:
-            yield from (turns[k] for k in sorted(turns))
 
 
 @_scheme(

@@ -41,7 +41,7 @@ class Conduction(NamedTuple):
     factor: float  # calibration of L_ij, or 1/2 (Shao & Song M6); a factor of `scale`
     tolerance: float  # of Chebyshev's iteration
     residual: float  # of conjugate gradients, against the first one
-    sweep_share: float  # of dt in each sweep of the pair exchange (Shao & Song M8)
+    sweep_share: float  # of dt in each sweep of M(4) (Shao & Song M8)
     laplacian: int  # SPIKY, MUELLER or POLY6 (Shao & Song M5)
     harmonic: int  # mean of two conductivities: harmonic, else arithmetic
     unit_capacity: int  # the conductivity is a diffusivity (Shao & Song M11)

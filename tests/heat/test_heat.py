@@ -140,7 +140,7 @@ def test_reservoirs_hold_their_temperature():
     ({"melting_point": -300.0, "latent_heat": 1.0}, "melting_point = -300.0 is not possible"),
     ({"temperature": -274.0}, "temperature = -274.0 is not possible"),
     ({"heat_capacity": 0.0}, "heat_capacity = 0.0 is not possible"), ({"latent_heat": 3e5}, "without a melting_point"),
-    ({"latent_heat": 3e5, "melting_point": 0.0, "scheme": "pair_exchange"}, "has no latent heat"),
+    ({"latent_heat": 3e5, "melting_point": 0.0, "scheme": "one_sided"}, "has no latent heat"),
     ({"literal": ("M5",)}, "conduct from cold to warm"),
     ({"literal": ("M11",), **ICE}, "with literal Shao & Song M11"),
     ({"temperature": (1.0, 2.0, 3.0)}, "3 numbers for 2 parts"), ({"held": (5,)}, "held names part 5"),

@@ -210,7 +210,7 @@ def other_units(drawn: Drawn, backend: str) -> Found:
 
 def in_turn(scene: Scene) -> bool:
     """Whether particles exchange heat one after the other."""
-    return getattr(of_kind(scene, HeatConduction), "scheme", "") in ("pair_exchange", "one_sided")
+    return getattr(of_kind(scene, HeatConduction), "scheme", "") == "one_sided"
 
 
 def by_chance(scene: Scene) -> bool:

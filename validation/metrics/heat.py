@@ -76,7 +76,8 @@ class Conductor:
         n = len(position)
         effect = HeatConduction(scheme=scheme, conductivity=1.0, heat_capacity=1.0, density=1.0, **options)
         self.scheme = scheme
-        self.conduction = effect.conduction(Discretisation(3, "float64", spacing, SUPPORT * spacing, n))
+        conduction = effect.conduction(Discretisation(3, "float64", spacing, SUPPORT * spacing, n))
+        self.conduction = conduction._replace(sweep_share=np.float64(1.0))  # as printed (Shao & Song M8)
         volume, one = np.full(n, spacing**3), np.ones(n)
         self.temperature = np.array(temperature, dtype=float)
         self.arguments: dict[str, Any] = dict.fromkeys(

@@ -13,7 +13,7 @@ import numpy as np
 from refsim import Box, HeatConduction, Scene, Simulation
 from refsim.core.errors import InputError, RunStopped
 from refsim.engine.conserved_totals import conserved_totals
-from refsim.heat import kernels, pair_exchange
+from refsim.heat import kernels
 from refsim.scene.plan import Plan, make_plan
 from validation.checks import Checks, Quantities
 from validation.experiment import Experiment, Measure, Options, Results, RunSpec, each
@@ -28,17 +28,12 @@ from validation.trials import Cell, Trial, hard_case, largest_stable, unguarded
 SPACING, LENGTH, END = 0.2, 40, 6.4  # of the slab: [m], spacings along x, [s]
 
 
-def across(scheme: str) -> int:
-    """Spacings along y and z of a periodic column; cells of the pair exchange need four support radii."""
-    return 10 if scheme == "pair_exchange" else 6
-
-
 # A cosine in an insulated slab, periodic across
 
 
 def slab_of(scheme: str, cells: int = LENGTH, spacing: float = SPACING, **options: Any) -> tuple[Conductor, np.ndarray]:
     """The slab at its start, and the depth x of its particles [m]."""
-    return cosine_slab(scheme, cells, across(scheme), spacing, **options)
+    return cosine_slab(scheme, cells, 6, spacing, **options)
 
 
 def rms(values: np.ndarray) -> float:
@@ -63,7 +58,6 @@ def order_in_spacing(context: Context, cells: tuple[int, ...] = (10, 20, 40, 80)
 
 STEPS = {
     "explicit": (0.03125, 0.0625, 0.125, 0.25), "one_sided": (0.03125, 0.0625, 0.125, 0.25),
-    "pair_exchange": (0.125, 0.25, 0.5, 1.0),
     "implicit": (1.0, 2.0, 4.0, 8.0), "conjugate_gradient": (1.0, 2.0, 4.0, 8.0),
     "runge_kutta_legendre": (1.0, 2.0, 4.0, 8.0),
 }  # fmt: skip
@@ -88,13 +82,14 @@ def order_in_step(context: Context, scheme: str) -> Result:
 
 # What the paper on melting claims of its conduction of heat, equation (4), measured on a cosine in a slab.
 #
-# Read literally (R1: each particle by itself) and as it keeps the heat (R3: both particles of a pair). K of the figures
-# is read in hundredths of a m^2/s, as in the scenes of melting (`validation.experiments.melting.scene.SCALE`).
+# Read literally (R1: each particle by itself). K of the figures is read in hundredths of a m^2/s, as in the scenes of
+# melting (`validation.experiments.melting.scene.SCALE`).
 
 
 CELLS, ACROSS, CLAIM_SPACING, UNTIL = 20, 10, 0.2, 1.6  # [1], [1], [m], [s]
 LARGE = (1.0, 2.0, 4.0, 8.75, 35.0)  # k dt/(rho c d^2) of steps that are long for an explicit scheme
 CLAIM_NUMBERS = (2.0, 3.0, 4.0, 6.0, 8.75)  # k dt/(rho c d^2) of long steps; the paper's are 100 times smaller
+LONG = (8.75, 100.0, 1e3, 1e5, 3e6)
 SEEDS = (1, 2, 3, 4, 5)
 PASSES = (1, 2, 4, 8)
 
@@ -104,27 +99,12 @@ def column(scheme: str, seed: int | None = None) -> tuple[Conductor, np.ndarray]
     return cosine_slab(scheme, CELLS, ACROSS, CLAIM_SPACING, seed)
 
 
-def swept(made: Conductor, order: Any, seconds: float, passes: int, reverse: bool) -> None:
-    """One step of M(4) in so many passes of equal parts; every second one backwards, or none.
-
-    order  of the pairs, from `pair_exchange.colours`
-    """
-    t, conduction = made.temperature, made.conduction._replace(sweep_share=np.float64(1 / passes))
-    if made.scheme == "one_sided":
-        exchanges, inverse, _ = made.weighed(seconds / passes)
-        for k in range(passes):
-            kernels.sweep(exchanges, inverse, conduction, np.int32(reverse and k % 2), t.copy(), t)
-        return
-    given = {**made.arguments, "timestep": np.array([0.0, seconds])}
-    inverse = 1.0 / (given["mass"] * given["heat_capacity"])
-    members, first, colours = order
-    cells, ends = pair_exchange.joined(colours)
+def swept(made: Conductor, seconds: float, passes: int, reverse: bool) -> None:
+    """One step of M(4) in so many passes of equal parts; every second one backwards, or none."""
+    t = made.temperature
+    exchanges, inverse, _ = made.weighed(seconds / passes)
     for k in range(passes):
-        held = pair_exchange.Exchanging(
-            given["position"], given["volume"], given["conductivity"], inverse, given["timestep"], conduction,
-            given["period"], t,
-        )  # fmt: skip
-        pair_exchange.exchange_colours(cells, ends, members, first, np.int32(reverse and k % 2), held)
+        kernels.sweep(exchanges, inverse, made.conduction, np.int32(reverse and k % 2), t.copy(), t)
 
 
 def reversal(context: Context, scheme: str, number: float) -> Result:
@@ -134,9 +114,8 @@ def reversal(context: Context, scheme: str, number: float) -> Result:
     for words, reverse in (("forward", False), ("reversed", True)):
         for passes in PASSES:
             made, x = column(scheme)
-            order = pair_exchange.colours(np, made.arguments["position"], made.conduction, made.arguments["period"])
             for _ in range(steps):
-                swept(made, order, UNTIL / steps, passes, reverse)
+                swept(made, UNTIL / steps, passes, reverse)
             error = made.temperature - exact.cosine(x, CELLS * CLAIM_SPACING, UNTIL)
             errors[words].append(float(np.sqrt((error**2).mean())))
         context.progress(0.5)
@@ -191,23 +170,17 @@ def _runs(key: str, function: Callable[..., Result], parameters: list[dict[str, 
     ]
 
 
-def _reversed(scheme: str, passes: int) -> Measure:
+def _reversed(passes: int) -> Measure:
     """Error of so many passes of which every second one runs backwards, over that of passes forwards."""
     at = PASSES.index(passes)
-    runs = _runs(f"reversal_{scheme}", reversal, [{"number": number} for number in CLAIM_NUMBERS], scheme=scheme)
+    runs = _runs("reversal_one_sided", reversal, [{"number": number} for number in CLAIM_NUMBERS], scheme="one_sided")
     return Measure(runs, each(lambda v: real(v["reversed"][at]) / real(v["forward"][at])))
 
 
-CLAIMS = {
-    f"heat_reversed_{kind}_{passes}": _reversed(scheme, passes)
-    for kind, scheme in (("pairs", "pair_exchange"), ("single", "one_sided")) for passes in PASSES[1:]
-}  # fmt: skip
+CLAIMS = {f"heat_reversed_single_{passes}": _reversed(passes) for passes in PASSES[1:]}
 HEAT_LONG_STEPS_HOLD = Measure(
-    _runs("long", long_steps, [
-        {"scheme": scheme, "number": number} for scheme in ("one_sided", "pair_exchange") for number in (8.75, 1e3, 3e6)
-    ]),
-    each("beyond"),
-)  # fmt: skip
+    _runs("long", long_steps, [{"number": number} for number in LONG], scheme="one_sided"), each("beyond")
+)
 HEAT_EXPLICIT_BREAKS = Measure(
     _runs("explicit", long_steps, [{"number": number} for number in LARGE], scheme="explicit"), each("beyond")
 )
@@ -216,16 +189,10 @@ HEAT_ORDER_MATTERS = Measure(
 )
 
 
-def _material(scheme: str) -> Measure:
-    """Diffusivity that K = 70 delivers over that of K = 10, over seven, for five numberings."""
-    return Measure(
-        _runs(f"material_{scheme}", delivered, [{"seed": seed} for seed in SEEDS], scheme=scheme),
-        each(lambda v: real(v["rows"][-1]["delivered"]) / real(v["rows"][0]["delivered"]) / 7),
-    )
-
-
-HEAT_MATERIAL_COUNTS_SINGLE = _material("one_sided")
-HEAT_MATERIAL_COUNTS_PAIRS = _material("pair_exchange")
+HEAT_MATERIAL_COUNTS_SINGLE = Measure(  # diffusivity that K = 70 delivers over that of K = 10, over seven
+    _runs("material_one_sided", delivered, [{"seed": seed} for seed in SEEDS], scheme="one_sided"),
+    each(lambda v: real(v["rows"][-1]["delivered"]) / real(v["rows"][0]["delivered"]) / 7),
+)
 
 # Null models
 
@@ -248,10 +215,9 @@ UNIT = HARD_SPACING**2 * DENSITY * CAPACITY  # [s]: the step of k dt/(rho c d^2)
 WARM, COLD, HARD_LATENT = 50.0, -10.0, 3e4  # [deg C], [deg C], [J/kg]
 ICE = {"melting_point": 0.0, "latent_heat": HARD_LATENT}
 BOUNDED_ICE = {"conjugate_gradient": 1e-3, "implicit": 1e-3}
-KEEPING = ("pair_exchange", "conjugate_gradient", "implicit", "runge_kutta_legendre")
-BOUNDED = {  # share of the range by which a scheme may leave it: what its solve leaves, or rounding
-    "pair_exchange": 1e-12, "one_sided": 1e-12, "conjugate_gradient": 1e-3, "implicit": 1e-3,
-}  # fmt: skip
+KEEPING = ("conjugate_gradient", "implicit", "runge_kutta_legendre")
+# Share of the range by which a scheme may leave it: what its solve leaves, or rounding
+BOUNDED = {"one_sided": 1e-12, "conjugate_gradient": 1e-3, "implicit": 1e-3}
 KEPT = 1e-12
 
 
@@ -443,9 +409,7 @@ def step_cell(context: Context, backend: str, scheme: str, melts: bool, steps: i
     return largest_stable(trouble, 0.25, 0.05, 1e4, factor=1.2).result(limit.length / UNIT)
 
 
-PLAIN = (
-    "explicit", "runge_kutta_legendre", "implicit", "conjugate_gradient", "pair_exchange", "one_sided",
-)  # fmt: skip
+PLAIN = ("explicit", "runge_kutta_legendre", "implicit", "conjugate_gradient", "one_sided")
 MELTING = ("runge_kutta_legendre", "implicit", "conjugate_gradient")
 
 MAPS = {
