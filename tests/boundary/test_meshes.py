@@ -122,21 +122,25 @@ def test_triangles_with_gaps_are_joined(part):
     assert distance == pytest.approx([-0.3, -0.2, 0.2], abs=0.01)
 
 
-def test_joining_leaves_closed_thin_features_and_wide_gaps_alone():
-    """The bound is 1e-4 of the size, along open edges only: a closed plate of 2e-5 keeps its thickness."""
+def test_meshes_are_repaired_and_thin_features_left_alone():
     thin = trimesh.creation.box((1.0, 1.0, 2e-5))
     assert surface_mesh(*soup(thin.vertices, thin.faces)).volume == pytest.approx(2e-5, rel=1e-9)
     with pytest.raises(InputError, match="is open"):
         surface_mesh(*gaps(0.5))
-
-
-def test_fins_are_left_out():
     vertices = np.vstack([BALL.vertices, 1.2 * BALL.vertices[BALL.faces[::100, 0]], 0.5 * BALL.vertices[:1]])
     tips = len(BALL.vertices) + np.arange(14)
     edges = np.vstack([BALL.faces[::100, :2], BALL.faces[7:8, :2]])
     mesh = surface_mesh(vertices, np.vstack([BALL.faces, np.column_stack([edges, tips])]))
     assert mesh.notes == ("assumed of the mesh: 14 triangles of open sheets, which enclose nothing, left out",)
     assert mesh.volume == pytest.approx(BALL.volume)
+    vertices, faces = bricks([[0, 0, 0], [3, 3, 3]], [[1.0, 1, 1], [3.5, 2, 2]])
+    mesh = surface_mesh(vertices, faces[:, ::-1])
+    assert (mesh.volume, mesh.area) == (pytest.approx(27.5), pytest.approx(56.0))
+    assert "2 bodies turned inside out" in mesh.notes[0]
+    box = BOX.subdivide()
+    shared = (box.faces[:, :, None] == box.faces[5][None, None]).any(2).sum(1)
+    mesh = surface_mesh(box.vertices, box.faces[shared != 2])
+    assert (len(mesh.faces), mesh.volume, mesh.area) == (48, pytest.approx(1.0), pytest.approx(6.0))
 
 
 def test_edges_of_four_triangles_are_taken():
@@ -419,22 +423,6 @@ def test_compressed_arrays_of_a_mesh_are_not_unpacked(tmp_path, monkeypatch, nam
         read_mesh(name)
     mesh.write(name, **plain)
     assert len(read_mesh(name).faces) == 12
-
-
-def test_bodies_drawn_inside_out_of_which_one_lies_in_the_other_are_their_union():
-    """A bar that stands out of a block by a fifth of its length is no pocket of a block that is inside out, too."""
-    vertices, faces = bricks([[0, 0, 0], [3, 3, 3]], [[1.0, 1, 1], [3.5, 2, 2]])
-    mesh = surface_mesh(vertices, faces[:, ::-1])
-    assert (mesh.volume, mesh.area) == (pytest.approx(27.5), pytest.approx(56.0))
-    assert "2 bodies turned inside out" in mesh.notes[0]
-
-
-def test_holes_around_a_triangle_that_is_left_are_filled_one_by_one():
-    """Without its three neighbours a triangle of a box shares only corners with the others."""
-    box = BOX.subdivide()
-    shared = (box.faces[:, :, None] == box.faces[5][None, None]).any(2).sum(1)
-    mesh = surface_mesh(box.vertices, box.faces[shared != 2])
-    assert (len(mesh.faces), mesh.volume, mesh.area) == (48, pytest.approx(1.0), pytest.approx(6.0))
 
 
 WINDS = """

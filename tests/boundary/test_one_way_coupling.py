@@ -80,16 +80,13 @@ def test_layers_below_the_surface_are_a_spacing_apart(plate):
     assert abs(volume[upper[0]].mean() / volume[upper[1]].mean() - 1) < 0.05
 
 
-def test_a_mesh_is_looked_for_beside_the_scene_file(plate, tmp_path):
+def test_a_mesh_is_looked_for_beside_the_scene_file_and_in_the_folder_of_a_run(plate, tmp_path, monkeypatch):
     (tmp_path / "solid.obj").write_text(pathlib.Path(plate).read_text())
     text = scene_to_toml(scene(LIQUID, MeshBoundary(file="solid.obj")))
     (tmp_path / "scene.toml").write_text(text)
     loaded = load_scene(tmp_path / "scene.toml")
     assert loaded.effects[-1].file == str(tmp_path / "solid.obj")
     assert len(make_plan(loaded).walls.position) > 100
-
-
-def test_the_mesh_of_a_run_is_found_from_another_folder(plate, tmp_path, monkeypatch):
     (tmp_path / "solid.obj").write_text(pathlib.Path(plate).read_text())
     monkeypatch.chdir(tmp_path)
     refsim.simulate(scene(LIQUID, MeshBoundary(file="solid.obj")), until=1e-5, backend="numpy", output="run")

@@ -21,9 +21,6 @@ def test_a_launch_waits_for_what_it_reads_and_for_what_reads_what_it_changes():
         launch("", "e"),
     ]  # fmt: skip
     assert needed_before(launches) == [(), (), (0,), (0, 1), (2, 3), (4,), (5,)]
-
-
-def test_two_reads_need_no_order_and_scratch_memory_is_changed_by_all_that_take_it():
     heat, force = accesses(Pass("heat.chebyshev"), "cuda"), accesses(Pass("jiang_zhu_2023.cohesion"), "cuda")
     assert needed_before([launch("x ", "y"), launch("x ", "z")]) == [(), ()]
     assert "scratch" in heat.changed

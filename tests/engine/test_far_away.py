@@ -177,16 +177,16 @@ def test_frames_reports_and_observables_are_places_in_the_scene(tmp_path):
     assert front(simulation) == pytest.approx(simulation.field("position")[:, 0].max() + 0.5 * D)
 
 
-def test_a_post_mortem_names_places_in_the_scene(tmp_path):
+def test_messages_and_post_mortems_name_places_in_the_scene_and_set_ones_are_such(tmp_path):
     simulation = rs.Simulation(scenes("walls", (FAR, FAR, 0)), "numpy")
     simulation.fields["velocity"][7] = np.nan
     with pytest.raises(Exception, match=r"finite|diverged"):
         simulate(simulation, until=1e-2, output=tmp_path / "run")
     found = json.loads((tmp_path / "run" / "postmortem.json").read_text())
     assert np.abs(np.array(found["particle"]["position_at_list_build"]) / D - [FAR, FAR, 0]).max() < 6
-
-
-def test_positions_are_set_as_places_in_the_scene():
+    inside, box = block((FAR, FAR, 0), dim=2), walls((FAR, FAR + 2, 0), 3.0)
+    with pytest.raises(rs.InputError, match=r"particle 0 at \(9999.97, 9999.97\) m is behind a wall"):
+        make_plan(inside.with_(effects=(LIQUID, box)))
     simulation = advanced(rs.Simulation(scenes("walls", (FAR, FAR, 0)), "numpy"), 5)
     wanted = simulation.field("position") + [0.25 * D, 0.0, 0.0]
     simulation.set_field("position", wanted)
@@ -194,12 +194,6 @@ def test_positions_are_set_as_places_in_the_scene():
     assert not simulation.field("position_residual").any()
     with pytest.raises(rs.InputError, match="no state"):
         simulation.set_field("position_residual", np.zeros((simulation.count, 3)))
-
-
-def test_messages_name_places_in_the_scene():
-    inside, box = block((FAR, FAR, 0), dim=2), walls((FAR, FAR + 2, 0), 3.0)
-    with pytest.raises(rs.InputError, match=r"particle 0 at \(9999.97, 9999.97\) m is behind a wall"):
-        make_plan(inside.with_(effects=(LIQUID, box)))
 
 
 # What is not changed, and what is not reached

@@ -48,7 +48,14 @@ def test_drag_in_python_reaches_the_speed_of_the_closed_form(backend):
     )  # of the present state
 
 
-def test_what_cannot_be_is_refused():
+def test_two_forces_add_up_and_what_cannot_be_is_refused():
+    simulation = rs.Simulation(falling(), "numpy")
+    for share in (1.0, 2.0):
+        simulation.add_force(lambda time, fields, share=share: np.add(
+            fields["acceleration"], [share, 0, 0], out=fields["acceleration"]
+        ))  # fmt: skip
+    simulation.step()
+    assert simulation.field("acceleration")[0].tolist() == [3.0, 0.0, -9.81]
     simulation = rs.Simulation(falling(), "numpy")
     with pytest.raises(InputError, match=r"add_force: force = 3 is a whole number; give a function"):
         simulation.add_force(3)
@@ -58,13 +65,3 @@ def test_what_cannot_be_is_refused():
     audited = rs.Simulation(falling(energy_audit=rs.EnergyAudit()), "numpy")
     with pytest.raises(InputError, match=r"add_force: the energy audit"):
         audited.add_force(print)
-
-
-def test_two_forces_add_up():
-    simulation = rs.Simulation(falling(), "numpy")
-    for share in (1.0, 2.0):
-        simulation.add_force(lambda time, fields, share=share: np.add(
-            fields["acceleration"], [share, 0, 0], out=fields["acceleration"]
-        ))  # fmt: skip
-    simulation.step()
-    assert simulation.field("acceleration")[0].tolist() == [3.0, 0.0, -9.81]

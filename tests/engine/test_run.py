@@ -125,7 +125,7 @@ def test_another_backend_goes_on_and_says_so(tmp_path):
     assert back.search.log.missed_neighbours == 0
 
 
-def test_a_number_that_is_not_finite_never_replaces_a_checkpoint(tmp_path):
+def test_a_number_that_is_not_finite_never_replaces_a_checkpoint_and_reasons_are_listed(tmp_path):
     run = rs.Simulation(tank(), "numpy")
     run.checkpoint(tmp_path / "c.h5")
     before = (tmp_path / "c.h5").read_bytes()
@@ -133,6 +133,8 @@ def test_a_number_that_is_not_finite_never_replaces_a_checkpoint(tmp_path):
     with pytest.raises(rs.RunStopped, match="beside its fields is not finite") as caught:
         run.checkpoint(tmp_path / "c.h5")
     assert (caught.value.reason, (tmp_path / "c.h5").read_bytes()) == ("non_finite", before)
+    with pytest.raises(ValueError, match="not one of the reasons"):
+        rs.RunStopped("bored", "x")
 
 
 def test_other_versions_are_noted(tmp_path):
@@ -476,11 +478,6 @@ def test_a_disk_that_refuses_the_held_frames_leaves_the_reason_and_the_post_mort
     assert json.loads((tmp_path / "postmortem.json").read_text())["cause"] == "sph.state wrote pressure"
     assert json.loads((tmp_path / "report.json").read_text())["reason"] == "non_finite"
     assert whole_checkpoint(tmp_path)[0] == tmp_path / "checkpoint.h5"
-
-
-def test_reasons_are_those_of_the_list():
-    with pytest.raises(ValueError, match="not one of the reasons"):
-        rs.RunStopped("bored", "x")
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")

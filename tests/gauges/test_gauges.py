@@ -61,11 +61,23 @@ def test_gauges_repeat_bit_for_bit_and_change_nothing():
     assert np.array_equal(read[0][2], alone.field("velocity"))
 
 
-def test_a_scene_without_gauges_has_nothing_of_them():
+def test_gauges_that_are_not_there_or_of_one_name_are_refused(tmp_path):
     simulation = rs.Simulation(tank(5, ()), "numpy")
     assert simulation.gauges is None
     with pytest.raises(rs.InputError, match="has no gauge 'floor'"):
         simulation.gauge("floor")
+    from refsim.__main__ import main
+
+    with pytest.raises(rs.InputError, match="two gauges have the name 'floor'"):
+        make_plan(tank(5, (GAUGES[0], GAUGES[0])))
+    text = 'spacing = 0.1\nsupport_radius = 0.2\n[[fluid]]\nshape = "box"\ncells = [2, 2, 2]\n[[gauge]]\nname = "a"\n'
+    file = tmp_path / "scene.toml"
+    file.write_text(text + 'kind = "force"\non = "-x"\n')
+    assert main(["plan", str(file)]) == 2
+    file.write_text(text + 'kind = "forces"\n')
+    assert main(["plan", str(file)]) == 2
+    with pytest.raises(rs.InputError, match="gauge few: instants lie between two values; give every"):
+        make_plan(tank(5, (rs.Gauge(name="few", kind="force", on="-x", instants=4),)))
 
 
 def test_a_restart_goes_on_without_a_gap(tmp_path):
@@ -128,19 +140,6 @@ def test_bad_gauges_are_refused_in_a_sentence(gauge, words):
     assert str(caught.value).startswith(("gauge ", "[[gauge]] number 1: ", "Gauge: "))
 
 
-def test_gauges_of_one_name_and_without_liquid_are_refused(tmp_path):
-    from refsim.__main__ import main
-
-    with pytest.raises(rs.InputError, match="two gauges have the name 'floor'"):
-        make_plan(tank(5, (GAUGES[0], GAUGES[0])))
-    text = 'spacing = 0.1\nsupport_radius = 0.2\n[[fluid]]\nshape = "box"\ncells = [2, 2, 2]\n[[gauge]]\nname = "a"\n'
-    file = tmp_path / "scene.toml"
-    file.write_text(text + 'kind = "force"\non = "-x"\n')
-    assert main(["plan", str(file)]) == 2
-    file.write_text(text + 'kind = "forces"\n')
-    assert main(["plan", str(file)]) == 2
-
-
 @pytest.mark.parametrize(("part", "kinds"), [(rs.Gauge, gauge_kinds), (rs.Motion, motion_kinds)])
 def test_a_scene_may_name_the_kinds_that_there_are_and_give_their_keys(part, kinds):
     assert set(get_args(get_type_hints(part)["kind"])) == kinds.keys()
@@ -172,11 +171,6 @@ def test_means_and_scatters_are_of_the_instants_between_two_values(tmp_path):
             assert point.values[k] == pytest.approx([read[-1], read.mean(), read.std()], rel=1e-12)
         assert (few["force_x_scatter"][1:] > 0).all()
         assert (np.abs(few["force_x_mean"][1:] / few["force_x"][1:] - 1) < 0.2).all()
-
-
-def test_instants_without_an_interval_are_refused():
-    with pytest.raises(rs.InputError, match="gauge few: instants lie between two values; give every"):
-        make_plan(tank(5, (rs.Gauge(name="few", kind="force", on="-x", instants=4),)))
 
 
 @pytest.mark.parametrize(("pressure", "words"), [

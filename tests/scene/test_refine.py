@@ -138,10 +138,13 @@ def test_a_fixed_step_follows_what_is_stable():
     assert (ratio, refined(thick, 2.0).step) == (pytest.approx(0.25, rel=1e-6), pytest.approx(0.25e-5))
 
 
-def test_lengths_of_the_mesh_follow():
+def test_lengths_of_the_mesh_and_its_step_follow_and_a_coarse_box_keeps_a_layer():
     grid = refined(scene_of(effects=(rs.MpmLiquid(bulk_modulus=1e4, cell_size=0.02),)), 2.0).effects[0]
     assert (grid.cell_size, grid.bulk_modulus) == (0.01, 1e4)
     assert refined(scene_of(effects=(rs.MpmLiquid(bulk_modulus=1e4),)), 2.0).effects[0].cell_size == 0  # two spacings
+    scene = scene_of(effects=(rs.MpmLiquid(bulk_modulus=1e4, cell_size=0.02),))
+    assert resting_step(scene, 0.005, 0.013) / resting_step(scene, 0.01, 0.026) == pytest.approx(0.5)
+    assert refined(scene_of(fluid=(rs.Box(cells=(2, 40, 1)),)), 0.4).fluid[0].cells[:2] == (1, 16)
 
 
 def test_what_has_no_other_spacing():
@@ -175,18 +178,15 @@ def test_cells_of_a_solid_are_those_whose_centres_it_holds(low, high, cells):
     assert list(_edges(scene, 3.0)) == [(3, 9), (5, 15), (cells, _cells(low, high, 0.1 / 3)), (2, 6)]
 
 
-def test_a_step_at_rest_follows_the_cells():
-    scene = scene_of(effects=(rs.MpmLiquid(bulk_modulus=1e4, cell_size=0.02),))
-    assert resting_step(scene, 0.005, 0.013) / resting_step(scene, 0.01, 0.026) == pytest.approx(0.5)
-
-
-def test_least_and_largest_levels_are_taken():
+def test_least_and_exact_levels_are_taken_and_impossible_boxes_named():
     assert spaced(scene_of(), 1, 0, 1.1) == spaced(scene_of(), 1, 0, 4.0) == (1.0,)
     assert misfit(scene_of(fluid=(rs.Ball(radius=0.3),)), 1.3) == 0
-
-
-def test_a_coarse_box_keeps_a_layer():
-    assert refined(scene_of(fluid=(rs.Box(cells=(2, 40, 1)),)), 0.4).fluid[0].cells[:2] == (1, 16)
+    assert all(misfit(scene_of(), f) < 1e-9 for f in spaced(scene_of(), 3, 1))
+    assert not notes(scene_of(), spaced(scene_of(), 3, 1))
+    rough = scene_of(fluid=(rs.Box(cells=(30, 41, 1)),))
+    assert any("no whole cells" in note for note in notes(rough, spaced(rough, 3, 1)))
+    with pytest.raises(rs.InputError, match="give the boxes numbers of cells with a common divisor"):
+        spaced(scene_of(fluid=(rs.Box(cells=(7, 11, 1)), rs.Box(lower=(1.0, 0.0, 0.0), cells=(3, 5, 1)))), 3, 0)
 
 
 def test_solids_are_numbered_from_one(monkeypatch):
@@ -195,18 +195,6 @@ def test_solids_are_numbered_from_one(monkeypatch):
     balls = tuple(rs.SolidBall(center=(k, 0.0, 0.0), radius=0.1) for k in range(2))
     refined(scene_of(solid=balls, fluid=(), dim=3, effects=(LIQUID, rs.ShapeMatching())), 2.0)
     assert named == ["[[solid]] number 1", "[[solid]] number 2"]
-
-
-def test_exact_levels_are_preferred():
-    assert all(misfit(scene_of(), f) < 1e-9 for f in spaced(scene_of(), 3, 1))
-    assert not notes(scene_of(), spaced(scene_of(), 3, 1))
-    rough = scene_of(fluid=(rs.Box(cells=(30, 41, 1)),))
-    assert any("no whole cells" in note for note in notes(rough, spaced(rough, 3, 1)))
-
-
-def test_boxes_without_a_common_divisor():
-    with pytest.raises(rs.InputError, match="give the boxes numbers of cells with a common divisor"):
-        spaced(scene_of(fluid=(rs.Box(cells=(7, 11, 1)), rs.Box(lower=(1.0, 0.0, 0.0), cells=(3, 5, 1)))), 3, 0)
 
 
 @pytest.mark.parametrize("given", [(0, 0, 1.5), (3, 3, 1.5), (3, -1, 1.5), (3, 1, 1.0), (3, 1, 9.0)])

@@ -17,18 +17,7 @@ from refsim.core.capabilities import LimitsMassRatio
 from refsim.motion import _looked_at, check_motions
 from refsim.neighbours.limits import MOST_NEIGHBOURS
 from refsim.scene import checks, meshes
-from refsim.scene.checks import (
-    FLAT,
-    GREATEST,
-    LONGEST,
-    POSITIVE,
-    check_coincident,
-    check_fixed_step,
-    check_list,
-    check_values,
-    crowded,
-    unequal_masses,
-)
+from refsim.scene.checks import FLAT, GREATEST, LONGEST, POSITIVE, check_fixed_step, check_list, check_values
 from refsim.scene.files import describe
 from tests.across.test_recorded_scenes import EXAMPLES
 
@@ -80,11 +69,11 @@ def test_values_that_are_not_possible_are_named(name):
 def test_particles_at_one_place_are_named_and_counted():
     rng = np.random.default_rng(2)
     position = rng.uniform(size=(40, 3))
-    check_coincident(position, "float64")
+    checks.check_coincident(position, "float64")
     position[[7, 31]] = position[[3, 12]]
     for dtype, more in (("float64", 0.0), ("float32", 1e-12)):
         with pytest.raises(InputError, match=r"particles (3 and 7|7 and 3) are .*\(2 such pairs"):
-            check_coincident(position + more * (np.arange(40) > 20)[:, None], dtype)
+            checks.check_coincident(position + more * (np.arange(40) > 20)[:, None], dtype)
 
 
 def scene(**given):
@@ -131,10 +120,16 @@ class Limited(LimitsMassRatio):
         return 1.5
 
 
-def test_masses_may_differ_by_the_measured_ratio_and_by_rounding():
+def test_masses_may_differ_by_the_measured_ratio_and_meshes_hold_what_they_count():
     for more, noted in ((0.0, 0), (0.99e-6, 0), (1.005e-6, 1), (0.1, 1)):
         state = SimpleNamespace(mass=np.array([2.0, 3.0 * (1 + more), 2.5]))
-        assert len(list(unequal_masses(state, {"limited": Limited(), "other": object()}))) == noted
+        assert len(list(checks.unequal_masses(state, {"limited": Limited(), "other": object()}))) == noted
+    head = b"\0" * 80 + (3).to_bytes(4, "little")
+    for more in (150, 151, 400):
+        assert len(meshes._plain(head + b"x" * more, "stl", "a.stl")) == 84 + 150
+    for less, held in ((149, 2), (100, 2), (99, 1), (0, 0)):
+        with pytest.raises(InputError, match=f"counts 3 triangles and holds {held};"):
+            meshes._plain(head + b"x" * less, "stl", "a.stl")
 
 
 def test_walls_fill_a_cell_once(monkeypatch):
@@ -165,7 +160,7 @@ def test_walls_fill_a_cell_once(monkeypatch):
     for held[0], total in ((0.3, 1.2), (2.7, 1.9)):
         asked.clear()
         with contextlib.suppress(InputError):
-            list(crowded(grid, state, walls, SimpleNamespace(fluid=()), {}))
+            list(checks.crowded(grid, state, walls, SimpleNamespace(fluid=()), {}))
         place, liquid_volume, wall_volume, filled = asked
         assert place.tolist() == [[0.0] * 3] * 3 + [[2.0] * 3] * 2
         assert liquid_volume == pytest.approx([0.005, 0.01, 0.01])
@@ -192,15 +187,6 @@ def test_a_body_is_known_where_a_ray_misses_one_of_its_faces(monkeypatch):
     assert (body.inside(points) == expected).all()
 
 
-def test_a_binary_mesh_holds_as_many_triangles_as_it_counts():
-    head = b"\0" * 80 + (3).to_bytes(4, "little")
-    for more in (150, 151, 400):
-        assert len(meshes._plain(head + b"x" * more, "stl", "a.stl")) == 84 + 150
-    for less, held in ((149, 2), (100, 2), (99, 1), (0, 0)):
-        with pytest.raises(InputError, match=f"counts 3 triangles and holds {held};"):
-            meshes._plain(head + b"x" * less, "stl", "a.stl")
-
-
 class Told(msgspec.Struct):
     """A body.
     width  of it [m],
@@ -213,12 +199,9 @@ class Told(msgspec.Struct):
     depth: float
 
 
-def test_meanings_begin_behind_the_first_line_of_a_docstring():
+def test_meanings_begin_behind_the_first_line_and_looks_between_times():
     other = "of its box"
     assert describe(Told) == {"width": "of it [m], without its rim", "height": other, "depth": other}
-
-
-def test_a_motion_is_looked_at_between_the_times_of_its_table():
     motion = Motion(of="gravity", kind="table", direction=(1, 0, 0), times=(0.0, 1.0, 4.0), values=(0.0, 0.1, 0.0))
     found = _looked_at(motion, 10.0)
     assert found[-2:] == [0.5, 2.5]

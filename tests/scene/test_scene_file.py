@@ -84,17 +84,11 @@ def test_examples_load_and_plan_without_a_note(path, capsys):
     assert all(f"Not counted, since it follows the run: {words}" in told for words in beside)
 
 
-def test_the_published_schema_is_current():
+def test_the_published_schema_is_current_and_every_field_says_what_it_is():
     committed = json.loads((PACKAGE / "scene" / "scene.schema.json").read_text())
     assert committed == scene_schema(PUBLISHED), "renew it: python -m refsim schema > refsim/scene/scene.schema.json"
-
-
-def test_every_field_says_what_it_is():
     for owner in (Scene, *SHAPES.values(), *PUBLISHED.values()):
         assert set(describe(owner)) == {f.name for f in msgspec.structs.fields(owner)}, owner.__name__
-
-
-def test_the_schema_has_units_and_knows_the_examples():
     schema = scene_schema(PUBLISHED)
     assert schema["properties"]["spacing"]["x-unit"] == "m"
     assert schema["$defs"]["Gravity"]["properties"]["acceleration"]["x-unit"] == "m/s^2"

@@ -130,12 +130,6 @@ def test_a_liquid_that_fills_a_closed_box_has_no_surface_without_being_told():
         assert len(words) == (expected == "none")
 
 
-def test_it_costs_nothing_where_the_density_is_summed():
-    plan = make_plan(tank(8, 2.6, 2, density="summation"))
-    assert not {"density_excess", "advanced_excess", "summed_density", "shift"} & set(plan.fields)
-    assert not {"sph.continuity", "sph.keep_density"} & set(plan.launches(on_demand=True))
-
-
 def without_walls(**changes):
     return lambda: make_plan(
         rs.Scene(

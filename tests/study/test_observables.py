@@ -26,19 +26,18 @@ def value(simulation, name):
     return observable_of(name, simulation.plan)(simulation)
 
 
-def test_front_is_that_of_the_connected_liquid(simulation):
+def test_front_and_energy_are_those_of_the_report_and_a_lonely_point_has_none(simulation):
     position = simulation.field("position")
     found = front_position(position, 0.01)
     assert found.detached
     assert value(simulation, "front") == pytest.approx(found.connected, rel=1e-12)
     assert value(simulation, "front:+x") < found.farthest
     assert value(simulation, "front:-y") == pytest.approx(-front_position(-position, 0.01, axis=1).connected, rel=1e-12)
-
-
-def test_kinetic_energy_is_that_of_the_report(simulation):
     assert value(simulation, "kinetic_energy") == pytest.approx(
         conserved_totals(simulation)["kinetic_energy"], rel=1e-12
     )
+    with pytest.raises(InputError, match="no particle is within the support radius"):
+        value(simulation, "field:density@5,5")
 
 
 def test_fields_at_a_point(simulation):
@@ -81,11 +80,6 @@ def test_own_functions(simulation, tmp_path):
 def test_what_is_not_there_gets_a_sentence(simulation, name, words):
     with pytest.raises(InputError, match=words):
         observable_of(name, make_plan(simulation.plan.scene))
-
-
-def test_a_point_without_particles(simulation):
-    with pytest.raises(InputError, match="no particle is within the support radius"):
-        value(simulation, "field:density@5,5")
 
 
 def test_a_gauge_is_an_observable(simulation):

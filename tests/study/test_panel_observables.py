@@ -36,16 +36,26 @@ def test_the_roundness_of_a_drop_is_that_of_all_its_directions():
     assert observables.droplet(standing(fields={"position": position})) == pytest.approx(known, rel=1e-12)
 
 
-def test_a_floating_box_stands_over_the_level():
+def test_bodies_have_their_height_rate_and_temperatures():
     """200 particles of 0.001 m^3, 8 of them the box, half wet: 0.196 m^3 on 2.56 m^2, in edges of 0.8 m."""
     solids = SimpleNamespace(lattice=SimpleNamespace(key=range(8)))
     plan = {"grid": SimpleNamespace(solids=solids, spacing=0.1, count=200)}
     position = np.concatenate([np.tile([1.0, 2.0, 0.5], (8, 1)), np.full((192, 3), 9.0)])
     found = observables.coupling(standing(plan=plan, fields={"position": position}))
     assert found == pytest.approx((0.5 - 0.196 / 2.56) / 0.8, rel=1e-12)
+    position, mass = RANDOM.normal(size=(30, 3)), RANDOM.uniform(1, 3, 30)
+    x = position - np.average(position, axis=0, weights=mass)
+    velocity = 5.0 * np.column_stack([-x[:, 1], x[:, 0], 0 * x[:, 0]]) + [1.0, 2.0, 3.0]
+    fields = {"position": position, "velocity": velocity, "mass": mass}
+    assert observables.spinning_body(standing(fields=fields)) == pytest.approx(5.0 / (2 * np.pi), rel=1e-12)
+    x, off = np.linspace(0.1, 3.9, 20), RANDOM.normal(size=20)
+    exact = 50 + 50 * np.cos(np.pi * x / 4) * math.exp(-(np.pi**2) / 16 * 0.7)
+    fields = {"position": np.column_stack([x, x + 1, x + 2]), "temperature": exact + off}
+    found = observables.heat(standing(fields=fields, time=0.7))
+    assert found == pytest.approx(math.sqrt((off**2).mean()), rel=1e-9)
 
 
-def test_the_force_on_a_wall_is_a_share_of_that_at_rest(monkeypatch):
+def test_forces_and_fronts_are_shares_and_kept_values_the_last_ones(monkeypatch):
     asked = []
     monkeypatch.setattr(
         observables, "column_of", lambda *given: asked.append(given) or SimpleNamespace(side_force=lambda: 4.0)
@@ -53,9 +63,6 @@ def test_the_force_on_a_wall_is_a_share_of_that_at_rest(monkeypatch):
     plan = {"effects": "these", "state": SimpleNamespace(mass=np.array([1.0, 2.0]))}
     run = standing(plan=plan, gauge=lambda name: {"force_x": np.array([-9.0, -7.0, -6.0])} if name == "wall" else None)
     assert (observables.wall_force(run), asked) == (1.5, [("these", 3.0)])
-
-
-def test_a_front_is_counted_in_widths_of_the_column_and_kept_values_are_the_last_ones(monkeypatch):
     monkeypatch.setattr(observables, "observable_of", lambda name, plan: lambda run: 0.7)
     assert observables.front(standing()) == pytest.approx(1.4)
     assert observables.kept(np.zeros(6), [9.0, 8.0, 7.0, 6.0, 5.0, 5.5]) == 5.5
@@ -91,22 +98,6 @@ def test_vortices_that_decay_as_one_wave_have_the_rate_1():
     assert observables.vortex_decay(standing(fields=fields, previous_length=0.1, time=time)) == pytest.approx(
         1, rel=1e-9
     )
-
-
-def test_a_body_that_turns_as_one_has_its_rate():
-    position, mass = RANDOM.normal(size=(30, 3)), RANDOM.uniform(1, 3, 30)
-    x = position - np.average(position, axis=0, weights=mass)
-    velocity = 5.0 * np.column_stack([-x[:, 1], x[:, 0], 0 * x[:, 0]]) + [1.0, 2.0, 3.0]
-    fields = {"position": position, "velocity": velocity, "mass": mass}
-    assert observables.spinning_body(standing(fields=fields)) == pytest.approx(5.0 / (2 * np.pi), rel=1e-12)
-
-
-def test_temperatures_are_compared_with_the_cosine():
-    x, off = np.linspace(0.1, 3.9, 20), RANDOM.normal(size=20)
-    exact = 50 + 50 * np.cos(np.pi * x / 4) * math.exp(-(np.pi**2) / 16 * 0.7)
-    fields = {"position": np.column_stack([x, x + 1, x + 2]), "temperature": exact + off}
-    found = observables.heat(standing(fields=fields, time=0.7))
-    assert found == pytest.approx(math.sqrt((off**2).mean()), rel=1e-9)
 
 
 def test_the_melted_depth_counts_shares_of_particles():
@@ -294,11 +285,18 @@ def test_caps_have_their_centres_of_mass(dim):
     assert [drops.radius_of(drops.cap_volume(math.pi, d), d) for d in (2, 3)] == pytest.approx([1, 1])
 
 
-def test_a_drop_has_the_density_of_its_middle():
+def test_numbers_follow_from_readings_and_a_drop_from_its_middle():
     position = np.array([[0.0, 0, 0], [0.5, 0, 0], [-0.5, 0, 0], [1.0, 0, 0], [-1.0, 0, 0]])
     fields = {"position": position, "density": [3.0, 2.0, 4.0, 9.0, 9.0], "mass": [6.0] * 5}
     run = standing(fields=fields, plan={"grid": SimpleNamespace(dim=2)})
     assert drops.inside(run, 1.0) == (3.0, pytest.approx(math.sqrt(10 / math.pi)))
+    times = observables.FALL * np.linspace(0.95, 3.05, 43)
+    assert observables.front.reduce(times, list(3 * times / observables.FALL)) == pytest.approx(6.0)
+    assert pytest.approx(math.sqrt(0.5 / (2 * 9.81))) == observables.FALL
+    assert observables.droplet.reduce(None, [9.0, 1, 1, 1, 1, 3, 2]) == 3.0
+    assert observables.droplet.reduce(None, [9.0, 1, 1, 4, 1, 3, 2]) == 3.0
+    assert math.isnan(observables.droplet.reduce(None, [1.0, 1, math.nan]))
+    assert observables.coupling.reduce(None, [1.0, 2.0]) == 1.5
 
 
 TIMES = {  # readings, the first and the last, of a scene that ends at 6
@@ -316,16 +314,6 @@ def test_observables_are_read_at_their_times(name):
     times = getattr(observables, name).times(SimpleNamespace(end_time=6.0))
     assert (len(times), times[0], times[-1]) == pytest.approx(TIMES[name])
     assert np.diff(times, 2) == pytest.approx(0, abs=1e-12)
-
-
-def test_numbers_follow_from_readings():
-    times = observables.FALL * np.linspace(0.95, 3.05, 43)
-    assert observables.front.reduce(times, list(3 * times / observables.FALL)) == pytest.approx(6.0)
-    assert pytest.approx(math.sqrt(0.5 / (2 * 9.81))) == observables.FALL
-    assert observables.droplet.reduce(None, [9.0, 1, 1, 1, 1, 3, 2]) == 3.0
-    assert observables.droplet.reduce(None, [9.0, 1, 1, 4, 1, 3, 2]) == 3.0
-    assert math.isnan(observables.droplet.reduce(None, [1.0, 1, math.nan]))
-    assert observables.coupling.reduce(None, [1.0, 2.0]) == 1.5
 
 
 # Scenes

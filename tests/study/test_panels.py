@@ -43,6 +43,15 @@ def test_the_cheapest_within_the_error_is_advised():
     assert key(cheapest(made(), 0.1)) is None
     with_uncertainty = made(*of.points.values(), uncertainty=0.02)
     assert [key(cheapest(with_uncertainty, error)) for error in (0.03, 0.025, 0.02)] == ["1", "2", None]
+    single, double = (point(d, e, 3.0 - e, knobs={"dtype": d}) for d, e in (("float32", 0.02), ("float64", 0.03)))
+    of = made(single, double)
+    assert key(cheapest(of, 0.05)) == "float32"
+    assert key(cheapest(made(msgspec.structs.replace(single, error=0.2), double), 0.05)) == "float64"
+    gpu = point("cuda_ours", 0.01, knobs={"backend": "cuda"})
+    of = made(point("ours", 0.04, 3.0), gpu, point("theirs", 0.01, program="other"))
+    assert {kind: [(e, p.key) for e, p in settings(of, kind)] for kind in advice.KINDS} == {
+        "cpu": [(0.04, "ours")], "gpu": [(0.04, "cuda_ours")], "peer": [(0.01, "theirs")],
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("knob", ["spacing", "step"])
@@ -61,31 +70,13 @@ def test_an_error_is_the_largest_of_a_setting_and_of_all_finer_ones(knob, other)
         assert most(unlike, lucky) == 0.004
 
 
-def test_float64_is_advised_only_where_float32_is_not_within_the_error():
-    single, double = (point(d, e, 3.0 - e, knobs={"dtype": d}) for d, e in (("float32", 0.02), ("float64", 0.03)))
-    of = made(single, double)
-    assert key(cheapest(of, 0.05)) == "float32"
-    assert key(cheapest(made(msgspec.structs.replace(single, error=0.2), double), 0.05)) == "float64"
-
-
-def test_kinds_of_machines_and_programs_stand_apart():
-    gpu = point("cuda_ours", 0.01, knobs={"backend": "cuda"})
-    of = made(point("ours", 0.04, 3.0), gpu, point("theirs", 0.01, program="other"))
-    assert {kind: [(e, p.key) for e, p in settings(of, kind)] for kind in advice.KINDS} == {
-        "cpu": [(0.04, "ours")], "gpu": [(0.04, "cuda_ours")], "peer": [(0.01, "theirs")],
-    }  # fmt: skip
-
-
-def test_errors_are_taken_from_the_converged_value():
+def test_errors_are_taken_from_the_converged_value_and_scattered_seconds_told():
     """v(d) = 2 + d: the limit is 2 and the error d/2; the uncertainty is 1.25 times the error of the finest."""
     points = [point(f"d{n}", 9.9, 1.0, value=2 + 1 / n, knobs={"spacing": 1 / n}) for n in (5, 10, 20)]
     of = made(*points, limit_of=("d5", "d10", "d20"))
     assert [of.error(p) for p in points] == pytest.approx([0.1, 0.05, 0.025])
     assert of.reference() == pytest.approx((2.0, 2.0, 1.25 * 0.025))
     assert most(of, points[0]) == pytest.approx(0.1 + 1.25 * 0.025)
-
-
-def test_seconds_that_scatter_are_told_with_their_range():
     assert duration([1.0, 1.01, 0.99, 1.0, 1.005]) == "1 s"
     assert duration([1.0, 1.3, 0.7, 1.2, 0.8]) == "1 s (700 ms to 1.3 s)"
     assert duration([2e-5]) == "20 us"

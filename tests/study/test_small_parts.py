@@ -31,27 +31,25 @@ def test_an_order_is_found_up_to_forty(order):
     assert observed_order((1.0, 2.0, 4.0), (1.0, 2.0, 1.0 + 1 + 2**order)) == pytest.approx(order)
 
 
-def test_a_drop_has_the_radius_of_its_volume():
+def test_a_drop_has_the_radius_of_its_volume_and_a_stage_of_no_seconds_no_cost():
     for r in (0.2, 1.7):
         assert drops.radius_of(np.pi * r**2, 2) == pytest.approx(r)
         assert drops.radius_of(4 / 3 * np.pi * r**3, 3) == pytest.approx(r)
+    of = Timings()
+    of.launches.update(a=3, b=1)
+    of.stages.update(a=0.75)
+    costs = {cost.stage: (cost.seconds, cost.share, cost.launches) for cost in of.costs(1.0)}
+    assert costs["b"] == (0.0, 0.0, 1)
+    assert costs["a"][0] == 0.75
+    assert sum(share for _, share, _ in costs.values()) == pytest.approx(1.0)
 
 
-def test_what_is_measured_here_is_of_one_thread_of_this_machine(monkeypatch):
-    monkeypatch.setattr(measured, "machine", lambda: "a processor, 8 cores")
-    found = measured._here("numpy")
-    assert (found.machine, found.threads, found.device) == ("a processor", 1, "")
-
-
-def test_threads_are_told_of_where_there_are_several():
+def test_what_is_measured_is_told_of_its_machine_threads_and_steps(monkeypatch):
     of = panel("front")
     point = next(p for p in of.points.values() if not p.gpu)
     for threads, words in ((1, ""), (2, ", 2 threads"), (16, ", 16 threads")):
         places = [Machine("here", threads, "2020-01-01")] * len(of.places)
         assert replace(of, places=tuple(places)).threads(point) == words
-
-
-def test_steps_of_a_setting_are_shares_of_those_of_the_base():
     of = panel("front")
     base = of.points[of.about.base]
     for steps, share in (((1.0, 1.0), 1.0), ((1.0, 0.5), 0.5), ((0.5, 0.25), 0.5), ((0.8, 0.4), 0.5)):
@@ -60,16 +58,9 @@ def test_steps_of_a_setting_are_shares_of_those_of_the_base():
         usual, found = scene_of(of, base), scene_of(made, points[1])
         name = "step" if usual.step > 0 else "step_factor"
         assert getattr(found, name) == pytest.approx(share * getattr(usual, name))
-
-
-def test_a_stage_of_no_seconds_costs_nothing():
-    of = Timings()
-    of.launches.update(a=3, b=1)
-    of.stages.update(a=0.75)
-    costs = {cost.stage: (cost.seconds, cost.share, cost.launches) for cost in of.costs(1.0)}
-    assert costs["b"] == (0.0, 0.0, 1)
-    assert costs["a"][0] == 0.75
-    assert sum(share for _, share, _ in costs.values()) == pytest.approx(1.0)
+    monkeypatch.setattr(measured, "machine", lambda: "a processor, 8 cores")
+    found = measured._here("numpy")
+    assert (found.machine, found.threads, found.device) == ("a processor", 1, "")
 
 
 @pytest.mark.parametrize("seconds, said", [(0.9, 0), (1.1, 1), (1.9, 1)])

@@ -215,14 +215,6 @@ def test_the_published_map_is_that_of_the_published_drops(tmp_path):
     assert {entry["model"] for entry in sigma_map()} == set(SETTINGS)
 
 
-@pytest.mark.parametrize("dim", [2, 3])
-def test_water_can_be_calibrated(dim):
-    found = calibrate(0.072, "akinci", dim=dim, **WATER)
-    assert 0.005 < found.nominal < 0.072
-    assert 0 < found.uncertainty < 0.3
-    assert found.laplace == pytest.approx(found.rayleigh, rel=0.3)
-
-
 # Condensing
 def rows_of(sigma=1.7, left=0.01, radii=(8.0, 11.0, 16.0, 24.0)):
     """Drops whose pressure jump is sigma/R + left, part of it balanced by their motion."""
