@@ -52,7 +52,8 @@ from validation.measure.stirring import (
 from validation.running import run_to
 
 FITTED_FROM = 3.0  # support radii: drops that are smaller are not fitted against 1/R
-SOFTENING = {2: 0.0, 3: 34409 / 58800}  # omega = omega_0 (1 - s A^2) at amplitude A (Tsamopoulos & Brown 1983)
+# omega = omega_0 (1 - s A^2) at amplitude A: 3D after Tsamopoulos & Brown 1983, 2D of a plane drop's potential flow
+SOFTENING = {2: 0.773, 3: 34409 / 58800}
 # Random kicks tear it, and it needs none: its force acts at the surface only, and no stresses freeze.
 UNSTIRRED = ("csf",)
 # The first two have no drop at BASE: it flies apart. The iteration of the third wants few neighbours.
@@ -181,7 +182,7 @@ def measure(point: Point, backend: str = "cpu") -> dict[str, Any]:
 
     laplace    sigma = P R/(dim - 1) from the virial pressure, mean over balls of 0.4 to 0.7 R and over 40 snapshots
     rayleigh   sigma = rho R^3 (omega^2 + beta^2)/k from the damped frequency, k = 8 in 3D and 6 in 2D; omega for
-               small amplitudes, by the known softening in 3D
+               small amplitudes, by SOFTENING
     steps      of all stages together
     spurious   rms speed at rest over sqrt(sigma/(rho R))
     """
