@@ -209,16 +209,19 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
         return sigma / (liquid.rest_density * liquid.sound_speed**2 * grid.spacing)
 
     def _beyond_measured(self, grid: Discretisation, others: Others) -> Iterator[str]:
-        """Notes on a tension that no drop of the default liquid has shown, and on one in a setting of no such drop.
+        """Notes on a tension that no drop of the liquid has shown, and on one in a setting of no such drop.
 
         An S is beyond those of the drops by more than a tenth.
         """
-        if not (getattr(self, SIGMA) and density_complete_at_surface(others)):
+        complete = density_complete_at_surface(others)
+        if not getattr(self, SIGMA) or (liquid_of(others).with_scene_defaults(others).advances() and not complete):
             return
         stiffness, support = self._measured_at(grid, others), grid.support_radius / grid.spacing
         if stiffness is None:
             reason = "no drops of this liquid were measured with it"
-            if grid.dim in self.shown and self._as_measured(others):
+            if not complete:
+                reason = "calibrate has the coefficient where drops of a summed density were measured"
+            elif grid.dim in self.shown and self._as_measured(others):
                 jump, frequency = self.shown[grid.dim]
                 reason = (
                     f"drops of this liquid have {jump} of it by their pressure jump, {frequency} by their frequency"
