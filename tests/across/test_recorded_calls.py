@@ -29,7 +29,7 @@ def test_calls_give_what_they_ever_gave(module, recorded):
         try:
             return eval(line, names)
         except RefsimError as error:
-            return type(error).__name__, str(error)
+            return type(error).__name__, str(error).replace(str(pathlib.Path(rs.__file__).parent), "")
 
     for name, line in CALLS[module].get("with", {}).items():
         names[name] = eval(line, names)
