@@ -39,7 +39,7 @@ def test_the_stub_runs_and_says_what_is_missing():
         exec(describe.template([name]), module.__dict__)
         programs = dataclasses.replace(module.PROGRAMS.checked(), kernels=("wendland_c2",))
         assert programs.operations() == (name,)
-        outcomes = list(contract.trials(programs, name, ("float64",), steps=("T1", "T7")))
+        outcomes = list(contract.trials(programs, name, ("float64",), steps=("T1",)))
         failed = [o for o in outcomes if not o.passed and not o.not_judged]
         assert failed, name
         for o in failed:
