@@ -36,7 +36,7 @@ from refsim.mpm.step import Step
 from refsim.sph import LIQUID, acceleration_of
 from refsim.sph.flow import at_least, fast_flow
 from refsim.surface_energy import REACH
-from refsim.surface_energy.effect import UNEVEN, surface_of
+from refsim.surface_energy.effect import surface_of
 
 if TYPE_CHECKING:
     from refsim.core.effect import InitialState
@@ -91,13 +91,6 @@ class Counting(NamedTuple):
     """What a cell holds where the liquid is at rest."""
 
     cell_mass: Any  # rho0 h^dim [kg]
-
-
-class Recounting(NamedTuple):
-    """How J follows the counted density."""
-
-    limit: Any  # crowding up to which it does not
-    rate: Any  # at which it does [1/s]; a compiler that divides by it in a loop rounds its last row otherwise
 
 
 class ViscousStress(NamedTuple):
@@ -261,7 +254,7 @@ class MpmLiquid(
         return Step(
             reading=None if surface is None else surface.embedding, tension=tension,
             contact=tension and surface is not None and surface.wets(others) and surface.contact_pull() != 0,
-            recounts=surface is not None and surface.recount_time > 0, viscous=self.dynamic_viscosity > 0 and not idle,
+            viscous=self.dynamic_viscosity > 0 and not idle,
             deforms=self.volume != "ratio", accelerated=_others_push(self, others) and not idle,
             listed=any(e.list_radius(_ANY) > 0 for e in others.values()),
         )  # fmt: skip
@@ -314,7 +307,6 @@ class MpmLiquid(
         wet = surface is not None and surface.wets(others) and not idle
         share = 0.0 if idle else 1.0
         pull = any(acceleration) and not idle
-        recount = 0.0 if surface is None else surface.recount_time
         return {
             "grid": MpmGrid(grid.dim, grid.dtype, self.cell(grid), reach=0 if surface is None else REACH),
             "background": self.background(grid),
@@ -333,7 +325,6 @@ class MpmLiquid(
             "kernel_gradient": KernelGradient(np.int32(1)) if "M6" in printed else None,
             "viscous_stress": ViscousStress(grid.real(self._viscous_factor(grid))),
             "counting": Counting(grid.real(self.rest_density * self.cell(grid) ** grid.dim)),
-            "recounting": Recounting(grid.real(UNEVEN), grid.real(1 / recount if recount > 0 else 0.0)),
         }  # fmt: skip
 
     def _viscous_factor(self, grid: Discretisation) -> float:

@@ -33,7 +33,6 @@ from refsim.mpm import (
     Mirrors,
     MpmLiquid,
     MpmWalls,
-    Recounting,
     ViscousStress,
     WallNodes,
     operations,
@@ -82,11 +81,7 @@ def _deformation(case, random):
 
 # from 0.2, below the density at rest, to twice that density
 particles(crowding=lambda case, random: random.uniform(0.2, 2.0, case.count))
-groups(
-    greatest_crowding=lambda case, grid: np.zeros(1, grid.dtype),
-    # J follows crowding above 1.1 in four milliseconds
-    recounting=lambda case, grid: Recounting(grid.real(1.1), grid.real(250.0)),
-)
+groups(greatest_crowding=lambda case, grid: np.zeros(1, grid.dtype))
 
 
 @groups("background", "liquid", "kernel_gradient", "viscous_stress", "counting")
@@ -617,21 +612,6 @@ def counted_alone():
     }  # fmt: skip
     q = np.array([1.5 * 6 / 4 * (19 / 32) ** 2])
     return Exact(case, inputs, {"crowding": q, "greatest_crowding": q})
-
-
-@closed_form("mpm.recount")
-def recounted():
-    """q = 2 beyond 5/4, dt/tau = 1/4: J falls by 1/4 of 3/8; q = 5/4 stays. F = 1 in space: its root."""
-    position = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    case = at("recounted", position)
-    change = 1 - 3 / 32
-    inputs = {
-        "background": MpmLiquid(bulk_modulus=1.0, cell_size=2.0).background(case.grid("float64")),
-        "crowding": [2.0, 1.25], "recounting": Recounting(1.25, 1.0), "timestep": STEPS,
-        "deformation": np.tile(np.eye(3).ravel(), (2, 1)), "volume_ratio": [1.5, 0.8],
-    }  # fmt: skip
-    f = np.stack([change ** (1 / 3) * np.eye(3).ravel(), np.eye(3).ravel()])
-    return Exact(case, inputs, {"volume_ratio": [1.5 * change, 0.8], "deformation": f})
 
 
 @closed_form("mpm.contact", over=(np.array([[-2.0, 0.0, 0.0]]), np.eye(3)))

@@ -142,21 +142,6 @@ def embed_samples(i, position, samples, cell_size, carriers, carrier_first, clus
     put(inverse_spread, i, formulas.inverse_spread(xx, xy, xz, yy, yz, zz))
 
 
-@kernel
-def recount(i, crowding, recounting, timestep, background, deformation, volume_ratio):
-    """J <- J (1 - min(1, dt/tau) (1 - q0/q)) where the crowding q of particle i exceeds q0, F alike; dimensionless."""
-    real = type(background.cell_size)
-    if not crowding[i] <= recounting.limit:  # a NaN makes J NaN
-        share = min(real(1), timestep[1] * recounting.rate)
-        change = real(1) - share * (real(1) - recounting.limit / crowding[i])
-        volume_ratio[i] *= change
-        if deformation is not None:
-            size = change ** (real(1) / real(3) if background.layers == 3 else real(0.5))
-            for c in range(9):
-                if background.layers == 3 or c < 8:  # F_zz = 1 in the plane
-                    deformation[i, c] *= size
-
-
 # On the nodes
 
 

@@ -458,22 +458,3 @@ def count(position, volume_ratio, node_mass, background, counting, grid):
     q = Terms(volume_ratio) * around(ref.counted_density, cell_mass=counting.cell_mass)
     greatest = np.where(np.isnan(q.value), np.inf, q.value).max(initial=0.0)
     return {"greatest_crowding": ([greatest], [q.size.max(initial=0.0)]), "crowding": q}
-
-
-@operation(
-    "none in the thesis; J <- J (1 - min(1, dt/tau) (1 - q0/q))", outputs="deformation volume_ratio", entrywise=True,
-    optional="deformation", tolerance=16.0, reason="two quotients, two products, two differences, and a root",
-    invariants="reordering", cases="",
-)  # fmt: skip
-def recount(crowding, recounting, timestep, background, deformation, volume_ratio):
-    """J, dimensionless; F is stretched equally along all axes to the same J."""
-    p, dim, old = Fields(crowding=crowding, volume_ratio=volume_ratio), _dim(background), Terms(volume_ratio)
-    share = min(1.0, float(timestep[1]) * float(recounting.rate))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        new = ref.recounted(p, float(recounting.limit), share)
-    answer = {"volume_ratio": new}
-    if deformation is not None:
-        stretch = where(Terms(new.value == old.value), 1.0, ref.stretch(old, new, dim))
-        stays = Terms((np.arange(9) == 8) & (dim == 2))  # F_zz in the plane
-        answer["deformation"] = Terms(_f(deformation)) * where(stays, 1.0, stretch.at((..., None)))
-    return answer

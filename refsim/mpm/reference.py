@@ -167,14 +167,3 @@ def viscosity(p, factor, dt):
 def counted_density(p, j, pj, cell_mass):
     """sum_j B_j(x_p) m_j/(rho0 h^d), the counted density over that at rest, dimensionless; q_p = J_p times it."""
     return pj.weight * j.mass / cell_mass
-
-
-def recounted(p, limit, share):
-    """J <- J + s (J q0/q - J) where q > q0, s = min(1, dt/tau); dimensionless."""
-    target = where(p.crowding <= limit, p.volume_ratio, p.volume_ratio * limit / p.crowding)
-    return p.volume_ratio + share * (target - p.volume_ratio)
-
-
-def stretch(old, new, dim):
-    """F <- (J_new/J_old)^(1/d) F; the factor, dimensionless."""
-    return (new / old) ** (1 / dim)

@@ -22,7 +22,6 @@ class Step:
     reading       of the embedded points ("none", "cluster", ...); None without a surface
     tension       the surface's tension acts on the grid
     contact       and so does the walls' pull at the edge of the wetted area
-    recounts      J follows the density that the grid counts
     viscous       there is viscosity
     deforms       the deformation gradient F is followed, not J alone
     accelerated   other effects accelerate the particles
@@ -32,7 +31,6 @@ class Step:
     reading: str | None
     tension: bool
     contact: bool
-    recounts: bool
     viscous: bool
     deforms: bool
     accelerated: bool
@@ -45,9 +43,7 @@ class Step:
         state = ("cell", *STATE, *cluster, *(("acceleration",) if self.accelerated else ()))
         pull = ("node_pull",) if self.tension else ()
 
-        # Places: in which cell everything is, after J has taken the crowding of the step before
-        if self.recounts:
-            yield self._pass("mpm.recount", ("crowding",), updates=("volume_ratio", *deformation), stage="begin")
+        # Places: in which cell everything is
         if self.embedded:
             yield self._pass("mpm.embed", ("position", "samples"), ("carriers", *CLUSTER))
         yield self._pass("mpm.cells", ("position", *(("samples",) if self.surface else ()), *cluster), ("cell",))

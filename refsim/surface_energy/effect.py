@@ -5,13 +5,12 @@ The passes of the transfers that the surface takes part in are those of `refsim.
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
 
 import numpy as np
 
 from refsim.core.capabilities import HoldsOtherMemory, RunMonitor
-from refsim.core.checked import NotNegative, Positive
+from refsim.core.checked import Positive
 from refsim.core.effect import Discretisation, Others, Pass, StepLimit
 from refsim.core.energy import Amount, EnergyAccount, EnergyState, amount
 from refsim.core.errors import InputError
@@ -29,7 +28,6 @@ GREATEST_CROWDING = Field("greatest_crowding", "-", "largest crowding of the par
 # Crowding is 1.000 in a lattice, however it is turned. Of particles strewn at random, each within its own share of the
 # volume, it is 1.01 with a deviation of 0.04 in the plane, 1.00 with 0.02 in space, and in none of 14,000 above 1.2; of
 # particles strewn without shares none is above 2 (`tests/mpm/test_mpm.py:test_crowding_of_particles_strewn_at_random`).
-UNEVEN = 1.05  # up to here it may be how particles happen to lie
 CROWDED = 1.25  # above, particles are denser than by chance
 OVERFULL = 2.0  # above, a force has drawn them together
 # Step of a surface that stays at r, over min(h/c, sqrt(rho0 h^3/(2 pi k))): with nothing embedded, and of a liquid that
@@ -60,8 +58,6 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, RunMonitor, frozen=True, kw_only=
     contact_angle     of the liquid on the walls of `mpm_walls` [degrees], which then mirror it; 180 leaves the surface
                       along walls as it is
     capillary_number  share b of sqrt(rho h^3/(2 pi k)) that the step may have; the limit of stability is 0.75
-    recount_time      time [s] in which J follows the density that the grid counts, where that is more than 1.05 times
-                      what J says; 0 (default) never
     """
 
     name: ClassVar[str] = "surface_energy"
@@ -72,7 +68,6 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, RunMonitor, frozen=True, kw_only=
     embedding: Literal["none", "cluster", "thesis", "gradient_corrected"] = "cluster"
     contact_angle: float = 180.0
     capillary_number: Positive = 0.3
-    recount_time: NotNegative = 0.0
 
     @property
     def host_in_step(self) -> bool:  # type: ignore[override]
@@ -133,8 +128,7 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, RunMonitor, frozen=True, kw_only=
     def fields(self, others: Others) -> tuple[Field, ...]:
         if not self.acts():
             return ()
-        crowding = replace(CROWDING, state=self.recount_time > 0)  # the next step begins with it
-        return EXTENT, crowding, GREATEST_CROWDING
+        return EXTENT, CROWDING, GREATEST_CROWDING
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         if not self.acts():
@@ -236,7 +230,7 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, RunMonitor, frozen=True, kw_only=
             return (
                 f"the grid counts {crowding:.3g} times the liquid that a particle's volume ratio implies, more than"
                 f" {CROWDED:g}: shape and pressure are no longer to be trusted, and the run may stop as clumped."
-                " dynamic_viscosity keeps particles apart, and so does recount_time, for ten steps, say."
+                " dynamic_viscosity keeps particles apart."
             )
         return None
 

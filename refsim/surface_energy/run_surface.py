@@ -20,7 +20,7 @@ CLUMPED = 4.0  # times the particles of a full cell in one cell: J would have to
 GATHERED = (
     "J follows the velocity's divergence over a cell and more, not particles that draw nearer within one, as they do at"
     " once in a film or a filament of one or two of them, and sooner or later at a surface that swings. Take smaller"
-    " cells and more particles across a film; for a body dynamic_viscosity, a smaller step, or recount_time."
+    " cells and more particles across a film; for a body dynamic_viscosity, or a smaller step."
 )
 
 

@@ -181,7 +181,7 @@ def understood(words):
         refsim.commands.discover()
         if len(words) > 1 and not words[1].startswith("-") and words[1] not in refsim.commands.COMMANDS:
             return False
-        needed = {"run": ["--quiet"], "plan": ["scene"], "sample": ["mesh", "--radius", "1"], "contract": ["cpu"]}
+        needed = {"run": ["--quiet"], "plan": ["scene"], "contract": ["cpu"]}
         needed |= {"study": ["scene", "--observable", "front"], "view": ["run"]}
         alone = needed.get(words[1], []) if len(words) == 2 else []
         parser, arguments = make_parser(), [*words[1:], *alone]

@@ -1,19 +1,17 @@
-"""Boundary particles on meshes: number, evenness, repeatability, refused input, the command."""
+"""Boundary particles on meshes: number, evenness, repeatability, refused input."""
 
-import json
 import math
 
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial import cKDTree
 
-from refsim.__main__ import main
 from refsim.backends.arrays import on_threads
 from refsim.boundary import sampling
 from refsim.boundary.mesh import surface_mesh
 from refsim.boundary.sampling import HEXAGONAL, facet_counts, isosurface, sample
 from refsim.boundary.signed_distance import signed_distance
-from refsim.commands.sample import nearest_distances
 from refsim.core.errors import InputError
 
 BALL = surface_mesh(trimesh.creation.icosphere(3).vertices, trimesh.creation.icosphere(3).faces, "ball")
@@ -28,7 +26,7 @@ def on_ball():
 def test_particles_are_even_and_on_the_mesh(on_ball):
     assert on_ball.converged
     assert len(on_ball.position) == pytest.approx(on_ball.expected, abs=1)
-    nearest = nearest_distances(on_ball.position)
+    nearest = cKDTree(on_ball.position).query(on_ball.position, k=2)[0][:, 1]
     assert nearest.min() / nearest.mean() > 0.85
     assert nearest.std() / nearest.mean() < 0.05
     made = trimesh.Trimesh(BALL.vertices, BALL.faces)
@@ -95,34 +93,3 @@ def test_same_seed_same_bits(on_ball):
 def test_bad_input_is_refused(options, words):
     with pytest.raises(InputError, match=words):
         sample(BALL, **options)
-
-
-def test_command(tmp_path, capsys):
-    trimesh.creation.box((1.0, 1.0, 1.0)).export(tmp_path / "box.obj")
-    place = tmp_path / "boundary.vtp"
-    assert main(["sample", str(tmp_path / "box.obj"), "--radius", "0.06", "-o", str(place), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["particles"] == pytest.approx(told["expected"], abs=1)
-    assert told["converged"]
-    vtk = pytest.importorskip("vtk")
-    reader = vtk.vtkXMLPolyDataReader()
-    reader.SetFileName(str(place))
-    reader.Update()
-    read = reader.GetOutput()
-    assert read.GetNumberOfPoints() == told["particles"]
-    assert {read.GetPointData().GetArrayName(k) for k in range(2)} == {"normal", "nearest"}
-    assert main(["sample", str(tmp_path / "box.obj"), "--radius", "0.06", "-o", str(place)]) == 0
-    assert "g A/(pi r^2)" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("arguments, words", [
-    (["none.obj", "--radius", "0.1"], "there is no file"), (["box.obj", "--radius", "0.1", "-o", "x.txt"], "vtp"),
-    (["box.obj"], "--radius"),
-])  # fmt: skip
-def test_command_refuses_in_one_sentence(tmp_path, capsys, monkeypatch, arguments, words):
-    monkeypatch.chdir(tmp_path)
-    trimesh.creation.box((1.0, 1.0, 1.0)).export("box.obj")
-    assert main(["sample", *arguments]) == 2
-    error = capsys.readouterr().err
-    assert words in error
-    assert error.count("\n") == 1

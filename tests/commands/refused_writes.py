@@ -53,10 +53,6 @@ every = 0.0005
 """
 SWEEP = 'scene = "tank.toml"\nobservable = "kinetic_energy"\nbackend = "numpy"\n'
 WRONG = "def gravity(field, acceleration):\n    acceleration += 1.01 * field\n\n\nPROGRAMS = {'sph.gravity': gravity}\n"
-BOX = "".join(f"v {x} {y} {z}\n" for x in (0, 1) for y in (0, 1) for z in (0, 1)) + "".join(
-    f"f {' '.join(str(v + 1) for v in side)}\n"
-    for side in ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
-)
 
 
 def table() -> int:
@@ -92,12 +88,11 @@ COMMANDS = {  # each writes into the folder "out", and what it left there before
     "gauges": words("render run --gauges -o out/plots.png"),
     "table": table,
     "example": words("example droplet --output out --overwrite"),
-    "sample": words("sample box.obj --radius 0.2 -o out/box.vtp"),
     "junit": words(f"{CONTRACT} --junit out/report.xml"),
     "export": words("contract sph.gravity --export out"),
     "replay": replay,
 }
-SLOW = ("sweep", "study", "junit", "sample", "film")  # drawn half as often
+SLOW = ("sweep", "study", "junit", "film")  # drawn half as often
 NUMBERS = {"full": errno.ENOSPC, "quota": errno.EDQUOT, "broken": errno.EIO, "read-only": errno.EROFS}
 FAULTS = {name: OSError(number, os.strerror(number)) for name, number in NUMBERS.items()}
 FAULTS |= {"interrupted": KeyboardInterrupt(), "vanished": None, "slow": None}
@@ -199,7 +194,6 @@ def prepare(names: Iterable[str], disk: Disk) -> dict[str, int]:
     pathlib.Path("tank.toml").write_text(tank(0.002) + GAUGE)
     pathlib.Path("one.toml").write_text(SWEEP)
     pathlib.Path("wrong.py").write_text(WRONG)
-    pathlib.Path("box.obj").write_text(BOX)
     calls = {}
     disk.begin()
     with contextlib.redirect_stderr(said := io.StringIO()), contextlib.redirect_stdout(said):

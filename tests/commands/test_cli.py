@@ -187,7 +187,7 @@ def test_bad_commands_get_one_sentence(scene, capsys, arguments, words):
 
 
 ENDLESS = (
-    (["plan", "it"], ""), (["run", "--resume", "it"], ""), (["sample", "it", "--radius", "0.1"], ""),
+    (["plan", "it"], ""), (["run", "--resume", "it"], ""),
     (["plan", "tank.toml"], '[[fluid]]\nshape = "cloud"\nfile = "it"'),
     (["plan", "tank.toml"], '[[fluid]]\nshape = "cloud"\nfile = "it.npy"'),
     (["plan", "tank.toml"], MESH.format("it.obj")), (["plan", "tank.toml"], '[effects.mesh_boundary]\nfile = "it.obj"'),

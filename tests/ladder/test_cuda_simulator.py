@@ -577,7 +577,7 @@ def test_run_of_mpm_under_tension_watches_its_crowding():
     place[:, :2] += random.uniform(-0.1, 0.1, (20, 2))  # no two particles are as near to a sample
     scene = rs.Scene(
         dim=2, spacing=0.1, support_radius=0.3, dtype="float64", step=1e-3, fluid=(rs.Cloud(position=0.1 * place),),
-        effects=(liquid, rs.SurfaceEnergy(surface_tension=1.0, iterations=2, recount_time=4e-3)),
+        effects=(liquid, rs.SurfaceEnergy(surface_tension=1.0, iterations=2)),
     )  # fmt: skip
     oracle, run = both(scene, 2, "cpu")
     assert_alike(run, oracle, "position", "volume_ratio", "deformation", "crowding", "greatest_crowding")

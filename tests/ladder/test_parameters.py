@@ -418,7 +418,7 @@ CELLS = {2: 0.33, 3: 0.31}  # h of the background grid [m], by dimension
 
 
 def material_points(
-    dim, share=1.0, m3=0, m4=0, m5=0, shear=0, m6=False, reading=0, planes=None, mirrors=None, contact=None, recount=0.0
+    dim, share=1.0, m3=0, m4=0, m5=0, shear=0, m6=False, reading=0, planes=None, mirrors=None, contact=None
 ):  # fmt: skip
     """MLS-MPM (Hu et al. 2018) with quadratic splines: D^-1 = 4/h^2; viscosity 4 mu/(rho0 h^2)."""
     h, modulus = CELLS[dim], 3.1e6
@@ -433,7 +433,7 @@ def material_points(
             "forgets_shear": shear,
         },
         "field": None, "planes": planes, "mirrors": mirrors, "contact": contact, "embedding": {"reading": reading},
-        "counting": {"cell_mass": RHO * h**dim}, "recounting": {"limit": 1.05, "rate": 1 / recount if recount else 0.0},
+        "counting": {"cell_mass": RHO * h**dim},
         "kernel_gradient": {"on": 1} if m6 else None, "viscous_stress": {"factor": 4 * MU / (RHO * h**2)},
     }  # fmt: skip
 
@@ -705,10 +705,9 @@ SETUPS = {
     "material points, thesis M7": (lambda dim: (liquid_of_points(dim, literal=("M7",)),),
         lambda dim: material_points(dim, 0.0)),
     "material points in a box": (lambda dim: (MPM[dim], BETWEEN,
-        rs.SurfaceEnergy(surface_tension=SIGMA, contact_angle=70.0, recount_time=0.02)),
+        rs.SurfaceEnergy(surface_tension=SIGMA, contact_angle=70.0)),
         lambda dim: material_points(dim,
-        reading=1, planes=wall_nodes(dim), mirrors={"on": 1}, contact={"pull": SIGMA * math.cos(70 * math.pi / 180)},
-        recount=0.02)),
+        reading=1, planes=wall_nodes(dim), mirrors={"on": 1}, contact={"pull": SIGMA * math.cos(70 * math.pi / 180)})),
     "surface of a run": (lambda dim: (rs.SurfaceEnergy(surface_tension=SIGMA, contact_angle=70.0), MPM[dim], BETWEEN),
         surface_of_run),
     "mesh": ((block_of(), WATER), lambda dim: mesh(), (3,)),

@@ -9,7 +9,7 @@ import pytest
 import refsim as rs
 from refsim import make_plan, simulate
 from refsim.mpm import Counting
-from refsim.surface_energy.effect import CROWDED, OVERFULL, UNEVEN
+from refsim.surface_energy.effect import CROWDED, OVERFULL
 from tests.running import advanced
 from validation.experiments.mpm_droplet.scene import drop_scene, ellipsoid
 from validation.metrics.mpm import CELL, DENSITY, Transfers, ball, turning
@@ -206,18 +206,18 @@ def strewn(dim, shares):
 @pytest.mark.slow
 @pytest.mark.parametrize("dim", [2, 3])
 def test_crowding_of_particles_strewn_at_random(dim):
-    """Where the limits of crowding come from: a lattice has 1; what lies in shares of its own stays below CROWDED, most
-    of it below UNEVEN; what lies anywhere stays below OVERFULL."""
+    """Where the limits of crowding come from: a lattice has 1; what lies in shares of its own stays below CROWDED, what
+    lies anywhere below OVERFULL."""
     assert abs(strewn(dim, "lattice") - 1).max() < 1e-3
     own, anywhere = strewn(dim, "own"), strewn(dim, "any")
     assert own.max() < 1.2 < CROWDED < anywhere.max() < OVERFULL
-    assert own.mean() + own.std() < UNEVEN < own.max()
+    assert own.mean() + own.std() < 1.05 < own.max()
 
 
-def crowded(ratio, **surface):
+def crowded(ratio):
     """A disc whose J says that it is thinner than the grid counts it."""
-    tension = {"surface_tension": 0.01, **surface}
-    return drop_scene(ellipsoid(6.0, 2), 2, liquid={"initial_ratio": ratio, "bulk_modulus": 10.0}, tension=tension)
+    liquid = {"initial_ratio": ratio, "bulk_modulus": 10.0}
+    return drop_scene(ellipsoid(6.0, 2), 2, liquid=liquid, tension={"surface_tension": 0.01})
 
 
 def test_run_says_from_when_on_particles_gather(tmp_path):
@@ -240,22 +240,3 @@ def test_run_says_from_when_on_particles_gather(tmp_path):
     with pytest.raises(rs.RunStopped, match=r"the grid counts 2\.1") as stop:
         rs.Simulation(msgspec.structs.replace(crowded(2.1), dtype="float32")).step()
     assert stop.value.reason == "clumped"
-
-
-@pytest.mark.parametrize("volume", ["ratio", "gradient", "full_gradient"])
-def test_volume_ratio_follows_the_counted_density(volume):
-    """J says 1.2, the grid counts 1: within some recount times J tells of no more than 1.05 of what is counted, F as
-    much as J, and momentum stays."""
-    disc = crowded(1.2, recount_time=1e-3)
-    liquid = msgspec.structs.replace(disc.effects[0], volume=volume, bulk_modulus=1e-3)
-    run = rs.Simulation(msgspec.structs.replace(disc, effects=(liquid, disc.effects[1])))
-    advanced(run, 40)
-    assert run.field("crowding").max() < 1.051
-    inside = np.linalg.norm(run.field("position"), axis=1) < 3 * disc.spacing
-    assert run.field("volume_ratio")[inside] == pytest.approx(1.05, abs=2e-3)
-    if volume != "ratio":
-        f = run.field("deformation").reshape(-1, 3, 3)
-        assert np.linalg.det(f) == pytest.approx(run.field("volume_ratio"), rel=1e-12)
-        assert f[:, 2, 2] == pytest.approx(1.0)
-    mass, velocity = run.field("mass"), run.field("velocity")
-    assert abs(mass @ velocity).max() < 1e-10 * mass.sum() * np.abs(velocity).max()

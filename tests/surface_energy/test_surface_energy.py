@@ -277,7 +277,7 @@ def shaken_block(dim, **parameters):
     "dim, parameters",
     [
         (2, {"quadrature": "poisson", "normals": "gradient"}), (2, {"normals": "facets", "embedding": "none"}),
-        (2, {"normals": "offsets", "inset": -1.0}), (2, {"contact_angle": 60.0, "recount_time": 0.01}),
+        (2, {"normals": "offsets", "inset": -1.0}), (2, {"contact_angle": 60.0}),
         (3, {"enclose_volume": True}), (3, {"contact_angle": 60.0}),
     ],
     ids=str,
