@@ -38,6 +38,7 @@ from refsim.core.fields import Field
 from refsim.core.scalars import int32
 from refsim.core.walls import WallParticles
 from refsim.smoothing import lattice, smoothing
+from refsim.smoothing.reference import kernel_slope, kernel_value
 from refsim.sph import operations as operations
 from refsim.sph.flow import at_least, fast_flow
 from refsim.sph.resting_start import depths
@@ -79,6 +80,7 @@ RESTORING = 0.3
 # beside shifting: after a splash 998 of 1,001 kg/m^3 are counted, 902 without; waves are damped by less than 0.01 a
 # period more (docs/liquid.md)
 SLOW = 0.003
+CARRIED = 0.95  # share of the weight, below which a tank of an advanced density falls with 0.05 g and more
 CALM = 0.01  # most of `restoring` with which tanks rest: in 8 steps 6 % of the speed of a fall, with 0.03 16 %
 DIFFUSION = 0.1  # delta, by default
 MOST_DIFFUSIVE = (
@@ -149,12 +151,13 @@ class CentralViscosity(NamedTuple):
 @functools.lru_cache(maxsize=64)
 def lattice_number_density(shape: str, support_radius: float, spacing: float, dim: int) -> float:
     """Sum of W over the infinite square or cubic lattice, self included [1/m^dim]: delta0."""
-    from refsim.smoothing.reference import kernel_value
-
-    reach = math.ceil(support_radius / spacing)
-    steps = lattice(reach, dim) * spacing
-    distance = np.sqrt((steps**2).sum(1))
+    distance = lattice_distances(support_radius, spacing, dim)
     return float(kernel_value(distance, smoothing(shape, support_radius, dim)).sum())
+
+
+def lattice_distances(support_radius: float, spacing: float, dim: int) -> np.ndarray:
+    """Distances (n,) [m] of a particle of the infinite lattice to itself and to all within the support."""
+    return np.linalg.norm(lattice(math.ceil(support_radius / spacing), dim) * spacing, axis=1)
 
 
 def central_coefficient(dynamic_viscosity: float, dim: int) -> float:
@@ -430,15 +433,30 @@ class WeaklyCompressible(
         return (Pass("sph.density", writes=written, names={"density": "summed_density"}),)
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
-        return (*self._braked(grid, others), *self._restless(others), *self.exceeded(grid, others))
+        return (*self._braked(grid, others), *self._restless(grid, others), *self.exceeded(grid, others))
 
-    def _restless(self, others: Others) -> Iterator[str]:
-        """Note on a fast return to the counted density, which is not even up to walls and surface."""
+    def _restless(self, grid: Discretisation, others: Others) -> Iterator[str]:
+        """Notes on a fast return to the counted density, which is not even up to walls and surface, and on kernels
+        whose lattice does not carry the weight."""
         if stands(others) and self.advances() and (self.restoring or 0.0) > CALM:
             yield (
                 f"{self.name}: with restoring = {self.restoring:g} liquid in a container does not stay at rest; give"
                 f" {CALM:g} or less"
             )
+        carried = self.carried(grid)
+        if stands(others) and carried < CARRIED and self.gradient == "plain" and not pressure_is_replaced(others):
+            yield (
+                f"{self.name}: in the lattice the sums of kernels = {self.kernels!r} at h ="
+                f" {grid.support_radius / grid.spacing:.3g} d carry {carried:.1%} of the weight: liquid in a container"
+                " does not stay at rest, and its pressure becomes too high by the rest; take other kernels or a wider"
+                " support_radius"
+            )
+
+    def carried(self, grid: Discretisation) -> float:
+        """Share of a pressure's even gradient, and so of the weight, that the sum over the lattice gives."""
+        r = lattice_distances(grid.support_radius, grid.spacing, grid.dim)
+        slope = kernel_slope(r, smoothing(SETS[self.kernels][1], grid.support_radius, grid.dim))
+        return -self.particle_volume(grid) * float((r * slope).sum()) / grid.dim
 
     def notes_on_start(
         self, grid: Discretisation, state: InitialState, walls: WallParticles | None, others: Others

@@ -119,12 +119,12 @@ def test_a_note_excuses_only_what_it_says_and_a_stop_only_that_of_the_drawn_scen
 GIVEN = {"dim": 2, "spacing": 0.1, "support_radius": 0.213, "fluid": (Box(cells=(6, 6, 1)),), "dtype": "float64"}
 
 
-def test_rest_breaks_where_spiky_does_not_carry_the_lattice():
+def test_a_note_says_where_spiky_does_not_carry_a_tank():
     liquid = sph.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=50.0, kernels="mueller", density="continuity")
     walls, pull = BoxWalls(lower=(0.0,) * 3, upper=(0.6, 1.2, 0.0)), sph.Gravity(acceleration=(0.0, -1.0, 0.0))
     scene = Scene(effects=(liquid, walls, pull), step_factor=0.2, **GIVEN)
-    found = exact.full_tank(Drawn(scene, 0, (6, 6), True), "numpy")
-    assert found.bound < found.value < 0.13
+    outcome, found = command.judged("rest", exact.full_tank, Drawn(scene, 0, (6, 6), True), "numpy", Counter())
+    assert (outcome, found.bound < found.value < 0.13) == ("noted", True)
 
 
 def test_scenes_of_every_kind_are_drawn():
