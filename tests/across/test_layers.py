@@ -33,13 +33,18 @@ def modules(root=ROOT):
 
 
 @functools.cache
+def tree(path):
+    return ast.parse(path.read_text())
+
+
+@functools.cache
 def imports(*roots):
     """{module: modules that it imports}, at its top, inside its functions, and by a name that is written out."""
     paths = {module: path for root in roots or (ROOT,) for module, path in modules(root).items()}
     found = {}
     for module, path in paths.items():
         found[module] = set()
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in ast.walk(tree(path)):
             if isinstance(node, ast.Import):
                 found[module] |= {alias.name for alias in node.names} & paths.keys()
             elif isinstance(node, ast.ImportFrom) and node.module in paths:
@@ -69,28 +74,18 @@ def upwards(found):
                     yield f"{module} imports {other}"
 
 
-def test_packages_import_only_what_stands_before_them():
-    assert not list(upwards(imports()))
-
-
-def test_no_packages_import_each_other_in_a_circle():
-    packages = {}
-    for module, others in imports().items():
+def test_packages_and_modules_import_only_what_stands_before_them_and_in_no_circle():
+    every = imports(ROOT, VALIDATION)
+    found, packages = {module: every[module] for module in modules()}, {}
+    above = modules(VALIDATION).keys()
+    assert not [f"{module} imports {other}" for module, others in found.items() for other in others & above]
+    assert not list(upwards(found))
+    for module, others in found.items():
         if module not in ("refsim", "refsim.__main__"):
             own = module.split(".")[1]
             packages.setdefault(own, set()).update({other.split(".")[1] for other in others} - {own})
-    graphlib.TopologicalSorter(packages).prepare()
-
-
-def test_no_modules_import_each_other_in_a_circle():
-    graphlib.TopologicalSorter(imports(ROOT, VALIDATION)).prepare()
-
-
-def test_refsim_imports_nothing_of_validation():
-    found = imports(ROOT, VALIDATION)
-    assert not [
-        f"{module} imports {other}" for module in modules() for other in found[module] & modules(VALIDATION).keys()
-    ]
+    for graph in (packages, every):
+        graphlib.TopologicalSorter(graph).prepare()
 
 
 WRITES = ("savefig", "savez", "savez_compressed", "savetxt", "write_bytes", "write_text", "to_csv", "tofile", "imsave")
@@ -145,7 +140,7 @@ def long_signatures():
         for entry in map(operation.entry, operation.names())
     }
     for module, path in modules(ROOT).items():
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in ast.walk(tree(path)):
             if isinstance(node, ast.FunctionDef) and (module, node.name) not in bound:
                 names = [a.arg for a in (*node.args.posonlyargs, *node.args.args) if a.arg not in ("self", "cls")]
                 if len(names) > MOST_ARGUMENTS and "pair" not in map(ast.unparse, node.decorator_list):
@@ -160,7 +155,7 @@ def test_functions_of_references_have_at_most_twelve_statements():
     """An equation is one expression, as a rule; what is longer has parts with names."""
     found = {}
     for path in ROOT.glob("**/reference.py"):
-        for function in ast.walk(ast.parse(path.read_text())):
+        for function in ast.walk(tree(path)):
             if isinstance(function, ast.FunctionDef):
                 inner = sum(isinstance(node, ast.stmt) for node in ast.walk(function)) - 1
                 found[f"{path.parent.name}.{function.name}"] = inner - (ast.get_docstring(function) is not None)

@@ -8,10 +8,9 @@ from refsim import contract
 from refsim.contract.causes import first_cause
 from tests.contract import drawn_faults, faulty, right
 
-QUICK = (
-    "m_i", "constant off", "stale list", "one image", "last block", "self twice", "constant of the plane", "half h",
-    "other kernel", "last twice", "no cut", "half walls", "no z", "adds", "not written", "prefix sums", "float32 sum",
-    "stale by number", "last row", "reversed", "same amount", "m for V", "V by rho_j", "rho_i for rho_j", "p_i - p_j",
+QUICK = (  # one of each sign
+    "m_i", "constant off", "stale list", "last block", "self twice", "constant of the plane", "half h", "other kernel",
+    "last twice", "no cut", "no z", "adds", "not written", "prefix sums", "reversed", "same amount", "V by rho_j",
     "minus mu", "z missing", "overwrites", "0 by 0",
 )  # fmt: skip
 KNOWN = 0.9  # share of the faults whose first cause is right
@@ -31,11 +30,11 @@ def test_a_fault_is_noticed_with_its_cause(fault, recorded):
     outcomes, cause = faulty.judged(fault, steps=("T2",))
     assert faulty.CAUSES[fault] in cause
     assert any(not (o.passed or o.not_judged) for o in outcomes)
-    if fault not in ("float32 sum", "prefix sums"):  # whose rounding is the machine's
+    if fault != "prefix sums":  # whose rounding is the machine's
         recorded(wrong(outcomes))
 
 
-OTHERS = "m_i", "half walls", "last row", "not written", "adds", "one image", "p_i - p_j", "minus mu", "rho_i for rho_j"
+OTHERS = "m_i", "last row", "not written", "adds", "one image", "minus mu"
 
 
 @pytest.mark.parametrize("fault", OTHERS)

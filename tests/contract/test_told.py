@@ -12,8 +12,6 @@ from refsim import InputError
 from refsim.contract import Programs, Target, answers, drawn, inputs, properties, trajectories, whole_runs
 from refsim.contract.answers import seconds_of_many
 from refsim.contract.apart import LibraryDescription, Request
-from refsim.contract.parameters import groups_of, scaled
-from refsim.contract.properties import on_grid
 from refsim.contract.report import junit, report, text, verdict
 from refsim.contract.target import Outcome, told_values
 from refsim.contract.trajectories import Snapshot
@@ -104,20 +102,6 @@ def test_seeds_take_turns_with_numbers_beyond_16_bits(monkeypatch):
     monkeypatch.setattr(drawn, "many", lambda target, name: name)
     found = [drawn._many(types.SimpleNamespace(seed=seed)) for seed in (0, 1, 2, 3, 4, 5, 6, None)]
     assert found == [f"many_{2**16 + d}" for d in (-1, -1, 0, 0, 1, 1, -1, -1)]
-
-
-@pytest.mark.parametrize("operation", ["sph.density", "sph.momentum", "two_way_coupling.forces"])
-@pytest.mark.parametrize("share", [0.5, 1.3])
-def test_every_support_radius_is_scaled(operation, share):
-    inputs = on_grid(Target(REGISTRY[operation], "numpy", "float64", seed=1), "cloud_3d")
-    made, found = scaled(REGISTRY[operation], inputs, share), 0
-    for name, group in groups_of(REGISTRY[operation], inputs).items():
-        if "support_radius" in group._fields:
-            found += 1
-            assert float(made[name].support_radius) == pytest.approx(share * float(group.support_radius))
-        if "value_scale" in group._fields:
-            assert float(made[name].value_scale) == pytest.approx(float(group.value_scale) / share**3)
-    assert found
 
 
 @pytest.mark.parametrize("most, taken", [(None, 1), (1, 1), (9, 1), (0, 0), (-1, 0), (True, 0), (2.0, 0)])
@@ -292,25 +276,6 @@ def test_programs_are_repeated_on_one_two_and_all_threads(loader, place, threads
     monkeypatch.setattr(properties, "LARGE", {2: "large_2d", 3: "large_3d"})
     target = types.SimpleNamespace(loader=loader, place=types.SimpleNamespace(name=place), dims=(2, 3), variant=0)
     assert [trial.name for trial in properties.repeats(target)] == expected
-
-
-@pytest.mark.parametrize("name", ["mass", "velocity"])
-def test_a_spoiled_row_reaches_its_neighbours_alone(name):
-    """Row 11; particles beyond a tenth more than the list's radius are far, in a box nearest images count."""
-    for variant in (0, 2):
-        usual = properties.Usual(Target(REGISTRY["sph.momentum"], "numpy", "float64", variant, seed=1), "cloud_3d")
-        spoiled, inputs = properties.Spoiled(usual, name), usual.inputs
-        period = inputs["period"] if variant == 2 else None
-        apart = inputs["position"] - inputs["position"][11]
-        if period is not None:
-            lengths = np.array(period[:3])
-            apart -= lengths * np.round(apart / np.where(lengths > 0, lengths, np.inf))
-        far = np.sqrt((apart**2).sum(1)) > 1.1 * inputs.case.list_radius
-        assert (spoiled.far == far).all()
-        assert far.any()
-        assert np.isnan(spoiled.inputs[name][11]).all()
-        assert (np.delete(spoiled.inputs[name], 11, 0) == np.delete(inputs[name], 11, 0)).all()
-        assert (spoiled.changed[name][11] != inputs[name][11]).all()
 
 
 # Reports
