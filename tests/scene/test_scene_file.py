@@ -9,7 +9,7 @@ import pytest
 
 import refsim
 from refsim import Ball, Box, BoxWalls, Cloud, Gauge, Gravity, Motion, Scene, WeaklyCompressible, make_plan
-from refsim.__main__ import main
+from refsim.commands.plan import _text, describe_plan
 from refsim.core.effect import EFFECTS
 from refsim.scene.files import SHAPES, describe, load_scene, parse_scene, scene_schema, scene_to_toml, unit_of
 from tests.commands.test_cli import SCENE
@@ -72,11 +72,10 @@ def test_a_file_of_positions_lies_beside_the_scene(tmp_path, monkeypatch, suffix
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
-def test_examples_load_and_plan_without_a_note(path, capsys):
-    assert main(["plan", str(path)]) == 0
-    told = capsys.readouterr().out
-    scene = load_scene(path)
-    assert make_plan(scene).notes == ()
+def test_examples_load_and_plan_without_a_note(path):
+    plan = make_plan(load_scene(path))
+    told, scene = _text(describe_plan(plan, "cpu")), plan.scene
+    assert plan.notes == ()
     assert scene.name in told
     grows = {"mpm_liquid": "blocks that the background grid gains", "mesh_boundary": "distances in a band"}
     beside = [words for name, words in grows.items() if name in {effect.name for effect in scene.effects}]

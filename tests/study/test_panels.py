@@ -133,6 +133,7 @@ LONG = {  # left to the nights: scenes that take 10 s to make, settings that tak
 }  # fmt: skip
 AGAIN = {  # melting has theirs by day
     ("heat", "runge_kutta_legendre_8"), ("heat", "implicit_8"), ("front", "d10"), ("vortex_decay", "n50_h3.2"),
+    ("wall_force", "n8"),
 }  # fmt: skip
 
 
