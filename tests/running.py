@@ -1,9 +1,22 @@
-"""Runs that go on for some steps or to a time, and what other processes are waited for."""
+"""Tables of tests, runs that go on for some steps or to a time, and what other processes are waited for."""
 
+import functools
 import os
+import pathlib
 import subprocess
 import sys
+import tomllib
 from time import monotonic, sleep
+
+
+@functools.cache
+def tables(folder):
+    return tomllib.loads((folder / "tables.toml").read_text(encoding="utf-8"))
+
+
+def rows(file, name):
+    """A table of `tables.toml` beside a test's file."""
+    return tables(pathlib.Path(file).parent)[name]
 
 
 def advanced(simulation, steps):

@@ -13,6 +13,7 @@ from refsim.engine.checkpoints import load_checkpoint
 from refsim.scene.files import load_scene, scene_to_toml
 from refsim.smoothing import smoothing
 from refsim.smoothing.reference import kernel_value
+from tests.running import rows
 
 SPACING, SUPPORT = 0.01, 0.027
 LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=0.5, density="summation")
@@ -96,11 +97,7 @@ def test_a_mesh_is_looked_for_beside_the_scene_file_and_in_the_folder_of_a_run(p
     load_checkpoint(tmp_path / "run")
 
 
-@pytest.mark.parametrize("changes, words", [
-    ({"file": "nowhere.obj"}, "there is no file"),
-    ({"radius": 0.2}, "smaller than the boundary particles"), ({"size": 0.004}, "smaller than the boundary particles"),
-    ({"correction": "sweep"}, "correction = 'sweep'"), ({"center": (0.0, float("nan"), 0.0)}, "center along y"),
-])  # fmt: skip
+@pytest.mark.parametrize("changes, words", rows(__file__, "bad_meshes"))  # fmt: skip
 def test_bad_input_gets_one_sentence(plate, changes, words):
     with pytest.raises(InputError, match=words) as caught:
         make_plan(scene(LIQUID, MeshBoundary(**{"file": plate, **changes})))

@@ -21,6 +21,7 @@ from refsim.scene import overlaps, solids
 from refsim.scene.surface_mesh import SurfaceMesh, placed_mesh, surface_mesh
 from tests.boundary import damaged_meshes
 from tests.recorded import numbers
+from tests.running import rows
 
 CUBE = pathlib.Path(refsim.__file__).parent / "examples" / "cube.obj"
 BOX = (  # corners, and faces wound outwards
@@ -304,14 +305,7 @@ def test_layers_of_walls_are_as_ever(number, recorded):
     recorded(found)
 
 
-@pytest.mark.parametrize("changes", [
-    {"upper": (0.99, 0.099, 1.0)}, {"upper": (0.99, 0.1, 1.0)}, {"moving_faces": ("+x",), "velocity": (0.1, 1.0, 0.0)},
-    {"moving_faces": ("+y",), "velocity": (0.1, 0.0, 0.2), "viscosity": 1.0}, {"velocity": (0.1, 0.0, 0.0)},
-    {"moving_faces": ("+z",), "velocity": (0.1, 0.0, 0.0), "viscosity": 1.0}, {"upper": (900.0, 900.0, 900.0)},
-    {"moving_faces": ("-y", "+y"), "velocity": (0.1, 0.0, 0.0), "viscosity": 1.0},
-    {"moving_faces": ("-y",), "velocity": (0.1, 0.0, 0.0), "viscosity": 1.0, "open_faces": ("-y",)},
-    {"moving_faces": ("-y",), "velocity": (0.1, 0.0, 0.0)},
-])  # fmt: skip
+@pytest.mark.parametrize("changes", rows(__file__, "boxes"))  # fmt: skip
 def test_boxes_are_refused_or_taken_with_their_numbers(changes, recorded, monkeypatch):
     monkeypatch.setattr(solids, "host_memory", lambda: {"total": 2**23})
     found = {}

@@ -13,6 +13,7 @@ from refsim.boundary.mesh import surface_mesh
 from refsim.boundary.sampling import HEXAGONAL, facet_counts, isosurface, sample
 from refsim.boundary.signed_distance import signed_distance
 from refsim.core.errors import InputError
+from tests.running import rows
 
 BALL = surface_mesh(trimesh.creation.icosphere(3).vertices, trimesh.creation.icosphere(3).faces, "ball")
 BOX = surface_mesh(*(lambda m: (m.vertices, m.faces))(trimesh.creation.box((1.0, 1.0, 1.0))), "box")
@@ -84,12 +85,7 @@ def test_same_seed_same_bits(on_ball):
     assert not np.array_equal(on_ball.position, other.position)
 
 
-@pytest.mark.parametrize("options, words", [
-    ({"radius": 0.0}, "positive"), ({"radius": float("nan")}, "positive"),
-    ({"radius": 3.0}, "larger than the mesh"), ({"radius": 0.1, "density": -1.0}, "positive"),
-    ({"radius": 0.1, "literal": ("E99",)}, "E99"),
-    ({"radius": 0.1, "spacing": -1.0}, "positive"), ({"radius": 0.1, "backend": "numpy"}, "choose cpu or cuda"),
-])  # fmt: skip
+@pytest.mark.parametrize("options, words", rows(__file__, "bad_samples"))  # fmt: skip
 def test_bad_input_is_refused(options, words):
     with pytest.raises(InputError, match=words):
         sample(BALL, **options)

@@ -8,7 +8,7 @@ import trimesh
 import refsim as rs
 from refsim import make_plan
 from refsim.core.operation import REGISTRY
-from tests.running import advanced
+from tests.running import advanced, rows
 from validation.experiments.liquid import runs
 
 SMALL = ((3, 3), 2, (8, 7), 2.6, runs.ARTIFICIAL)  # body, cells below it, tank, h/d, alpha
@@ -80,13 +80,7 @@ def test_a_detected_surface_has_its_number_density():
     assert simulation.field("surface")[simulation.field("position")[:, 2] > 0.9].all()
 
 
-@pytest.mark.parametrize(("changed", "words"), [
-    ({"viscosity": "laplacian"}, "'laplacian' would brake their rotation; set viscosity = 'central'"),
-    ({"gradient": "corrected"}, "two_way_coupling, whose solids bear the opposite of plain pair forces"),
-    ({"tensile_control": "everywhere"}, "two_way_coupling, whose solids bear the opposite of plain pair forces"),
-    ({"literal": ("M2",)}, "density_weighted and literal belong to a summed density"),
-    ({"density_weighted": True}, "density_weighted and literal belong to a summed density"),
-])  # fmt: skip
+@pytest.mark.parametrize(("changed", "words"), rows(__file__, "unfit_solids"))  # fmt: skip
 def test_what_does_not_fit_is_refused_in_a_sentence(changed, words):
     scene = submerged(*SMALL)
     owner = rs.WeaklyCompressible if {"viscosity", "gradient", "tensile_control"} & set(changed) else rs.TwoWayCoupling

@@ -11,7 +11,7 @@ from refsim.scene.files import load_scene, parse_scene
 from refsim.study import advice
 from refsim.study.panels import abouts, panel
 from refsim.study.panels.scenes import scene_of
-from tests.running import python
+from tests.running import python, rows
 
 
 def advise(*words):
@@ -24,14 +24,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.parametrize(("words", "said"), [
-    (["frnt"], "there is no observable 'frnt'; did you mean front?"),
-    (["nothing-like-it"], "choose from wall_force, heat"),
-    (["front", "--error", "2"], "an error of 2 is not possible; give a share between 0 and 1"),
-    (["front", "--error", "0"], "an error of 0 is not possible"),
-    (["front", "--seconds", "0"], "0 seconds are not possible; give a positive number"),
-    (["front", "--seconds", "1e-4"], "no measured setting of front takes 0.0001 s or less; give more"),
-])  # fmt: skip
+@pytest.mark.parametrize(("words", "said"), rows(__file__, "bad_advice"))  # fmt: skip
 def test_bad_input_gets_a_sentence_and_code_2(folder, capsys, words, said):
     assert advise(*words) == 2
     assert said in capsys.readouterr().err

@@ -9,6 +9,7 @@ from refsim.__main__ import main
 from refsim.commands.equations import equation, equations, page
 from refsim.commands.show import shown
 from refsim.core.operation import REGISTRY
+from tests.running import rows
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 NUMBERED = {
@@ -50,12 +51,7 @@ def test_the_errata_that_are_named_are_those_of_the_source():
                 assert re.search(rf"\b{erratum}\b", chapter), f"{found.name} names {erratum}"
 
 
-@pytest.mark.parametrize(("name", "parts"), [
-    ("J(10)", ("(p_i + p_j)/(2 rho_j)", "E24", "sph/reference.py:", "def pressure_force(i, j", "def pressure_pair(")),
-    ("thesis (4.15)", ("def node_momentum(j, p, jp)", "-k mpm.particle_to_grid", "refsim/mpm/particle_to_grid.py:")),
-    ("j (1)", ("not implemented: J(4) is its discrete form",)),
-    ("D(7)", ("lost in the source", "E34", "def force_shape(")),
-])  # fmt: skip
+@pytest.mark.parametrize(("name", "parts"), rows(__file__, "equations"))  # fmt: skip
 def test_an_equation_is_shown_with_its_code(name, parts, capsys):
     assert main(["show", name]) == 0
     text = capsys.readouterr().out

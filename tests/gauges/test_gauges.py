@@ -1,6 +1,5 @@
 """Gauges say what the liquid does: weights, pressures, levels and fluxes that are known, on each backend."""
 
-import math
 from typing import get_args, get_type_hints
 
 import numpy as np
@@ -11,7 +10,7 @@ from refsim import make_plan
 from refsim.engine.driver import simulate
 from refsim.gauges import KINDS as gauge_kinds
 from refsim.motion import KINDS as motion_kinds
-from tests.running import advanced, run_to
+from tests.running import advanced, rows, run_to
 from tests.sph.test_liquid_at_rest import DEPTH
 from tests.sph.test_liquid_at_rest import tank as water
 
@@ -118,22 +117,7 @@ def test_series_are_files(tmp_path, capsys):
     assert "is damaged" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("gauge", "words"), [
-    ({"name": "a b", "kind": "level"}, "the name is not possible"), ({"name": "a", "kind": "force"}, "lacks 'on'"),
-    ({"name": "a", "kind": "force", "on": "-z"}, "the scene has no '-z'"),
-    ({"name": "a", "kind": "force", "on": "mesh_boundary"}, "the scene has no 'mesh_boundary'"),
-    ({"name": "a", "kind": "force", "on": "solid 1"}, "the scene has no 'solid 1'"),
-    ({"name": "a", "kind": "force", "on": "-x", "at": (0, 0, 0)}, "takes no 'at'"),
-    ({"name": "a", "kind": "pressure"}, "exactly once"),
-    ({"name": "a", "kind": "pressure", "at": (5.0, 0.5, 0.0)}, "outside of the domain from 0 to 1 m"),
-    ({"name": "a", "kind": "pressure", "at": (math.nan, 0.5, 0.0)}, "at along x"),
-    ({"name": "a", "kind": "level", "lower": (0.5, 0.0, 0.0)}, "'upper' is missing"),
-    ({"name": "a", "kind": "level", "lower": (0.5, 0.0, 0.0), "upper": (0.6, 1.0, 0.0)}, "no line along one axis"),
-    ({"name": "a", "kind": "level", "lower": (0.5, 1.0, 0.0), "upper": (0.5, 0.5, 0.0)}, "lower is above upper"),
-    ({"name": "a", "kind": "flux", "lower": (0.0, 0.0, 0.0), "upper": (1.0, 1.0, 0.0)}, "is no patch"),
-    ({"name": "a", "kind": "flux", "lower": (0.5, 0.0, 0.0), "upper": (0.5, 9.0, 0.0)}, "outside of the domain"),
-    ({"name": "a", "kind": "pressure", "at": (0.5, 0.5, 0.0), "every": -1.0}, "every = -1.0 is not possible"),
-])  # fmt: skip
+@pytest.mark.parametrize(("gauge", "words"), rows(__file__, "bad_gauges"))  # fmt: skip
 def test_bad_gauges_are_refused_in_a_sentence(gauge, words):
     with pytest.raises(rs.InputError, match=words) as caught:
         make_plan(tank(5, (rs.Gauge(**gauge),)))

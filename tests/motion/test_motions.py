@@ -9,7 +9,7 @@ import pytest
 from refsim import Box, BoxWalls, Cloud, Gravity, InputError, Motion, Scene, Simulation, WeaklyCompressible
 from refsim import make_plan as planned
 from refsim.engine.motions import turned
-from tests.running import advanced, run_to
+from tests.running import advanced, rows, run_to
 
 G, DENSITY = 9.81, 1000.0
 SWAY = Motion(of="gravity", kind="sway", direction=(2.0, 0.0, 0.0), amplitude=0.01, period=0.5)
@@ -124,11 +124,7 @@ def test_a_free_particle_flies_straight_as_a_turning_tank_sees_it():
     assert simulation.field("position")[0] == pytest.approx(wanted, abs=3e-4)
 
 
-@pytest.mark.parametrize(("changes", "words"), [
-    ({"direction": (1.0, 0.0, 0.0)}, "a 2D tank turns about z"),
-    ({"of": "gravity", "direction": (1.0, 0.0, 0.0), "pivot": (0.0, 0.0, 0.0)}, "only a turn has a 'pivot'"),
-    ({"pivot": (math.nan, 0.0, 0.0)}, "pivot along x"),
-])  # fmt: skip
+@pytest.mark.parametrize(("changes", "words"), rows(__file__, "bad_turns"))  # fmt: skip
 def test_bad_turns_are_refused(changes, words):
     turn = Motion(of="turn", kind="sway", direction=(0.0, 0.0, 1.0), amplitude=0.1, period=1.0)
     with pytest.raises(InputError, match=words):

@@ -26,6 +26,7 @@ from refsim.render.plane import loops
 from refsim.render.saved_run import SavedRun, chosen_frames, open_run
 from refsim.render.space import Body, Stage
 from refsim.render.surfaces import _band, distances, surface_around
+from tests.running import rows
 
 SMALL = (320, 240)
 
@@ -451,22 +452,7 @@ def test_a_signal_waits_until_vtk_is_imported(monkeypatch):
     assert imported == ["pyvista"]
 
 
-@pytest.mark.parametrize("words, answer", [
-    (["--style", "glass"], "--style 'glass' is unknown; choose one of paper, water, particles."),
-    (["--color", "colour"], "has no field 'colour'; give one of"),
-    (["--limits", "1"], "--limits '1' is not possible; give two numbers with ',' between."),
-    (["--color", "mass", "--limits", "2,1"], "--limits 2.0,1.0 is no range"),
-    (["--camera", "left"], "--camera 'left' is no camera"),
-    (["--camera", "-90,100"], "give an elevation from -90 to 90 degrees"),
-    (["--cut", "z=0"], "--cut 'z=0' is no plane; give for example x=0, in metres."),
-    (["--size", "10x10"], "--size 10x10 is not possible"), (["--frames", "77"], "the run has 4 frames"),
-    (["-o", "picture.tiff"], "is no picture; give a name that ends in .png, .webp or .jpg."),
-    (["-o", "no/picture.png"], "there is no folder 'no' for the picture"),
-    (["--film", "film.avi"], "is no film; give a name that ends in .mp4."),
-    (["--film", "no/film.mp4"], "there is no folder 'no' for the film"),
-    (["--film", "film.mp4", "-o", "picture.png"], "--film and --output name two files"),
-    (["--film", "film.mp4", "--per-second", "0"], "--per-second 0 is not possible"),
-])  # fmt: skip
+@pytest.mark.parametrize("words, answer", rows(__file__, "wrong_words"))  # fmt: skip
 def test_wrong_words_are_answered_in_a_sentence(in_plane, tmp_path, monkeypatch, capsys, words, answer):
     monkeypatch.chdir(tmp_path)
     assert main(["render", str(in_plane), *words]) == 2

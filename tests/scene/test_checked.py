@@ -10,6 +10,7 @@ import pytest
 
 import refsim as rs
 from refsim import make_plan
+from tests.running import rows
 from validation import pairs
 
 WALLS = {"lower": (0, 0, 0), "upper": (1, 1, 1)}
@@ -129,17 +130,7 @@ def test_one_parameter_is_changed_by_one_call():
     assert before == scene()
 
 
-@pytest.mark.parametrize("changes, sentence", [
-    ({"spacng": 1.0}, r"with_\(spacng=\.\.\.\): this scene has no 'spacng' there; did you mean spacing\?"),
-    ({"gravty__acceleration": 1.0}, r"no 'gravty' there; did you mean gravity\?"),
-    ({"gravity": 1.0}, r"no 'gravity' there; did you mean gravity__\?"),
-    ({"gravity__accel": 1.0}, r"no 'accel' there; did you mean acceleration\?"),
-    ({"fluid__2__radius": 1.0}, r"no '2' there; choose from 0, 1\."),
-    ({"fluid__radius": 1.0}, r"no 'radius' there; choose from 0, 1\."),
-    ({"solid__0__radius": 1.0}, r"no '0' there; there are none\."),
-    ({"fluid__0__radius": 1.0}, r"no 'radius' there; choose from lower, cells, velocity, size, outside\."),
-    ({"gravity__acceleration": "9"}, r"gravity: acceleration = '9' is text; give a tuple or a list or None\."),
-])  # fmt: skip
+@pytest.mark.parametrize("changes, sentence", rows(__file__, "impossible_changes"))  # fmt: skip
 def test_a_change_that_is_not_possible_is_named(changes, sentence):
     with pytest.raises(rs.InputError, match=sentence):
         scene().with_(**changes)

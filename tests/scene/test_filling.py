@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 import refsim as rs
 from refsim.scene.files import parse_scene
 from refsim.scene.refine import refined
+from tests.running import rows
 
 D, PULL = 0.125, 9.81
 LONG, WIDE, DEEP = 16, 6, 8  # cells
@@ -129,13 +130,7 @@ def test_a_box_by_its_size_alone(dim):
     assert len(rs.make_plan(refined(made, 2)).state.position) == 9 * 6 * (1, 4)[dim - 2]
 
 
-@pytest.mark.parametrize(("keys", "words"), [
-    ("", "its extent is missing; give cells, size, or both"),
-    ("size = [0.0, 1.0, 1.0]", "give edges above 0"),
-    ("size = [1e11, 1.0, 1.0]", "give edges above 0"),
-    ("size = [1e6, 1e6, 1e6]\noutside = 'bodies'", "can be numbered"),
-    ('cells = [4, 4, 4]\noutside = "mesh"', "outside"),
-])  # fmt: skip
+@pytest.mark.parametrize(("keys", "words"), rows(__file__, "bad_fillings"))  # fmt: skip
 def test_what_cannot_be_filled_is_refused(keys, words):
     text = f'spacing = 0.1\nsupport_radius = 0.3\n[[fluid]]\nshape = "box"\n{keys}\n'
     with pytest.raises(rs.InputError, match=words):

@@ -11,6 +11,7 @@ from refsim.boundary.akinci_2012 import box_layers, calibrated_factor, wall_kern
 from refsim.smoothing import SHAPES, reference, smoothing
 from refsim.smoothing.formulas import kernel_slope, kernel_value, viscosity_laplacian
 from refsim.sph import lattice_number_density
+from tests.running import rows
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(40)
 
@@ -55,12 +56,7 @@ class TestKernels:
             assert viscosity_laplacian(np.float64(r), kernel) == 0
 
 
-@pytest.mark.parametrize("arguments, words", [
-    (("poly7", 1.0, 3), "poly7"), (("poly6", 1.0, 4), "dim = 4"), (("poly6", 0.0, 3), "support_radius"),
-    (("poly6", -1.0, 3), "support_radius"), (("poly6", math.nan, 3), "support_radius"),
-    (("poly6", 1e-8, 3, "float32"), "too small for smoothing kernels in float32"),
-    (("poly6", 1e8, 3, "float32"), "too large"),
-])  # fmt: skip
+@pytest.mark.parametrize("arguments, words", rows(__file__, "impossible_kernels"))  # fmt: skip
 def test_impossible_kernels_are_refused(arguments, words):
     with pytest.raises(InputError, match=words):
         smoothing(*arguments)

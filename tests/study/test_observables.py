@@ -6,6 +6,7 @@ import pytest
 from refsim import Box, Gauge, Gravity, InputError, Scene, Simulation, WeaklyCompressible, make_plan
 from refsim.engine.conserved_totals import conserved_totals
 from refsim.study.observables import observable_of
+from tests.running import rows
 from validation.metrics.dam_break import front_position
 
 
@@ -70,13 +71,7 @@ def test_own_functions(simulation, tmp_path):
         observable_of(f"{file}:pair", simulation.plan)
 
 
-@pytest.mark.parametrize("name, words", [
-    ("fornt", "there is no observable 'fornt'; did you mean front"), ("front:z", "is no direction"),
-    ("front:up", "is no direction"), ("field:densty@0,0", "no field 'densty'; did you mean density"),
-    ("field:density", "is no point"), ("field:density@1", "is no point"), ("field:density@a,b", "is no point"),
-    ("field:density.x@0,0", "write field:density"), ("field:velocity@0,0", "write field:velocity.x or"),
-    ("field:velocity.w@0,0", "write field:velocity.x or"), ("gauge:floor", "there is no gauge 'floor'; add a"),
-])  # fmt: skip
+@pytest.mark.parametrize("name, words", rows(__file__, "missing_observables"))  # fmt: skip
 def test_what_is_not_there_gets_a_sentence(simulation, name, words):
     with pytest.raises(InputError, match=words):
         observable_of(name, make_plan(simulation.plan.scene))

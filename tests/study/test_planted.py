@@ -15,6 +15,7 @@ from refsim import Box, Gravity, Scene, Simulation, SolidBox, SolidMesh, WeaklyC
 from refsim.study import runs
 from refsim.study.local_modules import forget, local_modules
 from refsim.study.observables import observable_of
+from tests.running import rows
 
 FLIGHT = {
     "spacing": 0.01, "support_radius": 0.026, "end_time": 0.002,
@@ -114,14 +115,7 @@ def test_a_key_follows_the_values_that_a_function_names(tmp_path, monkeypatch):
     assert [len(set(each)) for each in zip(*keys)] == [3, 3, 2]
 
 
-HELPERS = {
-    "beside": ("import helper\n", "helper.py", ""), "through another": ("import first\n", "helper.py", "import helper"),
-    "in a package": ("from own_part import helper\n", "own_part/helper.py", ""),
-    "relative in a package": ("from own_part import first as helper\n", "own_part/helper.py", "from .helper import *"),
-    "when it is called": ("", "helper.py", ""),
-    "by its name": ("import importlib\nhelper = importlib.import_module('helper')\n", "helper.py", ""),
-    "from a folder below": ("sys.path.insert(0, here + '/lib')\nimport helper\n", "lib/helper.py", ""),
-}  # fmt: skip
+HELPERS = rows(__file__, "helpers")  # fmt: skip
 
 
 @pytest.mark.parametrize("where", HELPERS)

@@ -18,6 +18,7 @@ from refsim.study.convergence import Reference, _doubt, observed_order
 from refsim.study.panels import Machine, drops, measured, panel
 from refsim.study.panels.scenes import scene_of
 from refsim.study.result import percent
+from tests.running import rows
 from tests.study.test_cost import tank
 
 
@@ -123,11 +124,7 @@ def test_shares_have_two_digits_and_whole_per_cents_from_one_on(share, words):
         assert percent(share, signed=True) == ("+" if share > 0 else "") + words
 
 
-@pytest.mark.parametrize("values, words", [
-    ([1.0, 1.2, 1.1], "alternate"), ([1.0, 0.8, 0.9], "alternate"), ([-1.0, -0.9, -0.85], "do not shrink"),
-    ([1.0, 1.0, 1.1], "do not shrink"), ([-3.0, 2.0, 1.5], "alternate"), ([3.0, 2.5, 2.4], "do not shrink"),
-    ([1.0, 0.8, 1.1], "alternate"), ([1.0, 1.2, 1.2], "do not shrink"),
-])  # fmt: skip
+@pytest.mark.parametrize("values, words", rows(__file__, "values_without_order"))  # fmt: skip
 def test_values_without_an_order_alternate_or_do_not_shrink(values, words):
     assert words in _doubt((1.0, 2.0, 4.0), values, math.nan)
 

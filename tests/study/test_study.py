@@ -20,6 +20,7 @@ from refsim.core.locks import in_turn
 from refsim.scene.refine import refined
 from refsim.study import runs
 from refsim.study.observables import observable_of
+from tests.running import rows
 from tests.tank_file import GRAVITY, tank
 
 SCENE = tank(0.001, 6, 12, GRAVITY)
@@ -283,11 +284,7 @@ def test_a_key_follows_what_changes_a_number():
     assert (len(set(keys)), runs.key_of(titled, one, None, None)) == (len(keys), keys[0])
 
 
-@pytest.mark.parametrize("more, words", [
-    ({"knobs": ("spacings",)}, "there is no knob 'spacings'; did you mean spacing"),
-    ({"error": 2.0}, "error = 2 is not possible"), ({"levels": 0}, "levels = 0"),
-    ({"backend": "gpu"}, "Backend 'gpu' cannot be used"), ({"scene": "none.toml"}, "none.toml does not exist"),
-])  # fmt: skip
+@pytest.mark.parametrize("more, words", rows(__file__, "bad_studies"))  # fmt: skip
 def test_bad_input_gets_a_sentence(more, words):
     with pytest.raises(rs.InputError, match=words):
         studied("front", **more)

@@ -11,6 +11,7 @@ from refsim import Ball, Box, BoxWalls, Cloud, InputError, Scene, Simulation, Su
 from refsim.core.effect import EFFECTS, Discretisation, Effect
 from refsim.scene.plan import make_plan
 from refsim.surface_detection import detection_in
+from tests.running import rows
 from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface
 
 METHODS = ("number_density", "fan_scan", "two_step")
@@ -240,12 +241,7 @@ def test_different_settings_for_one_field_are_refused(borrower, other):
         plan_of(SurfaceDetection(), borrower(own=SurfaceDetection(**other)))
 
 
-@pytest.mark.parametrize(("settings", "words"), [
-    ({"threshold": 1.5}, "threshold = 1.5"), ({"threshold": math.nan}, "threshold = nan"),
-    ({"method": "umbrella"}, "method = 'umbrella' is not possible; choose from number_density, fan_scan, two_step"),
-    ({"scan_radius": "double"}, "scan_radius = 'double'"), ({"scan_normal": "none"}, "scan_normal = 'none'"),
-    ({"literal": ("E4",)}, "literal has E4; only E5, E6, E10, E23, paper or all"),
-])  # fmt: skip
+@pytest.mark.parametrize(("settings", "words"), rows(__file__, "bad_settings"))  # fmt: skip
 def test_bad_settings_get_one_sentence(settings, words):
     with pytest.raises(InputError, match=r"^surface_detection: ") as caught:
         plan_of(SurfaceDetection(**settings))

@@ -13,7 +13,7 @@ from refsim.sparse_grid.reference import node_table
 from refsim.surface_energy import Tension, operations
 from refsim.surface_energy.reconstruction import Reconstruction
 from refsim.surface_energy.reference_reconstruction import ReferenceReconstruction
-from tests.running import advanced
+from tests.running import advanced, rows
 
 CPU = Backend("cpu")
 H = 1 / 32
@@ -247,14 +247,7 @@ def test_printed_readings_do_what_they_say():
     assert holes[1] > 0
 
 
-@pytest.mark.parametrize(("parameters", "words"), [
-    ({"level_set_radius": 1.0}, "level_set_radius = 1.0 is not possible; give 1.732 to 2"),
-    ({"disk_radius": 1.5}, "disk_radius = 1.5"), ({"relaxation": 2.0}, "so that the fit converges"),
-    ({"offset": 3.0}, "offset = 3.0"), ({"iterations": -1}, "iterations = -1"),
-    ({"normals": "best"}, "normals = 'best' is not possible; choose from mls, gradient, facets, offsets"),
-    ({"quadrature": "gauss"}, "quadrature = 'gauss' is not possible; choose from facets, poisson"),
-    ({"inset": 2.0}, "inset = 2.0"), ({"literal": ("E2",)}, "only M1, M14, M31, M32, paper or all"),
-])  # fmt: skip
+@pytest.mark.parametrize(("parameters", "words"), rows(__file__, "bad_parameters"))  # fmt: skip
 def test_bad_parameters_are_told(parameters, words):
     with pytest.raises(InputError, match=words):
         Reconstruction(CPU, 3, "float32", H, Tension(**{"surface_tension": 1.0, **parameters}))

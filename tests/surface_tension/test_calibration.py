@@ -13,6 +13,7 @@ from refsim import calibrate, load_scene, make_plan
 from refsim.core.capabilities import with_scene_defaults
 from refsim.core.effect import Discretisation
 from refsim.surface_tension.calibration import MAP, SETTINGS, sigma_map
+from tests.running import rows
 from validation.measure import sigma_map as condensing
 from validation.measure import tension
 from validation.measure.command import DATA
@@ -96,12 +97,7 @@ def test_a_tension_is_turned_into_a_coefficient_by_measured_drops():
     assert unshifted.share_of_nominal(grid, {"weakly_compressible": liquid}) == 1.0
 
 
-@pytest.mark.parametrize(("support", "stiffness", "said"), [
-    (2.2, 0.005, "2.3 to 3 spacings; with 2.2 another"), (2.3, 0.005, ""), (3.0, 0.01, ""), (2.6, 0.0005, ""),
-    (3.2, 0.01, "2.3 to 3 spacings; with 3.2 another tension acts, about 1.2 times as much at 3.2 spacings"),
-    (2.6, 0.0004, "= 0.00049 to 0.028; with 0.0004 a larger"), (2.6, 0.04, "= 0.00049 to 0.028; with 0.04 a smaller"),
-    (3.0, 0.0005, "= 0.0015 to 0.012; with 0.0005 a larger"),
-])  # fmt: skip
+@pytest.mark.parametrize(("support", "stiffness", "said"), rows(__file__, "unmeasured_drops"))  # fmt: skip
 def test_what_no_measured_drop_had_is_noted(support, stiffness, said):
     liquid = rs.WeaklyCompressible(sound_speed=10.0, density="continuity")
     others = {"weakly_compressible": liquid, "particle_shifting": rs.ParticleShifting()}
@@ -176,22 +172,7 @@ def test_drops_of_the_default_liquid_have_the_tension_asked_for(model, dim, leas
     assert found >= least
 
 
-OUTSIDE = {
-    "no model": ({"model": "akinki"}, "there is no model 'akinki'; choose from jiang_zhu"),
-    "no tension": ({"sigma": 0.0}, "sigma = 0.0 is not a positive number"),
-    "other units": ({"sigma": 1e308}, "sigma = 1e+308 is not a positive number that can be meant"),
-    "nan": ({"radius": math.nan}, "radius = nan is not a positive number"),
-    "dimension": ({"dim": 2}, "the map has no drops of akinci in 2D"),
-    "kernels": ({"kernels": "wendland"}, "in 3D with wendland kernels"),
-    "support": ({"support_radius": 4e-3}, "h = 4 d is outside the map of akinci, which has h from 2.6 to 3 d"),
-    "radius": ({"radius": 0.005}, "the radius is outside the drops of akinci that were measured at h = 2.6 d"),
-    "stiffness": ({"sound_speed": 1000.0}, r"sigma/(rho0 c^2 d) = 7.2e-08 is outside the map of akinci"),
-    "off both axes": ({"sound_speed": 4.0, "support_radius": 3e-3}, "leave sound_speed out"),
-    "no agreement": (
-        {"model": "dong"}, "dong has no one surface tension at h = 2.6 d and S = 0.01: Laplace's law gives 4.8",
-    ),
-    "no drop": ({"model": "he"}, "no drop both stayed whole and oscillated"),
-}  # fmt: skip
+OUTSIDE = rows(__file__, "outside_sigma")  # fmt: skip
 
 
 @pytest.mark.parametrize("name", OUTSIDE)

@@ -1,7 +1,6 @@
 """Tension after Jiang & Zhu 2023: its force's shape and numbers, conservation, pairing, a cube that rounds off."""
 
 import itertools
-import math
 
 import numpy as np
 import pytest
@@ -12,6 +11,7 @@ from refsim.core.terms import terms
 from refsim.neighbours.sums import Fields
 from refsim.surface_tension.jiang_zhu_2023 import formulas, reference
 from refsim.surface_tension.jiang_zhu_2023.modes import PAIR_MODES
+from tests.running import rows
 
 H = 2.7  # support radius in spacings
 
@@ -79,18 +79,7 @@ def test_detection_shares_its_passes_with_tension():
 
 
 # Bad input
-@pytest.mark.parametrize("parameters, words", [
-    ({}, "neither of surface_tension and gamma"),
-    ({"surface_tension": 1.0, "gamma": 1.0}, "both of surface_tension and gamma"),
-    ({"gamma": math.nan}, "gamma = nan"),
-    ({"gamma": 1.0, "area_ratio": math.inf}, "area_ratio = inf"),
-    ({"gamma": 1.0, "soft_lower": 1.0}, "soft_lower < soft_upper"),
-    ({"gamma": 1.0, "pair_mode": "some"}, "pair_mode = 'some' is not possible; choose from"),
-    ({"gamma": 1.0, "area_term": "some"}, "area_term = 'some' is not possible; choose from corrected, color, none"),
-    ({"gamma": 1.0, "literal": ("E3",)}, "literal has E3"),
-    ({"surface_tension": 500.0, "balance_pressure": False}, "would collapse the liquid"),
-    ({"gamma": 1.0, "density_correction": True, "threshold": 2.0}, "threshold = 2.0"),
-])  # fmt: skip
+@pytest.mark.parametrize("parameters, words", rows(__file__, "bad_jiang_zhu"))  # fmt: skip
 def test_bad_parameters_get_one_sentence(parameters, words):
     with pytest.raises(rs.InputError, match=words):
         make_plan(drop(**parameters))

@@ -15,6 +15,7 @@ from refsim.cluster.tasks import Outcome
 from refsim.io.store import write_stored
 from refsim.study import runs, tasks
 from refsim.sweep import TABLE, sweep
+from tests.running import rows
 from tests.sweep.small_sweep import SCENE, SWEEP, files, killed_task, observable, points, same_bits, setting
 
 VISCOSITY = "effects.weakly_compressible.dynamic_viscosity"
@@ -49,18 +50,7 @@ def test_seeds_are_set_wherever_the_scene_has_one(folder):
         points(folder, text.replace("mesh.toml", "tank.toml"))
 
 
-@pytest.mark.parametrize("old, new, words", [
-    ("[grid]", "colour = 1\n[grid]", "unknown key 'colour'; choose from scene, observable"),
-    ('"numpy"', "3", "backend = 3 is a whole number; give text in quotes"),
-    ("[1.0, 2.0]", "[]", "gives no value for 'effects.weakly"),
-    ("[1.0, 2.0]", "1.0", "dynamic_viscosity = 1.0 is a number with decimals; give a list in square brackets"),
-    ("[1.0, 2.0]", '["thick"]', r"dynamic_viscosity = 'thick'"),
-    ("weakly_compressible.dyn", "weakly_compresible.dyn", "lack of 'weakly_compresible'; did you mean"),
-    (".dynamic_viscosity", ".viscosity", "viscosity"),
-    ("fluid.1", "fluid.2", "no parameter 'fluid.2.velocity', for lack of '2'; it has numbers 1 to 1"),
-    ("fluid.1.velocity", "fluid.1", "'fluid.1' is no parameter"),
-    ("tank.toml", "tnak.toml", "tnak.toml does not exist"), ("[grid]", "[grid", "other.toml is not TOML"),
-])  # fmt: skip
+@pytest.mark.parametrize("old, new, words", rows(__file__, "bad_sweeps"))  # fmt: skip
 def test_a_bad_file_gets_a_sentence(folder, old, new, words):
     with pytest.raises(InputError, match=words) as told:
         points(folder, SWEEP.replace(old, new))
