@@ -19,7 +19,7 @@ from refsim.core.effect import EFFECTS
 from refsim.core.operation import BACKENDS, REGISTRY
 from refsim.scene import solids
 from refsim.scene.files import load_scene
-from tests.running import python
+from tests.running import python, rows
 
 ROOT = pathlib.Path(__file__).parents[2]
 SCENE = """
@@ -72,71 +72,14 @@ def one_sentence(err):
 # -- mistakes
 BOX = 'shape = "box"\ncells = [6, 10, 1]'
 SIZES = "spacing = 0.01\nsupport_radius = 0.02"
-BAD = {
-    "unknown key": ("spacing =", "spaceing =", "unknown key 'spaceing'; did you mean spacing?"),
-    "unknown key of a part": ("cells =", "cels =", "unknown key 'cels' in [[fluid]] number 1; did you mean cells?"),
-    "unknown key of an effect": ("sound_speed", "soundspeed", "[effects.weakly_compressible]; did you mean sound"),
-    "unknown effect": ("effects.gravity", "effects.gravitation", "'gravitation' is unknown; did you mean gravity?"),
-    "effect without its table": ("[effects.gravity]", "[gravity]", "call it [effects.gravity]"),
-    "unknown shape": ('shape = "box"', 'shape = "bal"', "number 1 has the unknown shape 'bal'; did you mean ball?"),
-    "shape in a list": ('shape = "box"', 'shape = ["box"]', "unknown shape ['box']"),
-    "no shape": ('shape = "box"', "", "[[fluid]] number 1 has no shape"),
-    "one fluid": ("[[fluid]]", "[fluid]", "begin each with [[fluid]]"),
-    "missing key": ("sound_speed = 20.0", "", "the key 'sound_speed' (numerical sound speed c"),
-    "text for a number": ("sound_speed = 20.0", 'sound_speed = "20"', "sound_speed = '20' is text; give a number"),
-    "truth for a number": ("sound_speed = 20.0", "sound_speed = true", "True is true or false; give a number"),
-    "two cells": ("[6, 10, 1]", "[6, 10]", "[[fluid]] number 1: cells has 2 values; give 3"),
-    "decimals": ("[6, 10, 1]", "[6, 10.5, 1]", "cells[1] = 10.5 is a number with decimals; give a whole number"),
-    "no list": ("[6, 10, 1]", "6", "cells = 6 is a whole number; give a list in square brackets"),
-    "wrong dim": ("dim = 2", "dim = 4", "dim = 4 is not possible; choose from 2, 3"),
-    "dim in text": ("dim = 2", 'dim = "2"', "dim = '2'"),
-    "wrong word": ('"tait"', '"tiat"', "state = 'tiat' is not possible; did you mean tait?"),
-    "wrong face": ('"+y"', '"y+"', "open_faces[0] = 'y+' is not possible"),
-    "not TOML": ("spacing = 0.01", "spacing 0.01", "is not TOML: expected '='"),
-    "twice": ("dim = 2", "dim = 2\ndim = 3", "is not TOML: cannot overwrite a value (at line 5"),
-    "audit as a number": ("dim = 2", "dim = 2\nenergy_audit = 5", "energy_audit must be a table"),
-    "a later version": ("dim = 2", "dim = 2\nversion = 2", "version = 2 is not known; this refsim reads version 1."),
-    "a true version": ("dim = 2", "dim = 2\nversion = true", "version = True is not known"),
-    "a version in text": ("dim = 2", 'dim = 2\nversion = "1"', "version = '1' is not known"),
-    "cloud of nothing": (BOX, 'shape = "cloud"', "either position or file"),
-    "cloud of both": (BOX, CLOUD.format('[[0, 0, 0]]\nfile = "x.npy"'), "either position or file"),
-    "cloud of no file": (BOX, 'shape = "cloud"\nfile = "none.npy"', "cannot read"),
-    "diffusion of a sum": ("rest_density", "diffusion = 0.05\nrest_density", "diffusion = 0.05 is for an advanced"),
-    "cloud of unequal rows": (BOX, CLOUD.format("[[0.0, 0.0, 0.0], [1.0]]"), "list of coordinates"),
-    "velocity of a cloud": (BOX, CLOUD.format("[[0.0, 0.0]]\nvelocity = 'fast'"), "velocity does not fit 1 particles"),
-    "masses of a cloud": (BOX, CLOUD.format("[[0.0, 0.0]]\nmass = [1.0, 2.0]"), "mass does not fit 1 particles"),
+BAD = rows(__file__, "bad_scenes") | {
     "effect that an effect needs": (SCENE[SCENE.index("[effects.w") : SCENE.index("[effects.g")], "", "needs effect"),
-    "spacing nan": ("spacing = 0.01", "spacing = nan", "spacing = nan"),
-    "radius below one spacing": ("support_radius = 0.02", "support_radius = 0.009", "below one spacing"),
-    "radius of one spacing": ("support_radius = 0.02", "support_radius = 0.01", "sums over no neighbour"),
-    "step infinite": ("end_time = 0.04", "step = inf", "step = inf"),
-    "step too long": ("end_time = 0.04", "step = 0.008", "20 times the stable one"),
-    "no particles": ("[[fluid]]\n" + BOX, "", "no particles"),
-    "no particles in the box": ("cells = [6, 10, 1]", "cells = [0, 10, 1]", "cells = [0, 10, 1]"),
-    "empty cloud": (BOX, CLOUD.format("[]"), "position"),
-    "more than can be numbered": ("cells = [6, 10, 1]", "cells = [9223372036854775808, 10, 1]", "can be numbered"),
-    "a ball beyond numbers": (BOX, 'shape = "ball"\nradius = 1e9', "can be numbered"),
-    "walls beyond numbers": (SIZES, "spacing = 1e-9\nsupport_radius = 2e-9", "its box at a spacing of 1e-09 m makes"),
-    "mass of one for two": (BOX, CLOUD.format("[[0.1, 0.2], [0.2, 0.2]]") + "mass = [1.0]", "mass does not fit 2"),
-    "behind a wall": (BOX, BOX + "\nlower = [-0.2, 0.0, 0.0]", "is behind a wall (60 such particles)"),
-    "support radius in another unit": ("support_radius = 0.02", "support_radius = 20.0", "more than the 4,096 that a"),
-    "skin in another unit": ("dim = 2", "dim = 2\nskin = 1e9", "more than the 4,096 that a"),
     "400 digits": ("spacing = 0.01", "spacing = 1" + "0" * 400, "spacing = 1000000000"),
     "400 digits of cells": ("cells = [6", "cells = [1" + "0" * 400, "cells along x = 100000000000..."),
     "5,000 digits": ("spacing = 0.01", "spacing = " + "1" * 5000, "is not TOML: exceeds the limit"),
     "lists in lists": ("spacing = 0.01", "spacing = " + "[" * 100000 + "]" * 100000, "nested too deeply"),
     "tables in tables": ("dim = 2", "dim = 2\n" + "a." * 3000 + "a = 1", "nested too deeply"),
     "tables in an effect": ("sound_speed = 20.0", "sound_speed." + "a." * 3000 + "a = 1", "nested too deeply"),
-    "a far corner": (BOX, BOX + "\nlower = [1.7e308, 0.0, 0.0]", "lower along x = 1.7e+308 is too large"),
-    "a great speed": (BOX, BOX + "\nvelocity = [1.7e308, 0.0, 0.0]", "velocity along x = 1.7e+308 is too large"),
-    "a great length": (SIZES, "spacing = 1e308\nsupport_radius = 1.7e308", "too large"),
-    "a length beyond meaning": (SIZES, "spacing = 9e18\nsupport_radius = 1.8e19", "spacing = 9e+18 is too large"),
-    "a place beyond meaning": (BOX, BOX + "\nlower = [9e18, 0.0, 0.0]", "lower along x = 9e+18 is too large"),
-    "a tiny step": ("dim = 2", "dim = 2\nstep = 5e-324", "step = 4.94066e-324 is too small"),
-    "great walls": ("upper = [0.3, 0.3, 0.0]", "upper = [1.7e308, 0.3, 0.0]", "upper along x = 1.7e+308 is too large"),
-    "a great sound speed": ("sound_speed = 20.0", "sound_speed = 1.7e308", "sound_speed = 1.7e+308 is too large"),
-    "positions as text": (BOX, CLOUD.format('[["0.1", "0.2"]]'), "list of coordinates"),
-    "a name that no file has": (BOX, 'shape = "cloud"\nfile = "a\\u0000b"', "no file can have this name"),
 }  # fmt: skip
 
 
@@ -155,27 +98,9 @@ def test_bad_scenes_get_one_sentence(scene, capsys, name, command):
 
 
 @pytest.mark.parametrize("arguments, words", [
-    (["plan", "none.toml"], "none.toml does not exist"), (["plan", "."], "cannot be read"), (["run"], "nothing to run"),
-    (["run", "tank.toml", "--backend", "quantum"], "no such backend; choose one of numpy, cpu, cuda"),
-    (["plan", "tank.toml", "--backend", "quantum"], "no backend 'quantum'"),
-    (["run", "tank.toml", "--threads", "0"], "threads = 0"),
-    (["run", "tank.toml", "--threads", "0", "--backend", "numpy"], "threads = 0"),
-    (["run", "tank.toml", "--output", "loop", "--backend", "numpy"], "folder loop cannot be written"),
+    *rows(__file__, "bad_commands"),
     (["run", "tank.toml", "--output", "x" * 300, "--backend", "numpy"], "cannot be written"),
-    (["run", "--resume", "loop"], "cannot be read"), (["run", "--resume", "x" * 300], "cannot be read"),
-    (["plan", "loop"], "cannot be read"), (["plan", "x" * 300], "cannot be read"),
-    (["run", "tank.toml", "--until", "nan", "--backend", "numpy"], "until = nan"),
-    (["run", "tank.toml", "--until", "soon"], "invalid float value: 'soon'"),
-    (["run", "tank.toml", "--every", "0", "--backend", "numpy"], "every = 0"),
-    (["run", "tank.toml", "--output", "tank.toml", "--backend", "numpy"], "tank.toml is a file; give a folder"),
-    (["run", "--resume", "none.h5"], "none.h5 does not exist"),
-    (["run", "--resume", "tank.toml"], "is not a checkpoint"), (["run", "--resume", "."], "holds no whole checkpoint"),
-    (["rnu", "tank.toml"], "no command 'rnu'; did you mean run?"),
-    (["run", "tank.toml", "--outptu", "x"], "unrecognized arguments: --outptu x; see refsim run --help."),
-    (["study", "frontt"], "there is no file or panel 'frontt'; did you mean front?"),
-    (["study", "tank.toml", "--observable", "panel:frnt"], "there is no panel 'frnt'; did you mean front?"),
-    (["study", "tank.toml", "--observable", "front", "--exact", "0"], "--exact 0 is not possible"),
-    (["contract"], "name the programs to judge: a file folder/file.py or a module; see refsim contract --help."),
+    (["run", "--resume", "x" * 300], "cannot be read"), (["plan", "x" * 300], "cannot be read"),
 ])  # fmt: skip
 def test_bad_commands_get_one_sentence(scene, capsys, arguments, words):
     if "loop" in arguments:
@@ -274,11 +199,7 @@ def test_a_cloud_of_no_numbers_is_told(scene, capsys, content, words):
     assert words in one_sentence(capsys.readouterr().err)
 
 
-@pytest.mark.parametrize("cells, total, words", [
-    ("1, 1, 1", 800, "box_walls: its box at a spacing of 0.01 m makes 900 cells of the lattice, whose 8.38e-07 GiB"),
-    ("6, 10, 1", 5000, "fluid box: cells = [6, 10, 1] makes 60 cells of the lattice, whose 1.56e-05 GiB this machine"),
-    ("6, 10, 1", 18000, "a run of it makes 60 particles, whose"),
-])  # fmt: skip
+@pytest.mark.parametrize("cells, total, words", rows(__file__, "more_than_memory"))
 @pytest.mark.parametrize("command", ["plan", "run"])
 def test_more_than_memory_is_refused_with_the_spacing_that_fits(
     scene, capsys, monkeypatch, cells, total, words, command

@@ -7,7 +7,7 @@ from refsim import Box, Cloud, HeatConduction, InputError, RunStopped, Scene, Si
 from refsim.engine import launching
 from refsim.engine.conserved_totals import conserved_totals
 from refsim.heat import operations, stages
-from tests.running import advanced
+from tests.running import advanced, rows
 from validation.metrics import heat as exact
 
 BAR = (Box(cells=(8, 4, 4)), Box(lower=(0.8, 0.0, 0.0), cells=(8, 4, 4)))
@@ -135,17 +135,7 @@ def test_reservoirs_hold_their_temperature():
     assert abs(values[:128] + 10).max() < 5  # the rest goes there
 
 
-@pytest.mark.parametrize("options, words", [
-    ({"conductivity": -1.0}, "conductivity = -1.0 is not possible"),
-    ({"melting_point": -300.0, "latent_heat": 1.0}, "melting_point = -300.0 is not possible"),
-    ({"temperature": -274.0}, "temperature = -274.0 is not possible"),
-    ({"heat_capacity": 0.0}, "heat_capacity = 0.0 is not possible"), ({"latent_heat": 3e5}, "without a melting_point"),
-    ({"latent_heat": 3e5, "melting_point": 0.0, "scheme": "one_sided"}, "has no latent heat"),
-    ({"literal": ("M5",)}, "conduct from cold to warm"),
-    ({"literal": ("M11",), **ICE}, "with literal Shao & Song M11"),
-    ({"temperature": (1.0, 2.0, 3.0)}, "3 numbers for 2 parts"), ({"held": (5,)}, "held names part 5"),
-    ({"largest_number": 1.0}, "beyond largest_number"),
-])  # fmt: skip
+@pytest.mark.parametrize("options, words", rows(__file__, "bad_input"))
 def test_bad_input_is_told_in_one_sentence(options, words):
     with pytest.raises(InputError, match=words) as error:
         make_plan(bar(**options))
