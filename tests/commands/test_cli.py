@@ -309,6 +309,8 @@ def test_doctor_notices_wrong_numbers(capsys, monkeypatch):
 
 
 def test_run_writes_a_folder_and_a_report(scene, capsys):
+    wide = SCENE.replace("support_radius = 0.02", "support_radius = 0.026")
+    scene.write_text(wide.replace("viscosity = 2.0", "viscosity = 3.0"))  # nothing is noted of it
     assert main(["run", str(scene), "--json"]) == 0
     told = capsys.readouterr()
     found = json.loads(told.out)
