@@ -4,7 +4,6 @@ import configparser
 import contextlib
 import functools
 import io
-import itertools
 import json
 import pathlib
 import re
@@ -248,42 +247,6 @@ def test_the_numbers_on_the_pages_have_commands():
     assert sum(having for _, having, _ in found) >= 0.95 * sum(every for every, _, _ in found)
 
 
-def repeated(texts, length=30):
-    """Runs of so many words, without code and tables, that two of the texts have: {run: names}."""
-    found = {}
-    for name, text in texts.items():
-        own = re.findall(r"[\w.%]+", re.sub(r"^\|.*$|\$[^$]*\$", "", BLOCK.sub("", text), flags=re.MULTILINE))
-        for k in range(len(own) - length + 1):
-            found.setdefault(tuple(own[k : k + length]), set()).add(name)
-    return {run: names for run, names in found.items() if len(names) > 1}
-
-
-def test_no_page_repeats_another():
-    part = " ".join(f"word{k}" for k in range(30))
-    assert len(repeated({"a": f"One. {part}", "b": f"{part} Two.", "c": part.replace("word9", "other")})) == 1
-    assert repeated({page.name: page.read_text() for page in (ROOT / "docs").glob("*.md")}) == {}
-
-
-MACHINES = re.compile(r"\b(?:H100|H200|EPYC|Xeon)\b")
-
-
-def mixed_columns(text):
-    """Columns of tables whose cells name more than one machine beside times."""
-    for rows in re.findall(r"(?:^\|.*\|\n)+", text, re.MULTILINE):
-        cells = [[cell.strip() for cell in row.strip("|\n").split("|")] for row in rows.splitlines()]
-        for column in itertools.zip_longest(*cells[2:], fillvalue=""):
-            timed = [cell for cell in column if re.search(r"\d (?:s|ms|us|ns)\b", cell)]
-            if len({name for cell in timed for name in MACHINES.findall(cell)}) > 1:
-                yield column
-
-
-@pages
-def test_no_column_of_a_table_has_the_seconds_of_two_machines(page):
-    """`test_accuracy.py` holds the tables of stored settings to it, whose records have the machine."""
-    assert list(mixed_columns("| a | b |\n| --- | --- |\n| x | 3 ms (H100) |\n| y | 2 ms (H200) |\n"))
-    assert list(mixed_columns(page.read_text())) == []
-
-
 def test_version_and_requirements_are_one():
     version = refsim.__version__
     assert f"version = {version}\n" in (ROOT / "setup.cfg").read_text()
@@ -314,13 +277,6 @@ def test_the_night_on_a_server_runs_sessions_that_there_are():
     assert set(tasks) <= set(re.findall(r'^    "(\w+)": \(', sessions, re.M))
     named = {name.partition("-")[0] for name in environments}
     assert named == {"environments", "lowest", "newest"} <= set(re.findall(r"^def (\w+)\(session", sessions, re.M))
-
-
-@pages
-def test_no_line_of_a_paragraph_begins_with_the_mark_of_a_number(page):
-    """Markdown ends the paragraph there."""
-    lines = BLOCK.sub("", page.read_text(encoding="utf-8")).split("\n")
-    assert [b for a, b in itertools.pairwise(lines) if a.strip() and a[0] != "<" and re.match(r"<!-- \{", b)] == []
 
 
 @pytest.mark.parametrize("page", QUESTIONS)

@@ -6,7 +6,7 @@ import pytest
 
 from refsim import contract
 from refsim.contract.causes import first_cause
-from tests.contract import drawn_faults, faulty, right
+from tests.contract import faulty, right
 
 QUICK = (  # one of each sign
     "m_i", "constant off", "stale list", "last block", "self twice", "constant of the plane", "half h", "other kernel",
@@ -53,17 +53,6 @@ def test_every_fault_is_noticed_and_nine_of_ten_with_the_right_cause():
         assert any(not (o.passed or o.not_judged) for o in outcomes), fault
         right += words in cause
     assert right >= KNOWN * len(faulty.CAUSES) >= 0.9 * 50
-
-
-@pytest.mark.parametrize("seed", ["quick.2", pytest.param("slow", marks=pytest.mark.slow)])
-def test_drawn_faults_are_noticed_and_nine_of_ten_named(seed):
-    """A fault by day, ten at night."""
-    faults = [drawn_faults.draw(seed)] if "." in seed else [drawn_faults.draw(f"{seed}.{k}") for k in range(10)]
-    causes = {}
-    for fault in faults:
-        outcomes, causes[str(fault)] = drawn_faults.judged(fault)
-        assert any(not (o.passed or o.not_judged) for o in outcomes), fault
-    assert sum(fault.told_by(causes[str(fault)]) for fault in faults) >= KNOWN * len(faults), causes
 
 
 def test_what_has_no_cause_is_said_to_differ_and_no_more():
