@@ -276,26 +276,6 @@ def test_answers_about_the_liquid_are_those_that_it_gives(opened, page):
         assert answered(browser, number, "-777", False) == f"Not yet. {one['hint']}"
 
 
-@in_each_width
-def test_a_particle_of_the_liquid_is_chosen_by_mouse_finger_and_keys(opened):
-    browser = opened("liquid_2_surface_in_the_browser")
-    x, y = browser.place("canvas")
-    metre = browser.value("document.querySelector('canvas').clientWidth")
-    for act, column in (
-        (browser.drag, 13),
-        (browser.touch, 0),
-    ):  # of the block's 14
-        act((x + (0.65 + 0.05 * (column + 0.5) - 1.0) * metre, y - (0.35 + 0.05 * 6.5 - 0.7) * metre))
-        assert browser.value("LiquidPage.state.chosen") == 6 * 14 + column
-    browser.value("document.querySelector('canvas').focus()")
-    browser.press("ArrowRight", 2)
-    browser.press("ArrowUp")
-    assert browser.value("LiquidPage.state.chosen") == 7 * 14 + 2
-    assert numbers(browser.value(SAID))[0] == 7 * 14 + 3
-    browser.press("Enter")
-    assert browser.value("LiquidPage.state.liquid.time / LiquidPage.state.liquid.dt") == pytest.approx(10)
-
-
 def test_the_liquid_does_not_move_by_itself_where_motion_is_not_wanted(opened, browser):
     browser.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-reduced-motion", "value": "reduce"}])
     try:

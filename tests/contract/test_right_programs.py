@@ -3,15 +3,12 @@
 import dataclasses
 import inspect
 import math
-import pathlib
 import re
-import sys
 
 import numpy as np
 import pytest
 
 from refsim import contract
-from refsim.__main__ import main
 from refsim.contract import answers
 from refsim.contract.apart import LibraryDescription, Request
 from refsim.contract.inputs import Inputs
@@ -236,26 +233,6 @@ def test_closed_forms_are_there_for_every_kernel():
     own = contract.Programs({name: lambda mass: mass}, kernels=("spiky", "poly6"), dtypes=("float64",), name="own")
     told = {o.kernel: o.not_judged for o in contract.trials(own, name, steps=("T1",), variants=(0,))}
     assert told == {"spiky": "", "poly6": "", "spiky poly6": "a closed form, as there is none for the kernel"}
-
-
-GAP = """
-import dataclasses, sys
-sys.path.insert(0, {root!r})
-from tests.contract.test_right_programs import STANDARD
-PROGRAMS = dataclasses.replace(STANDARD, without=tuple(n for n in STANDARD.without if n != "enthalpy"))
-"""
-
-
-def test_a_gap_has_exit_code_4_and_is_named(tmp_path, monkeypatch, capsys):
-    """The enthalpy comes only with a latent heat, which is declared out."""
-    (tmp_path / "own.py").write_text(GAP.format(root=str(pathlib.Path(__file__).parents[2])))
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", list(sys.path))
-    assert main(["contract", "own.py", "--step", "T1", "--step", "T2"]) == 4
-    out = capsys.readouterr().out
-    assert "heat.explicit is declared, and not judged: with enthalpy." in out
-    (row,) = (line for line in out.splitlines() if line.startswith("heat.explicit  "))
-    assert row.endswith("not judged")
 
 
 # Ranks

@@ -113,16 +113,6 @@ def test_what_a_run_does_not_touch_is_named():
     assert untouched(scene, near, known) == []
 
 
-def test_a_run_of_refsim_holds_from_its_first_steps(other, tmp_path, capsys):
-    """Its frames have velocities of half a step before, an error of the first order at the start."""
-    scene, frames = other
-    length = frames[0]["time"]
-    simulate(load_scene(scene), 8 * length, backend="numpy", output=tmp_path / "own", every=2 * length, progress=False)
-    code, _, measures = judged(capsys, scene, str(tmp_path / "own"), "--chaos-only")
-    assert code == 0, [m for m in measures.values() if not m["holds"]]
-    assert "kinetic energy" in measures
-
-
 def test_what_is_zero_by_symmetry_does_not_end_what_chaos_decides(tmp_path, capsys):
     """The momentum of a free block is rounding from the first step on."""
     (tmp_path / "scene.toml").write_text(SCENE.partition("[effects.gravity]")[0])
@@ -204,32 +194,6 @@ def test_frames_without_velocity_and_mass_are_judged_by_position(other, tmp_path
     assert code == 0, measures
     assert "potential energy" in measures
     assert "kinetic energy" not in measures
-
-
-def test_lost_mass_is_noticed(other, tmp_path, capsys):
-    """One particle of 48 is gone, from the middle, in frames with and without masses."""
-    scene, frames = other
-    lost = [{name: np.delete(v, 20, 0) if np.ndim(v) else v for name, v in frame.items()} for frame in frames]
-    code, _, measures = judged(capsys, scene, written(tmp_path / "run", lost))
-    assert code == 4
-    assert not measures["mass"]["holds"]
-    assert not measures["particles"]["holds"]
-    massless = [{k: f[k] for k in ("time", "position")} for f in lost]
-    code, _, measures = judged(capsys, scene, written(tmp_path / "massless", massless), "--allow", "particles=1")
-    assert measures["particles"]["holds"]
-    assert measures["mass"]["holds"]
-    assert (
-        main(["contract", "--run", str(scene), str(tmp_path / "run"), "--backend", "numpy", "--allow", "color=1"]) == 2
-    )
-    assert "there is no measure color" in capsys.readouterr().err
-
-
-def test_a_frame_in_between_counts(other, tmp_path, capsys):
-    """Only one early frame is wrong: measures are curves."""
-    scene, frames = other
-    wrong = [dict(f, position=f["position"] + [1e-3, 0, 0]) if k == 20 else f for k, f in enumerate(frames)]
-    code, _, measures = judged(capsys, scene, written(tmp_path / "run", wrong))
-    assert (code, measures["centre x"]["time"]) == (4, frames[20]["time"])
 
 
 # Files of other codes
