@@ -23,7 +23,7 @@ def verdict(names):
     assert not gaps, "not noticed:\n" + "\n".join(gaps)
 
 
-QUICK = {"sph.state", "sph.gravity"}
+QUICK = {"sph.gravity"}
 
 
 @pytest.mark.parametrize("names", [n for n in slips.programs() if n[0] in QUICK], ids="+".join)
