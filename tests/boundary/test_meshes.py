@@ -12,7 +12,6 @@ import trimesh
 from refsim.boundary.mesh import load_mesh, surface_mesh
 from refsim.boundary.sampling import sample
 from refsim.boundary.signed_distance import signed_distance
-from refsim.boundary.signed_distance.cases import crossed
 from refsim.core.errors import InputError
 from refsim.scene import overlaps
 from refsim.scene.meshes import mesh_files, read_mesh
@@ -157,21 +156,6 @@ def test_edges_of_four_triangles_are_taken():
     place = np.random.default_rng(3).uniform(-1.3, 1.3, (2000, 3))
     clear = np.abs(np.linalg.norm(place, axis=1) - 1) > 0.05
     assert np.array_equal((band.at(place)[0] < 0)[clear], (np.linalg.norm(place, axis=1) < 1)[clear])
-
-
-def test_crossing_bodies_are_their_union():
-    one = crossed()
-    mesh = surface_mesh(one.vertices, one.faces)
-    assert "triangles meet others, the first near (" in mesh.notes[0]
-    place = np.random.default_rng(8).uniform(-0.3, 0.3, (1500, 3))
-    inside = solid_angles(place, one.corners).sum(1) > 2 * np.pi
-    band = signed_distance(mesh, 0.01)
-    distance = band.at(place)[0]
-    clear = np.abs(distance) > 0.005
-    assert np.array_equal((distance < 0)[clear], inside[clear])
-    wider = np.random.default_rng(9).uniform(-0.31, 0.31, (40000, 3))
-    share = (solid_angles(wider, one.corners).sum(1) > 2 * np.pi).mean()
-    assert mesh.volume == pytest.approx(share * 0.62**3, rel=0.05)
 
 
 def test_two_holes_are_filled_and_a_bowl_is_refused():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import refsim
-from refsim import BoxWalls, InputError, MeshBoundary, WeaklyCompressible
+from refsim import BoxWalls, InputError
 from refsim.backends.arrays import choose
 from refsim.boundary import one_way_coupling, sampling
 from refsim.boundary import signed_distance as distances
@@ -176,18 +176,6 @@ def test_faces_and_cells_of_solids_are_as_ever(recorded):
     assert made.band.nbytes == sum(np.asarray(a).nbytes for a in made.band.field[:5])
 
 
-@pytest.mark.parametrize("spacing, band", [
-    (0.0, None), (1.0, None), (0.1, 0.19), (1e-7, None), (2e-3, None), (4e-3, 0.1),
-])  # fmt: skip
-def test_signed_distances_that_are_not_possible_say_so_in_numbers(spacing, band, recorded, monkeypatch):
-    """With 8 MiB of memory a band of 40 bytes a node is bounded."""
-    monkeypatch.setattr(solids, "host_memory", lambda: {"total": 2**23})
-    mesh = surface_mesh(*BOX)
-    with pytest.raises(InputError) as caught:
-        distances.signed_distance(mesh, spacing, band)
-    recorded({"words": str(caught.value)})
-
-
 def test_what_counts_as_unclear_and_across_is_as_ever(recorded):
     vertices, faces = BOX
     meeting = np.arange(12) == 3
@@ -200,15 +188,6 @@ def test_what_counts_as_unclear_and_across_is_as_ever(recorded):
             assert {t, across[t, c]} == set(np.flatnonzero((edge == edge[t, c]).any(1)))
     recorded({"meeting": distances.unclear_features(marked), "open": distances.unclear_features(
         SurfaceMesh(vertices - 0.5, faces[1:], np.zeros(3)))})  # fmt: skip
-
-
-def test_a_mesh_has_no_energy_of_its_own_and_adhesion_no_account():
-    grid = Discretisation(3, "float64", 0.1, 0.26, 0, 0.0, None)
-    liquid = {"weakly_compressible": WeaklyCompressible(sound_speed=20.0)}
-    mirrored = MeshBoundary(file=str(CUBE), model="mirrored")
-    assert MeshBoundary(file=str(CUBE), model="mirrored", literal=("E30",)).energy(grid, liquid).uncounted == ()
-    assert len(mirrored.energy(grid, liquid).uncounted) == 1
-    assert MeshBoundary(file=str(CUBE), model="mirrored", adhesion=0.5).energy(grid, liquid) is None
 
 
 def test_angles_of_needles_are_numbers():

@@ -1,6 +1,5 @@
 """Lists, stops, post-mortems and reports of small runs, in numbers."""
 
-import dataclasses
 import json
 import types
 
@@ -9,12 +8,10 @@ import pytest
 
 from refsim import InputError, RunStopped, Simulation, make_plan
 from refsim.backends.arrays import choose
-from refsim.core.effect import Extremes
-from refsim.engine import counting, lists, stepping
+from refsim.engine import counting, lists
 from refsim.engine.driver import simulate
 from refsim.engine.gauges import _row
 from refsim.engine.limits import StepOutcome
-from refsim.engine.motions import Drive, turned
 from refsim.engine.postmortem import examine
 from refsim.engine.watching import watch
 from refsim.scene.files import parse_scene
@@ -175,32 +172,6 @@ def test_post_mortems_name_the_worst_particle(name, recorded):
     recorded(found)
 
 
-@pytest.mark.parametrize("name", ["tank", "bodies"])
-def test_extremes_stop_a_run_at_their_bounds(name, recorded):
-    run, found = run_of(name, steps=1), {}
-    most, crowd = run.greatest_speed, stepping.most_dense(run)
-    for broken, extremes in (
-        (0, Extremes(most, 1.0)),
-        (0, Extremes(most * 1.001, 1.0)),
-        (2, Extremes(0.0, 0.0)),
-        (0, Extremes(0.0, 0.0, 0.0, 0.0, 0.0, crowd)),
-        (0, Extremes(0.0, 0.0, 0.0, 0.0, 0.0, crowd + 1)),
-        *([(0, Extremes(0.0, 0.0, 0.0, 0.25))] if name == "bodies" else []),
-    ):
-        try:
-            stepping.check_extremes(run, broken, extremes)
-            found[f"{broken} {extremes}"] = "taken"
-        except RunStopped as stop:
-            found[f"{broken} {extremes}"] = str(stop)
-    with pytest.raises(RunStopped) as caught:
-        stepping._too_small(run, "a limit", 1e-12)
-    outcome = stepping._advanced(run, 2e-3, "a limit", {}, Extremes(3.0, 5.0, 0.0, 0.0, 7.0), 0.25, 2.0)
-    gained = 0.5 * (run.previous_length + 2e-3) * 5.0
-    assert outcome.velocity_change == pytest.approx(gained)
-    assert outcome.step_displacement == pytest.approx((3.0 + gained) * 2e-3 + outcome.shifted)
-    recorded(found | {"too small": str(caught.value), "outcome": dataclasses.asdict(outcome)})
-
-
 def test_stops_at_walls_and_dense_particles_are_noted_at_their_bounds(recorded):
     """What a step did is looked at; by counts of particles that a plane stopped, and that are too dense."""
     found = {}
@@ -265,30 +236,6 @@ def test_counted_densities_of_stretched_places_are_as_ever(period, recorded):
     recorded(found | {"stops": str(caught.value)})
 
 
-def test_frames_that_turn_have_euler_and_centrifugal_accelerations():
-    """By differences of the place of a free particle as a turning frame sees it."""
-    random = np.random.default_rng(4)
-    axis = random.normal(size=3)
-    axis /= np.linalg.norm(axis)
-    vector, place, pivot = random.normal(size=(3, 3))
-    for angle in (0.3, -1.2):
-        found = turned(vector, axis, angle)
-        assert found @ axis == pytest.approx(vector @ axis)
-        assert np.linalg.norm(found) == pytest.approx(np.linalg.norm(vector))
-        across, after = (v - axis * (axis @ v) for v in (vector, found))
-        assert across @ after == pytest.approx(np.cos(angle) * (across @ across))
-        assert np.cross(across, after) @ axis == pytest.approx(np.sin(angle) * (across @ across))
-    rate, change, step = 0.7, 0.4, 1e-4
-
-    def seen(time):  # of a particle that rests in the frame at time 0, and flies straight
-        arm = place - pivot + np.cross(rate * axis, place - pivot) * time
-        return turned(arm, axis, -(rate * time + 0.5 * change * time**2))
-
-    pull = (seen(step) - 2 * seen(0.0) + seen(-step)) / step**2
-    drive = Drive(np.array([0.1, 0.2, 0.3]), rate * axis, change * axis, pivot)
-    assert drive.at(place[None])[0] - [0.1, 0.2, 0.3] == pytest.approx(pull, rel=1e-5)
-
-
 def test_rows_of_forces_have_torques_about_the_place_given():
     push, arm = np.random.default_rng(2).normal(size=(2, 5, 3))
     torque = sum(np.cross(a, p) for a, p in zip(arm, push))
@@ -311,16 +258,3 @@ def test_a_velocity_that_is_set_acts_behind_the_step_that_led_to_the_positions()
     assert (found[0] == found[1]).all()
     assert (found[0] == found[2]).all()
     assert (found[3] == found[4]).all()
-
-
-@pytest.mark.parametrize("name", ["faces that move", "a tank that turns", "tank"])
-def test_work_and_energies_of_what_is_driven_are_as_ever(name, recorded):
-    """Of faces by their friction and pressure, and of a tank that turns or sways."""
-    text = SCENES[name] if "energy_audit" in SCENES[name] else SCENES[name] + "\n[energy_audit]\nevery = 1\n"
-    run, found = Simulation(parse_scene(text, name), "numpy"), {}
-    for step in range(5):
-        run.step()
-        energies = {k: (part.value, part.size) for k, part in run.auditor.energies(run).items()}
-        found[f"{step}"] = energies, run.auditor.driving.work, run.auditor.saved()
-    found["report"] = run.auditor.report()
-    recorded(found)

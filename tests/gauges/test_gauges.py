@@ -155,19 +155,3 @@ def test_means_and_scatters_are_of_the_instants_between_two_values(tmp_path):
             assert point.values[k] == pytest.approx([read[-1], read.mean(), read.std()], rel=1e-12)
         assert (few["force_x_scatter"][1:] > 0).all()
         assert (np.abs(few["force_x_mean"][1:] / few["force_x"][1:] - 1) < 0.2).all()
-
-
-@pytest.mark.parametrize(("pressure", "words"), [
-    (-6e3, "below zero by more than 5.89e+03 Pa"), (-5.8e3, ""), (1.9e4, ""),
-    (2e4, "above the 1.97e+04 Pa of rho0 c v, v = 0 m/s of the fastest particle, and twice"),
-])  # fmt: skip
-def test_a_pressure_that_no_liquid_has_at_a_wall_has_a_note(pressure, words):
-    """Water at rest, 1 m deep, h = 0.6 m; none in a box that liquid fills, where the zero is the start's."""
-    gauge = rs.Gauge(name="point", kind="pressure", at=(0.0, 0.0, 0.0))
-    full = tank(5, (gauge,)).with_(box_walls__upper=(DEPTH, DEPTH, 0.0), box_walls__open_faces=())
-    for scene, expected in ((tank(5, (gauge,)), words), (full.with_(weakly_compressible__density=None), "")):
-        simulation = rs.Simulation(scene, "numpy")
-        simulation.gauges._note_pressure(simulation, gauge, pressure)
-        own = [note for note in simulation.notes if note.startswith("gauge point: at 0 s")]
-        assert len(own) == bool(expected)
-        assert all(expected in note for note in own)

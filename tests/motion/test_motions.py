@@ -6,10 +6,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from refsim import Box, BoxWalls, Cloud, Gravity, InputError, Motion, Scene, Simulation, WeaklyCompressible
+from refsim import Box, BoxWalls, Gravity, InputError, Motion, Scene, Simulation, WeaklyCompressible
 from refsim import make_plan as planned
 from refsim.engine.motions import turned
-from tests.running import advanced, rows, run_to
+from tests.running import rows, run_to
 
 G, DENSITY = 9.81, 1000.0
 SWAY = Motion(of="gravity", kind="sway", direction=(2.0, 0.0, 0.0), amplitude=0.01, period=0.5)
@@ -71,23 +71,6 @@ def test_bad_motions_are_refused(changes, words):
         planned(tank(motion=(msgspec.structs.replace(SWAY, **changes),)))
 
 
-@pytest.mark.parametrize("gravity", [(), (Gravity(acceleration=(0.0, 0.0, 0.0)),)])
-def test_a_tank_that_is_accelerated_needs_no_gravity(gravity):
-    """Its liquid moves to rounding as one that falls on the same wall, off which both start alike."""
-    found = []
-    up = Motion(of="gravity", kind="formula", direction=(0.0, 1.0, 0.0), formula="4*t**2")
-    for motion, effects in (((), (Gravity(acceleration=(0.0, -8.0, 0.0)),)), ((up,), gravity)):
-        made = tank(6)
-        places = made.fluid[0].positions(planned(made).grid) + (0.0, 0.5 * made.spacing + 0.1, 0.0)
-        effects = (made.effects[0], *effects, made.effects[2])
-        fluid = (Cloud(position=places),)
-        found.append(Simulation(msgspec.structs.replace(made, fluid=fluid, effects=effects, motion=motion), "numpy"))
-    for simulation in found:
-        advanced(simulation, 60)
-    assert found[0].field("velocity")[:, 1].min() < -0.1
-    assert np.abs(found[0].field("position") - found[1].field("position")).max() < 1e-13
-
-
 def test_motions_without_what_they_move_are_refused():
     across = Motion(of="moving_faces", kind="formula", direction=(0.0, 1.0, 0.0), formula="0.1*t")
     with pytest.raises(InputError, match="part across the face -y"):
@@ -117,11 +100,11 @@ def test_a_free_particle_flies_straight_as_a_turning_tank_sees_it():
         fluid=(Box(cells=(1, 1, 1), lower=tuple(start - 0.05), velocity=tuple(seen)),),
         effects=(WeaklyCompressible(sound_speed=50.0, density="summation"), Gravity(acceleration=tuple(pull))),
     )  # fmt: skip
-    simulation = run_to(Simulation(scene, "numpy"), 0.5)
+    simulation = run_to(Simulation(scene, "numpy"), 0.2)
     t = simulation.time
     flown = start + speed * t + 0.5 * pull * t * t
     wanted = pivot + turned(flown - pivot, axis, -turn.at(t).place)
-    assert simulation.field("position")[0] == pytest.approx(wanted, abs=3e-4)
+    assert simulation.field("position")[0] == pytest.approx(wanted, abs=1e-4)
 
 
 @pytest.mark.parametrize(("changes", "words"), rows(__file__, "bad_turns"))  # fmt: skip

@@ -62,14 +62,6 @@ def test_a_shared_edge_or_corner_is_noted(dim, axes):
     assert len(told(1.3)) == len(told(1.6)) == 1
 
 
-@pytest.mark.parametrize("radius", [2.0, 4.0])
-@pytest.mark.parametrize("dim", [2, 3])
-def test_a_ball_in_a_tank_is_refused(dim, radius):
-    ball = Ball(center=(0.0612, 0.0631, 0.0607 * (dim == 3)), radius=radius * D)
-    with pytest.raises(InputError, match="times the particles"):
-        make_plan(scene(block(dim, 12), ball, dim=dim))
-
-
 @pytest.mark.parametrize("dim", [2, 3])
 def test_blocks_that_touch_are_none_of_it(dim):
     assert not notes(scene(block(dim), block(dim, 10, (10.0, 0.0, 0.0)), dim=dim))

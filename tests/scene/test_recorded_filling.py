@@ -52,40 +52,6 @@ def test_what_lies_in_a_body_is_counted_by_points():
     assert cut > 20
 
 
-def test_parts_leave_a_rest_whose_centre_balances_theirs():
-    random = np.random.default_rng(1)
-    place = random.uniform(size=(40, 3))
-    parts = [(random.uniform(0, 0.6, 40), place + random.uniform(-0.1, 0.1, (40, 3))) for _ in range(2)]
-    share, centre = filling._rest(place, *parts)
-    for k in range(40):
-        left = min(max(1 - parts[0][0][k] - parts[1][0][k], 0.0), 1.0)
-        assert share[k] == pytest.approx(left)
-        if left > filling.LEAST:
-            whole = left * centre[k] + sum(part[k] * middle[k] for part, middle in parts)
-            assert whole == pytest.approx((left + parts[0][0][k] + parts[1][0][k]) * place[k])
-        else:
-            assert np.array_equal(centre[k], place[k])
-
-
-def test_solids_take_what_their_cells_have_in_common_with_others():
-    """Of cells that lie between those of the lattice, by the edges of both."""
-    place = room_of_block(np.zeros(3), np.array([3, 3, 3]), np.full(3, D), 3).place
-    cell = np.array([[0.3, 0.2, 0.9], [1.3, 0.2, 0.9], [5.0, 5.0, 5.0]])
-    grid = Discretisation(3, "float64", D, 0.5, 0, 0.0, None, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    solids = types.SimpleNamespace(lattice=types.SimpleNamespace(cell=cell))
-    share, centre = filling._bodies(place, grid, {}, solids)
-    for at, found, middle in zip(place, share, centre):
-        total, moment = 0.0, np.zeros(3)
-        for node in (cell + 0.5) * D:
-            low, high = np.maximum(at, node) - D / 2, np.minimum(at, node) + D / 2
-            if (high > low + 1e-9).all():
-                part = ((high - low) / D).prod()
-                total, moment = total + part, moment + part * (low + high) / 2
-        assert found == pytest.approx(total, abs=1e-9)
-        assert middle == pytest.approx(moment / total if total > 1e-9 else at, abs=1e-9)
-    assert share.sum() > 0.5
-
-
 def test_what_fills_a_room_is_as_ever(recorded):
     """A block beside solids whose cells lie between its own, in two and three dimensions."""
     found = {}

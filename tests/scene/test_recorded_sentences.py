@@ -8,9 +8,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from refsim import Ball, Box, Gauge, InputError, Motion, SolidBall, SolidBox, SolidMesh, make_plan
+from refsim import Ball, Box, InputError, Motion, SolidBall, SolidBox, SolidMesh, make_plan
 from refsim.core.effect import Discretisation
-from refsim.gauges import checks as gauge_checks
 from refsim.gauges import due
 from refsim.motion import pace
 from refsim.motion.expression import Jet, parsed
@@ -280,39 +279,3 @@ def test_gauges_are_due_once_on_each_multiple():
     assert not due(0.0, 1.0, 1.0)
     assert due(0.1, 0.3, 0.2)  # 0.3/0.1 is less than 3
     assert not due(0.1, 0.29, 0.2)
-
-
-def test_shares_of_faces_add_up_and_bear_the_weight(recorded):
-    from refsim import BoxWalls
-    from refsim.boundary.akinci_2012 import box_layers
-
-    found = {}
-    for dim, gravity, opened in (
-        (2, (0.0, -9.8, 0.0), ("+y",)), (3, (0.0, 0.0, 9.8), ("-x",)), (2, (1.0, 0.0, 0.0), ("+x",)),
-        (3, (0.0, 0.0, 0.0), ()), (3, (1.0, -1.0, 2.0), ("+z", "-y")),
-    ):  # fmt: skip
-        grid = Discretisation(dim, "float64", 0.1, 0.26, 0)
-        box = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.5, 0.4, 0.3), open_faces=opened)
-        place = box_layers(box.lower, box.upper, 0.1, dim, 3, opened)
-        faces = gauge_checks.walled_faces(box, grid)
-        assert faces == [f for f in ("-x", "+x", "-y", "+y", "-z", "+z")[: 2 * dim] if f not in opened]
-        both = gauge_checks.shares_of_faces(box, place, gravity, grid)
-        for shares in both:
-            assert sum(shares.values()) == pytest.approx(1)
-            assert all((s >= 0).all() for s in shares.values())
-        low, high = np.array(box.lower), np.array(box.upper)
-        for axis in range(dim):
-            for face, beyond in (("-", place[:, axis] < low[axis]), ("+", place[:, axis] > high[axis])):
-                name = face + "xyz"[axis]
-                if name in faces:
-                    assert (both[0][name][beyond, axis] == 1).all()
-        found[f"{dim} {gravity}"] = [*both[0].values(), *both[1].values()]
-    recorded(found)
-
-
-def test_a_level_reads_as_many_columns_as_it_says():
-    corners = {"lower": (0.0, 0.0, 0.0), "upper": (0.0, 1.0, 0.0)}
-    for dim in (2, 3):
-        assert len(Gauge(name="a", kind="force", on="-y").columns(dim)) == {2: 3, 3: 6}[dim]
-        assert len(Gauge(name="a", kind="level", **corners).columns(dim)) == 1
-        assert Gauge(name="a", kind="flux", **corners).columns(dim) == (("flux", f"m^{dim}/s"),)

@@ -8,29 +8,14 @@ import numpy as np
 import pytest
 
 import refsim
-from refsim import Ball, Box, BoxWalls, Cloud, Gauge, Gravity, Motion, Scene, WeaklyCompressible, make_plan
+from refsim import Ball, Box, Cloud, Gauge, Gravity, Motion, Scene, WeaklyCompressible, make_plan
 from refsim.commands.plan import _text, describe_plan
 from refsim.core.effect import EFFECTS
 from refsim.scene.files import SHAPES, describe, load_scene, parse_scene, scene_schema, scene_to_toml, unit_of
-from tests.commands.test_cli import SCENE
 
 PACKAGE = pathlib.Path(refsim.__file__).parent
 EXAMPLES = sorted((PACKAGE / "examples").glob("*.toml"))
 PUBLISHED = {name: effect for name, effect in EFFECTS.items() if effect.__module__.startswith("refsim.")}
-
-
-def test_a_scene_file_is_the_scene_in_python():
-    expected = Scene(
-        spacing=0.01, support_radius=0.02, dim=2, end_time=0.04, fluid=(Box(cells=(6, 10, 1)),),
-        effects=(
-            WeaklyCompressible(
-                density="summation", sound_speed=20.0, rest_density=1000.0, dynamic_viscosity=2.0, state="tait"
-            ),
-            Gravity(acceleration=(0.0, -9.81, 0.0)),
-            BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.3, 0.3, 0.0), open_faces=("+y",)),
-        ),
-    )  # fmt: skip
-    assert parse_scene(SCENE, "tank.toml") == expected
 
 
 def test_toml_gives_the_same_scene_back_bit_for_bit():

@@ -51,26 +51,6 @@ def test_a_key_follows_the_body_of_an_observable_and_not_only_its_name(tmp_path)
     assert len(set(keys)) == 4
 
 
-@pytest.mark.parametrize("kind", ["cloud", "mesh"])
-def test_a_key_follows_the_content_of_a_file_and_not_its_path(kind, tmp_path):
-    import trimesh
-
-    if kind == "cloud":
-        file = tmp_path / "cloud.npz"
-        scene = block(fluid=(refsim.Cloud(file=str(file)),))
-    else:
-        file = tmp_path / "mesh.obj"
-        scene = block(effects=(*FLIGHT["effects"], refsim.MeshBoundary(file=str(file))))
-    observable, keys = observable_of("kinetic_energy", make_plan(block())), []
-    for size in (1.0, 2.0):
-        if kind == "cloud":
-            np.savez(file, position=size * np.ones((3, 3)))
-        else:
-            trimesh.creation.box((size, size, size)).export(file)
-        keys.append(key(scene, observable))
-    assert keys[0] != keys[1]
-
-
 def test_a_key_follows_the_buffers_of_a_mesh_and_so_does_the_mesh(tmp_path):
     """Geometry of a .gltf lies in .bin files beside it."""
     import trimesh
@@ -194,38 +174,3 @@ def test_the_front_is_that_of_the_liquid_beside_a_solid():
 
 
 # What a prediction is for
-def test_a_resumed_run_counts_the_seconds_before_its_restart(tmp_path, monkeypatch):
-    """A run that is stopped after each step and resumed takes what one without a stop takes."""
-    setting = runs.Setting("spacing", "a", 1.0, block(end_time=0.01), "numpy")
-    observable = observable_of("kinetic_energy", make_plan(block()))
-    now = [0.0]
-    monkeypatch.setattr(runs.time, "perf_counter", lambda: now[0])
-    monkeypatch.setattr(runs.time, "process_time", lambda: now[0])
-    own = Simulation.step
-
-    def step(self):
-        done = own(self)
-        self.timings.first_calls.clear()
-        now[0] += 3.0
-        return done
-
-    monkeypatch.setattr(Simulation, "step", step)
-    once = runs.measure(setting, observable, repeats=1)
-    assert once.seconds == 3.0 * once.steps
-
-    def stop(simulation):
-        if simulation.steps % 2 == 0:
-            raise KeyboardInterrupt
-
-    again = None
-    for _ in range(once.steps + 1):
-        try:
-            again = runs.measure(setting, observable, repeats=1, progress=stop, checkpoints=tmp_path, every=1.0)
-        except KeyboardInterrupt:
-            continue
-        break
-    if again is None:
-        again = runs.measure(setting, observable, repeats=1, checkpoints=tmp_path, every=1.0)
-    assert again.value == once.value
-    assert again.seconds >= 3.0 * once.steps
-    assert again.wall == again.seconds
