@@ -239,18 +239,7 @@ def test_the_liquid_is_that_of_the_program(opened):
     assert np.diff(energy).max() < 0
 
 
-MEASURED = """
-    const start = some => Liquid.create({...PAGES[page].start, ...some});
-    const after = (some, seconds) => {
-        const made = start(some);
-        while (made.time < seconds) Liquid.advance(made);
-        return made;
-    };
-    const sum = values => values.reduce((a, b) => a + b, 0), total = made => sum(Liquid.energy(made));
-    const energy = (some, seconds) => total(after(some, seconds)) / total(start(some));
-    const weights = (some, k) => LiquidPage.around(start(some), k).total;
-    const explodes = some => [0.5, 1, 1.5, 2, 3, 4, 5, 6].find(step => energy({...some, step}, 0.3) > 2);
-"""
+MEASURED = pathlib.Path(__file__).with_name("measured.js").read_text()
 LIQUID = {  # what each question of a page asks for, by the page's liquid; particle 6 is in the middle of an edge
     "sum": (
         "Math.hypot(...LiquidPage.around(start({}), 105).gradient)",

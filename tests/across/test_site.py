@@ -20,24 +20,12 @@ pytestmark = [
     pytest.mark.slow, pytest.mark.skipif(bool(MISSING), reason=f"{', '.join(MISSING)} (extra [docs]) is not installed"),
 ]  # fmt: skip
 NO_NETWORK = dict.fromkeys(("http_proxy", "https_proxy", "HTTP_PROXY", "HTTPS_PROXY"), "http://127.0.0.1:9")
+PICTURES, BROKEN_CODE, CONTRAST = (  # programs for a page
+    pathlib.Path(__file__).with_name(f"{name}.js").read_text() for name in ("pictures", "broken_code", "contrast")
+)
 WIDTHS = (1280, 390)
 MOVED = re.compile(r'http-equiv="refresh" content="0; url=([^"]*)"')
-PICTURES = """(async () => {
-  document.querySelectorAll('details').forEach(one => one.open = true);
-  await Promise.all([...document.images].map(picture => picture.decode()));
-  return [...document.querySelectorAll('article img')].map(picture => {
-    let column = picture.parentElement;
-    while (getComputedStyle(column).display === 'inline') column = column.parentElement;
-    const style = getComputedStyle(column);
-    const available = column.clientWidth - parseFloat(style.paddingLeft) - parseFloat(style.paddingRight);
-    const {width, height} = picture.getBoundingClientRect();
-    const inCard = picture.closest('.card, .scene') !== null;
-    return [picture.getAttribute('src'), picture.naturalWidth, picture.naturalHeight, available, width, height, inCard];
-  });
-})()"""
 NO_SCRIPT = re.compile("<noscript>.*?</noscript>", re.DOTALL)
-BROKEN_CODE = """[...document.querySelectorAll('.docutils :is(td, th) .pre')]
-  .filter(word => word.getClientRects().length > 1).map(word => word.textContent)"""
 
 
 FIRST = {
@@ -158,16 +146,6 @@ def test_each_card_of_the_gallery_leads_to_its_recipe(site, browser):
         recipe = f"{place}.closest('section')"
         assert browser.value(f"Math.min(...['img', 'pre'].map(kind => {recipe}.querySelectorAll(kind).length))") > 0
         assert "refsim run" in browser.value(f"{recipe}.textContent"), link
-
-
-CONTRAST = """(words => { const light = colour => {
-    const [r, g, b] = colour.match(/[\\d.]+/g).slice(0, 3).map(n => n / 255)
-      .map(c => c <= 0.03928 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4);
-    return 0.2126 * r + 0.7152 * g + 0.0722 * b + 0.05; };
-  const paper = light(getComputedStyle(document.body).backgroundColor);
-  return words.map(name => { const one = document.querySelector(`#checks .${name}`);
-    const ink = one && light(getComputedStyle(one).color);
-    return one ? Math.max(ink / paper, paper / ink) : 21; }); })(['refuted', 'fails', 'missed', 'confirmed', 'pass'])"""
 
 
 @wide

@@ -7,6 +7,7 @@ a term of its own, or what is no coefficient.
 
 import math
 import pathlib
+import tomllib
 
 import msgspec
 import pytest
@@ -70,15 +71,8 @@ IDENTITIES = {
     "box_walls": [(rs.BoxWalls(open_faces=FACES, **TANK), (LIQUID, PULL), ())],
     "mpm_walls": [(rs.MpmWalls(open_faces=FACES, **TANK), (MPM, PULL), ())],
 }  # fmt: skip
-WITHOUT = {
-    "weakly_compressible": "the liquid itself: density and sound speed are positive",
-    "mpm_liquid": "the liquid itself: density and bulk modulus are positive",
-    "iisph": "stands in for the equation of state, whatever its numbers are",
-    "surface_detection": "marks particles and moves none; nothing is launched unless the field is read",
-    "two_way_coupling": "stands in for the liquid's density and forces, and has no number",
-    "melting": "turns particles liquid by their temperature, and has no number",
-    "mesh_boundary": "a solid that displaces liquid, whatever its friction and adhesion are",
-}
+LISTED = tomllib.loads(pathlib.Path(__file__).with_name("zeros.toml").read_text(encoding="utf-8"))
+WITHOUT, OTHERS = LISTED["without"], LISTED["others"]
 MESH = rs.MeshBoundary(file=str(PEBBLE), center=(0.2, 0.2, -0.4), size=0.4)
 # effect with a zero; what is not zero; the rest of the scene; operations and fields of the term
 TERMS = {
@@ -117,22 +111,6 @@ TERMS = {
     ),
     "mesh_boundary.viscosity": (MESH, 0.1, (LIQUID,), "one_way_coupling.wall_viscosity", ""),
     "mesh_boundary.adhesion": (MESH, 0.1, (LIQUID,), "akinci_2013.adhesion", ""),
-}  # fmt: skip
-# Numbers that may be zero and are no coefficient of a force or a flux, with what zero means.
-OTHERS = {
-    "weakly_compressible.diffusion": "an advanced density without diffusion",
-    "weakly_compressible.restoring": "an advanced density that never returns to the summed one",
-    "shape_matching.stiffness": "alone it leaves the damping, which needs the regions' rigid motion",
-    "heat_conduction.temperature": "a temperature", "heat_conduction.largest_drift": "any",
-    "heat_conduction.melting_point": "a temperature", "heat_conduction.conductivity": "see IDENTITIES",
-    "mpm_liquid.cell_size": "two spacings", "mesh_boundary.size": "that of the file",
-    "mesh_boundary.radius": "half a spacing", "mesh_boundary.layers": "as many as a particle reaches",
-    "mesh_boundary.restitution": "slip", "mesh_boundary.rebound": "back to the surface and no further",
-    "mesh_boundary.field_spacing": "half a spacing", "mesh_boundary.volume_factor": "solved",
-    "mesh_boundary.seed": "a seed", "surface_energy.contact_angle": "a wall that is wetted wholly",
-    "surface_energy.seed": "a seed", "surface_energy.iterations": "the fit's first guess",
-    "surface_energy.inset": "the surface through the outermost particles", "surface_energy.smallest": "3^dim",
-    "jiang_zhu_2023.soft_lower": "a weight from the least steepness on",
 }  # fmt: skip
 CASES = [(name, k) for name, cases in IDENTITIES.items() for k in range(len(cases))]
 

@@ -19,24 +19,7 @@ from refsim.engine.simulation import Simulation
 from refsim.io.vtp import write_vtp
 from refsim.scene.files import load_scene
 
-SCENE = """
-name = "small dam break"
-dim = 2
-dtype = "float64"
-spacing = 0.02
-support_radius = 0.052
-end_time = 1.0
-[[fluid]]
-shape = "box"
-lower = [0.0, 0.0, 0.0]
-cells = [6, 8, 1]
-[effects.weakly_compressible]
-density = "summation"
-sound_speed = 15.0
-dynamic_viscosity = 1.0
-[effects.gravity]
-acceleration = [0.0, -9.81, 0.0]
-"""
+SCENE = pathlib.Path(__file__).with_name("dam_break.toml").read_text()
 STEPS = 40
 
 

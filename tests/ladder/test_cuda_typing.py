@@ -7,8 +7,10 @@ make a GPU several times slower without changing a digit that any other test see
 import contextlib
 import importlib
 import os
+import pathlib
 import re
 import sys
+import tomllib
 import types as python_types
 
 import numba
@@ -26,42 +28,11 @@ from refsim.core.walls import LiquidColumns, WallColumns
 from refsim.neighbours.rows import NeighbourColumns
 
 CAPABILITY = (8, 0)
-IN_DOUBLE = {
-    **dict.fromkeys(("direction_blocks", "solution_blocks", "add_up"), "dots of conjugate gradients are in float64"),
-    **dict.fromkeys(("plan_chebyshev", "choose_step", "send_clock"), "one thread, in float64 as on the host"),
-    **dict.fromkeys(
-        (
-            "contact", "enter_points", "write_cells", "place_particles", "count_cells", "weights", "scatter_particles",
-            "scatter_carriers", "scatter_tension", "gather", "gather_carriers", "count_all",
-        ),
-        "a place on the background grid is found in float64, so that it keeps its digits far from the origin",
-    ),
-    **dict.fromkeys(
-        ("count_blocks", "list_blocks", "interpolate", "project", "relax", "penetration.kick_drift"),
-        "the place of a point or a box on a mesh's grid is found in float64, so that it keeps its digits far away",
-    ),
-    "match": "what the sums of a region do not settle at once is summed again in float64",
-    "cosine_cohesion": "the library's cosine has a path for arguments beyond 1e5, which a distance never takes",
-    **dict.fromkeys(
-        ("cell_keys", "block_keys", "point_nodes"),
-        "coordinates of cells are found in float64, so that both backends sort alike, far away, too",
-    ),
-    **dict.fromkeys(
-        (
-            "match_cells", "goal_cells", "motion_cells", "damp_cells", "sum_axis", "match_nodes", "goal_nodes",
-            "motion_nodes", "damp_nodes",
-        ),
-        "sums over boxes of cells are taken from one point of the body",
-    ),
-    **dict.fromkeys(
-        (
-            "node_states", "exit_points", "throw_darts", "offsets", "splines_of_points", "mls_normals",
-            "spline_normals", "surface_force", "extents", "count_particles", "place_vertices", "place_points",
-            "sort_points", "find_normals", "place_samples", "locate_samples", "sum_pulls",
-        ),
-        "the position of a point between nodes is a small difference of large numbers",
-    ),
-}  # fmt: skip
+IN_DOUBLE = {  # kernel: why
+    name: why
+    for why, names in tomllib.loads(pathlib.Path(__file__).with_name("in_double.toml").read_text()).items()
+    for name in names
+}
 CASE = "cloud_2d"
 COMPILED = set()  # what was looked at already
 DTYPES = ("float32", "float64")
