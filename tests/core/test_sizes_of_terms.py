@@ -12,17 +12,10 @@ def pair(found):
 
 
 @pytest.mark.parametrize("found, value, size", [
-    (Terms(3.0) - 2, 1, 5),
-    (2 - Terms(3.0), -1, 5),
-    ((Terms(3.0) - 2) * -4, -4, 20),
-    (8 / (Terms(3.0) - 1), 4, 8),
-    (Terms(-2.0) ** 3, -8, 24),
-    (clip(Terms(0.5) - 2, 0, 1), 0, 0),
-    (clip(Terms(2.0) - 1.9999, 0, 1), 1e-4, 3.9999),
-    (maximum(Terms(0.5) - 2, -9.0), -1.5, 2.5),
-    (maximum(Terms(0.5) - 2, -1.4999), -1.4999, 2.5),
-    (where(Terms(1) > 2, Terms(3.0), Terms(4.0)), 4, 4),
-    (length(Terms([3.0, 4.0, 0.0], rank=1)), 5, 5),
+    (Terms(3.0) - 2, 1, 5), (2 - Terms(3.0), -1, 5), ((Terms(3.0) - 2) * -4, -4, 20), (8 / (Terms(3.0) - 1), 4, 8),
+    (Terms(-2.0) ** 3, -8, 24), (clip(Terms(0.5) - 2, 0, 1), 0, 0), (clip(Terms(2.0) - 1.9999, 0, 1), 1e-4, 3.9999),
+    (maximum(Terms(0.5) - 2, -9.0), -1.5, 2.5), (maximum(Terms(0.5) - 2, -1.4999), -1.4999, 2.5),
+    (where(Terms(1) > 2, Terms(3.0), Terms(4.0)), 4, 4), (length(Terms([3.0, 4.0, 0.0], rank=1)), 5, 5),
     (Terms([1.0, -1.0, 0.0], rank=1) @ np.array([2.0, 3.0, 5.0]), -1, 5),
     (determinant(Terms(np.diag([1.0, -2.0, 3.0]), rank=2)), -6, 6),
 ])  # fmt: skip

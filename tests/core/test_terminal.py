@@ -13,16 +13,9 @@ from refsim.core.tables import fitted, table
 from tests.tank_file import GRAVITY, tank
 
 HEAD = ("name", "bytes", "meaning", "where")
-ROWS = [
-    (
-        "position_residual",
-        "9.4 KiB",
-        "what rounding takes from the position: x lies at position + residual",
-        "a.kernel",
-    ),
-    ("[b]mass[/b]", "19.4 KiB", "mass m", ""),
-    (":smile:", "1 B", "-", "refsim.boundary.adami_2012.kernels.strain"),
-]
+WORDS = "what rounding takes from the position: x lies at position + residual"
+ROWS = [("position_residual", "9.4 KiB", WORDS, "a.kernel"), ("[b]mass[/b]", "19.4 KiB", "mass m", "")]
+ROWS.append((":smile:", "1 B", "-", "refsim.boundary.adami_2012.kernels.strain"))
 
 
 def words(text):

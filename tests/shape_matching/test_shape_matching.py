@@ -149,18 +149,8 @@ def spinning(**more):
     """A cube of 27 cells, a scene of its own, that turns once a second about an axis of symmetry."""
     body = rs.SolidBox(lower=(0, 0, 0), upper=(0.6, 0.6, 0.6), spin=(0.0, 0.0, 2 * np.pi))
     effect = rs.ShapeMatching(damping=0.0, summation="gather")
-    return rs.Simulation(
-        rs.Scene(
-            spacing=0.2,
-            support_radius=0.5,
-            fluid=(),
-            solid=(body,),
-            effects=(effect,),
-            dtype="float64",
-            end_time=1.0,
-            **more,
-        )
-    )
+    given = {"spacing": 0.2, "support_radius": 0.5, "fluid": (), "dtype": "float64", "end_time": 1.0} | more
+    return rs.Simulation(rs.Scene(solid=(body,), effects=(effect,), **given))
 
 
 def test_a_body_that_has_lost_its_shape_stops_the_run():

@@ -11,6 +11,7 @@ from refsim.surface_tension.cohesion import KEEPS_DENSITY
 
 DOWN = rs.Gravity(acceleration=(0.0, -9.81, 0.0))
 COLUMN = rs.Box(cells=(5, 40, 1))  # 2 m high at a spacing of 0.05 m
+CUBE = rs.BoxWalls(lower=(0.0,) * 3, upper=(1.0,) * 3)
 TANK = rs.BoxWalls(lower=(0.0, -1.0, 0.0), upper=(0.5, 6.0, 0.0))  # H = 3 m
 
 
@@ -29,22 +30,12 @@ def flow_notes(made):
 HEIGHTS = {  # scenes and H [m]: in a tank, tilted to a corner, without a floor (the liquid's extent), in free space
     "tank": (lambda c: scene(DOWN, TANK, sound=c), 3.0),
     "corner": (lambda c: scene(rs.Gravity(acceleration=(3.0, -4.0, 0.0)), TANK, sound=c), 0.8 * 3.0 + 0.6 * 0.5),
-    "no floor": (
-        lambda c: scene(DOWN, rs.BoxWalls(lower=(0, -1, 0), upper=(0.5, 6, 0), open_faces=("-y",)), sound=c),
-        3.0 + 0.025,  # to the lowest particle of the side walls
+    "no floor": (  # to the lowest particle of the side walls
+        lambda c: scene(DOWN, rs.BoxWalls(lower=(0, -1, 0), upper=(0.5, 6, 0), open_faces=("-y",)), sound=c), 3.025,
     ),
     "free": (lambda c: scene(DOWN, sound=c), 2.0),
-    "space": (
-        lambda c: scene(
-            rs.Gravity(),
-            rs.BoxWalls(lower=(0.0,) * 3, upper=(1.0,) * 3),
-            sound=c,
-            dim=3,
-            fluid=(rs.Box(cells=(4, 4, 8)),),
-        ),
-        0.4,
-    ),
-}
+    "space": (lambda c: scene(rs.Gravity(), CUBE, sound=c, dim=3, fluid=(rs.Box(cells=(4, 4, 8)),)), 0.4),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", HEIGHTS)

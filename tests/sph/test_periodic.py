@@ -9,7 +9,7 @@ import refsim as rs
 from refsim import make_plan
 from refsim.engine.driver import simulate
 from refsim.io.results import open_run
-from tests.running import advanced
+from tests.running import advanced, rows
 
 LIQUID = rs.WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=20.0, clamp_pressure=False, density="summation")
 
@@ -38,20 +38,10 @@ def run(scene, steps, backend="cpu"):
 
 
 @pytest.mark.parametrize("changes, words", [
-    ({"support_radius": 0.4}, "scene: period = 0.8 m along x is at most twice the 0.44 m"),
-    ({"period": (-1.0, 0.0, 0.0)}, "Scene: period[0] = -1.0 is not possible"),
-    ({"period": (0.8, 0.0, 1.0)}, "scene: period has a z part in a 2D scene"),
-    ({"period_lower": (0.0, 0.0, 0.0)}, "scene: particle 0 starts at x = -0.35 m, outside the periodic box"),
+    *rows(__file__, "bad_periods"),
     ({"effects": (LIQUID, rs.Akinci2013(surface_tension=1.0))}, "akinci_2013: this effect does not act across"),
     ({"effects": (LIQUID, rs.BoxWalls(lower=(0, 0, 0), upper=(9, 1, 0), open_faces=("-x",)))},
      "box_walls: the face +x would stand across the scene's period; add it to open_faces"),
-    ({"box_walls__velocity": (1.0, 0.5, 0.0)}, "has a part across the face +y"),
-    ({"box_walls__moving_faces": ("+x",)}, "the face +x has no wall that could move"),
-    ({"box_walls__viscosity": 0.0}, "moving_faces drag the liquid by friction only"),
-    ({"box_walls__no_slip": True}, "box_walls: no_slip follows the liquid's viscosity; leave out its viscosity"),
-    ({"box_walls__no_slip": True, "box_walls__viscosity": 0.0, "weakly_compressible__dynamic_viscosity": 0.0},
-     "box_walls: no_slip needs a liquid with viscosity; give weakly_compressible a dynamic_viscosity"),
-    ({"box_walls__moving_faces": ()}, "a velocity is given and no face moves"),
 ])  # fmt: skip
 def test_what_cannot_be_is_refused_in_one_sentence(changes, words):
     with pytest.raises(rs.InputError, match=re.escape(words)):

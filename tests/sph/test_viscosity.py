@@ -83,13 +83,8 @@ def test_an_artificial_viscosity_adds_what_monaghan_says(dim, alpha, worth):
     """nu = alpha (h/2) c/(2 (dim + 2)) beside mu; what walls hold with and the viscous step follow both."""
     box = rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(1.0, 1.0, 1.0), no_slip=True)
     water = rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=0.5, artificial_viscosity=alpha)
-    made = rs.Scene(
-        dim=dim,
-        spacing=0.1,
-        support_radius=0.26,
-        fluid=(rs.Box(cells=(4, 4, 4 if dim == 3 else 1)),),
-        effects=(water, box),
-    )
+    block = rs.Box(cells=(4, 4, 4 if dim == 3 else 1))
+    made = rs.Scene(dim=dim, spacing=0.1, support_radius=0.26, fluid=(block,), effects=(water, box))
     effects = make_plan(made).effects
     assert effects["weakly_compressible"].dynamic_viscosity == pytest.approx(0.5 + worth)
     plain = rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=effects["weakly_compressible"].dynamic_viscosity)

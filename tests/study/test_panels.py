@@ -17,6 +17,7 @@ from refsim.study.panels import measured as measuring
 from refsim.study.panels.measured import measured, merged
 from refsim.study.panels.scenes import packaged, packed, scene_of
 from refsim.study.runs import Reading, Setting, measure
+from tests.running import rows
 
 
 def point(key, error, seconds=1.0, **more):
@@ -156,25 +157,7 @@ def test_settings_of_a_packaged_panel_have_scenes(name):
     assert scene_of(of, of.points[of.about.base]).spacing == packaged(name).spacing
 
 
-STORED = {  # relative tolerance of settings whose value is computed here and is the stored one
-    ("front", "d10"): 5e-3,
-    ("droplet", "d9"): 0.12,  # rounding decides how its symmetry breaks: seeds differ by 30 %
-    ("spinning_body", "n6_w2_s50"): 1e-5,
-    ("heat", "implicit_8"): 1e-5,
-    ("heat", "runge_kutta_legendre_8"): 1e-5,
-    ("melt_front", "runge_kutta_legendre_10_2"): 1e-5,
-    ("implicit_pressure", "implicit_10"): 1e-3,
-    ("implicit_pressure", "rests_10"): 1e-3,
-    ("tank_pressure", "n6"): 1e-3,
-    ("melting", "runge_kutta_legendre_5_2"): 1e-6,
-    ("mpm_pressure", "r5.5"): 5e-3,  # lattices that are turned otherwise differ by so much
-    ("contact_angle", "r5"): 2e-2,  # seeds differ by so much
-    ("detection_2d", "two_step_0.90_half_color_float32"): 1e-6,
-    ("detection_3d", "two_step_0.90_half_color_float32"): 1e-6,
-    ("coupling", "n4"): 1e-2,
-    ("wall_force", "n8"): 1e-4,
-    ("vortex_decay", "n50_h3.2"): 2e-3,  # rounding decides how the lattice breaks: of 25 along a side by 2 %
-}
+STORED = {(name, setting): tolerance for name, setting, tolerance in rows(__file__, "stored")}
 
 
 @pytest.mark.parametrize(("name", "setting"), [at_night(given, given[0]) for given in STORED])
