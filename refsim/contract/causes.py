@@ -18,8 +18,7 @@ from refsim.contract.inputs import Inputs, distances, period_of, subset, without
 from refsim.contract.parameters import kernel_of, scaled, shape_acts, with_kernel
 from refsim.contract.target import RACE, REPEATS, Judged, Outcome, Target, named_worst, on_one_core, worst
 from refsim.core.errors import InputError
-from refsim.smoothing import SHAPES
-from refsim.smoothing.shapes import NORMALISATION
+from refsim.smoothing.shapes import NORMALISATION, SHAPES
 
 CLOSE = 1e-6  # share of its effect by which an answer may differ from a guess
 CAPACITY = 8  # neighbours, rows or particles, from which on their number may spoil an answer
@@ -152,9 +151,7 @@ class Diagnosis:
                 change, same = tried(amount, rows)
                 if abs(amount - 1) > 1e-6 and same:
                     sentence = sentence.replace("#", f"{amount:.5g}") if tried(amount, others)[1] else ""
-                    return functools.reduce(
-                        lambda sentence, usual: re.sub(usual, SAID[usual], sentence), SAID, sentence
-                    )
+                    return functools.reduce(lambda told, usual: re.sub(usual, SAID[usual], told), SAID, sentence)
                 slope, missed = (change - last) / (amount - before), off - change
                 step = float((missed * slope).sum() / (slope**2).sum())
                 if not (((missed - step * slope) ** 2).sum() <= 0.9 * (off**2).sum() and 1e-9 < abs(step) < 10):
@@ -250,10 +247,8 @@ def altered(w: Diagnosis) -> Signs:
     itself = lambda s, k: w.right[k] + (s - 1) * w.answer(w.alone(w.number[k : k + 1]), 0)  # noqa: E731
     yield "your program counts the particle itself # times", itself
     for n in (n for n in taken if n != "position" and inputs.per_particle(n) and inputs[n] is not None):
-        yield (
-            f"the answer has {n}_i in place of {n}_j",
-            with_altered(n, True, lambda v, _, k: (0 * v.T + v.T[w.number[k]]).T),
-        )
+        own = with_altered(n, True, lambda v, _, k: (0 * v.T + v.T[w.number[k]]).T)
+        yield f"the answer has {n}_i in place of {n}_j", own
         for name, kept in ((n, None), (f"{n}_j", True), (f"{n}_i", False))[: 3 if w.sums else 1]:
             before, place = with_altered(n, kept, lambda v, *_: np.roll(v, 1, -1)), f"in place of {name}"
             yield f"the answer has # times {name} {place}", with_altered(n, kept, lambda v, s, _: s * v)
