@@ -65,16 +65,49 @@ class Pairs:
         return self.scale / self.h * np.where(q < 1, s, 0)
 
 
+def other_terms(fault, terms, others, near):
+    """The terms (n, n) of a sum with a fault; `others` are near without the particle itself, `near` by any distance."""
+    n, own = len(terms), np.diag(np.diag(terms))
+    if fault in ("last missing", "last twice", "first missing"):
+        for i, j in ((i, np.flatnonzero(others[i])) for i in range(n)):
+            terms[i, j[:1] if fault == "first missing" else j[-1:]] *= 2 if fault == "last twice" else 0
+        return terms
+    made = {
+        "float32 sum": lambda: terms.astype(np.float32), "no self": lambda: terms - own,
+        "self twice": lambda: terms + own, "r = 0 left out": lambda: np.where(near | np.eye(n, dtype=bool), terms, 0),
+        "64 neighbours": lambda: np.where(np.cumsum(others, 1) <= 64, terms, own),
+        "32 neighbours": lambda: np.where(np.cumsum(others, 1) <= 32, terms, own),
+        "index of 8 bits": lambda: np.where(np.arange(n)[None] < 256, terms, own),
+    }  # fmt: skip
+    return made.get(fault, lambda: terms)()
+
+
+def other_total(fault, total, mass, scale, before, state):
+    """A sum (n,) with a fault in its rows."""
+    n = len(total)
+    row, race = np.arange(n), "a race"  # another thread's share of a row is lost
+    made = {
+        "above 128 particles": lambda: total * (0.99 if n > 128 else 1),
+        "rows from 128 on": lambda: np.where(row < 128, total, 0.5 * total + 1),
+        "last block": lambda: np.where(row < n // 64 * 64, total, 0.9 * total),
+        "last of four lanes": lambda: np.where(row < n // 4 * 4, total, 0),
+        "last row": lambda: np.where((row < n - 1) | (n == 1), total, 0.5 * total), "reversed": lambda: total[::-1],
+        race: lambda: np.where(state.random(n) < 0.5, 0.9 * total, total), "two threads": lambda: by_threads(total),
+        "adds": lambda: total + before, "float32 factor": lambda: total * np.float32(1 / 3) * 3,
+        "same amount": lambda: total + 0.01 * mass.max(initial=0) * scale,
+    }  # fmt: skip
+    return made.get(fault, lambda: total)()
+
+
 def density_with(fault):
     kept, state = {}, np.random.default_rng()
 
     def density(position, mass, walls, smoothing, fluid, period, density):
-        n = len(mass)
+        n, x = len(mass), position
         if fault == "raises" and n == 1:
             raise IndexError("list index out of range")
         if fault == "not written":
             return
-        x = position
         if fault in ("stale by number", "stale list") and n > 3:
             if n not in kept:
                 kept.clear() if fault == "stale list" else None
@@ -84,60 +117,17 @@ def density_with(fault):
         terms = (mass[:, None] if fault == "m_i" else mass[None]) * p.value()
         if x is not position:
             terms *= Pairs("", smoothing, x, x, period).near
-        if fault == "float32 sum":
-            terms = terms.astype(np.float32)
-        own = np.diag(np.diag(terms))
-        others = p.near & ~np.eye(n, dtype=bool)
-        if fault == "no self":
-            terms = terms - own
-        if fault == "self twice":
-            terms = terms + own
-        if fault == "r = 0 left out":
-            terms = np.where((p.r > 0) | np.eye(n, dtype=bool), terms, 0)
-        if fault in ("last missing", "last twice", "first missing"):
-            for i in range(n):
-                j = np.flatnonzero(others[i])
-                if len(j):
-                    terms[i, j[0 if fault == "first missing" else -1]] *= 2 if fault == "last twice" else 0
-        if fault in ("64 neighbours", "32 neighbours"):
-            terms = np.where(np.cumsum(others, 1) <= int(fault[:2]), terms, own)
-        if fault == "index of 8 bits":
-            terms = np.where(np.arange(n)[None] < 256, terms, own)
-        total = terms.sum(1)
+        total = other_terms(fault, terms, p.near & ~np.eye(n, dtype=bool), p.r > 0).sum(1)
         if walls is not None and len(walls.position) and fault != "no walls":
-            y = walls.position * np.array(
-                {"mirrored walls": [1, 1, -1] if p.dim == 3 else [1, -1, 1]}.get(fault, [1, 1, 1])
-            )
-            w = Pairs(fault, smoothing, position, y.astype(position.dtype), period)
+            mirror = {"mirrored walls": [1, 1, -1] if p.dim == 3 else [1, -1, 1]}.get(fault, [1, 1, 1])
+            w = Pairs(fault, smoothing, position, (walls.position * mirror).astype(position.dtype), period)
             filled = (fluid.rest_density * walls.volume)[None] * w.value()
             total = total + filled.sum(1) * {"half walls": 0.5, "walls off": 1.01}.get(fault, 1)
-        if fault == "above 128 particles" and n > 128:
-            total = 0.99 * total
-        if fault == "rows from 128 on":
-            total[128:] = total[128:] * 0.5 + 1
-        if fault == "last block":
-            total[n // 64 * 64 :] = total[n // 64 * 64 :] * 0.9
-        if fault == "last of four lanes" and n % 4:
-            total[n // 4 * 4 :] = 0
-        if fault == "last row" and n > 1:
-            total[-1] *= 0.5
-        if fault == "reversed":
-            total = total[::-1]
-        if fault == "a race":  # another thread's share of a row is lost
-            total = np.where(state.random(n) < 0.5, 0.9 * total, total)
-        if fault == "two threads":
-            total = by_threads(total)
-        if fault == "adds":
-            total = total + density
-        if fault == "float32 factor" and n:
-            total = total * np.float32(1 / 3) * 3
-        if fault == "same amount":
-            total = total + 0.01 * mass.max(initial=0) * p.scale
+        density[:] = other_total(fault, total, mass, p.scale, density, state)
         if fault == "changes an input" and n:
             mass[0] *= 2
         if fault == "writes behind":
             np.lib.stride_tricks.as_strided(density, (n + 1,), density.strides)[n] = 1
-        density[:] = total
 
     return density
 
