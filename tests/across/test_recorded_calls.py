@@ -3,6 +3,7 @@
 import importlib
 import pathlib
 import tomllib
+import zlib
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,7 +17,7 @@ CALLS = tomllib.loads(pathlib.Path(__file__).with_name("recorded_calls.toml").re
 GRID = {"dim": 3, "dtype": "float64", "spacing": 0.1, "support_radius": 0.21, "count": 3}
 SHARED = {
     "rs": rs, "np": np, "Some": SimpleNamespace, "grid": lambda **given: Discretisation(**GRID | given),
-    "effects": lambda *made: {effect.name: effect for effect in made},
+    "effects": lambda *made: {effect.name: effect for effect in made}, "code": lambda text: zlib.crc32(text.encode()),
 }  # fmt: skip
 
 
