@@ -4,7 +4,7 @@
 and one small scene of each other system. `--full` (the default) runs every experiment at its published size. Runs that
 are not timed run side by side, in as many processes as there are cores (or `--threads`); timed ones run alone. Results
 are kept in results/ and reused, so that an interrupted run continues where it stopped. Pictures are in figures/ (quick
-ones in figures/quick/), every table and verdict is in results/report.html. Exit code: 0 all well, 2 bad input, 3 a run
+ones in figures/quick/), every table and verdict is in results/report.md. Exit code: 0 all well, 2 bad input, 3 a run
 stopped, 4 a check failed.
 """
 
@@ -104,7 +104,7 @@ def reproduced(arguments: Sequence[str] | None) -> int:
     title = "refsim: the main job" if options.quick else "refsim: the published sizes"
     titles = {name: each.title for name, each in experiments.items()}
     whole = Whole(title, performed, titles, claims, time.perf_counter() - began, here, options.figures)
-    page = write_page(whole, options.results / "report.html")
+    page = write_page(whole, options.results / "report.md")
     print(summary(whole, page), file=out)
     if given.json:
         print(as_json(performed))

@@ -1,18 +1,17 @@
 """Reports on experiments that were performed: all tables as text, a short summary, and one page with everything.
 
-The page is one HTML file that needs no other: pictures are embedded, links stay inside of it.
+The page is a Markdown file; its pictures are the files of the folder of figures.
 """
 
 from __future__ import annotations
 
-import base64
 import dataclasses
 import datetime
 import json
 import math
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -33,7 +32,6 @@ FIRST = (  # numbers of the summary, the first that were measured: (experiment, 
     ("droplet", "kinetic_share.cube_4913", "cube to sphere: kinetic energy, end over peak"),
 )
 SHOWN_FIRST = 6  # numbers; the paper's own method stands beside refsim's
-MIME = {".png": "image/png", ".webp": "image/webp"}
 
 
 def report(performed: Sequence[Performed], stream: TextIO) -> None:
@@ -159,13 +157,6 @@ def summary(whole: Whole, page: Path) -> str:
 
 # The page
 
-STYLE = """
-body { font: 15px/1.45 system-ui, sans-serif; margin: 0 auto; max-width: 72rem; padding: 1rem 1.5rem; color: #222; }
-h2 { border-bottom: 1px solid #ccc; margin-top: 2.5rem; } pre { overflow-x: auto; font-size: 12.5px; }
-figure { margin: 1rem 0; } img { max-width: 100%; height: auto; } figcaption { color: #555; font-size: 13px; }
-nav a { margin-right: 0.9rem; }
-"""
-
 
 def write_page(whole: Whole, path: Path) -> Path:
     """Write the page; returns its path."""
@@ -175,39 +166,21 @@ def write_page(whole: Whole, path: Path) -> Path:
 
 
 def page(whole: Whole, path: Path) -> str:
-    """Every verdict, table and picture as one HTML document that loads nothing from elsewhere."""
+    """Every verdict and table as Markdown, with the pictures by their places from the page's."""
     here = ", ".join(f"{name} {value}" for name, value in whole.machine.items())
     day = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     bad = [dataclasses.replace(e, checks=[c for c in e.checks if c.verdict == FAIL]) for e in whole.performed]
-    sections = {"summary": [_text(summary(whole, path))], "failed": [_text(check_table(bad) or "nothing")]}
-    sections["notes"] = [_text("\n".join(notes(whole.performed)))]
-    sections |= {each.part.name: _section(each, whole.titles.get(each.part.name, "")) for each in whole.performed}
-    sections["claims"] = [_text(_claims(whole.claims))]
-    links = " ".join(f'<a href="#{escape(name)}">{escape(name)}</a>' for name in sections)
-    title = escape(whole.title)
-    parts = [
-        f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{title}</title>',
-        f'<link rel="icon" href="data:,">\n<style>{STYLE}</style>\n</head>\n<body>',
-        f"<h1>{title}</h1>\n<p>{day}. {escape(here)}.</p>\n<nav>{links}</nav>",
-    ]
-    for name, lines in sections.items():
-        parts += [f'<h2 id="{escape(name)}">{escape(name)}</h2>', *lines]
-    return "\n".join([*parts, "</body>\n</html>\n"])
+    parts = [f"# {whole.title}", f"{day}. {here}.", "## summary", _text(summary(whole, path))]
+    parts += ["## failed", _text(check_table(bad) or "nothing"), "## notes", _text("\n".join(notes(whole.performed)))]
+    for each in whole.performed:
+        parts += [f"## {each.part.name}", whole.titles.get(each.part.name, "")]
+        parts += [f"![{name}]({os.path.relpath(drawn, path.parent)})" for name, drawn in each.drawn.items()]
+        parts += [_text(text) for text in (check_table([each]), *map(str, each.tables)) if text]
+    return "\n\n".join([*parts, "## claims", _text(_claims(whole.claims))]) + "\n"
 
 
 def _text(words: str) -> str:
-    return f"<pre>{escape(words)}</pre>"
-
-
-def _section(each: Performed, title: str) -> list[str]:
-    """One experiment: its pictures, verdicts and tables."""
-    made = [f"<p>{escape(title)}</p>"]
-    for picture, path in each.drawn.items():
-        data = base64.b64encode(path.read_bytes()).decode("ascii")
-        source = f"data:{MIME[path.suffix]};base64,{data}"
-        words = escape(picture.replace("_", " "))
-        made.append(f'<figure><img alt="{words}" src="{source}"><figcaption>{words}</figcaption></figure>')
-    return made + [_text(text) for text in (check_table([each]), *map(str, each.tables)) if text]
+    return f"```text\n{words}\n```"
 
 
 def _claims(claims: Sequence[tuple[Entry, Check | None]]) -> str:

@@ -140,11 +140,10 @@ def printed_limits(context: Context, backend: str) -> Result:
 
 def fall(
     context: Context, tension: bool, backend: str, seed: int = 1, frames: tuple[int, ...] = scenes.FRAMES,
-    filtered: bool = True, advanced: bool = False,
+    filtered: bool = True,
 ) -> Result:  # fmt: skip
     """The block of 810 particles falls into the room: what lies on the floor at the given frames."""
-    scene = scenes.block_scene(seed, tension, filtered, advanced=advanced)
-    return falling(context, scene, list(frames), backend)
+    return falling(context, scenes.block_scene(seed, tension, filtered), list(frames), backend)
 
 
 def falling(context: Context, scene: Scene, frames: list[int], backend: str) -> Result:
@@ -613,11 +612,6 @@ def planned(options: Options) -> list[RunSpec]:
     for arm, tension in JUDGED_ARMS.items():
         parameters = {"tension": tension, "frames": frames, **backend}
         made.append(RunSpec(f"{key}_{arm}", fall, parameters, estimate))
-    for seed in (1, 2, 3):
-        ball = {"shape": "cut", "count": SMALL, "seed": seed, "viscosity": scenes.CALM, "until": 8.0, **backend}
-        pile = {"tension": True, "frames": [0, 90, 160, scenes.REST], "seed": seed, "advanced": True, **backend}
-        made.append(RunSpec(f"advanced_ball_{seed}", cube, {**ball, "changes": {"advanced": True}}, 20.0, reason))
-        made.append(RunSpec(f"advanced_{seed}", fall, pile, 30.0, reason))
     return made
 
 
@@ -652,12 +646,6 @@ def checks(results: Results, check: Checks) -> None:
         "printed_step": lambda v: v["step"] / v["limit"], "printed_refused": lambda v: float(bool(v["refused"])),
         "printed_compression": "soft",
     })  # fmt: skip
-    for seed in (1, 2, 3):
-        check.run(results, f"advanced_ball_{seed}", {"advanced_area": excess}, f"{seed}", f"cut cube, seed {seed}")
-        check.run(results, f"advanced_{seed}", {
-            "advanced_holes": lambda v: v["rows"][1]["holes"], "advanced_layers": lambda v: v["rows"][-1]["layers"],
-            "advanced_largest": lambda v: v["rows"][-1]["largest"],
-        }, f"{seed}", f"block, seed {seed}")  # fmt: skip
     at = {arm: {row["frame"]: row for row in rows} for arm, rows in blocks(results).items()}
     for frame in (*scenes.FRAMES, *scenes.LATER) if at else ():
         for name, arm in itertools.product(("parts", "lone", "holes"), JUDGED_ARMS):

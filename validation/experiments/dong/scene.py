@@ -27,7 +27,6 @@ PUDDLE = 3 * BLOCK / CELLS[0]  # m, three layers
 # three layers of figure 5.
 TENSION = DENSITY * 9.81 * PUDDLE**2 / 4
 RATIO = {"mueller": 3.20247, "wendland": 2.4392}  # measured over nominal tension, as the sigma map had it then
-ADVANCED = 0.73  # the same by the jump on an advanced density, Wendland kernels
 PRINTED = {"stiffness": 1e-3, "correction": 1e-3}
 PRINTED_SUPPORT, PRINTED_STEP, PRINTED_VISCOSITY = 1.5, 0.005, 1e-3
 PRINTED_BOUND = 10.0  # of the density: the printed block lands faster than its sound, at up to 4.8 rho0
@@ -37,10 +36,9 @@ FALL_NOMINAL, FALL_VISCOSITY, FALL_SOUND = 0.5 * TENSION, 7.5, 25.0  # N/m, Pa s
 MODELS = {"dong": "Dong 2016", "iif": "plain pair force (Tartakovsky & Meakin 2005)", "csf": "continuum surface force"}
 
 
-def liquid(density: float = DENSITY, advanced: bool = False, **options: Any) -> WeaklyCompressible:
+def liquid(density: float = DENSITY, **options: Any) -> WeaklyCompressible:
     """The paper's liquid: pressure after its reference 9, Becker & Teschner's p = rho0 c^2/7 ((rho/rho0)^7 - 1)."""
-    form: Literal["continuity", "summation"] = "continuity" if advanced else "summation"
-    return WeaklyCompressible(rest_density=density, state="tait", density=form, **options)
+    return WeaklyCompressible(rest_density=density, state="tait", density="summation", **options)
 
 
 def tension_of(model: str, nominal: float, **changes: Any) -> Any:
@@ -72,19 +70,17 @@ def start(shape: str, count: int, seed: int = 1) -> tuple[NDArray, float]:
 
 def cube_scene(
     position: NDArray, spacing: float, tension: float = TENSION, viscosity: float = CUBE_VISCOSITY,
-    dtype: str = "float32", model: str = "dong", advanced: bool = False, **changes: Any,
+    dtype: str = "float32", model: str = "dong", **changes: Any,
 ) -> Scene:  # fmt: skip
     """Liquid in free space at the map's setting: h = 2.6 d, Mueller kernels, S = sigma/(rho0 c^2 d) = 0.01.
 
     tension  that is to be measured on the drop [N/m]; Dong's nominal one is RATIO times smaller
-    advanced  whether the density is, with Wendland kernels
     changes  parameters of the tension; those that belong to a tension in N/m leave it out
     """
-    nominal = tension / (ADVANCED if advanced else RATIO["mueller"])
-    kernels = "wendland" if advanced else "mueller"
+    nominal = tension / RATIO["mueller"]
     sound_speed = math.sqrt(nominal / (DENSITY * spacing * 0.01))
     effect = tension_of(model, nominal if model == "dong" else tension, **changes)
-    water = liquid(DENSITY, advanced, sound_speed=sound_speed, dynamic_viscosity=viscosity, kernels=kernels)
+    water = liquid(sound_speed=sound_speed, dynamic_viscosity=viscosity, kernels="mueller")
     return Scene(
         name="dong_cube", spacing=spacing, support_radius=2.6 * spacing, dtype=dtype,  # type: ignore[arg-type]
         fluid=(Cloud(position=position),), effects=(water, effect),
@@ -128,18 +124,17 @@ def impact_speed() -> float:
 
 def block_scene(
     seed: int = 1, tension: bool = True, filtered: bool = True, dtype: str = "float32",
-    solver: Literal["shared", "hu_adams"] = "shared", advanced: bool = False,
+    solver: Literal["shared", "hu_adams"] = "shared",
 ) -> Scene:  # fmt: skip
     """The block over the floor of a closed box, calibrated; with the shared liquid or with D(3) to D(5).
 
     Without tension the solver of D(3) to D(5) keeps the density filter, which is part of it.
     """
     position, spacing = block(seed)
-    water = liquid(sound_speed=FALL_SOUND, dynamic_viscosity=FALL_VISCOSITY, advanced=advanced)
+    water = liquid(sound_speed=FALL_SOUND, dynamic_viscosity=FALL_VISCOSITY)
     effect: tuple[Dong2016, ...] = ()
     if tension:
-        nominal = FALL_NOMINAL * (RATIO["wendland"] / ADVANCED if advanced else 1)
-        effect = (Dong2016(surface_tension=nominal, filter_density=filtered, solver=solver),)
+        effect = (Dong2016(surface_tension=FALL_NOMINAL, filter_density=filtered, solver=solver),)
     elif solver == "hu_adams":
         effect = (Dong2016(stiffness=0.0, correction=0.0, filter_density=filtered, solver=solver),)
     return _falling(position, spacing, 2.7, (water, *effect), dtype)
