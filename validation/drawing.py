@@ -167,39 +167,6 @@ def view_matrix(azimuth: float, elevation: float) -> NDArray[np.float64]:
     return np.stack(Camera(azimuth, elevation).axes(UP))
 
 
-def _frontmost(
-    position: ArrayLike, radius: float, view: NDArray, extent: float, pixels: int
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Which ball each pixel shows (pixels, pixels), -1 for none; and the balls' centres in pixels (n, 2)."""
-    seen = np.asarray(position, dtype=float) @ view.T
-    scale = pixels / (2.0 * extent)
-    reach = int(np.ceil(radius * scale)) + 1
-    depth = np.full((pixels, pixels), -np.inf)
-    owner = np.full((pixels, pixels), -1)
-    offset = np.arange(-reach, reach + 1)
-    centre = np.stack(((seen[:, 0] + extent) * scale, (extent - seen[:, 1]) * scale), axis=1)
-    for i, (column, row) in enumerate(np.rint(centre).astype(int)):
-        if min(column, row) < reach or max(column, row) >= pixels - reach:
-            continue  # outside the picture
-        dx = (column + offset)[None, :] - centre[i, 0]
-        dy = (row + offset)[:, None] - centre[i, 1]
-        rest = (radius * scale) ** 2 - dx**2 - dy**2
-        height = np.where(rest > 0, seen[i, 2] * scale + np.sqrt(np.maximum(rest, 0.0)), -np.inf)
-        window = slice(row - reach, row + reach + 1), slice(column - reach, column + reach + 1)
-        nearer = height > depth[window]
-        depth[window] = np.where(nearer, height, depth[window])
-        owner[window] = np.where(nearer, i, owner[window])
-    return owner, centre
-
-
-def visible_balls(
-    position: ArrayLike, radius: float, view: NDArray, extent: float, pixels: int = 640
-) -> NDArray[np.int64]:
-    """Numbers of the balls that `ball_picture` shows any part of."""
-    owner, _ = _frontmost(position, radius, view, extent, pixels)
-    return np.unique(owner[owner >= 0])
-
-
 def ball_picture(
     position: ArrayLike, radius: float, colour: ArrayLike, view: NDArray, extent: float, pixels: int = 640
 ) -> NDArray[np.float64]:
@@ -298,9 +265,9 @@ def show_balls(
     show_image(axes, ball_picture(x, 0.5 * spacing, np.broadcast_to(colour, x.shape), view, extent, pixels), extent)
 
 
-def seen_thousandths(position: NDArray, spacing: float, view: NDArray, extent: float) -> NDArray[np.int64]:
-    """The balls that `show_balls` shows any part of, their places in thousandths of the unit."""
-    return np.rint(1000 * position[visible_balls(position, 0.5 * spacing, view, extent)]).astype(int)
+def thousandths(position: NDArray) -> NDArray[np.int64]:
+    """Places in thousandths of their unit."""
+    return np.rint(1000 * position).astype(int)
 
 
 def plain_title(axes: Any, title: str, **look: Any) -> None:

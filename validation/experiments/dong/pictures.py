@@ -10,7 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 
-from validation.drawing import BLUE, GREY, ORANGE, plain_title, seen_thousandths, show_balls, view_matrix, visible_balls
+from validation.drawing import BLUE, GREY, ORANGE, plain_title, show_balls, thousandths, view_matrix
 from validation.experiment import Picture, Results
 from validation.experiments.dong import runs
 from validation.experiments.dong import scene as scenes
@@ -25,8 +25,8 @@ ROOM_EXTENT, CUBE_EXTENT = 0.54, 0.4  # half widths [m]
 MILLI = 1e-3
 
 
-def _room(result: Result, frame: int, view: NDArray) -> dict[str, Any]:
-    """What can be seen of the liquid at a frame, with the number of each particle's part (-1: of a small one)."""
+def _room(result: Result, frame: int) -> dict[str, Any]:
+    """The liquid at a frame, with the number of each particle's part (-1: of a small one)."""
     from validation.metrics.spread import parts
 
     values = result.values
@@ -35,11 +35,10 @@ def _room(result: Result, frame: int, view: NDArray) -> dict[str, Any]:
     part = parts(x, values["spacing"])
     sizes = np.bincount(part)
     part = np.where(sizes[part] >= 5, part, -1)
-    seen = visible_balls(x - _middle(view), 0.5 * values["spacing"], view, ROOM_EXTENT)
     kept = ("frame", "time", "parts", "lone", "holes", "largest", "stretch", "layers")
     return {
         **{name: values["rows"][k][name] for name in kept},
-        "position_mm": np.rint(x[seen] / MILLI).astype(int), "part": part[seen],
+        "position_mm": thousandths(x), "part": part,
     }  # fmt: skip
 
 
@@ -75,8 +74,8 @@ def cube_data(results: Results) -> dict[str, Any]:
     after = top + int(np.argmax(moment[top:] <= 0))
     rows = []
     for k in (0, ball // 2, ball, top, after, len(moment) - 1):
-        seen = seen_thousandths(position[k] - position[k].mean(0), values["spacing"], OBLIQUE, CUBE_EXTENT)
-        rows.append({"time": values["series"]["time"][k], "moment": moment[k], "position_mm": seen})
+        x = position[k] - position[k].mean(0)
+        rows.append({"time": values["series"]["time"][k], "moment": moment[k], "position_mm": thousandths(x)})
     return {
         "title": f"Dong, figure 3: a cube of 0.5 m without gravity, {values['particles']:,} particles",
         "spacing_m": values["spacing"], "rows": rows,
@@ -100,7 +99,7 @@ def splash_data(results: Results) -> dict[str, Any]:
     return {
         "title": "Dong, figure 4: the block after its impact, from above",
         "spacing_m": results["rest_with"].values["spacing"],
-        "rows": [{"words": label, "frames": [_room(results[f"rest_{arm}"], frame, TOP) for frame in frames]}
+        "rows": [{"words": label, "frames": [_room(results[f"rest_{arm}"], frame) for frame in frames]}
                  for arm, label in ARMS.items()],
     }  # fmt: skip
 
@@ -134,7 +133,7 @@ def splash_picture(data: Mapping[str, Any]) -> Any:
 
 def rest_data(results: Results) -> dict[str, Any]:
     """Figure 5: from the side at rest, with and without tension."""
-    rows = [{"words": w, **_room(results[f"rest_{arm}"], scenes.REST, SIDE_VIEW)} for arm, w in ARMS.items()]
+    rows = [{"words": w, **_room(results[f"rest_{arm}"], scenes.REST)} for arm, w in ARMS.items()]
     spacing = results["rest_with"].values["spacing"]
     return {"title": "Dong, figure 5: at rest, from the side", "spacing_m": spacing, "rows": rows}
 
@@ -156,7 +155,7 @@ def merging_data(results: Results) -> dict[str, Any]:
     rows = result.values["rows"]
     return {
         "title": "Dong, figure 6: the droplets merge", "spacing_m": result.values["spacing"],
-        "frames": [_room(result, frame, TOP) for frame in scenes.MERGING],
+        "frames": [_room(result, frame) for frame in scenes.MERGING],
         "series": {name: [row[name] for row in rows] for name in ("time", "parts", "lone", "largest")},
     }  # fmt: skip
 

@@ -37,7 +37,7 @@ def chosen_frames(values: Mapping[str, Any], count: int) -> list[int]:
 
 
 def frame_data(results: Results) -> dict[str, Any]:
-    """Figure 6: the particles that can be seen, of each start, at chosen times."""
+    """Figure 6: the particles of each start at chosen times."""
     title = "Figure 6: a cube of liquid becomes a drop"
     data: dict[str, Any] = {"title": title, "half_width_radii": EXTENT, "rows": []}
     for key, label in (ROWS | SURFACE_ONLY).items():
@@ -51,7 +51,7 @@ def frame_data(results: Results) -> dict[str, Any]:
             frames.append({
                 "time_s": series["time"][k], "cubic_moment": series["cubic_moment"][k],
                 "radius_variation": series["radius_variation"][k],
-                "position_milliradii": drawing.seen_thousandths(x, values["spacing"] / values["radius"], VIEW, EXTENT),
+                "position_milliradii": drawing.thousandths(x),
             })  # fmt: skip
         data["rows"].append({
             "start": label, "particles": values["particles"], "radius_m": values["radius"],

@@ -20,8 +20,8 @@ from validation.drawing import (
     VERMILION,
     WATER,
     caption,
-    seen_thousandths,
     show_balls,
+    thousandths,
     view_matrix,
 )
 from validation.experiment import Picture, Results
@@ -116,7 +116,7 @@ def panel_data(results: Results) -> dict[str, Any]:
             frames.append({
                 "time_s": values["series"]["time"][k],
                 "radius_variation": real(values["series"]["radius_variation"][k]),
-                "position_milliradii": seen_thousandths(x, values["spacing"] / values["radius"], VIEW, EXTENT),
+                "position_milliradii": thousandths(x),
             })  # fmt: skip
         rows.append(
             {"model": model.words, "stopped": values["stopped"],
