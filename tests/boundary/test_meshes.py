@@ -19,7 +19,7 @@ from refsim.scene.overlaps import winding
 from refsim.scene.solids import SolidMesh
 from refsim.winding_number.reference import solid_angles
 from tests.boundary import damaged_meshes
-from tests.running import python
+from tests.running import python, rows
 
 BOX = trimesh.creation.box((1.0, 1.0, 1.0))
 BALL = trimesh.creation.icosphere(3)
@@ -291,27 +291,7 @@ def test_clusters_are_the_winding_number():
     assert set(np.round(exact).astype(int)) == {0, 1, 2}
 
 
-PLY = """ply
-format ascii 1.0
-comment TextureFile {texture}
-element vertex 4
-property float x
-property float y
-property float z
-property float s
-property float t
-element face 4
-property list uchar int vertex_indices
-end_header
-0 0 0 0 0
-1 0 0 1 0
-0 1 0 0 1
-0 0 1 1 1
-3 0 2 1
-3 0 1 3
-3 1 2 3
-3 0 3 2
-"""
+PLY = rows(__file__, "ply")
 
 
 @pytest.mark.parametrize("texture", ["none.png", "broken.png", "."])

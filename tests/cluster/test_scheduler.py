@@ -1,10 +1,11 @@
 """Tasks on a Dask scheduler with three worker processes of this machine."""
 
 import os
-import re
 import subprocess
 import sys
+from concurrent.futures import CancelledError
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -19,7 +20,6 @@ from tests.running import awaited
 from tests.sweep.small_sweep import files, killed_task, same_bits
 
 WORKERS = 3
-slow = pytest.mark.slow  # each starts a scheduler and workers of its own
 
 
 def test_without_dask_a_sentence_says_what_to_do(monkeypatch):
@@ -141,76 +141,23 @@ def test_a_scheduler_that_goes_away_ends_with_a_sentence(cluster, monkeypatch):
         by(cluster, [Task("a", "a", there.square, (1,))])
 
 
-KILLING = """
-import os, signal, sys
-from refsim.__main__ import main
-from refsim.cluster import scheduler
-from refsim.sweep import Progress
+def test_what_is_lost_between_a_task_and_its_result_is_redone_or_told(monkeypatch):
+    """A value is lost with its worker; whatever a client raises whose scheduler is gone is one reason."""
+    killed = type("KilledWorker", (Exception,), {"allowed_failures": 2})
+    monkeypatch.setitem(sys.modules, "distributed", SimpleNamespace(KilledWorker=killed))
+    task = Task("a", "a", there.square)
+    dead = SimpleNamespace(status="error", exception=lambda timeout: killed())
+    assert "a: 3 processes in turn were killed" in str(scheduler._outcome(task, dead).error)
 
-process, moment = int(sys.argv[1]), sys.argv[2]
-place = Progress if moment == "watch" else scheduler
-call = getattr(place, moment)
+    def ended(status, error):
+        return SimpleNamespace(status=status, result=lambda timeout: (_ for _ in ()).throw(error))
 
-def killing(*given):
-    if all(given):  # `watch` has tasks under way
-        os.kill(process, signal.SIGKILL)
-    return call(*given)
-
-setattr(place, moment, killing)
-sys.exit(main(sys.argv[3:]))
-"""
-SWEEP = ("sweep", "grid.toml")
-
-
-@pytest.fixture
-def killed(folder):
-    """Call a command that kills the scheduler, or the first of two workers, at a moment; all of them end with it."""
-    pytest.importorskip("distributed", reason="Dask distributed is not installed (refsim[cluster])")
-
-    def call(words, moment, *, worker=False):
-        scene = Path("tank.toml").read_text()
-        Path("tank.toml").write_text(
-            scene.replace("end_time = 0.002", "end_time = 1.0")
-        )  # a run takes longer than PAUSE
-        cluster = Cluster(folder, workers=2)
-        process = cluster.processes[1] if worker else cluster.scheduler
-        words = [*words, "--scheduler", cluster.address, "--output", "out"]
-        try:
-            command = [sys.executable, "-c", KILLING, str(process.pid), moment, *words]
-            return subprocess.run(command, env=cluster.environment, capture_output=True, text=True, timeout=60)
-        finally:
-            cluster.end()
-
-    return call
-
-
-def lost(done, *, kept):
-    """Exit code 3, one sentence below the lines of progress, and as many results at least."""
-    *progress, sentence = done.stderr.splitlines()
-    assert done.returncode == 3
-    assert re.fullmatch(
-        r"refsim: The scheduler at tcp:\S+ has gone away; .* kept in out\. \[scheduler_lost\]", sentence
-    )
-    assert [line for line in progress if not re.match(r"\d runs to do$|\d of 4, ", line)] == []
-    assert len(list(Path("out").glob("*.json"))) >= kept
-
-
-@pytest.mark.parametrize(
-    ("moment", "kept"),
-    [pytest.param("resources", 0, marks=slow), ("watch", 0), pytest.param("_outcome", 1, marks=slow)],
-)
-def test_a_scheduler_killed_before_or_in_a_task_or_before_its_result_is_here(killed, moment, kept):
-    lost(killed(SWEEP, moment), kept=kept)
-    if kept:
-        on_file = len(list(Path("out").glob("*.json")))
-        again = sweep("grid.toml", folder="out", jobs=1)
-        assert again.computed == 4 - on_file
-        assert not again.missing
-
-
-@pytest.mark.parametrize("moment", [pytest.param("watch", marks=slow), "_outcome"])
-def test_a_worker_killed_in_a_task_or_before_its_result_is_here_costs_nothing_else(killed, moment):
-    done = killed(SWEEP, moment, worker=True)
-    assert done.returncode == 0, done.stderr
-    assert "4 runs, 4 of them computed now" in done.stdout
-    assert len(done.stderr.splitlines()) == 5, done.stderr
+    assert scheduler._outcome(task, ended("finished", TimeoutError())) is None
+    with pytest.raises(AttributeError):
+        scheduler._outcome(task, ended("finished", AttributeError()))
+    for status, error, told in (
+        ("running", CancelledError(), RunStopped), ("running", OSError(), RunStopped), ("closed", AttributeError(),
+        RunStopped), ("running", AttributeError(), AttributeError), ("closed", InputError("x"), InputError),
+    ):  # fmt: skip
+        with pytest.raises(told), scheduler._answers(SimpleNamespace(status=status), "tcp://s"):
+            raise error

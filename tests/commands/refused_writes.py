@@ -41,16 +41,10 @@ from refsim.io.vtp import read_arrays, read_head
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
+from tests.running import rows  # noqa: E402
 from tests.tank_file import tank  # noqa: E402
 
-GAUGE = """
-[[gauge]]
-name = "middle"
-kind = "level"
-lower = [0.02, -0.1, 0.0]
-upper = [0.02, 0.3, 0.0]
-every = 0.0005
-"""
+GAUGE = rows(__file__, "gauge")
 SWEEP = 'scene = "tank.toml"\nobservable = "kinetic_energy"\nbackend = "numpy"\n'
 WRONG = "def gravity(field, acceleration):\n    acceleration += 1.01 * field\n\n\nPROGRAMS = {'sph.gravity': gravity}\n"
 

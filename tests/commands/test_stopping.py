@@ -15,18 +15,12 @@ import pytest
 
 from refsim import Simulation
 from refsim.core.stopping import handling_signals
-from tests.running import awaited
+from tests.running import awaited, rows
 from tests.tank_file import tank
 
 ROOT = pathlib.Path(__file__).parents[2]
 SCENE = tank(100.0)
-SWEEP = """
-scene = "tank.toml"
-observable = "kinetic_energy"
-backend = "numpy"
-[grid]
-"effects.weakly_compressible.sound_speed" = [20.0, 22.0]
-"""
+SWEEP = rows(__file__, "sweep")
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 
 

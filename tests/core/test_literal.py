@@ -12,6 +12,7 @@ from refsim.boundary.mesh import surface_mesh
 from refsim.boundary.sampling import sample
 from refsim.core.capabilities import HasErrata
 from refsim.scene.files import load_scene
+from tests.running import rows
 from validation import pairs
 
 REQUIRED = {
@@ -57,23 +58,7 @@ TETRAHEDRON = surface_mesh(
 )
 
 
-SCENE = """
-spacing = 0.05
-support_radius = 0.13
-end_time = 0.01
-[[fluid]]
-shape = "box"
-cells = [4, 4, 4]
-[effects.weakly_compressible]
-density = "summation"
-sound_speed = 10.0
-literal = "paper"
-[effects.surface_detection]
-literal = "paper"
-[effects.jiang_zhu_2023]
-surface_tension = 1.0
-literal = {literal}
-"""
+SCENE = rows(__file__, "paper")
 
 
 def test_a_scene_file_takes_a_word_or_a_list_and_plan_and_list_show_it(tmp_path, capsys):

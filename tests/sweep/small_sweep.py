@@ -7,18 +7,11 @@ from refsim.study import runs, tasks
 from refsim.study.observables import observable_of
 from refsim.sweep import points_of, read_sweep
 from tests.cluster import cluster_tasks as there
+from tests.running import rows
 from tests.tank_file import GRAVITY, tank
 
 SCENE = tank(0.002, more=GRAVITY)
-SWEEP = """
-scene = "tank.toml"
-observable = "kinetic_energy"
-backend = "numpy"
-
-[grid]
-"effects.weakly_compressible.dynamic_viscosity" = [1.0, 2.0]
-"fluid.1.velocity" = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]
-"""
+SWEEP = rows(__file__, "sweep")
 
 
 def files(folder, monkeypatch):
