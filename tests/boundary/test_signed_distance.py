@@ -29,13 +29,21 @@ def node_places(band):
     return band.spacing * node_table(band.field)
 
 
-def test_distance_is_that_of_trimesh(ball_band):
+def test_distance_is_that_of_trimesh_and_projection_stands_on_the_mesh(ball_band):
     place = node_places(ball_band)
     rows = np.random.default_rng(1).choice(np.flatnonzero(ball_band.field.closest >= 0), 300, replace=False)
     _, distance, _ = trimesh.proximity.closest_point(BALL, place[rows])
     assert np.abs(np.abs(ball_band.field.distance[rows]) - distance).max() < 3e-7
     beyond = np.flatnonzero(ball_band.field.closest < 0)[:100]
     assert trimesh.proximity.closest_point(BALL, place[beyond])[1].min() > ball_band.band * (1 - 1e-6)
+    directions = np.random.default_rng(6).normal(size=(300, 3))
+    place = (directions / np.linalg.norm(directions, axis=1)[:, None] * 1.003).astype(np.float32)
+    onto, normal = ball_band.project(place)
+    _, least, _ = trimesh.proximity.closest_point(BALL, place)
+    _, off, _ = trimesh.proximity.closest_point(BALL, onto)
+    assert off.max() < 1e-6
+    assert np.abs(np.linalg.norm(onto - place, axis=1) - least).max() < 0.05 * ball_band.spacing
+    assert np.abs(np.linalg.norm(normal, axis=1) - 1).max() < 1e-5
 
 
 @pytest.mark.parametrize("shape, spacing", [(needle, 0.004), (plate, 0.02)], ids=["needle", "plate"])
@@ -64,17 +72,6 @@ def test_the_inside_beyond_all_blocks_is_marked():
     assert deep.any()
     assert (distance[deep] == -band.band).all()
     assert (slope[deep] == 0).all()
-
-
-def test_projection_stands_on_the_mesh(ball_band):
-    directions = np.random.default_rng(6).normal(size=(300, 3))
-    place = (directions / np.linalg.norm(directions, axis=1)[:, None] * 1.003).astype(np.float32)
-    onto, normal = ball_band.project(place)
-    _, least, _ = trimesh.proximity.closest_point(BALL, place)
-    _, off, _ = trimesh.proximity.closest_point(BALL, onto)
-    assert off.max() < 1e-6
-    assert np.abs(np.linalg.norm(onto - place, axis=1) - least).max() < 0.05 * ball_band.spacing
-    assert np.abs(np.linalg.norm(normal, axis=1) - 1).max() < 1e-5
 
 
 def test_memory_follows_the_surface():

@@ -58,14 +58,8 @@ def test_an_equation_is_shown_with_its_code(name, parts, capsys):
     assert all(part in text for part in parts)
 
 
-def test_what_no_source_has_is_said(capsys):
-    assert equation("J(22)") is None
-    assert main(["show", "J(22)"]) == 2
-    assert "no operation or equation 'J(22)'" in capsys.readouterr().err
-
-
-def test_equations_of_an_operation_are_found_through_what_it_calls():
-    """Also through other functions of operations.py, local ones, and classes."""
+def test_equations_are_found_through_what_an_operation_calls(capsys):
+    """Also through other functions of operations.py, local ones, and classes; what no source has is said."""
     called = {name: {f.__name__ for f in REGISTRY[name].equations()} for name in (
         "sph.momentum", "iisph.relax", "mpm.particle_to_grid", "heat.explicit",
     )}  # fmt: skip
@@ -73,3 +67,6 @@ def test_equations_of_an_operation_are_found_through_what_it_calls():
     assert called["iisph.relax"] >= {"moved", "moved_at_walls", "relaxed", "density_error"}
     assert called["mpm.particle_to_grid"] >= {"node_mass", "node_momentum", "stress_force", "spline_weight"}
     assert called["heat.explicit"] >= {"flow", "conductance", "temperature_of"}
+    assert equation("J(22)") is None
+    assert main(["show", "J(22)"]) == 2
+    assert "no operation or equation 'J(22)'" in capsys.readouterr().err

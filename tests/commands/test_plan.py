@@ -68,7 +68,7 @@ def test_a_note_is_given_beyond_a_limit_and_only_there(setting):
         assert margin == pytest.approx(2.0 if factor == within else 0.5)
 
 
-def test_a_fixed_step_and_the_table():
+def test_a_fixed_step_gauges_and_motions_are_listed():
     margins, _ = found(LIQUID)
     assert "step [s]" not in margins
     told = describe_plan(make_plan(scene(LIQUID)), "cpu")
@@ -79,9 +79,6 @@ def test_a_fixed_step_and_the_table():
     text = _text(told)
     assert "beyond, 1.2 times" in text
     assert "Measured limits (docs/stability.md)" in text
-
-
-def test_a_plan_lists_gauges_and_motions():
     made = scene(LIQUID, rs.Gravity(), rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.1, 0.1, 0.1)))
     gauge = rs.Gauge(name="floor", kind="force", on="-y", every=0.01)
     sway = rs.Motion(of="gravity", kind="sway", direction=(1.0, 0.0, 0.0), amplitude=0.01, period=0.5)

@@ -15,16 +15,13 @@ from refsim.core import cases
 from refsim.core.operation import REGISTRY
 
 
-def test_every_program_is_shown():
+def test_every_program_is_shown_with_formulas_before_the_reference(capsys):
     for name, operation in REGISTRY.items():
         for program in (program for program in operation.names() if program != "numpy"):
             found = describe(operation, program)
             assert [len(found[part]) for part in ("reference", "program")] == [1, 1], (name, program)
             for source in (source for sources in found.values() for source in sources):
                 assert f"def {source.name}(" in source.text, (name, program)
-
-
-def test_formulas_stand_before_the_reference(capsys):
     assert main(["show", "sph.momentum"]) == 0
     shown = capsys.readouterr().out
     assert all(part in shown for part in ("J(10)", "def pressure_pair(", "neighbour_sum("))

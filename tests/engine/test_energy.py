@@ -86,12 +86,21 @@ def test_cohesion_is_the_potential_of_its_force(name):
 
 
 # Runs
-def test_a_scene_that_gains_energy_stops():
+def test_a_scene_that_gains_energy_stops_and_its_last_good_checkpoint_stays(tmp_path):
+    """A checkpoint never holds a state beyond the bound, also between two audits."""
     simulation = rs.Simulation(growing(), "numpy")
     with pytest.raises(rs.RunStopped, match=r"the bound of energy_audit, 0\.05:") as stop:
         advanced(simulation, 2000)
     assert (stop.value.reason, simulation.steps % AUDIT.every) == ("energy_gained", 0)
     assert np.isfinite(simulation.field("velocity")).all()
+    simulation = rs.Simulation(growing(audit=rs.EnergyAudit(every=1000000, bound=0.3)), "numpy")
+    simulation.step()
+    simulation.checkpoint(tmp_path / "good.h5")
+    before = (tmp_path / "good.h5").read_bytes()
+    advanced(simulation, 60)
+    with pytest.raises(rs.RunStopped, match="bound") as stop:
+        simulation.checkpoint(tmp_path / "good.h5")
+    assert (stop.value.reason, (tmp_path / "good.h5").read_bytes()) == ("energy_gained", before)
 
 
 def test_what_shifts_lift_is_no_gain_of_energy(tmp_path):
@@ -186,18 +195,6 @@ def test_dust_in_a_driven_frame_has_the_energy_of_the_work(of):
     found = {name: part.value for name, part in simulation.auditor.energies(simulation).items()}
     assert abs(found["driving"]) > 1.0
     assert math.fsum(found.values()) == pytest.approx(begun, abs=2e-3 * abs(found["driving"]))
-
-
-def test_the_last_good_checkpoint_stays(tmp_path):
-    """A checkpoint never holds a state beyond the bound, also between two audits."""
-    simulation = rs.Simulation(growing(audit=rs.EnergyAudit(every=1000000, bound=0.3)), "numpy")
-    simulation.step()
-    simulation.checkpoint(tmp_path / "good.h5")
-    before = (tmp_path / "good.h5").read_bytes()
-    advanced(simulation, 60)
-    with pytest.raises(rs.RunStopped, match="bound") as stop:
-        simulation.checkpoint(tmp_path / "good.h5")
-    assert (stop.value.reason, (tmp_path / "good.h5").read_bytes()) == ("energy_gained", before)
 
 
 # What cannot be counted, and how an audit is requested

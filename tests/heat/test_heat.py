@@ -121,15 +121,12 @@ def test_a_temperature_that_a_user_sets_begins_a_new_range():
     assert melting.field("temperature").max() > 900
 
 
-def test_the_plan_says_which_sums_limit_the_step():
+def test_the_plan_says_which_sums_limit_the_step_and_reservoirs_are_held():
     plan = make_plan(hard_cloud("cloud", "explicit", False))
     assert any("limit 'exchange' shortens the step" in note for note in plan.notes)
     fixed = make_plan(bar(0.25, scheme="explicit"))
     assert any("is not shortened" in note for note in fixed.notes)
     assert not make_plan(bar(0.25)).notes
-
-
-def test_reservoirs_hold_their_temperature():
     values = ran(bar(5.0, held=(1,)), 200).field("temperature")
     assert (values[128:] == -10).all()
     assert abs(values[:128] + 10).max() < 5  # the rest goes there

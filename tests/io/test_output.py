@@ -158,7 +158,7 @@ def test_what_made_the_frames_is_said_until_another_origin_replaces_it(tmp_path)
         assert read_origin(path).scene == scene
 
 
-def test_append_refuses_what_does_not_fit(tmp_path):
+def test_append_refuses_what_does_not_fit_and_older_versions(tmp_path):
     path = tmp_path / "run.pvd"
     with ParticleWriter(path, FIELDS) as writer:
         write_frames(writer, [frame(0)])
@@ -177,9 +177,6 @@ def test_append_refuses_what_does_not_fit(tmp_path):
                 use()
         assert file.read_bytes() == content
     assert sorted(one.name for one in tmp_path.iterdir()) == ["run", "run.pvd"]
-
-
-def test_frames_of_an_older_version_are_refused(tmp_path):
     (tmp_path / OLDER).write_bytes(b"")
     for use in (
         lambda: ParticleWriter(tmp_path / "a.pvd", {}, append=True),

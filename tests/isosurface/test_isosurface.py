@@ -142,7 +142,7 @@ def test_vertices_are_those_of_scikit_image(function):
         assert area(mesh) == pytest.approx(h**2 * measure.mesh_surface_area(vertices, faces), rel=1e-3)
 
 
-def test_nodes_in_any_order_on_a_narrow_band_give_the_surface_of_the_whole_grid():
+def test_a_narrow_band_gives_the_surface_of_the_whole_grid_which_ends_where_nothing_is_known():
     nodes = box(14, 3)
     value = ball(0.09 * nodes)
     whole = extract(CPU, nodes, value, 0.09, 3)
@@ -156,9 +156,6 @@ def test_nodes_in_any_order_on_a_narrow_band_give_the_surface_of_the_whole_grid(
     again = extract(CPU, nodes, unknown, 0.09, 3)
     assert np.array_equal(band.vertices, again.vertices)
     assert np.array_equal(band.facets, again.facets)
-
-
-def test_surface_ends_where_nothing_is_known():
     nodes = box(10, 3)
     value = ball(0.13 * nodes)
     half = nodes[:, 0] >= 0

@@ -131,13 +131,20 @@ def test_list_of_a_periodic_box_holds_all_pairs(lengths, dtype):
     assert search.programs.missed > 20
 
 
-def test_order_is_a_stable_permutation():
-    """Particles of one cell keep their order, so that a rebuild moves no particle without need."""
+def test_order_is_stable_and_nothing_is_missed_beyond_the_numbered_cells():
+    """Particles of one cell keep their order; cells further than 2^20 from the origin share the last number."""
     case = cases.CASES["large"]()
     search, position, _ = ordered(case, "float32")
     assert np.array_equal(search.order(position), np.arange(len(position)))
     together = np.zeros((50, 3), np.float32)
     assert np.array_equal(search.order(together), np.arange(50))
+    away = np.array([3e7, -3e7, 1e9])
+    position = np.concatenate([cases.cloud("edge", 60, 3, 0.5), cases.cloud("edge", 60, 3, 0.5) + away])
+    search = NeighbourSearch(CPU, 3, "float64", 1.0, 0.0)
+    position = position[search.order(position)]
+    expected = neighbour_list(position, 1.0)
+    assert sum(map(len, expected)) > 500
+    assert all(np.array_equal(a, b) for a, b in zip(rows(search.build(position)), expected))
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
@@ -159,18 +166,7 @@ def test_a_flung_particle_costs_nothing(dtype):
     assert sizes[0][1] <= sizes[1][1] + 100
 
 
-def test_far_beyond_the_numbered_cells_nothing_is_missed():
-    """Cells further than 2^20 from the origin share the last number; neighbours there are found all the same."""
-    away = np.array([3e7, -3e7, 1e9])
-    position = np.concatenate([cases.cloud("edge", 60, 3, 0.5), cases.cloud("edge", 60, 3, 0.5) + away])
-    search = NeighbourSearch(CPU, 3, "float64", 1.0, 0.0)
-    position = position[search.order(position)]
-    expected = neighbour_list(position, 1.0)
-    assert sum(map(len, expected)) > 500
-    assert all(np.array_equal(a, b) for a, b in zip(rows(search.build(position)), expected))
-
-
-def test_list_grows_and_stays_whole():
+def test_list_grows_and_stays_whole_until_it_collapses():
     """From a loose cloud to one so dense that the first capacity is far too small, with one search."""
     search = NeighbourSearch(CPU, 3, "float64", 0.2, 0.1)
     held = []
@@ -184,9 +180,6 @@ def test_list_grows_and_stays_whole():
     assert held[2] > 4 * held[0]
     assert listed.count.max() > 300
     assert search.log.rebuilds == 3
-
-
-def test_a_collapsed_clump_stops_the_run():
     position = cases.cloud("clump", MOST_NEIGHBOURS + 2, 3, 1e-5)
     search = NeighbourSearch(CPU, 3, "float64", 1.0, 0.1)
     with pytest.raises(rs.RunStopped, match="collapsed") as stopped:
@@ -308,7 +301,7 @@ def test_rows_of_a_new_order_follow_in_all_that_a_step_computes(more):
         assert (simulation.stored(name) == values).all(), name
 
 
-def test_audit_looks_where_the_list_was_last_used():
+def test_audit_looks_where_the_list_was_last_used_and_leaves_out_what_a_plane_stopped():
     """After a step that halves all distances the list would look short; the audit steps back first, by shifts too."""
     case = cases.CASES["cloud_3d"]()
     search, position, listed = ordered(case, "float64")
@@ -321,6 +314,17 @@ def test_audit_looks_where_the_list_was_last_used():
     assert search.programs.missed > 20
     search.build(position)
     assert search.log.missed_neighbours == search.programs.missed
+    search = NeighbourSearch(choose("cpu"), 2, "float64", 1.0, skin=0.1)
+    before = np.array([[0.3, 0.0, 0.0], [1.5, 0.0, 0.0], [1.5, 2.0, 0.0], [1.5, 2.5, 0.0]])
+    listed = search.build(before)
+    velocity = np.zeros((4, 3))
+    after = before + [[0.0, 0.0, 0.0], [-0.9, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
+    bounds = Bounds(np.array([0.6, -np.inf, -np.inf]), np.full(3, np.inf))  # where the second one stands now
+    rows, still = AuditedRows(1, 4), np.zeros(2)
+    search.programs.audit(after, velocity, still, listed, rows, 1.0, bounds)
+    assert search.programs.missed == 0
+    search.programs.audit(after, velocity, still, listed, rows, 1.0)
+    assert search.programs.missed == 2
 
 
 def test_an_audit_takes_pairs_at_the_limit_alike_among_all_and_in_the_list():
@@ -352,21 +356,6 @@ def test_lists_of_the_default_liquid_are_audited(monkeypatch):
     monkeypatch.setattr(simulation.search, "allowed_displacement", 20 * simulation.search.allowed_displacement)
     with pytest.raises(rs.RunStopped, match="lacked"):
         advanced(simulation, 200)
-
-
-def test_audit_leaves_out_particles_that_a_plane_stopped():
-    """A particle stopped at a plane did not come from position - drift * velocity: its pairs are not judged."""
-    search = NeighbourSearch(choose("cpu"), 2, "float64", 1.0, skin=0.1)
-    before = np.array([[0.3, 0.0, 0.0], [1.5, 0.0, 0.0], [1.5, 2.0, 0.0], [1.5, 2.5, 0.0]])
-    listed = search.build(before)
-    velocity = np.zeros((4, 3))
-    after = before + [[0.0, 0.0, 0.0], [-0.9, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
-    bounds = Bounds(np.array([0.6, -np.inf, -np.inf]), np.full(3, np.inf))  # where the second one stands now
-    rows, still = AuditedRows(1, 4), np.zeros(2)
-    search.programs.audit(after, velocity, still, listed, rows, 1.0, bounds)
-    assert search.programs.missed == 0
-    search.programs.audit(after, velocity, still, listed, rows, 1.0)
-    assert search.programs.missed == 2
 
 
 def test_a_state_set_between_steps_keeps_the_list_and_the_audit_right():

@@ -157,7 +157,7 @@ def test_other_lists_of_frames_are_refused_in_a_sentence(words):
 
 
 # Runs read back
-def test_quantities_have_values_and_units(in_plane):
+def test_quantities_have_values_and_units_and_walls_their_distance(in_plane):
     run = open_run(in_plane)
     frame = next(run.frames([3]))
     assert (run.unit("mass"), run.unit("velocity.y"), run.unit("part")) == ("kg/m", "m/s", "")
@@ -173,12 +173,14 @@ def test_quantities_have_values_and_units(in_plane):
     for wrong in ("colour", "identity", "velocity.w", "mass.x"):
         with pytest.raises(InputError):
             run.values(frame, wrong)
-
-
-def test_the_distance_from_walls_is_that_of_the_tank(in_plane):
     distance = open_run(in_plane).wall_distance()
     found = distance(np.array([[0.1, 0.2, 0.0], [0.39, 0.2, 0.0], [0.2, -0.1, 0.0], [0.2, 9.0, 0.0]]))
     assert np.allclose(found, [0.1, 0.01, -0.1, 0.2])
+    found = open_run(in_plane)
+    series = Series(found, Look(colour="velocity"), range(4))
+    assert series.limits[0] == 0.0
+    speeds = [found.values(frame, "velocity").max() for frame in found.frames(range(4))]
+    assert 0.8 * max(speeds) < series.limits[1] <= max(speeds)
 
 
 def test_solids_and_their_melt_have_colours_of_their_own(tmp_path):
@@ -303,14 +305,6 @@ def test_a_picture_in_space_is_drawn_without_numba(tmp_path):
     code = f"import sys; from refsim.__main__ import main; assert main({words}) == 0; assert 'numba' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path)
     assert (tmp_path / "picture.png").is_file()
-
-
-def test_a_colour_bar_spans_all_frames(in_plane):
-    found = open_run(in_plane)
-    series = Series(found, Look(colour="velocity"), range(4))
-    assert series.limits[0] == 0.0
-    speeds = [found.values(frame, "velocity").max() for frame in found.frames(range(4))]
-    assert 0.8 * max(speeds) < series.limits[1] <= max(speeds)
 
 
 @needs_pyvista

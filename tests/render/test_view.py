@@ -101,16 +101,13 @@ def test_wrong_words_are_answered_in_a_sentence(in_plane, wrong, words):
         view(in_plane, **wrong)
 
 
-def test_the_command_writes_the_file(in_plane, tmp_path, capsys):
+def test_the_command_writes_the_file_and_opens_the_browser(in_plane, tmp_path, capsys, monkeypatch):
     page = tmp_path / "run.html"
     assert main(["view", str(in_plane), "--html", str(page), "--fields", "pressure,velocity.x"]) == 0
     assert [field["name"] for field in head(page.read_text())["fields"]] == ["pressure", "velocity.x"]
     assert str(page) in capsys.readouterr().out
     assert main(["view", str(in_plane), "--html", str(tmp_path / "no" / "run.html")]) == 2
     assert "there is no folder" in capsys.readouterr().err
-
-
-def test_the_command_opens_the_browser(in_plane, monkeypatch, capsys):
     opened = []
     monkeypatch.setattr("webbrowser.open", lambda url: bool(opened.append(url)))
     assert main(["view", str(in_plane)]) == 0

@@ -78,7 +78,8 @@ def test_rows_that_are_too_near_have_a_note(dim):
         make_plan(scene(block(dim), block(dim, 10, (9.2, 0.0, 0.0)), dim=dim))
 
 
-def test_rows_across_a_period_are_counted():
+def test_rows_across_a_period_and_in_a_wall_are_counted_by_their_volumes():
+    """Particles nearer than a spacing whose mass is less by as much, and heavier ones on the lattice."""
     border = {"period": (0.195, 0.2, 0.0)}
     tall = Box(cells=(20, 20, 1))
     with pytest.raises(InputError, match="outside the periodic box"):
@@ -87,6 +88,15 @@ def test_rows_across_a_period_are_counted():
     assert not notes(scene(Box(cells=(21, 21, 1)), period=(0.21, 0.21, 0.0)))
     (note,) = notes(scene(Cloud(position=lattice(2, 20) - (0.002, 0.0, 0.0)), period=(0.1955, 0.2, 0.0)))
     assert COUNTED in note
+    fine = Box(cells=(22, 22, 1), size=(0.2, 0.2, 1.0))
+    assert not notes(scene(fine))
+    position = lattice(2)
+    assert not notes(scene(Cloud(position=0.8 * position, mass=np.full(len(position), 0.64 * 1000 * D**2))))
+    assert not notes(scene(Cloud(position=position, mass=np.full(len(position), 1.4 * 1000 * D**2))))
+    walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.1, 0.2, 0.0))
+    near = Box(cells=(10, 10, 1), lower=(-0.0045, 0.0, 0.0))
+    (note,) = notes(scene(near, effects=(liquid(), walls)))
+    assert "walls" in note
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -99,15 +109,6 @@ def test_a_cloud_that_is_no_lattice_has_no_note(dim):
         make_plan(scene(Cloud(position=np.concatenate([shaken, shaken + (0.3 * D, 0.0, 0.0)])), dim=dim))
 
 
-def test_volumes_are_counted_not_particles():
-    """Particles nearer than a spacing whose mass is less by as much, and heavier ones on the lattice."""
-    fine = Box(cells=(22, 22, 1), size=(0.2, 0.2, 1.0))
-    assert not notes(scene(fine))
-    position = lattice(2)
-    assert not notes(scene(Cloud(position=0.8 * position, mass=np.full(len(position), 0.64 * 1000 * D**2))))
-    assert not notes(scene(Cloud(position=position, mass=np.full(len(position), 1.4 * 1000 * D**2))))
-
-
 @pytest.mark.parametrize("model", ["extrapolated", "mirrored"])
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_tank_is_filled_by_its_liquid(dim, model):
@@ -115,13 +116,6 @@ def test_a_tank_is_filled_by_its_liquid(dim, model):
     gravity = Gravity(acceleration=(0.0, -9.81, 0.0))
     density = {} if model == "extrapolated" else {"density": "summation"}
     assert not notes(scene(block(dim), dim=dim, effects=(liquid(**density), gravity, walls)))
-
-
-def test_rows_in_a_wall_are_counted_with_it():
-    walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.1, 0.2, 0.0))
-    near = Box(cells=(10, 10, 1), lower=(-0.0045, 0.0, 0.0))
-    (note,) = notes(scene(near, effects=(liquid(), walls)))
-    assert "walls" in note
 
 
 def test_liquid_in_a_solid_is_refused():

@@ -85,6 +85,7 @@ def test_a_melt_is_the_liquid_s_where_that_is_advanced(density, bookkeeping):
 
 
 def test_a_plan_names_each_default_that_the_papers_have_otherwise_once():
+    """An artificial viscosity is worth 0.1 * 1000 kg/m^3 * c h/(4 (dim + 2)) in Pa s."""
     told = describe_plan(
         make_plan(scene(rs.MeshBoundary(file=PEBBLE, center=(0.2, 0.2, 0.1), size=0.1), walls={})), "cpu"
     )
@@ -97,10 +98,6 @@ def test_a_plan_names_each_default_that_the_papers_have_otherwise_once():
     ]
     assert _text(told).count("Default: ") == 5
     assert describe_plan(make_plan(scene(walls={}, density="summation")), "cpu")["defaults"] == []
-
-
-def test_a_plan_tells_what_an_artificial_viscosity_is_worth():
-    """0.1 * 1000 kg/m^3 * c h/(4 (dim + 2)) in Pa s."""
     made = make_plan(scene(walls={}, density="summation", artificial_viscosity=0.1))
     grid, liquid = made.grid, made.effects["weakly_compressible"]
     worth = 0.1 * 1000.0 * liquid.sound_speed * grid.support_radius / (4 * (grid.dim + 2))

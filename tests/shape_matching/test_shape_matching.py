@@ -153,8 +153,8 @@ def spinning(**more):
     return rs.Simulation(rs.Scene(solid=(body,), effects=(effect,), **given))
 
 
-def test_a_body_that_has_lost_its_shape_stops_the_run():
-    """A fixed step of a whole turn leaves particles where their first step took them; one of a tenth is noted."""
+def test_a_body_that_has_lost_its_shape_stops_the_run_and_one_in_pieces_does_not():
+    """A fixed step of a whole turn leaves particles where their first step took them; liquid nodes count in no mean."""
     whole, tenth = (spinning(step=step) for step in (1.0, 0.1))
     assert "keep their size to 1 %" in whole.notes[0]
     with pytest.raises(rs.RunStopped, match=r"number 1 are .* spacings apart") as stopped:
@@ -163,10 +163,6 @@ def test_a_body_that_has_lost_its_shape_stops_the_run():
     advanced(tenth, 8)
     assert any("apart in the mean" in note for note in tenth.notes)
     assert not advanced(spinning(), 64).notes
-
-
-def test_a_body_that_melts_to_pieces_keeps_its_shape():
-    """Nodes that are liquid count in no mean: neighbours of a body are those that still hold it."""
     solids = rs.SolidBox(lower=(0, 0, 0), upper=(0.6, 0.2, 0.2))
     plan = make_plan(
         rs.Scene(spacing=0.2, support_radius=0.5, fluid=(), solid=(solids,), effects=(rs.ShapeMatching(),))

@@ -174,7 +174,7 @@ def test_force_is_the_slope_of_the_surface_energy():
 
 
 # Limits
-def test_small_components_have_no_tension():
+def test_small_components_have_no_tension_and_near_drops_one_surface():
     """A drop, a pair and a lone particle: only the last two are components of fewer than 27 particles."""
     drop = ball(3)
     place = np.vstack([drop, [[9.0, 0, 0], [9.4, 0.1, 0], [-9.0, 1, 2]]])
@@ -189,6 +189,13 @@ def test_small_components_have_no_tension():
     force = made.force(surface.samples, surface.blocks)
     far = np.abs(node_table(surface.blocks)[:, 0]) > 7
     assert not force[far].any()
+    disc = ball(4, dim=2)
+    sizes = []
+    for gap in (2.5, 4.5):
+        place = np.vstack([disc, disc + [8 + gap, 0, 0]])
+        _, surface = reconstructed(place, 2)
+        sizes.append(surface.component_size[0])
+    assert sizes == [2 * len(disc), len(disc)]
 
 
 @pytest.mark.parametrize(("name", "place", "dim", "expected"), [
@@ -216,16 +223,6 @@ def test_nothing_and_one_particle(dim, quadrature, count):
     assert np.isfinite(force).all()
     assert np.isfinite(surface.samples.normal).all()
     assert (surface.samples.nearest == 0).all()
-
-
-def test_drops_nearer_than_twice_the_radius_share_one_surface():
-    disc = ball(4, dim=2)
-    sizes = []
-    for gap in (2.5, 4.5):
-        place = np.vstack([disc, disc + [8 + gap, 0, 0]])
-        _, surface = reconstructed(place, 2)
-        sizes.append(surface.component_size[0])
-    assert sizes == [2 * len(disc), len(disc)]
 
 
 # Readings and bad input

@@ -36,7 +36,8 @@ def test_both_ways_read_the_angle_of_a_cap_that_was_cut(dim, radius, angle):
     assert residual < 0.03
 
 
-def test_the_coefficient_is_interpolated_in_the_cosine():
+def test_the_coefficient_is_interpolated_in_the_cosine_as_a_share_of_the_cohesion():
+    """gamma of the effect as it acts: from its own nominal tension, in SI units."""
     found = calibrate_contact_angle(105.0, 0.072, settings=MADE_UP, **WATER)
     part = (math.cos(math.radians(105)) + 0.5) / 0.5
     assert found.share == pytest.approx(5 + 5 * part)
@@ -45,10 +46,6 @@ def test_the_coefficient_is_interpolated_in_the_cosine():
     assert found.effect.adhesion == found.adhesion
     at = calibrate_contact_angle(60.0, 0.072, settings=MADE_UP, **WATER)
     assert (at.share, at.uncertainty) == (pytest.approx(20.0), pytest.approx(math.hypot(2.0, 3.0)))
-
-
-def test_the_adhesion_is_that_share_of_the_cohesion():
-    """gamma of the effect as it acts: from its own nominal tension, in SI units."""
     from refsim import Cloud, Scene, WeaklyCompressible, make_plan
 
     found = calibrate_contact_angle(90.0, 0.072, settings=MADE_UP, **WATER)
