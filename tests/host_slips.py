@@ -79,7 +79,11 @@ def changes(function: types.FunctionType) -> list[tuple[int, Any]]:
     words = {id(part) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for part in ast.walk(node)}
     outside = {id(part) for node in (*definition.decorator_list, definition.args) for part in ast.walk(node)}
     nodes = list(ast.walk(tree))
-    return [(n, change) for n, change in sites(tree) if not {id(nodes[n])} & (words | outside)]
+    given = [part for node in nodes if isinstance(node, ast.Call) and ast.unparse(node.func).endswith(".reshape")
+             for argument in node.args for part in ast.walk(argument)]  # fmt: skip
+    alike = {id(part.operand) for part in given if isinstance(part, ast.UnaryOp)}  # -2 is as good as -1 there
+    alike |= {id(n) for n in nodes if isinstance(n, ast.Assign) and ast.unparse(n.value) in ("True", "False")}
+    return [(n, change) for n, change in sites(tree) if id(nodes[n]) not in words | outside | alike]
 
 
 def pytest_configure() -> None:

@@ -12,6 +12,11 @@ def area(width, height):
     if width < 0:
         raise ValueError(f"width {width - 1}")
     return width * height + 3
+
+
+def rest(rows, flags):
+    flags[rows > 2] = True
+    return rows.reshape(-1, 3)
 '''
 
 
@@ -23,6 +28,16 @@ def area(tmp_path, monkeypatch):
     import small_module
 
     return small_module.area
+
+
+def test_what_is_as_good_as_before_is_no_slip(area):
+    """A flag that is -1 or 1.01, and -2 for the rest of a shape."""
+    import small_module
+
+    slips = [host_slips.altered(small_module.rest, *change)[1] for change in host_slips.changes(small_module.rest)]
+    assert sorted(words.partition("  ->  ")[2] for words in slips) == [
+        "flags[rows <= 2] = True", "flags[rows > 0] = True", "return rows.reshape(+1, 3)", "return rows.reshape(-1, 4)",
+    ]  # fmt: skip
 
 
 def test_slips_are_found_outside_of_words_and_alter_the_answer(area):
