@@ -17,7 +17,7 @@ from refsim.surface_energy.effect import SurfaceEnergy
 
 cases.example(
     SurfaceEnergy(surface_tension=5.0, enclose_volume=True, iterations=2, smallest=8),
-    brings="cluster_share crowding extent greatest_crowding inverse_spread",
+    brings="cluster_share crowding greatest_crowding inverse_spread",
 )
 
 UNITS = float(1 << 20)  # units of area in a cell's face
@@ -92,7 +92,6 @@ def reconstruction(name: str, dtype: str) -> dict:
     arrays["node_force"] = np.full((nodes(blocks), 3), 0.01, dtype)  # so that adding differs from assigning
     arrays |= work_out("components", "blocks", "node_state")
     arrays["component_size"] = np.zeros(case.count, np.int32)
-    arrays["extent"] = np.zeros(case.count, np.uint8)
     return arrays
 
 
@@ -101,7 +100,7 @@ def reconstruction(name: str, dtype: str) -> dict:
     "area_before", "dice", "candidate_facet", "candidate_position", "candidate_cells", "accepted", "sample_cells",
     "nearest", "offset_direction", "fit_position", "sample_count", "fit_cells", "fit_splines", "node_weight", "active",
     "residual", "coefficients", "query_position", "outward", "spline_cells", "surface_value", "surface_gradient",
-    "sample_normal", "vertex_normal", "inset_position", "node_force", "node_label", "component_size", "extent",
+    "sample_normal", "vertex_normal", "inset_position", "node_force", "node_label", "component_size",
 )  # fmt: skip
 def _reconstruction(case, grid):
     return reconstruction(case.name, grid.dtype)
@@ -527,16 +526,6 @@ def particles_outside_of_components():
     return Exact(case, inputs, {"component_size": [3, 3, 3, 1, 0, 0]})
 
 
-@closed_form("surface_energy.extents")
-def a_row_and_a_lone_particle():
-    """Three particles half a cell apart along x, and one far away."""
-    case, grid, inputs = lone(3)
-    place = np.array([[0.5, 1, 1], [1.5, 1, 1], [2.5, 1, 1], [9, 1, 1]])
-    blocks = grid.cover(place, 4, 5)
-    inputs |= {"interior_position": place, "blocks": blocks, "cells": grid.by_cell(place, blocks)}
-    return Exact(case, inputs, {"extent": [1, 1, 1, 0]})
-
-
 # One block alone: points in its first and last cells, and what lies outside
 
 
@@ -592,21 +581,3 @@ def samples_near_and_far(dim):
     fitted = H * np.vstack([sample, sample + 0.5 * direction])
     answer = {"nearest": [0, -1, 1, 2], "offset_direction": direction, "fit_position": fitted}
     return Exact(case, inputs, answer)
-
-
-@closed_form("surface_energy.extents", over=(2, 3))
-def an_oblique_row_and_a_close_pair(dim):
-    """In the first cells three particles 0.53 h apart along a diagonal, whose ends see the middle one only; in the last
-    cell a pair 0.249 h apart, less than h/4, whose second moment is below (h/8)^2; and one particle outside.
-    """
-    case, grid, inputs = lone(dim, blocks=one_block(dim))
-    row = np.array([0.4, 0.775, 1.15])
-    place = np.zeros((6, 3))
-    place[:3, dim - 2 : dim] = row[:, None]
-    if dim == 3:
-        place[:3, 0] = 0.5
-    place[3:5, :dim] = 3.3 if dim == 3 else 7.3
-    place[4, 0] += 0.249
-    place[5, 0] = 99.0
-    inputs |= {"interior_position": H * place, "cells": grid.by_cell(H * place, inputs["blocks"])}
-    return Exact(case, inputs, {"extent": [1, 1, 1, 0, 0, 0]})

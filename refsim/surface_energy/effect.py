@@ -22,7 +22,6 @@ from refsim.surface_energy.run_surface import GATHERED, Face, SurfaceOfRun
 if TYPE_CHECKING:
     from refsim.core.effect import InitialState
 
-EXTENT = Field("extent", "-", "axes along which the liquid round a particle spreads; 1 in a filament", dtype="uint8")
 CROWDING = Field("crowding", "-", "density counted on the grid times J, over the rest density")
 GREATEST_CROWDING = Field("greatest_crowding", "-", "largest crowding of the particles", rows=1)
 # Crowding is 1.000 in a lattice, however it is turned. Of particles strewn at random, each within its own share of the
@@ -128,7 +127,7 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, RunMonitor, frozen=True, kw_only=
     def fields(self, others: Others) -> tuple[Field, ...]:
         if not self.acts():
             return ()
-        return EXTENT, CROWDING, GREATEST_CROWDING
+        return CROWDING, GREATEST_CROWDING
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         if not self.acts():
@@ -137,7 +136,6 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, RunMonitor, frozen=True, kw_only=
         if self.enclose_volume:
             reads = ("position", "identity", "mass", "volume_ratio")
             launched = [Pass("surface_energy.reconstruct_enclosing", reads, ("samples",), stage="motion")]
-        launched.append(Pass("surface_energy.find_filaments", ("position",), ("extent",), on_demand=True))
         return tuple(launched)
 
     def wets(self, others: Others) -> bool:
@@ -258,5 +256,3 @@ _STAGES = tuple(name for name in REGISTRY if name.startswith("surface_energy."))
 enter(Procedure("surface_energy.reconstruct", "surface", "reconstruct", ("position", "identity"), _STAGES))
 _ENCLOSING = ("position", "identity", "mass", "volume_ratio")
 enter(Procedure("surface_energy.reconstruct_enclosing", "surface", "reconstruct_enclosing", _ENCLOSING, _STAGES))
-_FILAMENTS = ("position", "extent")
-enter(Procedure("surface_energy.find_filaments", "surface", "find_filaments", _FILAMENTS, ("surface_energy.extents",)))

@@ -101,23 +101,6 @@ def tangential(n, g):
 
 
 @formula
-def positive_roots(trace, minors, determinant):
-    """Number of positive eigenvalues of a symmetric 3 x 3 matrix, dimensionless: the changes of sign in the
-    coefficients of l^3 - tr l^2 + m l - det = 0 (Descartes; exact, because all roots are real)."""
-    zero = type(trace)(0)
-    changes, last = 0, 1
-    for k in range(3):
-        term = -trace if k == 0 else (minors if k == 1 else -determinant)
-        if term > zero:
-            changes += last < 0
-            last = 1
-        elif term < zero:
-            changes += last > 0
-            last = -1
-    return changes
-
-
-@formula
 def hash_word(a, b, c):
     """A well-mixed 32-bit integer h = h(a, b, c), dimensionless: two rounds of Wellons' lowbias32."""
     word = (int(a) * 0x9E3779B1 + int(b) * 0x85EBCA77 + int(c) * 0xC2B2AE3D) & 0xFFFFFFFF

@@ -491,48 +491,6 @@ def surface_force(i, sample_position, sample_area, sample_normal, spline_cells, 
 
 
 @kernel
-def extents(p, interior_position, cells, blocks, surface_term, extent):
-    """Number of axes (dimensionless) along which the particles nearer than h to particle p spread.
-
-    0 one particle, 1 a filament, 2 a film, 3 bulk: the number of eigenvalues of their second moment about their mean
-    above (h/8)^2, which tells a row of particles half a cell apart from two rows.
-    """
-    real = type(surface_term.cell_size)
-    i = cells.cell[p]
-    if i < 0:
-        extent[p] = 0
-        return
-    j = node_coordinates(blocks, i)
-    own = formulas.place_over(interior_position, p, j, surface_term)
-    space = blocks.neighbour.shape[1] == 27
-    zero, one = real(0), real(1)
-    n, mean, square = zero, (zero, zero, zero), (zero, zero, zero, zero, zero, zero)
-    for dz in range(-1 if space else 0, 2 if space else 1):
-        for dy in range(-1, 2):
-            for dx in range(-1, 2):
-                cell = step_node(blocks, i, dx, dy, dz)
-                if cell < 0:
-                    continue
-                for k in range(cells.first[cell], cells.first[cell + 1]):
-                    q = cells.point[k]
-                    u = difference(formulas.place_over(interior_position, q, j, surface_term), own)
-                    x, y, z = u
-                    if dot(u, u) < one:
-                        n += one
-                        mean = added(mean, u)
-                        square = added(square, (x * x, x * y, x * z, y * y, y * z, z * z))
-    least = one / real(64)
-    x, y, z = over(mean, n)
-    xx, xy, xz, yy, yz, zz = difference(over(square, n), (x * x, x * y, x * z, y * y, y * z, z * z))
-    xx, yy, zz = xx - least, yy - least, zz - least
-    extent[p] = formulas.positive_roots(
-        xx + yy + zz,
-        xx * yy - xy * xy + (xx * zz - xz * xz) + (yy * zz - yz * yz),
-        xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz),
-    )
-
-
-@kernel
 def look_up_members(p, cell, node_label, members, component_size):
     """Particles in the component of each particle."""
     i = cell[p]

@@ -372,20 +372,3 @@ def component_sizes(cells, node_label):
     cell = np.asarray(cells.cell, dtype=int)
     label = np.where(cell >= 0, np.append(np.asarray(node_label, dtype=int), -1)[cell], -1)
     return {"component_size": (ref.component_size(label), np.full(len(label), np.inf))}
-
-
-@operation(
-    "rank of the second moment", outputs="extent", exact="extent", tolerance=16.0,
-    reason="moments of some ten particles and a determinant; compared exactly beyond it", cases=_SHAPES,
-)  # fmt: skip
-def extents(interior_position, cells, blocks, surface_term):
-    """Axes along which the particles nearer than h to each particle spread, dimensionless."""
-    u = in_cells(interior_position, surface_term)
-    value, margin = np.zeros(len(u), int), np.full(len(u), np.inf)
-    for place, apart, distance in pair_blocks(u, u):
-        for row, (separation, away) in enumerate(zip(apart, distance, strict=True)):
-            eigenvalues = np.linalg.eigvalsh(ref.second_moment(-separation[away < 1]))
-            value[place.start + row] = ref.extent(eigenvalues)
-            margin[place.start + row] = min(np.abs(64 * eigenvalues - 1).min(), np.abs(away - 1).min())
-    # the sign of a determinant is decided by the product of all three
-    return {"extent": (value, 0.02 * margin / far(u, interior_position))}

@@ -93,13 +93,6 @@ class Reconstruction:
         self._run("sample_counts", nearest, counts)
         return counts
 
-    def extents(self, position: Any) -> Any:
-        """Along how many axes the liquid round each particle spreads (n,) uint8; below dim - 1 it is a filament."""
-        extent = self._empty(position.shape[0], np.uint8)
-        blocks, cells = self._cells(position)
-        self._run("extents", position, cells, blocks, self.term, extent)
-        return extent
-
     def most_in_a_cell(self, surface: Surface) -> int:
         """Largest number of particles in one cell."""
         return int(np.diff(surface.cells.first).max(initial=0))

@@ -167,13 +167,3 @@ def lowest_joined(inside, around):
 def component_size(label):
     """n_p = particles whose label is that of p, dimensionless; 0 where it is -1."""
     return np.where(label >= 0, (label[:, None] == label[None, :]).sum(1), 0)
-
-
-def second_moment(d):
-    """M = <d d^T> - <d> <d>^T, dimensionless, of places d in units of h."""
-    return d.T @ d / len(d) - np.outer(d.mean(0), d.mean(0))
-
-
-def extent(eigenvalues):
-    """d_p = number (dimensionless) of eigenvalues l > (1/8)^2 of the second moment of the particles within h."""
-    return int((eigenvalues > 1 / 64).sum())

@@ -101,11 +101,6 @@ class ReferenceReconstruction:
         pull = operations.surface_force(samples.position, samples.area, samples.normal, None, blocks, self.term)
         return self._of(pull)[0]
 
-    def extents(self, position: Any) -> Any:
-        """Along how many axes the liquid round each particle spreads (n,); below dim - 1 it is a filament."""
-        blocks, cells = self._cells(position)
-        return self._of(operations.extents(position, cells, blocks, self.term))[0]
-
     def sample_counts(self, nearest: Any, count: int) -> Any:
         """Samples of which each of `count` particles is the nearest, int32."""
         return self._of(operations.sample_counts(nearest, np.empty(count)))[0]

@@ -272,7 +272,3 @@ class SurfaceOfRun(SurfaceSamples):
             middles.append(start + (end - start) / 2)
             lines.append(xp.cross(end - start, xp.broadcast_to(inward, start.shape)))
         return xp.concatenate(middles), xp.concatenate(lines)
-
-    def find_filaments(self, position: Any, extent: Any) -> None:
-        """Along how many axes the liquid round each particle spreads."""
-        self.backend.assign(extent, self.reconstruction.extents(position))

@@ -269,10 +269,10 @@ def test_surface_is_the_cpus(cuda, monkeypatch, reused, volume, parameters):
         number = place.asarray(np.arange(13, dtype=np.int32)[::-1].copy())
         surface = made.surface(there, volume=volume, number=number)
         assert isinstance(surface, RecordedSurface) == (place is cuda and reused)
-        force, extents = made.force(surface.samples, surface.blocks), made.extents(there)
+        force = made.force(surface.samples, surface.blocks)
         arrays = (
             *surface.samples, *surface.mesh, *surface.inset_mesh, surface.component_size, surface.coefficients,
-            surface.facet_normal, surface.offset_direction, surface.sample_place, force, extents,
+            surface.facet_normal, surface.offset_direction, surface.sample_place, force,
             np.array([made.most_in_a_cell(surface), made.finds_all(surface)]),
         )  # fmt: skip
         found.append([a if isinstance(a, np.ndarray) else np.array(place.host(a)) for a in arrays])

@@ -198,19 +198,6 @@ def test_small_components_have_no_tension_and_near_drops_one_surface():
     assert sizes == [2 * len(disc), len(disc)]
 
 
-@pytest.mark.parametrize(("name", "place", "dim", "expected"), [
-    ("filament", 0.5 * np.arange(20)[:, None] * np.array([2, 3, 6]) / 7, 3, {1}), ("two by two filament", None, 3, {3}),
-    ("film", None, 3, {2}), ("row", 0.5 * np.arange(20)[:, None] * np.array([0.6, 0.8, 0]), 2, {1}),
-    ("two rows", None, 2, {2}), ("alone", np.array([[0.0, 0, 0], [3.0, 0, 0]]), 3, {0}),
-])  # fmt: skip
-def test_filaments_and_films_are_told_from_bulk(name, place, dim, expected):
-    lattices = {"two by two filament": (20, 2, 2), "film": (8, 8, 1), "two rows": (20, 2, 1)}
-    if place is None:
-        place = 0.5 * np.stack(np.meshgrid(*map(np.arange, lattices[name]), indexing="ij"), axis=-1).reshape(-1, 3)
-    made = Reconstruction(CPU, dim, "float64", H, Tension(surface_tension=2.0))
-    assert set(made.extents(H * (place + 0.1 * np.array([1.0, 1.0, dim == 3])))) == expected
-
-
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("quadrature", ["facets", "poisson"])
 @pytest.mark.parametrize("count", [0, 1])

@@ -528,8 +528,6 @@ def filament(trial: Trial, tension: float = TENSION) -> None:
     place[:, 0] = 0.5 * np.arange(80) + 0.13
     place[:, 1] = 0.41
     run = trial.start(liquid(place, tension=tension))
-    run.evaluate()
-    trial.check("inner particles recognised as a filament", int((run.field("extent") == 1).sum()), at_least=76)
     trial.advance(run, until=0.5)
 
 
