@@ -1,24 +1,9 @@
 """The scene file that tests of commands, studies and sweeps share: liquid in the plane that nothing holds."""
 
-TANK = """
-spacing = 0.01
-support_radius = 0.02
-dim = 2
-end_time = {end_time}
+from tests.running import rows
 
-[[fluid]]
-shape = "box"
-cells = [{across}, {up}, 1]
-
-[effects.weakly_compressible]
-density = "summation"
-sound_speed = 20.0
-dynamic_viscosity = 2.0
-"""
-GRAVITY = """
-[effects.gravity]
-acceleration = [0.0, -9.81, 0.0]
-"""
+TANK = rows(__file__, "tank")
+GRAVITY = rows(__file__, "gravity")
 
 
 def tank(end_time, across=4, up=6, more=""):

@@ -385,21 +385,7 @@ def test_compressed_arrays_of_a_mesh_are_not_unpacked(tmp_path, monkeypatch, nam
     assert len(read_mesh(name).faces) == 12
 
 
-WINDS = """
-import sys
-sys.modules["networkx"] = None
-import numpy as np
-from refsim.boundary.mesh import surface_mesh
-corner = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
-sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-faces = np.array([f for a, b, c, d in sides for f in ((a, b, c), (a, c, d))])
-for turned in ([3], [0, 4, 7], list(range(12)), [0, 1, 2, 3, 4, 5]):
-    given = faces.copy()
-    given[turned] = given[turned][:, ::-1]
-    apart = np.concatenate([corner, corner + 5])
-    for mesh in (surface_mesh(corner, given), surface_mesh(apart, np.concatenate([faces, given + 8]))):
-        assert abs(mesh.volume - len(mesh.faces) / 12) < 1e-9 and len(mesh.notes) >= 1, (turned, mesh.volume)
-"""
+WINDS = rows(__file__, "winds")
 
 
 def test_faces_are_wound_alike_without_packages_that_nothing_requires():

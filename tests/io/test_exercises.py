@@ -13,6 +13,7 @@ import pytest
 from refsim.io.exercises import HELPERS, Exercises, WrongAnswer, number
 from refsim.io.lessons import cells, judges, lessons, notebook
 from refsim.smoothing import reference, smoothing
+from tests.running import rows
 
 ROOT = pathlib.Path(__file__).parents[2]
 LESSONS = lessons()
@@ -28,26 +29,7 @@ WRITTEN = [  # as a text, the unit that is asked for, and the value in it; the p
     ("", "", None), ("1/0", "", None), ("12 toString", "m", None),
 ]  # fmt: skip
 # Names that mistakes need and a lesson has not.
-BESIDE = """
-def lopsided(fluid, walls, limit):
-    offset = np.vstack([fluid, walls])[None] - fluid[:, None]
-    near = np.linalg.norm(offset, axis=2) < h
-    return np.linalg.norm((offset * near[..., None]).sum(1), axis=1) / near.sum(1) > limit * h
-
-def moment(F, h, power):
-    r = np.linspace(0, h, 2001)
-    return np.trapezoid(r**power * F(r), r)
-
-def weight(q):
-    return (1 - np.minimum(q, 1)) ** 4 * (1 + 4 * np.minimum(q, 1))
-
-def row(one):
-    def program(position, mass, smoothing, density):
-        for i in range(len(mass)):
-            q = np.linalg.norm(position - position[i], axis=1) * smoothing.inverse_radius
-            density[i] = one(q, mass, smoothing.value_scale, i)
-    return program
-"""
+BESIDE = rows(__file__, "beside")
 
 
 @functools.cache
