@@ -10,6 +10,7 @@ import refsim as rs
 from refsim.engine.limits import step_limits
 from refsim.scene.plan import make_plan
 from tests import layers
+from tests.running import rows
 
 MU, LAYERS, OFFSETS = 2.0, 10, 11
 
@@ -50,10 +51,7 @@ def drags(scene):
     return mean / OFFSETS
 
 
-CHANNELS = {
-    "default liquid": {}, "mirrored walls": {"reach": 2.6, "model": "mirrored", "viscosity": "central"},
-    "J(11)": {"reach": 2.6, "viscosity": "laplacian"},
-}  # fmt: skip
+CHANNELS = rows(__file__, "channels")
 
 
 @pytest.mark.parametrize("case", CHANNELS)

@@ -97,7 +97,7 @@ def test_a_mesh_is_looked_for_beside_the_scene_file_and_in_the_folder_of_a_run(p
     load_checkpoint(tmp_path / "run")
 
 
-@pytest.mark.parametrize("changes, words", rows(__file__, "bad_meshes"))  # fmt: skip
+@pytest.mark.parametrize("changes, words", rows(__file__, "bad_meshes"))
 def test_bad_input_gets_one_sentence(plate, changes, words):
     with pytest.raises(InputError, match=words) as caught:
         make_plan(scene(LIQUID, MeshBoundary(**{"file": plate, **changes})))

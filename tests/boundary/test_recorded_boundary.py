@@ -284,7 +284,7 @@ def test_layers_of_walls_are_as_ever(number, recorded):
     recorded(found)
 
 
-@pytest.mark.parametrize("changes", rows(__file__, "boxes"))  # fmt: skip
+@pytest.mark.parametrize("changes", rows(__file__, "boxes"))
 def test_boxes_are_refused_or_taken_with_their_numbers(changes, recorded, monkeypatch):
     monkeypatch.setattr(solids, "host_memory", lambda: {"total": 2**23})
     found = {}

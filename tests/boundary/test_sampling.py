@@ -85,7 +85,7 @@ def test_same_seed_same_bits(on_ball):
     assert not np.array_equal(on_ball.position, other.position)
 
 
-@pytest.mark.parametrize("options, words", rows(__file__, "bad_samples"))  # fmt: skip
+@pytest.mark.parametrize("options, words", rows(__file__, "bad_samples"))
 def test_bad_input_is_refused(options, words):
     with pytest.raises(InputError, match=words):
         sample(BALL, **options)

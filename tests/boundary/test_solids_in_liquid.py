@@ -80,7 +80,7 @@ def test_a_detected_surface_has_its_number_density():
     assert simulation.field("surface")[simulation.field("position")[:, 2] > 0.9].all()
 
 
-@pytest.mark.parametrize(("changed", "words"), rows(__file__, "unfit_solids"))  # fmt: skip
+@pytest.mark.parametrize(("changed", "words"), rows(__file__, "unfit_solids"))
 def test_what_does_not_fit_is_refused_in_a_sentence(changed, words):
     scene = submerged(*SMALL)
     owner = rs.WeaklyCompressible if {"viscosity", "gradient", "tensile_control"} & set(changed) else rs.TwoWayCoupling

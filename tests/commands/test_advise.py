@@ -24,7 +24,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.parametrize(("words", "said"), rows(__file__, "bad_advice"))  # fmt: skip
+@pytest.mark.parametrize(("words", "said"), rows(__file__, "bad_advice"))
 def test_bad_input_gets_a_sentence_and_code_2(folder, capsys, words, said):
     assert advise(*words) == 2
     assert said in capsys.readouterr().err

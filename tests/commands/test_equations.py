@@ -51,7 +51,7 @@ def test_the_errata_that_are_named_are_those_of_the_source():
                 assert re.search(rf"\b{erratum}\b", chapter), f"{found.name} names {erratum}"
 
 
-@pytest.mark.parametrize(("name", "parts"), rows(__file__, "equations"))  # fmt: skip
+@pytest.mark.parametrize(("name", "parts"), rows(__file__, "equations"))
 def test_an_equation_is_shown_with_its_code(name, parts, capsys):
     assert main(["show", name]) == 0
     text = capsys.readouterr().out

@@ -13,6 +13,7 @@ from refsim.commands.printed import kernel_of, printed
 from refsim.commands.show import describe
 from refsim.core import cases
 from refsim.core.operation import REGISTRY
+from tests.running import rows
 
 
 def test_every_program_is_shown_with_formulas_before_the_reference(capsys):
@@ -28,10 +29,7 @@ def test_every_program_is_shown_with_formulas_before_the_reference(capsys):
     assert shown.index("def pressure_pair(") < shown.index("## Reference") < shown.index("## Program cpu")
 
 
-@pytest.mark.parametrize(("arguments", "words"), [
-    (["sph.momentu"], "did you mean sph.momentum?"),
-    (["sph.state", "--backend", "cuda:fused"], "choose one of cpu, cuda"),
-])  # fmt: skip
+@pytest.mark.parametrize(("arguments", "words"), rows(__file__, "missing_operations"))
 def test_what_does_not_exist_is_said(arguments, words, capsys):
     assert main(["show", *arguments]) == 2
     assert words in capsys.readouterr().err

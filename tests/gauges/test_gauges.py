@@ -117,7 +117,7 @@ def test_series_are_files(tmp_path, capsys):
     assert "is damaged" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("gauge", "words"), rows(__file__, "bad_gauges"))  # fmt: skip
+@pytest.mark.parametrize(("gauge", "words"), rows(__file__, "bad_gauges"))
 def test_bad_gauges_are_refused_in_a_sentence(gauge, words):
     with pytest.raises(rs.InputError, match=words) as caught:
         make_plan(tank(5, (rs.Gauge(**gauge),)))

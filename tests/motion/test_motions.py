@@ -107,7 +107,7 @@ def test_a_free_particle_flies_straight_as_a_turning_tank_sees_it():
     assert simulation.field("position")[0] == pytest.approx(wanted, abs=1e-4)
 
 
-@pytest.mark.parametrize(("changes", "words"), rows(__file__, "bad_turns"))  # fmt: skip
+@pytest.mark.parametrize(("changes", "words"), rows(__file__, "bad_turns"))
 def test_bad_turns_are_refused(changes, words):
     turn = Motion(of="turn", kind="sway", direction=(0.0, 0.0, 1.0), amplitude=0.1, period=1.0)
     with pytest.raises(InputError, match=words):

@@ -11,12 +11,10 @@ import time
 
 import numpy as np
 
+from tests.running import rows
+
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "headless_shell")
-OPTIONS = (
-    "--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader", "--hide-scrollbars", "--force-device-scale-factor=1", "--no-first-run",
-    "--disable-background-networking", "--remote-debugging-pipe",
-)  # fmt: skip
+OPTIONS = rows(__file__, "options")
 WITH_PIPES = (  # which Chromium expects as files 3 and 4
     "import os, sys; import fcntl; a, b = (fcntl.fcntl(int(n), fcntl.F_DUPFD, 10) for n in sys.argv[1:3]);"
     " os.dup2(a, 3); os.dup2(b, 4);"

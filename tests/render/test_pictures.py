@@ -445,7 +445,7 @@ def test_a_signal_waits_until_vtk_is_imported(monkeypatch):
     assert imported == ["pyvista"]
 
 
-@pytest.mark.parametrize("words, answer", rows(__file__, "wrong_words"))  # fmt: skip
+@pytest.mark.parametrize("words, answer", rows(__file__, "wrong_words"))
 def test_wrong_words_are_answered_in_a_sentence(in_plane, tmp_path, monkeypatch, capsys, words, answer):
     monkeypatch.chdir(tmp_path)
     assert main(["render", str(in_plane), *words]) == 2

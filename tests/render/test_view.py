@@ -13,6 +13,7 @@ from refsim.__main__ import main
 from refsim.io.frames import ParticleWriter, origin_of, read_particles
 from refsim.render.view import FIELDS, view
 from tests.render.browser import Browser, chromium
+from tests.running import rows
 
 needs_chromium = pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
 READY = "document.body && document.body.dataset.ready === 'yes'"
@@ -92,10 +93,7 @@ def test_a_large_run_makes_a_file_of_at_most_60_megabytes(tmp_path):
     assert len(page.html.encode()) < LARGEST / 10
 
 
-@pytest.mark.parametrize("wrong, words", [
-    ({"fields": ["colour"]}, "has no field 'colour'; give some of"), ({"fields": []}, "has no field"),
-    ({"frames": "9"}, "the run has 4 frames"), ({"frames": "one"}, "is no list of frames"),
-])  # fmt: skip
+@pytest.mark.parametrize("wrong, words", rows(__file__, "wrong_views"))
 def test_wrong_words_are_answered_in_a_sentence(in_plane, wrong, words):
     with pytest.raises(InputError, match=re.escape(words)):
         view(in_plane, **wrong)

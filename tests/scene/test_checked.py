@@ -127,7 +127,7 @@ def test_a_scene_keeps_what_it_was_made_of_and_equal_ones_have_one_hash():
             copied.fluid[0].position[0] = 0.0
 
 
-@pytest.mark.parametrize("changes, sentence", rows(__file__, "impossible_changes"))  # fmt: skip
+@pytest.mark.parametrize("changes, sentence", rows(__file__, "impossible_changes"))
 def test_a_change_that_is_not_possible_is_named(changes, sentence):
     with pytest.raises(rs.InputError, match=sentence):
         scene().with_(**changes)

@@ -130,7 +130,7 @@ def test_a_box_by_its_size_alone(dim):
     assert len(rs.make_plan(refined(made, 2)).state.position) == 9 * 6 * (1, 4)[dim - 2]
 
 
-@pytest.mark.parametrize(("keys", "words"), rows(__file__, "bad_fillings"))  # fmt: skip
+@pytest.mark.parametrize(("keys", "words"), rows(__file__, "bad_fillings"))
 def test_what_cannot_be_filled_is_refused(keys, words):
     text = f'spacing = 0.1\nsupport_radius = 0.3\n[[fluid]]\nshape = "box"\n{keys}\n'
     with pytest.raises(rs.InputError, match=words):

@@ -23,7 +23,7 @@ from refsim.scene.scene import Scene
 from tests.across.test_recorded_scenes import EXAMPLES, SCENES, of_plan
 from tests.running import rows
 
-CHANGES = rows(__file__, "changes")  # fmt: skip
+CHANGES = rows(__file__, "changes")
 
 
 @pytest.mark.parametrize("name", CHANGES)

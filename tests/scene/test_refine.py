@@ -9,6 +9,7 @@ import pytest
 import refsim as rs
 from refsim import make_plan
 from refsim.scene.refine import _cells, _edges, misfit, notes, refined, resting_step, spaced, without
+from tests.running import rows
 
 LIQUID = rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0, density="summation")
 
@@ -167,10 +168,7 @@ def test_levels_hold_the_scene_and_whole_cells(cells, count, finer):
     assert max(misfit(scene, f) for f in found) <= 0.03
 
 
-@pytest.mark.parametrize("low, high, cells", [
-    (0.0, 0.3, 3), (0.0, 0.304, 3), (0.051, 0.2504, 2), (0.0496, 0.2496, 2), (0.0, 0.2504, 3), (-0.25, 0.15, 3),
-    (0.01, 0.02, 1), (0.0504, 0.3, 2), (0.0, 0.251, 3),
-])  # fmt: skip
+@pytest.mark.parametrize("low, high, cells", rows(__file__, "cells_of_solids"))
 def test_cells_of_a_solid_are_those_whose_centres_it_holds(low, high, cells):
     assert _cells(low, high, 0.1) == cells
     body = rs.SolidBox(lower=(low, 0.0, 9.0), upper=(high, 0.2, 9.0))

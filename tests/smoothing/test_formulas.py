@@ -56,7 +56,7 @@ class TestKernels:
             assert viscosity_laplacian(np.float64(r), kernel) == 0
 
 
-@pytest.mark.parametrize("arguments, words", rows(__file__, "impossible_kernels"))  # fmt: skip
+@pytest.mark.parametrize("arguments, words", rows(__file__, "impossible_kernels"))
 def test_impossible_kernels_are_refused(arguments, words):
     with pytest.raises(InputError, match=words):
         smoothing(*arguments)

@@ -71,7 +71,7 @@ def test_own_functions(simulation, tmp_path):
         observable_of(f"{file}:pair", simulation.plan)
 
 
-@pytest.mark.parametrize("name, words", rows(__file__, "missing_observables"))  # fmt: skip
+@pytest.mark.parametrize("name, words", rows(__file__, "missing_observables"))
 def test_what_is_not_there_gets_a_sentence(simulation, name, words):
     with pytest.raises(InputError, match=words):
         observable_of(name, make_plan(simulation.plan.scene))

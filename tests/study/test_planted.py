@@ -95,7 +95,7 @@ def test_a_key_follows_the_values_that_a_function_names(tmp_path, monkeypatch):
     assert [len(set(each)) for each in zip(*keys)] == [3, 3, 2]
 
 
-HELPERS = rows(__file__, "helpers")  # fmt: skip
+HELPERS = rows(__file__, "helpers")
 
 
 @pytest.mark.parametrize("where", HELPERS)

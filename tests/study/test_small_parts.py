@@ -124,7 +124,7 @@ def test_shares_have_two_digits_and_whole_per_cents_from_one_on(share, words):
         assert percent(share, signed=True) == ("+" if share > 0 else "") + words
 
 
-@pytest.mark.parametrize("values, words", rows(__file__, "values_without_order"))  # fmt: skip
+@pytest.mark.parametrize("values, words", rows(__file__, "values_without_order"))
 def test_values_without_an_order_alternate_or_do_not_shrink(values, words):
     assert words in _doubt((1.0, 2.0, 4.0), values, math.nan)
 

@@ -275,7 +275,7 @@ def test_a_key_follows_what_changes_a_number():
     assert (len(set(keys)), runs.key_of(titled, one, None, None)) == (len(keys), keys[0])
 
 
-@pytest.mark.parametrize("more, words", rows(__file__, "bad_studies"))  # fmt: skip
+@pytest.mark.parametrize("more, words", rows(__file__, "bad_studies"))
 def test_bad_input_gets_a_sentence(more, words):
     with pytest.raises(rs.InputError, match=words):
         studied("front", **more)

@@ -241,7 +241,7 @@ def test_different_settings_for_one_field_are_refused(borrower, other):
         plan_of(SurfaceDetection(), borrower(own=SurfaceDetection(**other)))
 
 
-@pytest.mark.parametrize(("settings", "words"), rows(__file__, "bad_settings"))  # fmt: skip
+@pytest.mark.parametrize(("settings", "words"), rows(__file__, "bad_settings"))
 def test_bad_settings_get_one_sentence(settings, words):
     with pytest.raises(InputError, match=r"^surface_detection: ") as caught:
         plan_of(SurfaceDetection(**settings))

@@ -231,7 +231,7 @@ def test_printed_readings_do_what_they_say():
     assert holes[1] > 0
 
 
-@pytest.mark.parametrize(("parameters", "words"), rows(__file__, "bad_parameters"))  # fmt: skip
+@pytest.mark.parametrize(("parameters", "words"), rows(__file__, "bad_parameters"))
 def test_bad_parameters_are_told(parameters, words):
     with pytest.raises(InputError, match=words):
         Reconstruction(CPU, 3, "float32", H, Tension(**{"surface_tension": 1.0, **parameters}))
@@ -252,11 +252,7 @@ def shaken_block(dim, **parameters):
 
 @pytest.mark.parametrize(
     "dim, parameters",
-    [
-        (2, {"quadrature": "poisson", "normals": "gradient"}), (2, {"normals": "facets", "embedding": "none"}),
-        (2, {"normals": "offsets", "inset": -1.0}), (2, {"contact_angle": 60.0}),
-        (3, {"enclose_volume": True}), (3, {"contact_angle": 60.0}),
-    ],
+    rows(__file__, "settings"),
     ids=str,
 )  # fmt: skip
 def test_run_of_the_references_is_the_cpus(dim, parameters):

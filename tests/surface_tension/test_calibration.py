@@ -94,7 +94,7 @@ def test_a_tension_is_turned_into_a_coefficient_by_measured_drops():
     assert unshifted.share_of_nominal(grid, {"weakly_compressible": liquid}) == 1.0
 
 
-@pytest.mark.parametrize(("support", "stiffness", "said"), rows(__file__, "unmeasured_drops"))  # fmt: skip
+@pytest.mark.parametrize(("support", "stiffness", "said"), rows(__file__, "unmeasured_drops"))
 def test_what_no_measured_drop_had_is_noted(support, stiffness, said):
     liquid = rs.WeaklyCompressible(sound_speed=10.0, density="continuity")
     others = {"weakly_compressible": liquid, "particle_shifting": rs.ParticleShifting()}
@@ -169,7 +169,7 @@ def test_drops_of_the_default_liquid_have_the_tension_asked_for(model, dim, leas
     assert found >= least
 
 
-OUTSIDE = rows(__file__, "outside_sigma")  # fmt: skip
+OUTSIDE = rows(__file__, "outside_sigma")
 
 
 @pytest.mark.parametrize("name", OUTSIDE)

@@ -79,7 +79,7 @@ def test_detection_shares_its_passes_with_tension():
 
 
 # Bad input
-@pytest.mark.parametrize("parameters, words", rows(__file__, "bad_jiang_zhu"))  # fmt: skip
+@pytest.mark.parametrize("parameters, words", rows(__file__, "bad_jiang_zhu"))
 def test_bad_parameters_get_one_sentence(parameters, words):
     with pytest.raises(rs.InputError, match=words):
         make_plan(drop(**parameters))

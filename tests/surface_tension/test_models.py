@@ -10,6 +10,7 @@ import refsim as rs
 from refsim import make_plan
 from refsim.core.effect import Discretisation
 from refsim.surface_tension.cohesion import compression
+from tests.running import rows
 
 COHESIVE = (rs.JiangZhu2023, rs.Akinci2013, rs.Dong2016, rs.BeckerTeschner2007, rs.TartakovskyMeakin2005)
 cohesive = pytest.mark.parametrize("model", COHESIVE, ids=lambda model: model.name)
@@ -95,16 +96,9 @@ def test_collapse_is_refused_and_strain_is_noted(model):
     assert balanced.shared["fluid"].internal_pressure == pytest.approx(1e5 * pressure, rel=1e-5)
 
 
-@pytest.mark.parametrize(("model", "parameters", "words"), [
-    (rs.Akinci2013, {}, "neither of surface_tension and gamma"),
-    (rs.Akinci2013, {"gamma": 1.0, "area_acceleration": 2.0, "literal": ("gamma",)}, "literal 'gamma' sets"),
-    (rs.Akinci2013, {"gamma": 1.0, "literal": ("E4",)}, "literal has E4"),
-    (rs.Dong2016, {"surface_tension": 1.0, "stiffness": 1.0}, "both of surface_tension and stiffness"),
-    (rs.Dong2016, {"stiffness": 1.0, "rest_distance": 3.0}, "no pair would attract"),
-    (rs.Dong2016, {"surface_tension": 1.0, "rest_distance": 2.6}, "no surface tension"),
-    (rs.BeckerTeschner2007, {"kappa": math.inf}, "kappa = inf"),
-])  # fmt: skip
-def test_bad_parameters_get_one_sentence(model, parameters, words):
+@pytest.mark.parametrize(("name", "parameters", "words"), rows(__file__, "bad_models"))
+def test_bad_parameters_get_one_sentence(name, parameters, words):
+    model = getattr(rs, name)
     fluid = rs.WeaklyCompressible(rest_density=1.0, sound_speed=100.0, density="summation")
     box = rs.Box(cells=(3, 3, 3))
     with pytest.raises(rs.InputError) as error:

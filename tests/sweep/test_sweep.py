@@ -50,7 +50,7 @@ def test_seeds_are_set_wherever_the_scene_has_one(folder):
         points(folder, text.replace("mesh.toml", "tank.toml"))
 
 
-@pytest.mark.parametrize("old, new, words", rows(__file__, "bad_sweeps"))  # fmt: skip
+@pytest.mark.parametrize("old, new, words", rows(__file__, "bad_sweeps"))
 def test_a_bad_file_gets_a_sentence(folder, old, new, words):
     with pytest.raises(InputError, match=words) as told:
         points(folder, SWEEP.replace(old, new))
