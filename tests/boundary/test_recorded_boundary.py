@@ -176,6 +176,18 @@ def test_faces_and_cells_of_solids_are_as_ever(recorded):
     assert made.band.nbytes == sum(np.asarray(a).nbytes for a in made.band.field[:5])
 
 
+@pytest.mark.parametrize("spacing, band", [
+    (0.0, None), (1.0, None), (0.1, 0.19), (1e-7, None), (2e-3, None), (4e-3, 0.1),
+])  # fmt: skip
+def test_signed_distances_that_are_not_possible_say_so_in_numbers(spacing, band, recorded, monkeypatch):
+    """With 8 MiB of memory a band of 40 bytes a node is bounded."""
+    monkeypatch.setattr(solids, "host_memory", lambda: {"total": 2**23})
+    mesh = surface_mesh(*BOX)
+    with pytest.raises(InputError) as caught:
+        distances.signed_distance(mesh, spacing, band)
+    recorded({"words": str(caught.value)})
+
+
 def test_what_counts_as_unclear_and_across_is_as_ever(recorded):
     vertices, faces = BOX
     meeting = np.arange(12) == 3

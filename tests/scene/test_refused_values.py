@@ -9,15 +9,17 @@ from types import SimpleNamespace
 import msgspec
 import numpy as np
 import pytest
+import trimesh
 from scipy.optimize import brentq
 
-from refsim import InputError, Motion, WeaklyCompressible
+from refsim import InputError, Motion, SolidMesh, WeaklyCompressible
 from refsim.core.capabilities import LimitsMassRatio
 from refsim.motion import _looked_at, check_motions
 from refsim.neighbours.limits import MOST_NEIGHBOURS
 from refsim.scene import checks, meshes
 from refsim.scene.checks import FLAT, GREATEST, LONGEST, POSITIVE, check_fixed_step, check_list, check_values
 from refsim.scene.files import describe
+from tests.across.test_recorded_scenes import EXAMPLES
 
 FIELDS = {**dict.fromkeys(FLAT, 3), **dict.fromkeys(POSITIVE, 1), "temperature": 1}
 
@@ -164,6 +166,25 @@ def test_walls_fill_a_cell_once(monkeypatch):
         assert liquid_volume == pytest.approx([0.005, 0.01, 0.01])
         assert wall_volume == pytest.approx([0.004, 0.01])
         assert filled == pytest.approx([total, 0.2])
+
+
+def test_a_body_is_known_where_a_ray_misses_one_of_its_faces(monkeypatch):
+    """A ray along an edge may count one crossing of two; points of its column are then decided by solid angles."""
+    body = SolidMesh(file=str(EXAMPLES / "cube.obj"), center=(0.1, 0.2, 0.3), size=1.0)
+    axes = [np.linspace(c - 0.72, c + 0.72, 9) for c in body.center]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    expected = (np.abs(points - body.center) < 0.5).all(1)
+    assert (body.inside(points) == expected).all()
+    rays = type(trimesh.creation.box().ray)
+    every = rays.intersects_location
+
+    def some(self, *given, **named):
+        place, ray, face = every(self, *given, **named)
+        there = ~((ray % 3 == 0) & (place[:, 2] > body.center[2]))
+        return place[there], ray[there], face[there]
+
+    monkeypatch.setattr(rays, "intersects_location", some)
+    assert (body.inside(points) == expected).all()
 
 
 class Told(msgspec.Struct):
