@@ -12,7 +12,6 @@ from refsim import Ball, Box, InputError, Motion, SolidBall, SolidBox, SolidMesh
 from refsim.core.effect import Discretisation
 from refsim.gauges import due
 from refsim.motion import pace
-from refsim.motion.expression import Jet, parsed
 from refsim.neighbours import coincident_pairs
 from refsim.scene import counting, solids
 from refsim.scene.counting import Cells, _numbered
@@ -251,17 +250,6 @@ def test_motions_have_the_derivatives_of_their_path(motion):
         assert pace(motion, 1.0) == pytest.approx(max(speeds) / max(pulls), rel=0.3)
     assert np.linalg.norm(motion.unit()) == pytest.approx(1)
     assert np.cross(motion.unit(), motion.direction) == pytest.approx(0)
-
-
-def test_formulas_are_what_python_makes_of_them():
-    names = {name: getattr(math, name) for name in ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "pi")}
-    for formula in FORMULAS:
-        for time in (0.2, 0.9):
-            known = eval(formula, {"__builtins__": {}}, names | {"t": time})
-            assert parsed(formula, "it")(Jet.of_time(time)).value == pytest.approx(known, rel=1e-14)
-    assert parsed("t" + " " * 999, "it")
-    with pytest.raises(InputError, match="1001 characters; give at most 1000"):
-        parsed("t" + " " * 1000, "it")
 
 
 def test_gauges_are_due_once_on_each_multiple():

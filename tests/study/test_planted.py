@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import refsim
-from refsim import Box, Gravity, Scene, Simulation, SolidBox, SolidMesh, WeaklyCompressible, make_plan
+from refsim import Box, Gravity, Scene, SolidMesh, WeaklyCompressible, make_plan
 from refsim.study import runs
 from refsim.study.local_modules import forget, local_modules
 from refsim.study.observables import observable_of
@@ -163,14 +163,6 @@ def test_the_digest_of_the_sources_covers_a_line_of_each_package(tmp_path):
 
 
 # What is read
-def test_the_front_is_that_of_the_liquid_beside_a_solid():
-    solid = SolidBox(lower=(0.1, 0.0, 0.0), upper=(0.13, 0.03, 0.03))
-    scene = block(
-        solid=(solid,), effects=(*FLIGHT["effects"], refsim.ShapeMatching(half_width=1), refsim.TwoWayCoupling())
-    )
-    simulation = Simulation(scene, "numpy")
-    assert observable_of("front", simulation.plan)(simulation) == pytest.approx(0.04, abs=1e-6)
-    assert observable_of("front:-x", simulation.plan)(simulation) == pytest.approx(0.0, abs=1e-6)
 
 
 # What a prediction is for

@@ -22,7 +22,7 @@ from refsim.scene.refine import refined
 from refsim.study import cost, memory, runs, tasks
 from refsim.study.convergence import Convergence, Reference, converge
 from refsim.study.observables import observable_of
-from refsim.study.panels import drops, measured, panel, virial
+from refsim.study.panels import measured, panel
 from refsim.study.result import Study
 from refsim.study.runs import Reading, Setting
 from tests.study.test_cost import tank
@@ -346,25 +346,6 @@ def test_a_scene_that_cannot_be_planned_gives_a_reading_without_seconds():
     assert [found.seconds, found.wall, found.bytes, found.particles, found.steps, found.time] == [0] * 6
     setting = Setting("spacing", "", 1.0, scene, "numpy")
     assert repr(runs._run(setting, None, None, None, None, None, 1.0)) == repr(found)  # NaN is not itself
-
-
-def test_swings_and_lines_through_balls_are_as_ever(recorded):
-    random, found = np.random.default_rng(7), {}
-    for k in range(6):
-        times = np.linspace(0, (2, 3.5)[k % 2], 60)
-        omega, beta = random.uniform(6, 11), random.uniform(0, 1)
-        values = random.normal() + 0.1 * random.normal() * times
-        values = values + 0.3 * np.exp(-beta * times) * np.sin(omega * times + k) + 1e-3 * random.normal(size=60)
-        fit = drops.fit_oscillation(times, values, 8.0)
-        assert fit[0] == pytest.approx(omega, rel=0.02)
-        assert fit[1] == pytest.approx(beta, abs=0.05)
-        assert fit[3] == pytest.approx(0.3, rel=0.05)
-        found[str(k)] = fit
-    recorded(found)
-    first, second = random.normal(size=(2, 300, 3))
-    share = np.linspace(0, 1, 20001)[:, None, None]
-    within = (((first + share * (second - first)) ** 2).sum(2) < 0.9**2).mean(0)
-    assert virial.share_inside(first, second, 0.9) == pytest.approx(within, abs=2e-4)
 
 
 def test_kept_readings_are_those_that_were_kept(tmp_path):
