@@ -190,58 +190,55 @@ def two_particles(w):
     )  # fmt: skip
 
 
-ALONE = {"phase": None, "rest_density": None, "shift": None, "recount": None, "filling": None}  # no solids
+EXCESS = np.array([100.0, -20.0])
+
+
+def _continued(excess, case=None, solid=0, **given):
+    """The excess rho - rho0 that particles of 2 and 3 kg, at rest unless given otherwise, have after 0.25 s.
+
+    solid  particles at the end that keep a density of 900 kg/m^3
+    """
+    case, excess = PAIR if case is None else case, np.array(excess)
+    density = np.where(np.arange(case.count) < case.count - solid, 1000.0, 900.0) + excess
+    inputs = {
+        "mass": np.array([2.0, 3.0])[: case.count], "velocity": np.zeros((case.count, 3)), "fluid": WATER,
+        "advanced_excess": EXCESS[: case.count], "timestep": [0.5, 0.25], "phase": None, "rest_density": None,
+        "shift": None, "recount": None, "filling": None, "diffusion": None, "lean": None,
+    }  # fmt: skip
+    return Exact(case, inputs | given, {"density_excess": excess, "density": density})
+
+
+NEARING = [[7.0, 2.0, 0.0], [3.0, 0.0, -5.0]]  # m/s
 
 
 @for_each_kernel("sph.continuity")
 def compressed_pair(w):
     """v_1 - v_2 = (4, 2, 5), 2 of it towards the second: d rho_1/dt = rho_1 V_2 2 |W'(h/2)|; for 0.25 s."""
-    excess = np.array([100.0, -20.0])
-    rate = (1000 + excess) * np.array([3.0 / 980.0, 2.0 / 1100.0]) * 2 * w.slope
-    inputs = {
-        **ALONE, "mass": [2.0, 3.0], "velocity": [[7.0, 2.0, 0.0], [3.0, 0.0, -5.0]], "fluid": WATER,
-        "advanced_excess": excess, "timestep": [0.5, 0.25], "diffusion": None, "lean": None,
-    }  # fmt: skip
-    return Exact(PAIR, inputs, {"density_excess": excess + 0.25 * rate, "density": 1000 + excess + 0.25 * rate})
+    rate = (1000 + EXCESS) * np.array([3.0 / 980.0, 2.0 / 1100.0]) * 2 * w.slope
+    return _continued(EXCESS + 0.25 * rate, velocity=NEARING)
 
 
 @for_each_kernel("sph.continuity")
 def shifted_pair(w):
     """At rest: d rho_1 = V_2 (2 rho_1 s_1 + (rho_2 - rho_1) s_2).grad W, shifts across the pair do nothing."""
-    excess = np.array([100.0, -20.0])
     across = np.array([2 * 1100 * 0.002 - 120 * 0.001, -(2 * 980 * 0.001 + 120 * 0.002)])
     change = across * np.array([3.0 / 980.0, 2.0 / 1100.0]) * w.slope
-    inputs = {
-        **ALONE, "mass": [2.0, 3.0], "velocity": np.zeros((2, 3)), "fluid": WATER, "advanced_excess": excess,
-        "timestep": [0.5, 0.25], "diffusion": None, "lean": None,
-        "shift": [[0.3, 0.002, 0.0], [0.0, 0.001, -0.4]],
-    }  # fmt: skip
-    return Exact(PAIR, inputs, {"density_excess": excess + change, "density": 1000 + excess + change})
+    return _continued(EXCESS + change, shift=[[0.3, 0.002, 0.0], [0.0, 0.001, -0.4]])
 
 
 @closed_form("sph.continuity")
 def torn_pair():
     """A pair that parts fast has 0.95 rho0."""
-    torn = np.full(2, -50.0)
-    inputs = {
-        **ALONE, "mass": [2.0, 3.0], "velocity": [[0.0, -7e4, 0.0], [0.0, 7e4, 0.0]], "fluid": WATER,
-        "advanced_excess": [100.0, -20.0], "timestep": [0.5, 0.25], "diffusion": None, "lean": None,
-    }  # fmt: skip
-    return Exact(PAIR, inputs, {"density_excess": torn, "density": 1000 + torn})
+    return _continued([-50.0, -50.0], velocity=[[0.0, -7e4, 0.0], [0.0, 7e4, 0.0]])
 
 
 @for_each_kernel("sph.continuity")
 def diffusing_pair(w):
     """At rest: d rho_1/dt = 2 k V_2 (rho_2 - rho_1 - s) |W'(h/2)|, s = 40 the difference at rest; for 0.25 s."""
     slope = 2 * 0.5 * w.slope
-    excess = np.array([100.0, -20.0])
     difference = -120.0 - 40.0
     rate = slope * difference * np.array([3.0 / 980.0, -2.0 / 1100.0])
-    inputs = {
-        **ALONE, "mass": [2.0, 3.0], "velocity": np.zeros((2, 3)), "fluid": WATER, "advanced_excess": excess,
-        "timestep": [0.5, 0.25], "diffusion": Diffusion(0.5, 2.0), "lean": WallFrameGravity(3.5, 20.0, -1.5),
-    }  # fmt: skip
-    return Exact(PAIR, inputs, {"density_excess": excess + 0.25 * rate, "density": 1000 + excess + 0.25 * rate})
+    return _continued(EXCESS + 0.25 * rate, diffusion=Diffusion(0.5, 2.0), lean=WallFrameGravity(3.5, 20.0, -1.5))
 
 
 @for_each_kernel("sph.continuity")
@@ -250,18 +247,13 @@ def moving_walls(w):
 
     V_b (v - v_b).e |W'(h/2)| of each, and their strain times W(h/2)/V.
     """
-    place = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
-    case = at("between_walls", [0, 0, 0], place)
-    far = np.full(3, np.inf)
+    place, far = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]]), np.full(3, np.inf)
     rate = 1100 * (50 * w.slope * (-0.002 + (0.002 - 0.005)) + 1100 / 2 * (0.02 - 0.01) * w.share * w.at_zero)
-    excess = 100.0 + 0.25 * rate
-    inputs = {
-        **ALONE, "mass": [2.0], "velocity": [[1.0, 0.002, 0.0]], "fluid": WATER, "diffusion": None, "lean": None,
-        "advanced_excess": [100.0], "timestep": [0.5, 0.25], "walls": WallParticles(place, np.full(2, 50.0)),
-        "wall_strain": [0.02, -0.01],
-        "wall_motion": WallMotion(-far, np.array([np.inf, 0.5, np.inf]), np.array([3.0, 0.005, 0.0])),
-    }  # fmt: skip
-    return Exact(case, inputs, {"density_excess": [excess], "density": [1000 + excess]})
+    return _continued(
+        [100.0 + 0.25 * rate], at("between_walls", [0, 0, 0], place), velocity=[[1.0, 0.002, 0.0]],
+        walls=WallParticles(place, np.full(2, 50.0)), wall_strain=[0.02, -0.01],
+        wall_motion=WallMotion(-far, np.array([np.inf, 0.5, np.inf]), np.array([3.0, 0.005, 0.0])),
+    )  # fmt: skip
 
 
 @for_each_kernel("sph.continuity")
@@ -272,29 +264,23 @@ def counted_by_walls(w):
     place = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 9.0, 0.0]])
     volume, whole = 30.0, 0.125
     filled = whole * w.at_zero * (2.0 / 1100 + 2 * volume * w.share)
-    inputs = {
-        **ALONE, "mass": [2.0], "velocity": np.zeros((1, 3)), "fluid": WATER, "diffusion": None, "lean": None,
-        "advanced_excess": [100.0], "timestep": [0.5, 0.25], "walls": WallParticles(place, np.full(3, volume)),
-        "wall_strain": None, "wall_motion": None, "recount": Recount(0.5, whole), "filling": [0.0],
-    }  # fmt: skip
-    excess = 100 + 0.25 * 0.5 * 1100 * (filled - 1)
-    return Exact(
-        at("counted_by_walls", [0, 0, 0], place), inputs,
-        {"filling": [filled], "density_excess": [excess], "density": [1000 + excess]},
+    exact = _continued(
+        [100 + 0.25 * 0.5 * 1100 * (filled - 1)], at("counted_by_walls", [0, 0, 0], place), wall_strain=None,
+        walls=WallParticles(place, np.full(3, volume)), wall_motion=None, recount=Recount(0.5, whole),
+        filling=[0.0],
     )  # fmt: skip
+    return Exact(exact.case, exact.inputs, {"filling": [filled]} | exact.expected)
 
 
 @for_each_kernel("sph.continuity")
 def liquid_beside_a_solid(w):
     """The solid's 3 kg of 900 kg/m^3 come nearer: rho_1 V_2 2 |W'(h/2)|, no diffusion; the solid keeps its density."""
     rate = 1100 * 3.0 / 900.0 * 2 * w.slope
-    inputs = {
-        "mass": [2.0, 3.0], "velocity": [[7.0, 2.0, 0.0], [3.0, 0.0, -5.0]], "fluid": WATER,
-        "advanced_excess": [100.0, 0.0], "timestep": [0.5, 0.25], "diffusion": Diffusion(0.5, 2.0),
-        "lean": WallFrameGravity(3.5, 20.0, -1.5), "rest_density": [1000.0, 900.0], "phase": [0, 1], "shift": None,
-        "recount": None, "filling": None,
-    }  # fmt: skip
-    return Exact(PAIR, inputs, {"density_excess": [100 + 0.25 * rate, 0.0], "density": [1100 + 0.25 * rate, 900.0]})
+    return _continued(
+        [100 + 0.25 * rate, 0.0], solid=1, velocity=NEARING, advanced_excess=[100.0, 0.0],
+        diffusion=Diffusion(0.5, 2.0), lean=WallFrameGravity(3.5, 20.0, -1.5), rest_density=[1000.0, 900.0],
+        phase=[0, 1],
+    )  # fmt: skip
 
 
 @closed_form("sph.keep_density")
@@ -488,36 +474,33 @@ def carried_on():
     )  # fmt: skip
 
 
+def _leapt(position, after, displacement, **given):
+    """The pair after a kick of 0.5 s and a drift of 0.25 s; without acceleration unless given otherwise."""
+    inputs = {
+        "acceleration": np.zeros((2, 3)), "build_position": PAIR.position, "timestep": [0.5, 0.25], "shift": None,
+        "bounds": None,
+    }  # fmt: skip
+    expected = {"velocity": [after, [0.0] * 3], "position": position, "displacement": displacement}
+    return Exact(
+        PAIR, inputs | {name: np.array(v) if isinstance(v, list) else v for name, v in given.items()}, expected
+    )
+
+
 @closed_form("sph.kick_drift")
 def one_leap():
     """v = 1 + 0.5 * 2, x = 0 + 0.25 * v; the second particle, at rest, is 2 m from its position at the list's build."""
-    inputs = {
-        "velocity": [[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]], "acceleration": [[2.0, 0.0, 0.0], [0.0, 0.0, 0.0]],
-        "build_position": [[0.0, 0.0, 0.0], [0.0, 1.0, 2.0]], "timestep": [0.5, 0.25], "shift": None, "bounds": None,
-    }  # fmt: skip
-    return Exact(
-        PAIR, inputs,
-        {
-            "velocity": [[2.0, 0.0, 0.0], [0.0, 0.0, 0.0]], "position": [[0.5, 0.0, 0.0], [0.0, 1.0, 0.0]],
-            "displacement": [4.0, 0.0],
-        },
+    return _leapt(
+        [[0.5, 0.0, 0.0], [0.0, 1.0, 0.0]], [2.0, 0.0, 0.0], [4.0, 0.0], velocity=[[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]],
+        acceleration=[[2.0, 0.0, 0.0], [0.0, 0.0, 0.0]], build_position=[[0.0, 0.0, 0.0], [0.0, 1.0, 2.0]],
     )  # fmt: skip
 
 
 @closed_form("sph.kick_drift")
 def shifted():
     """x = 0.25 * 2 + 0.125, and -0.5 for the second particle, which is at rest."""
-    inputs = {
-        "velocity": [[2.0, 0.0, 0.0], [0.0, 0.0, 0.0]], "acceleration": np.zeros((2, 3)),
-        "build_position": PAIR.position, "timestep": [0.5, 0.25], "bounds": None,
-        "shift": [[0.125, 0.0, 0.0], [0.0, -0.5, 0.0]],
-    }  # fmt: skip
-    return Exact(
-        PAIR, inputs,
-        {
-            "velocity": [[2.0, 0.0, 0.0], [0.0, 0.0, 0.0]], "position": [[0.625, 0.0, 0.0], [0.0, 0.5, 0.0]],
-            "displacement": [0.390625, 0.0],
-        },
+    return _leapt(
+        [[0.625, 0.0, 0.0], [0.0, 0.5, 0.0]], [2.0, 0.0, 0.0], [0.390625, 0.0],
+        velocity=[[2.0, 0.0, 0.0], [0.0, 0.0, 0.0]], shift=[[0.125, 0.0, 0.0], [0.0, -0.5, 0.0]],
     )  # fmt: skip
 
 
@@ -525,15 +508,7 @@ def shifted():
 def stopped_by_a_plane():
     """The first particle would pass the plane x = 0.25: it stops there and loses its normal velocity."""
     far = np.full(3, np.inf)
-    inputs = {
-        "velocity": [[2.0, 1.0, 0.0], [0.0, 0.0, 0.0]], "acceleration": np.zeros((2, 3)),
-        "build_position": PAIR.position, "timestep": [0.5, 0.25], "shift": None,
-        "bounds": Bounds(-far, np.array([0.25, np.inf, np.inf])),
-    }  # fmt: skip
-    return Exact(
-        PAIR, inputs,
-        {
-            "velocity": [[0.0, 1.0, 0.0], [0.0, 0.0, 0.0]], "position": [[0.25, 0.25, 0.0], [0.0, 1.0, 0.0]],
-            "displacement": [0.125, 1.0],
-        },
+    return _leapt(
+        [[0.25, 0.25, 0.0], [0.0, 1.0, 0.0]], [0.0, 1.0, 0.0], [0.125, 1.0],
+        velocity=[[2.0, 1.0, 0.0], [0.0, 0.0, 0.0]], bounds=Bounds(-far, np.array([0.25, np.inf, np.inf])),
     )  # fmt: skip
