@@ -24,7 +24,7 @@ def on_ball():
     return sample(BALL, 0.08, seed=1)
 
 
-def test_particles_are_even_and_on_the_mesh(on_ball):
+def test_particles_are_even_and_on_the_mesh_and_the_same_by_their_seed(on_ball):
     assert on_ball.converged
     assert len(on_ball.position) == pytest.approx(on_ball.expected, abs=1)
     nearest = cKDTree(on_ball.position).query(on_ball.position, k=2)[0][:, 1]
@@ -34,6 +34,12 @@ def test_particles_are_even_and_on_the_mesh(on_ball):
     assert trimesh.proximity.closest_point(made, on_ball.position)[1].max() < 1e-5 * on_ball.radius / 0.08
     outward = (on_ball.normal * on_ball.position).sum(1) / np.linalg.norm(on_ball.position, axis=1)
     assert outward.min() > 0.98
+    with on_threads(1):
+        again = sample(BALL, 0.08, seed=1)
+    assert np.array_equal(on_ball.position, again.position)
+    assert np.array_equal(on_ball.normal, again.normal)
+    other = sample(BALL, 0.08, seed=2)
+    assert not np.array_equal(on_ball.position, other.position)
 
 
 @pytest.mark.parametrize("level", [0.0, -0.2])
@@ -74,15 +80,6 @@ def test_count_follows_the_area():
     assert facet_counts(np.array([0.4975, 0.0, 0.505]), math.pi, 1.0).tolist() == [0, 0, 1]  # from a half on
     with pytest.raises(InputError, match="E25"):
         sample(BALL, 0.08, literal=("E25",))
-
-
-def test_same_seed_same_bits(on_ball):
-    with on_threads(1):
-        again = sample(BALL, 0.08, seed=1)
-    assert np.array_equal(on_ball.position, again.position)
-    assert np.array_equal(on_ball.normal, again.normal)
-    other = sample(BALL, 0.08, seed=2)
-    assert not np.array_equal(on_ball.position, other.position)
 
 
 @pytest.mark.parametrize("options, words", rows(__file__, "bad_samples"))

@@ -58,7 +58,7 @@ def test_places_that_are_stretched_are_counted(dim, n, factor):
 
 
 def test_only_what_has_liquid_around_it_is_counted():
-    """A sheet, a drop and a film have no inside; a tank has, up to its walls."""
+    """A sheet, a drop, a film in a narrow tank and air under a lid have no inside; a tank has, up to its walls."""
     assert counted(Simulation(block(n=6), "numpy")) is None
     assert counted(Simulation(block(density="summation"), "numpy")) is None
     walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(16 * D, 40 * D, 0.0))
@@ -68,6 +68,19 @@ def test_only_what_has_liquid_around_it_is_counted():
     round_about = counted(Simulation(block(period=(16 * D, 16 * D, 0.0)), "numpy"))
     assert round_about.cells == 64
     assert abs(round_about.difference) < 1e-9
+    lid = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(8 * D, 8 * D, 12 * D))
+    found = counted(Simulation(block(3, 8, effects=(lid, Gravity())), "numpy"))
+    assert abs(found.difference) < 1e-6
+    assert found.cells == 18
+    walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(4 * D, 40 * D, 0.0))
+    film = lattice(2, 4)
+    drops = film + (0.0, 20 * D, 0.0)
+    water = WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=20.0)
+    made = Scene(
+        dim=2, spacing=D, support_radius=2.6 * D, fluid=(Cloud(position=np.concatenate([film, drops])),),
+        effects=(water, walls),
+    )  # fmt: skip
+    assert counted(Simulation(made, "numpy")) is None
 
 
 def test_a_difference_is_noted_once_and_reported(often, tmp_path):
@@ -89,24 +102,3 @@ def test_a_short_run_is_looked_at_in_its_end():
     with pytest.raises(RunStopped) as stop:
         simulate(displaced(block(), 1.2), until=0.004)
     assert stop.value.reason == "miscounted"
-
-
-def test_air_between_a_surface_and_a_lid_is_no_liquid():
-    """Four spacings of it over eight of water, whose cells lie between wet ones and those of the lid."""
-    lid = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(8 * D, 8 * D, 12 * D))
-    found = counted(Simulation(block(3, 8, effects=(lid, Gravity())), "numpy"))
-    assert abs(found.difference) < 1e-6
-    assert found.cells == 18
-
-
-def test_dry_places_between_walls_are_no_liquid(tmp_path):
-    """A film on the floor of a narrow tank: its walls are near, and all that is above is empty."""
-    walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(4 * D, 40 * D, 0.0))
-    film = lattice(2, 4)
-    drops = film + (0.0, 20 * D, 0.0)
-    water = WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=20.0)
-    made = Scene(
-        dim=2, spacing=D, support_radius=2.6 * D, fluid=(Cloud(position=np.concatenate([film, drops])),),
-        effects=(water, walls),
-    )  # fmt: skip
-    assert counted(Simulation(made, "numpy")) is None

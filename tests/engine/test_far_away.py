@@ -45,20 +45,6 @@ def test_a_slow_block_moves_by_its_velocity(dim, far, mach, backend):
     assert np.ptp(moved, axis=0).max() < 0.01 * simulation.time * mach * C
 
 
-def test_slow_blocks_of_a_wide_scene_move_by_their_velocity():
-    """2,000 spacings apart they have no common origin that helps, so that only the residual keeps what they move."""
-    parts = [block((x, 0, 0), (1e-5 * C, 1e-4 * C, 0), dim=2).fluid[0] for x in (-900, 1_100)]
-    simulation = rs.Simulation(
-        rs.Scene(spacing=D, support_radius=2.6 * D, dim=2, fluid=tuple(parts), effects=(LIQUID,))
-    )
-    assert simulation.plan.grid.origin == (0.0, 0.0, 0.0)
-    start = place(simulation)
-    moved = place(advanced(simulation, 100)) - start
-    assert simulation.field("position").dtype == np.float32
-    for part in (slice(36), slice(36, None)):
-        assert moved[part].mean(0) == pytest.approx(simulation.time * np.array([1e-5, 1e-4, 0]) * C, rel=0.01)
-
-
 def walls(at, reach, **changes):
     low, high = ([(x + side * reach) * D for x in at] for side in (-1, 1))
     return rs.BoxWalls(lower=tuple(low), upper=tuple(high), **changes)
@@ -197,13 +183,24 @@ def test_messages_and_post_mortems_name_places_in_the_scene_and_set_ones_are_suc
 
 
 # What is not changed, and what is not reached
-def test_scenes_near_the_origin_keep_it_and_double_precision_has_no_residual():
+def test_scenes_near_the_origin_keep_it_and_wide_ones_move_by_their_velocity():
+    """2,000 spacings apart they have no common origin that helps, so that only the residual keeps what they move."""
     assert make_plan(block((80, 0, 0))).grid.origin == (0.0, 0.0, 0.0)
     assert make_plan(block((1_000, 0, 0), cells=(700, 2, 1))).grid.origin == (0.0, 0.0, 0.0)
     for at in ((0, 0, 0), (FAR, 0, 0)):
         plan = make_plan(block(at, dtype="float64"))
         assert plan.grid.origin == (0.0, 0.0, 0.0)
         assert "position_residual" not in plan.fields
+    parts = [block((x, 0, 0), (1e-5 * C, 1e-4 * C, 0), dim=2).fluid[0] for x in (-900, 1_100)]
+    simulation = rs.Simulation(
+        rs.Scene(spacing=D, support_radius=2.6 * D, dim=2, fluid=tuple(parts), effects=(LIQUID,))
+    )
+    assert simulation.plan.grid.origin == (0.0, 0.0, 0.0)
+    start = place(simulation)
+    moved = place(advanced(simulation, 100)) - start
+    assert simulation.field("position").dtype == np.float32
+    for part in (slice(36), slice(36, None)):
+        assert moved[part].mean(0) == pytest.approx(simulation.time * np.array([1e-5, 1e-4, 0]) * C, rel=0.01)
 
 
 @pytest.mark.parametrize("reach, noted", [(400, False), (4_000, True)])

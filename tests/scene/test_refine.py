@@ -108,7 +108,7 @@ def test_a_mass_that_does_not_fit_is_refused(mass):
         )  # fmt: skip
 
 
-def test_a_fixed_step_follows_what_is_stable():
+def test_a_fixed_step_follows_what_is_stable_and_clouds_have_no_other_spacing():
     """Sound: as the spacing. Diffusion: as its square."""
     sound = scene_of(step=1e-5)
     assert refined(sound, 2.0).step == pytest.approx(5e-6)
@@ -119,6 +119,13 @@ def test_a_fixed_step_follows_what_is_stable():
     )
     ratio = resting_step(thick, 0.005, 0.013) / resting_step(thick, 0.01, 0.026)
     assert (ratio, refined(thick, 2.0).step) == (pytest.approx(0.25, rel=1e-6), pytest.approx(0.25e-5))
+    cloud = scene_of(fluid=(rs.Box(cells=(4, 4, 1)), rs.Cloud(position=[[1.0, 1.0], [1.0, 1.01]])))
+    cells = scene_of(solid=(rs.SolidCells(cells=[[0, 0, 0]]),))
+    for scene, words in ((cloud, r"\[\[fluid\]\] number 2 gives its particles"), (cells, r"\[\[solid\]\] number 1")):
+        with pytest.raises(rs.InputError, match=words):
+            refined(scene, 2.0)
+        with pytest.raises(rs.InputError, match=words):
+            spaced(scene, 3, 1)
 
 
 def test_lengths_of_the_mesh_and_its_step_follow_and_a_coarse_box_keeps_a_layer():
@@ -128,16 +135,6 @@ def test_lengths_of_the_mesh_and_its_step_follow_and_a_coarse_box_keeps_a_layer(
     scene = scene_of(effects=(rs.MpmLiquid(bulk_modulus=1e4, cell_size=0.02),))
     assert resting_step(scene, 0.005, 0.013) / resting_step(scene, 0.01, 0.026) == pytest.approx(0.5)
     assert refined(scene_of(fluid=(rs.Box(cells=(2, 40, 1)),)), 0.4).fluid[0].cells[:2] == (1, 16)
-
-
-def test_what_has_no_other_spacing():
-    cloud = scene_of(fluid=(rs.Box(cells=(4, 4, 1)), rs.Cloud(position=[[1.0, 1.0], [1.0, 1.01]])))
-    cells = scene_of(solid=(rs.SolidCells(cells=[[0, 0, 0]]),))
-    for scene, words in ((cloud, r"\[\[fluid\]\] number 2 gives its particles"), (cells, r"\[\[solid\]\] number 1")):
-        with pytest.raises(rs.InputError, match=words):
-            refined(scene, 2.0)
-        with pytest.raises(rs.InputError, match=words):
-            spaced(scene, 3, 1)
 
 
 @pytest.mark.parametrize("cells", [(20, 40, 1), (9, 9, 1), (10, 10, 1), (36, 28, 1)])

@@ -64,7 +64,7 @@ def test_what_cannot_be_extrapolated(values, words):
     assert found.bound(values[1]) == pytest.approx((abs(values[1] - values[0]) + found.uncertainty) / values[0])
 
 
-def test_noise_is_not_taken_for_convergence():
+def test_few_equal_and_noisy_values_are_not_taken_for_convergence():
     """Of values without any trend a share is monotone by chance; the band holds the mean nearly always."""
     random = np.random.default_rng(1)
     inside = 0
@@ -72,9 +72,6 @@ def test_noise_is_not_taken_for_convergence():
         found = converge([1.0, 1.5, 2.25], random.normal(10.0, 0.1, 3))
         inside += abs(found.value - 10.0) < found.uncertainty
     assert inside > 0.85 * 500
-
-
-def test_few_and_equal_values():
     assert math.isnan(converge([1.0], [2.0]).uncertainty)
     two = converge([1.0, 2.0], [2.0, 2.1])
     assert not two.asymptotic

@@ -24,7 +24,7 @@ def standing(**given):
     return SimpleNamespace(field=lambda name: fields[name].copy(), evaluate=lambda: None, plan=plan, **given)
 
 
-def test_the_roundness_of_a_drop_is_that_of_all_its_directions():
+def test_drops_are_round_in_all_directions_and_vortices_decay_as_one_wave():
     position = RANDOM.normal(size=(150, 3)) * [1.0, 0.8, 0.6]
     x, reach = position - position.mean(0), []
     for k in range(200):
@@ -34,6 +34,16 @@ def test_the_roundness_of_a_drop_is_that_of_all_its_directions():
         reach.append(max(near, default=0.0))
     known = np.std(reach) / np.mean(reach)
     assert observables.droplet(standing(fields={"position": position})) == pytest.approx(known, rel=1e-12)
+    position, time = np.pad(RANDOM.uniform(0, 1, (60, 2)), ((0, 0), (0, 1))), 0.3
+    x, y = 2 * np.pi * position[:, :2].T
+    speed = np.column_stack([np.sin(x) * np.cos(y), np.cos(x) * np.sin(y), 0 * x]) * math.exp(
+        -8 * np.pi**2 / 100 * time
+    )
+    acceleration = RANDOM.normal(size=(60, 3))
+    fields = {"position": position, "velocity": speed - 0.05 * acceleration, "acceleration": acceleration}
+    assert observables.vortex_decay(standing(fields=fields, previous_length=0.1, time=time)) == pytest.approx(
+        1, rel=1e-9
+    )
 
 
 def test_bodies_have_their_height_rate_and_temperatures():
@@ -87,19 +97,6 @@ def test_the_pressure_in_balls_is_that_of_the_parts_of_lines_in_them(dim, monkey
     assert virial.inner_pressure(run, (0.5, 0.9, 1.6)) == pytest.approx(sum(expected) / 3, rel=1e-3)
 
 
-def test_vortices_that_decay_as_one_wave_have_the_rate_1():
-    position, time = np.pad(RANDOM.uniform(0, 1, (60, 2)), ((0, 0), (0, 1))), 0.3
-    x, y = 2 * np.pi * position[:, :2].T
-    speed = np.column_stack([np.sin(x) * np.cos(y), np.cos(x) * np.sin(y), 0 * x]) * math.exp(
-        -8 * np.pi**2 / 100 * time
-    )
-    acceleration = RANDOM.normal(size=(60, 3))
-    fields = {"position": position, "velocity": speed - 0.05 * acceleration, "acceleration": acceleration}
-    assert observables.vortex_decay(standing(fields=fields, previous_length=0.1, time=time)) == pytest.approx(
-        1, rel=1e-9
-    )
-
-
 def test_the_melted_depth_counts_shares_of_particles():
     """Of ice two particles wide, 6 with half, none, all, more than all of their heat: 0.5 + 1 + 1 of layers of 4."""
     fields = {"enthalpy": [9.0, 9, 50, -5, 100, 300, 0, 0], "latent_heat": [100.0] * 8}
@@ -145,7 +142,7 @@ def test_a_detector_is_judged_by_what_it_finds_and_the_seconds_of_its_stages(nam
     assert observables.detection_2d.reduce(None, [(9.0, 0.5), (1.0, 0.25)]) == 0.25
 
 
-def test_pressures_of_iisph_act_by_the_masses_of_both(monkeypatch):
+def test_pressures_of_iisph_act_by_both_masses_and_those_of_a_cube_over_its_bottom(monkeypatch):
     position, mass = np.array([[0.0, 0, 0], [3, 4, 0], [99, 0, 0]]), np.array([2.0, 7.0, 1.0])
     given = {
         "position": position,
@@ -161,6 +158,18 @@ def test_pressures_of_iisph_act_by_the_masses_of_both(monkeypatch):
     i, j, half = virial.pair_virials(SimpleNamespace(plan=plan, field=given.get))
     both = 2 * 7 * (8 / 4 + 5) * 25
     assert (i.tolist(), j.tolist(), half.tolist()) == ([0, 1], [1, 0], [(-2 * 3 + both) / 2, (7 * 2 * 4 + both) / 2])
+    resting = SimpleNamespace(pressure=lambda y: 100 * y)
+    monkeypatch.setattr(
+        observables, "column_of", lambda effects, mass: resting if mass == pytest.approx(600.0) else None
+    )
+    plan = {
+        "effects": {}, "state": SimpleNamespace(mass=np.array([2.0, 4.0])),
+        "scene": SimpleNamespace(fluid=[SimpleNamespace(lower=(1.0, 2.0, 3.0))]),
+    }  # fmt: skip
+    place = np.array([[0.0, 0, 3.5], [0.0, 0, 4.0]])
+    where, _, known = observables.tank_pressure(standing(plan=plan, fields={"position": place, "pressure": [1.0, 2.0]}))
+    exact, chosen, bottom = known(where)
+    assert (exact.tolist(), chosen, bottom) == ([50.0, 100.0], slice(None), pytest.approx(981.0))
 
 
 @pytest.mark.parametrize("solver", ["iisph", "none"])
@@ -182,21 +191,6 @@ def test_pressures_at_rest_are_compared_in_the_bulk(monkeypatch, solver):
     assert observables.implicit_pressure.reduce(None, samples) == pytest.approx(math.sqrt((off**2).mean()))
 
 
-def test_pressures_of_a_cube_are_those_over_its_bottom(monkeypatch):
-    resting = SimpleNamespace(pressure=lambda y: 100 * y)
-    monkeypatch.setattr(
-        observables, "column_of", lambda effects, mass: resting if mass == pytest.approx(600.0) else None
-    )
-    plan = {
-        "effects": {}, "state": SimpleNamespace(mass=np.array([2.0, 4.0])),
-        "scene": SimpleNamespace(fluid=[SimpleNamespace(lower=(1.0, 2.0, 3.0))]),
-    }  # fmt: skip
-    place = np.array([[0.0, 0, 3.5], [0.0, 0, 4.0]])
-    where, _, known = observables.tank_pressure(standing(plan=plan, fields={"position": place, "pressure": [1.0, 2.0]}))
-    exact, chosen, bottom = known(where)
-    assert (exact.tolist(), chosen, bottom) == ([50.0, 100.0], slice(None), pytest.approx(981.0))
-
-
 def test_discs_of_mpm_have_laplaces_pressure_and_rayleighs_frequency():
     """Modulus 1000 N/m; 314 particles of 0.1 m make a disc of radius 0.9997 m."""
     cloud = SimpleNamespace(position=np.zeros((314, 3)))
@@ -212,7 +206,7 @@ def test_discs_of_mpm_have_laplaces_pressure_and_rayleighs_frequency():
     assert observables.deformation(x + 3, 3) == pytest.approx((along - both) / (along + both))
 
 
-def test_the_frequency_of_a_damped_cosine_is_that_without_damping():
+def test_the_frequency_of_a_damped_cosine_is_that_without_damping_over_rayleighs():
     time = np.linspace(0, 2, 101)
     value = 0.3 * np.exp(-0.8 * time) * np.cos(9.0 * time + 0.2) + 0.05
     found = observables.damped_cosine(time, value, 8.6)
@@ -222,6 +216,19 @@ def test_the_frequency_of_a_damped_cosine_is_that_without_damping():
     assert found["error"] < 1e-6
     pairs = [(float(v), 8.6) for v in value]
     assert observables.mpm_frequency.reduce(time, pairs) == pytest.approx(math.hypot(9.0, 0.8) / 8.6, rel=1e-6)
+    size, flat, omega, damping = 3.0, 0.75, 0.4, 0.02
+    times = np.linspace(0, 2.25 * 2 * math.pi / omega, 55)
+    moments = 0.01 + 1e-5 * times + 0.1 * np.exp(-damping * times) * np.sin(omega * times + 0.7)
+    values = [(float(m), (size, flat) if k == 0 else None) for k, m in enumerate(moments)]
+    known = math.sqrt((omega**2 + damping**2) * size**3 / 6 / flat)
+    assert observables.surface_tension_frequency.reduce(times, values) == pytest.approx(known, rel=1e-6)
+    found = drops.fit_oscillation(times, moments, 0.43)
+    assert found == (pytest.approx(omega), pytest.approx(damping), pytest.approx(0, abs=1e-6), pytest.approx(0.1))
+    position = RANDOM.normal(size=(9, 3))
+    x = ((position - position.mean(0)) ** 2).mean(0)
+    run = standing(fields={"position": position}, steps=4)
+    assert observables.surface_tension_frequency(run) == (pytest.approx((x[0] - x[1]) / x.sum()), None)
+    assert drops.second_moment(run, 3) == pytest.approx((x[0] + x[1] - 2 * x[2]) / x.sum())
 
 
 def test_a_drop_is_measured_against_its_models_flat_surface(monkeypatch):
@@ -241,22 +248,6 @@ def test_a_drop_is_measured_against_its_models_flat_surface(monkeypatch):
     pressure, size, flat = observables.surface_tension_jump(run)
     assert (pressure, size, flat) == (pytest.approx(3.0 * np.linspace(0.4, 0.7, 7).sum()), 3.0, 0.75)
     assert observables.surface_tension_jump.reduce(None, [(1.0, 2.0, 4.0), (3.0, 2.0, 4.0)]) == 1.0
-
-
-def test_a_swing_gives_the_frequency_over_rayleighs():
-    size, flat, omega, damping = 3.0, 0.75, 0.4, 0.02
-    times = np.linspace(0, 2.25 * 2 * math.pi / omega, 55)
-    moments = 0.01 + 1e-5 * times + 0.1 * np.exp(-damping * times) * np.sin(omega * times + 0.7)
-    values = [(float(m), (size, flat) if k == 0 else None) for k, m in enumerate(moments)]
-    known = math.sqrt((omega**2 + damping**2) * size**3 / 6 / flat)
-    assert observables.surface_tension_frequency.reduce(times, values) == pytest.approx(known, rel=1e-6)
-    found = drops.fit_oscillation(times, moments, 0.43)
-    assert found == (pytest.approx(omega), pytest.approx(damping), pytest.approx(0, abs=1e-6), pytest.approx(0.1))
-    position = RANDOM.normal(size=(9, 3))
-    x = ((position - position.mean(0)) ** 2).mean(0)
-    run = standing(fields={"position": position}, steps=4)
-    assert observables.surface_tension_frequency(run) == (pytest.approx((x[0] - x[1]) / x.sum()), None)
-    assert drops.second_moment(run, 3) == pytest.approx((x[0] + x[1] - 2 * x[2]) / x.sum())
 
 
 @pytest.mark.parametrize("angle", [35.0, 90.0, 150.0])

@@ -32,7 +32,8 @@ def key(scene, observable):
 
 
 # What a key covers
-def test_a_key_follows_the_body_of_an_observable_and_not_only_its_name(tmp_path):
+def test_a_key_follows_the_body_of_an_observable_and_the_values_that_it_names(tmp_path, monkeypatch):
+    """Those around it, those of its module, its defaults, and what functions that it calls name."""
     plan, file = make_plan(block()), tmp_path / "own.py"
     keys = []
     for body in ("return 1.0", "return 2.0"):
@@ -49,6 +50,18 @@ def test_a_key_follows_the_body_of_an_observable_and_not_only_its_name(tmp_path)
 
     keys += [key(block(), each) for each in (one, observable_of(value, plan))]
     assert len(set(keys)) == 4
+    (tmp_path / "functions_of_keys.py").write_text(FUNCTIONS)
+    monkeypatch.syspath_prepend(tmp_path)
+    module = importlib.import_module("functions_of_keys")
+    plan, keys = make_plan(block()), []
+    for functions in (module.around(1.0), module.around(np.ones(2), by=2.0), module.around(2 * np.ones(2), by=3.0)):
+        keys.append([key(block(), observable_of(function, plan)) for function in functions])
+    again = module.around(2 * np.ones(2), by=3.0)
+    assert keys[-1] == [key(block(), observable_of(function, plan)) for function in again]
+    monkeypatch.setattr(module, "FACTOR", 2.0)
+    keys.append([*keys[-1][:2], key(block(), observable_of(again[2], plan))])
+    monkeypatch.delitem(sys.modules, "functions_of_keys")
+    assert [len(set(each)) for each in zip(*keys)] == [3, 3, 2]
 
 
 def test_a_key_follows_the_buffers_of_a_mesh_and_so_does_the_mesh(tmp_path):
@@ -77,22 +90,6 @@ def scaled(simulation):
 def around(value, by=1.0):
     return (lambda s: value * s, lambda s, by=by: by * s, lambda s: scaled(s))
 """
-
-
-def test_a_key_follows_the_values_that_a_function_names(tmp_path, monkeypatch):
-    """Those around it, those of its module, its defaults, and what functions that it calls name."""
-    (tmp_path / "functions_of_keys.py").write_text(FUNCTIONS)
-    monkeypatch.syspath_prepend(tmp_path)
-    module = importlib.import_module("functions_of_keys")
-    plan, keys = make_plan(block()), []
-    for functions in (module.around(1.0), module.around(np.ones(2), by=2.0), module.around(2 * np.ones(2), by=3.0)):
-        keys.append([key(block(), observable_of(function, plan)) for function in functions])
-    again = module.around(2 * np.ones(2), by=3.0)
-    assert keys[-1] == [key(block(), observable_of(function, plan)) for function in again]
-    monkeypatch.setattr(module, "FACTOR", 2.0)
-    keys.append([*keys[-1][:2], key(block(), observable_of(again[2], plan))])
-    monkeypatch.delitem(sys.modules, "functions_of_keys")
-    assert [len(set(each)) for each in zip(*keys)] == [3, 3, 2]
 
 
 HELPERS = rows(__file__, "helpers")

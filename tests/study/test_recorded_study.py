@@ -186,13 +186,21 @@ def test_a_value_is_reached_between_two_looks():
             assert looks[-2:] == pytest.approx([a, b])
 
 
-def test_tolerances_of_a_scene_are_those_that_end_an_iteration():
+def test_tolerances_end_an_iteration_and_a_scene_that_cannot_be_planned_takes_no_seconds():
     tolerances = importlib.import_module("refsim.study")._tolerances  # refsim.study is a function, too
     heat = rs.HeatConduction(temperature=(1.0,), conductivity=1.0, heat_capacity=1.0, tolerance=0.1, residual=0.2)
     effects = (*tank().effects[:2], rs.ImplicitPressure(tolerance=0.002), heat)
     expected = [(2, "tolerance", 0.002), (3, "tolerance", 0.1), (3, "residual", 0.2)]
     assert list(tolerances(tank(effects=effects))) == expected
     assert not list(tolerances(tank()))
+    stored = panel("implicit_pressure")
+    point = next(p for p in stored.points.values() if p.program == "refsim" and not p.gpu)
+    scene = tank(support_radius=1e-9)
+    found = measured.reading_of(stored, point, scene)
+    assert found.failed
+    assert [found.seconds, found.wall, found.bytes, found.particles, found.steps, found.time] == [0] * 6
+    setting = Setting("spacing", "", 1.0, scene, "numpy")
+    assert repr(runs._run(setting, None, None, None, None, None, 1.0)) == repr(found)  # NaN is not itself
 
 
 @pytest.mark.parametrize("step, longest", [(0.0, {"step_factor": 0.4}), (1e-4, {"step": 5e-5})])
@@ -337,18 +345,7 @@ def test_panels_that_are_measured_anew_are_told_as_ever(recorded):
     recorded({"rows": rows, "points": points, **counts})
 
 
-def test_a_scene_that_cannot_be_planned_gives_a_reading_without_seconds():
-    stored = panel("implicit_pressure")
-    point = next(p for p in stored.points.values() if p.program == "refsim" and not p.gpu)
-    scene = tank(support_radius=1e-9)
-    found = measured.reading_of(stored, point, scene)
-    assert found.failed
-    assert [found.seconds, found.wall, found.bytes, found.particles, found.steps, found.time] == [0] * 6
-    setting = Setting("spacing", "", 1.0, scene, "numpy")
-    assert repr(runs._run(setting, None, None, None, None, None, 1.0)) == repr(found)  # NaN is not itself
-
-
-def test_kept_readings_are_those_that_were_kept(tmp_path):
+def test_kept_readings_are_those_that_were_kept_and_a_run_that_cannot_begin_has_none(tmp_path, monkeypatch):
     setting = Setting("spacing", "a", 1.0, tank(), "cpu")
     made = reading(np.random.default_rng(1), 3.25)
     assert runs.kept(None, "key") is None
@@ -363,6 +360,20 @@ def test_kept_readings_are_those_that_were_kept(tmp_path):
     assert runs.kept(tmp_path / "there", "third", notes) is None
     assert len(notes) == 1
     assert json.loads((tmp_path / "there" / "key.json").read_text())["label"] == "a"
+
+    def refuse(*_):
+        raise errors.InputError("no such observable")
+
+    monkeypatch.setattr(tasks, "observable_of", refuse)
+    monkeypatch.setattr(tasks, "_read", lambda *_: "read")
+    work = tasks.Work(
+        "ab", Setting("spacing", "a", 1.0, tank(), "numpy"), "x", str(tmp_path), tasks.made_by(), "read", 9.0
+    )
+    found = tasks.compute(lambda share: None, work)
+    assert math.isnan(found.value)
+    assert found.failed == "no such observable"
+    assert found.steps == found.particles == found.bytes == 0
+    assert (found.seconds, found.wall, found.mass) == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("backend", ["cpu", "cuda"])
@@ -387,19 +398,3 @@ def test_boxes_of_many_particles_are_counted_before_they_are_laid_out(backend, m
                 memory.check_boxes(scene, backend)
     monkeypatch.setattr(memory, "MANY", plan.grid.count + 1)
     memory.check_boxes(scene, backend)  # fewer are laid out at once
-
-
-def test_a_run_that_another_process_cannot_begin_has_a_reading_without_numbers(tmp_path, monkeypatch):
-    def refuse(*_):
-        raise errors.InputError("no such observable")
-
-    monkeypatch.setattr(tasks, "observable_of", refuse)
-    monkeypatch.setattr(tasks, "_read", lambda *_: "read")
-    work = tasks.Work(
-        "ab", Setting("spacing", "a", 1.0, tank(), "numpy"), "x", str(tmp_path), tasks.made_by(), "read", 9.0
-    )
-    found = tasks.compute(lambda share: None, work)
-    assert math.isnan(found.value)
-    assert found.failed == "no such observable"
-    assert found.steps == found.particles == found.bytes == 0
-    assert (found.seconds, found.wall, found.mass) == (0.0, 0.0, 0.0)

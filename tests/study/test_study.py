@@ -95,12 +95,24 @@ def test_float64_is_advised_only_where_rounding_is_seen():
         assert found.cheapest().dtype == advised
 
 
-def test_what_does_not_converge_is_said():
+def test_levels_that_work_are_kept_and_what_does_not_converge_is_said():
     found = studied(lambda simulation: math.sin(simulation.count), error=0.01)
     assert not found.convergence.asymptotic
     assert "not in the asymptotic range" in found.text()
     assert found.cheapest() is None
     assert "cannot be said from these runs: the smallest bound is" in found.text()
+
+    def breaks(simulation):
+        if simulation.plan.grid.spacing < 0.008:
+            raise rs.RunStopped("diverged", "In step 7 a particle moves with 1e9 m/s.")
+        return 1.0 + simulation.plan.grid.spacing
+
+    found = studied(breaks)
+    assert [bool(r.failed) for _, r in found.runs] == [False, False, True]
+    assert "a particle moves with 1e9 m/s" in found.text()
+    assert "fewer than three levels" in found.text()
+    assert found.convergence.value == 1.01
+    assert found.rows()[2]["value"] is None
 
 
 def falling(end_time):
@@ -142,7 +154,7 @@ def test_each_other_setting_is_changed_alone():
     assert row["cost"] == pytest.approx(by_label["without gravity"][1].seconds / found.base.seconds)
 
 
-def test_a_wider_support_is_a_source_of_error():
+def test_a_wider_support_is_a_source_of_error_and_what_cannot_be_changed_is_left_out():
     """An observable that depends on h/d alone, with a known change."""
 
     def value(simulation):
@@ -162,27 +174,10 @@ def test_a_wider_support_is_a_source_of_error():
     )  # fmt: skip
     alone = studied("kinetic_energy", scene=tank, knobs=("support",))
     assert alone.left_out == ("another support radius left out: no effect of this scene sums over neighbours",)
-
-
-def test_effects_that_others_need_are_left_out_with_the_reason():
     walls = rs.BoxWalls(lower=(0, 0, 0), upper=(0.3, 0.3, 0), open_faces=("+y",))
     found = studied("kinetic_energy", scene=block(effects=(*block().effects, walls)), knobs=("effects",))
     assert [s.label for s, _ in found.runs if s.kind == "effect"] == ["without gravity", "without box_walls"]
     assert any("without weakly_compressible left out: Effect 'box_walls' needs" in line for line in found.left_out)
-
-
-def test_levels_that_work_are_kept_and_shown():
-    def breaks(simulation):
-        if simulation.plan.grid.spacing < 0.008:
-            raise rs.RunStopped("diverged", "In step 7 a particle moves with 1e9 m/s.")
-        return 1.0 + simulation.plan.grid.spacing
-
-    found = studied(breaks)
-    assert [bool(r.failed) for _, r in found.runs] == [False, False, True]
-    assert "a particle moves with 1e9 m/s" in found.text()
-    assert "fewer than three levels" in found.text()
-    assert found.convergence.value == 1.01
-    assert found.rows()[2]["value"] is None
 
 
 def test_a_study_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
