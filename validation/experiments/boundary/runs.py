@@ -472,13 +472,6 @@ def _box(size: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> tuple[np.ndarray
     return np.array(made.vertices), np.array(made.faces)
 
 
-def _check_even(trial: Trial, position: np.ndarray, least: float = 0.7) -> None:
-    spread = evenness(position)
-    trial.check("values that are not finite", int((~np.isfinite(position)).sum()), equals=0)
-    trial.check("least over mean spacing", spread["least"], at_least=least)
-    trial.check("variation of the spacing", spread["variation"], at_most=0.06)
-
-
 @hard_case
 def thin_plate(trial: Trial, thickness: float) -> None:
     """A plate thinner than the particles, tilted: the grid is made finer, and both sides get particles."""
