@@ -197,17 +197,6 @@ def test_an_effect_brings_its_own_and_nothing_else(name):
     assert with_it.walls is None or name in ("box_walls", "mesh_boundary")
 
 
-def test_the_order_of_effects_changes_no_bit():
-    runs = (rs.Simulation(scene(*effects), "numpy") for effects in ((LIQUID, DETECTION), (DETECTION, LIQUID)))
-    assert np.array_equal(*(running.advanced(run, 3).field("velocity") for run in runs))
-
-
-def test_what_an_effect_needs_must_be_there():
-    for effect in (WALLS, DETECTION, TENSION):
-        with pytest.raises(rs.InputError, match=f"'{effect.name}' needs effect 'weakly_compressible'"):
-            make_plan(scene(effect))
-
-
 def test_a_run_takes_the_memory_that_its_plan_says():
     """Bytes of `refsim plan` against what the process allocates and holds; while a list is built it takes more."""
     effects = (msgspec.structs.replace(LIQUID, dynamic_viscosity=0.1, clamp_pressure=True), GRAVITY)

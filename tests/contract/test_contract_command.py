@@ -14,7 +14,6 @@ from refsim.__main__ import main
 from refsim.contract import apart
 from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY
-from refsim.smoothing import SHAPES
 
 GRAVITY = "def gravity(field, acceleration):\n    acceleration += field\n"
 
@@ -176,18 +175,6 @@ def test_programs_may_return_or_write_and_name_what_they_want():
         found = judged(program, steps=("T1", "T2", "T7"))
         assert len(found) > 20
         assert all(o.passed for o in found), program
-
-
-def test_several_outputs_are_returned_by_name_in_every_variant():
-    def density(position, mass, walls, smoothing, fluid, period):
-        answer = REGISTRY["sph.density"].program("numpy")(position, mass, walls, smoothing, fluid, period)
-        return {name: value for name, (value, _) in answer.items()}
-
-    found = judged(density, "sph.density", ("T1",))
-    assert ({o.variant for o in found}, {o.kernel for o in found}) == (set(range(8)), set(SHAPES))
-    assert all(o.passed for o in found)
-    (first, *_) = judged(lambda mass: mass, "sph.density", ("T1",), variants=(1,))
-    assert "it returned ndarray; wanted is {name: array} for number_density, asymmetry" in first.words
 
 
 # What a program may not touch

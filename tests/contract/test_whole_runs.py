@@ -13,7 +13,7 @@ import pytest
 from refsim import Box, BoxWalls, Gravity, Scene, WeaklyCompressible, simulate
 from refsim.__main__ import main
 from refsim.contract.trajectories import trajectory
-from refsim.contract.whole_runs import Comparison, off_by_little, untouched
+from refsim.contract.whole_runs import Comparison, untouched
 from refsim.core.errors import InputError
 from refsim.engine.simulation import Simulation
 from refsim.io.vtp import write_vtp
@@ -131,13 +131,6 @@ def test_a_slip_is_found(other, tmp_path, capsys):
     assert (centre["verdict"], centre["chaos"] < centre["difference"] <= centre["resolution"]) == (
         "within resolution", True,
     )  # fmt: skip
-
-
-def test_a_parameter_that_no_run_takes_is_not_said_to_be_noticed(other):
-    """A summed density takes no diffusion."""
-    names = [name for name, _ in off_by_little(load_scene(other[0]))]
-    assert "weakly_compressible.diffusion" not in names
-    assert {"weakly_compressible.sound_speed", "gravity.acceleration"} <= set(names)
 
 
 def test_a_scene_without_another_spacing_is_judged_by_chaos(tmp_path, capsys):
