@@ -13,7 +13,7 @@ from scripts.cookbook import FOLDER, MADE, MEASURED, cards, page
 from tests.across.test_docs import commands, understood
 from validation.drawing import LARGEST_PICTURE
 
-LONG = ("dam_obstacle", "funnel")  # 15 s each with 20,000 to 50,000 wall particles; u_tube has the same effects
+LONG = ("dam_obstacle", "funnel", "mpm_droplet")  # 4 to 15 s each
 RECIPES = pytest.mark.parametrize(
     "recipe", [pytest.param(r, id=r.scene, marks=[pytest.mark.slow] * (r.scene in LONG)) for r in MADE]
 )

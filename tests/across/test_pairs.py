@@ -30,9 +30,9 @@ def test_every_effect_is_paired():
     assert set(pairs.EFFECTS) == set(EFFECTS)
 
 
-@pytest.mark.parametrize("some", [slice(2, None, 3), pytest.param(slice(None), marks=pytest.mark.slow)], ids=str)
+@pytest.mark.parametrize("some", [slice(5, None, 6), pytest.param(slice(None), marks=pytest.mark.slow)], ids=str)
 def test_backends_agree_on_pairs(some):
-    """A third of them, with every effect, and at night all; `validation.pairs.compare` states the bound."""
+    """A sixth of them, with every effect, and at night all; `validation.pairs.compare` states the bound."""
     chosen = list(pairs.pairs())[some]
     assert {name for pair in chosen for name in pair} == set(pairs.EFFECTS)
     plan = make_plan(pairs.scene("weakly_compressible", "mesh_boundary"))

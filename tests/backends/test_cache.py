@@ -179,11 +179,9 @@ def test_copies_of_refsim_share_their_kernels(tmp_path, monkeypatch):
     assert cache.source_digest.__wrapped__(there) == cache.source_digest(here)
 
 
-@pytest.mark.parametrize(
-    ("name", "output"), [("sph.pressure", "acceleration"), ("surface_energy.mls_normals", "sample_normal")]
-)
-def test_the_process_that_compiles_computes_the_same_bits(tmp_path, name, output):
-    """Sums may be taken in any order, but in the same one before and after a resume; the second has a long formula."""
+def test_the_process_that_compiles_computes_the_same_bits(tmp_path):
+    """Sums may be taken in any order, but in the same one before and after a resume; of a long formula."""
+    name, output = "surface_energy.mls_normals", "sample_normal"
     (first, compiled), (second, loaded) = (
         python("-c", SUMS, name, output, REFSIM_CACHE_DIR=str(tmp_path)).stdout.split() for _ in range(2)
     )

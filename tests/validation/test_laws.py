@@ -2,9 +2,12 @@
 
 import inspect
 import pathlib
+import pkgutil
 import re
 import subprocess
 import sys
+import textwrap
+import tomllib
 from collections import Counter
 
 import numpy as np
@@ -40,7 +43,7 @@ def test_every_unit_of_an_effect_is_known(name):
 
 
 def test_a_scene_in_other_units_comes_back():
-    @settings(max_examples=10, database=None, deadline=None, suppress_health_check=list(HealthCheck))
+    @settings(max_examples=5, database=None, deadline=None, suppress_health_check=list(HealthCheck))
     @seed(1)
     @given(drawn())
     def there_and_back(case):
@@ -78,17 +81,9 @@ def test_the_hunt_finds_a_fault_and_none_in_what_changes_nothing(tmp_path):
     mends = tmp_path / "mends.toml"
     mends.write_text(MEND.format(words="heavier", factor=1.1) + MEND.format(words="the same", factor=1.0))
     program = pathlib.Path(__file__).parents[1] / "laws_faults.py"
-    command = [
-        sys.executable,
-        program,
-        "--seed",
-        "1",
-        "--mends",
-        program.with_name("taken_back.toml"),
-        "--minutes",
-        "0",
-    ]
-    subprocess.run(command, cwd=tmp_path, check=True)  # mends are where the file says
+    for mend in tomllib.loads(program.with_name("taken_back.toml").read_text(encoding="utf-8")).values():
+        source = textwrap.dedent(inspect.getsource(inspect.unwrap(pkgutil.resolve_name(mend["of"]))))
+        assert source.count(mend["now"]) == 1, mend  # it is where the file says
     command = [sys.executable, program, "--seed", "105", "--mends", mends, "--minutes", "0.001", "--jobs", "1"]
     told = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
     assert "found 0: heavier\n  ('told is counted', 'gauges'" in told
