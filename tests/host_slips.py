@@ -42,6 +42,7 @@ PACKAGES = ("engine", "gauges", "motion", "scene", "study", "boundary", "contrac
 HARMLESS = tomllib.loads(pathlib.Path(__file__).with_name("harmless_host.toml").read_text(encoding="utf-8"))
 CALLS = "REFSIM_CALLS"
 CALLED: set[str] = set()  # by the test that runs
+STYLE = ("alpha", "dpi", "figsize", "fontsize", "indent", "lw", "ms")  # of pictures and files, which say the same
 MEMORY = 6 << 30  # bytes that a slip may make a test take
 MOST_TESTS = 400  # that a slip is tried with
 ALARM = -signal.SIGALRM  # exit code of a process that its alarm ended
@@ -82,6 +83,7 @@ def changes(function: types.FunctionType) -> list[tuple[int, Any]]:
     given = [part for node in nodes if isinstance(node, ast.Call) and ast.unparse(node.func).endswith(".reshape")
              for argument in node.args for part in ast.walk(argument)]  # fmt: skip
     alike = {id(part.operand) for part in given if isinstance(part, ast.UnaryOp)}  # -2 is as good as -1 there
+    alike |= {id(part) for n in nodes if isinstance(n, ast.keyword) and n.arg in STYLE for part in ast.walk(n.value)}
     alike |= {id(n) for n in nodes if isinstance(n, ast.Assign) and ast.unparse(n.value) in ("True", "False")}
     return [(n, change) for n, change in sites(tree) if id(nodes[n]) not in words | outside | alike]
 

@@ -16,6 +16,7 @@ def area(width, height):
 
 def rest(rows, flags):
     flags[rows > 2] = True
+    flags.set(fontsize=9)
     return rows.reshape(-1, 3)
 '''
 
@@ -31,7 +32,7 @@ def area(tmp_path, monkeypatch):
 
 
 def test_what_is_as_good_as_before_is_no_slip(area):
-    """A flag that is -1 or 1.01, and -2 for the rest of a shape."""
+    """A flag that is -1 or 1.01, a size of letters, and -2 for the rest of a shape."""
     import small_module
 
     slips = [host_slips.altered(small_module.rest, *change)[1] for change in host_slips.changes(small_module.rest)]
