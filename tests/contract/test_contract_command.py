@@ -290,21 +290,6 @@ def test_a_broken_program_fails_in_that_trial_and_the_rest_is_judged(folder, cap
     assert len(found["not_offered"]) == len(REGISTRY) - 3
 
 
-def test_a_program_that_ends_every_process_is_given_up(folder, capsys, monkeypatch):
-    monkeypatch.setattr(apart, "MOST_ENDINGS", 2)
-    (folder / "own.py").write_text(
-        f"import os\n{GRAVITY}\ndef gone(density):\n    os._exit(0)\n"
-        "PROGRAMS = {'sph.state': gone, 'sph.gravity': gravity}\n"
-    )
-    code, out, _ = refsim(capsys, "own.py", "--dtype", "float64", "--step", "T2", "--json")
-    assert code == 4
-    operations = json.loads(out)["operations"]
-    words = [o["words"] for o in operations["sph.state"]["outcomes"]]
-    assert len(words) == 2
-    assert words[-1].endswith("; the trials behind this one are not judged")
-    assert operations["sph.gravity"]["holds"]
-
-
 @pytest.mark.parametrize("said, most, told", [
     # e: the process ends in the next trial; a, b: an operation is done. Told: where processes begin, and what fails
     ("e a e e", 2, "0 a 1 b 3 b!"), ("e e e e", 2, "0 a 1 a! 0 b 3 b!"), ("e a e b", 2, "0 a 1 b 3"),
