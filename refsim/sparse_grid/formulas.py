@@ -7,6 +7,8 @@ Cell j has its lowest corner at node j, so that cells and nodes share their numb
 
 import math
 
+import numpy as np
+
 from refsim.backends.compile import formula
 from refsim.neighbours.formulas import BITS, OFFSET, cell_key, lower_bound
 
@@ -58,48 +60,50 @@ def find_node(blocks, jx, jy, jz):
 
 @formula
 def find_node_near(blocks, jx, jy, jz, guess):
-    """Number i (dimensionless) of the node x = h j, -1 where no block holds it; block `guess` is looked at first.
+    """Number i (dimensionless) of the node x = h j, -1 where no block holds it.
 
-    A guess may be of an earlier table with more blocks, or -1.
+    Block `guess` and those beside it are looked at first. A guess may be of an earlier table with more blocks, or -1.
     """
     bits = block_bits(blocks)
-    key = block_key(jx, jy, jz, bits)
-    b = guess
-    if guess < 0 or guess >= blocks.keys.shape[0] or blocks.keys[guess] != key:
-        b = lower_bound(blocks.keys, key)
-        if b == blocks.keys.shape[0] or blocks.keys[b] != key:
-            return -1
-    return b * BLOCK + place_in_block(jx, jy, jz, bits)
+    b = find_block(blocks, block_key(jx, jy, jz, bits), guess)
+    return b * BLOCK + place_in_block(jx, jy, jz, bits) if b >= 0 else -1
+
+
+@formula
+def find_block(blocks, key, guess):
+    """Number b (dimensionless) of the block with keys[b] = key, -1 without one; `guess` and those beside it first."""
+    if 0 <= guess < blocks.keys.shape[0]:
+        held = blocks.keys[guess]
+        if held == key:
+            return np.int64(guess)
+        dx, dy = (key & COORDINATE) - (held & COORDINATE), ((key >> BITS) & COORDINATE) - ((held >> BITS) & COORDINATE)
+        dz = (key >> (2 * BITS)) - (held >> (2 * BITS))
+        if max(abs(dx), max(abs(dy), abs(dz))) <= 1:
+            return np.int64(blocks.neighbour[guess, blocks.neighbour.shape[1] // 2 + dx + 3 * dy + 9 * dz])
+    b = np.int64(lower_bound(blocks.keys, key))
+    return b if b < blocks.keys.shape[0] and blocks.keys[b] == key else np.int64(-1)
 
 
 @formula
 def node_coordinates(blocks, node):
     """Integer coordinates j = x/h of a node, dimensionless."""
-    bits = block_bits(blocks)
-    rest = (1 << bits) - 1
-    key = blocks.keys[node >> 6]
-    local = node & 63
-    jx = (((key & COORDINATE) - OFFSET) << bits) + (local & rest)
-    jy = ((((key >> BITS) & COORDINATE) - OFFSET) << bits) + ((local >> bits) & rest)
-    jz = (key >> (2 * BITS)) - OFFSET
-    if bits == 2:
-        jz = (jz << 2) + (local >> 4)
-    return jx, jy, jz
+    key, local = blocks.keys[np.uint32(node >> 6)], node & 63
+    bx, by, bz = (key & COORDINATE) - OFFSET, ((key >> BITS) & COORDINATE) - OFFSET, (key >> (2 * BITS)) - OFFSET
+    if block_bits(blocks) == 2:
+        return (bx << 2) + (local & 3), (by << 2) + ((local >> 2) & 3), (bz << 2) + (local >> 4)
+    return (bx << 3) + (local & 7), (by << 3) + (local >> 3), bz
 
 
 @formula
 def step_node(blocks, node, dx, dy, dz):
     """Number (dimensionless) of the node j + (dx, dy, dz), |d| <= a block's width, -1 where no block holds it."""
-    bits = block_bits(blocks)
-    rest = (1 << bits) - 1
-    local = node & 63
-    x = (local & rest) + dx
-    y = ((local >> bits) & rest) + dy
-    z = (local >> (2 * bits)) + dz
-    direction = blocks.neighbour.shape[1] // 2 + (x >> bits) + 3 * (y >> bits)
-    if bits == 2:
-        direction += 9 * (z >> 2)
-    b = blocks.neighbour[node >> 6, direction]
-    if b < 0:
-        return -1
-    return b * BLOCK + (((z & rest) << (2 * bits)) | ((y & rest) << bits) | (x & rest))
+    local = np.int32(node & 63)
+    if blocks.neighbour.shape[1] == 27:
+        x, y, z = np.int32((local & 3) + dx), np.int32(((local >> 2) & 3) + dy), np.int32((local >> 4) + dz)
+        way = np.uint32(13 + (x >> 2) + 3 * (y >> 2) + 9 * (z >> 2))
+        place = np.int32((x & 3) | ((y & 3) << 2) | ((z & 3) << 4))
+    else:
+        x, y = np.int32((local & 7) + dx), np.int32((local >> 3) + dy)
+        way, place = np.uint32(4 + (x >> 3) + 3 * (y >> 3)), np.int32((x & 7) | ((y & 7) << 3))
+    b = blocks.neighbour[np.uint32(node >> 6), way]  # an index that may be negative takes six instructions more
+    return b * BLOCK + place if b >= 0 else -1
