@@ -1,6 +1,7 @@
 """Inputs and closed forms of the reconstruction: each step's input comes from the references of earlier steps."""
 
 import functools
+import itertools
 import math
 
 import numpy as np
@@ -325,6 +326,24 @@ def sample_between_two_particles():
     }  # fmt: skip
     direction = np.array([[-1.0, 0, 0], [1, 0, 0], [1, 0, 0], [0, 1, 0]])
     return Exact(case, inputs, {"nearest": [1, 7, 10, 19], "offset_direction": direction})
+
+
+@closed_form("surface_energy.offsets")
+def sample_beside_three_particles():
+    """0.5, 0.50015 and 0.5003 m away, numbered 2, 1, 0, in each order: the last is not as near as the first (h = 2)."""
+    case, grid, inputs = lone(2)
+    order = np.array(list(itertools.permutations(range(3))))
+    apart = np.array([[0.0, 0.5, 0.0], [0.0, -0.50015, 0.0], [-0.5003, 0.0, 0.0]])
+    sample = np.array([[1.5, 1.0 + 6 * k, 0.0] for k in range(len(order))])
+    place = (sample[:, None] + apart[order]).reshape(-1, 3)
+    blocks = grid.cover(place, 4, 5)
+    inputs |= {
+        "interior_position": place, "interior_number": 2 - np.ravel(order).astype(np.int32), "blocks": blocks,
+        "cells": grid.by_cell(place, blocks), "sample_position": sample, "sample_cells": grid.by_cell(sample, blocks),
+        "fit_position": None,
+    }  # fmt: skip
+    answer = {"nearest": np.flatnonzero(order == 1), "offset_direction": np.tile([0.0, 1.0, 0.0], (len(order), 1))}
+    return Exact(case, inputs, answer)
 
 
 @closed_form("surface_energy.sample_counts", over=(((), (0, 0)), ((2, 0, 2), (1, 0, 2))))
