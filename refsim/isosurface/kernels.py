@@ -19,23 +19,22 @@ def cell_states(i, blocks, node_state):
 
     A cell with a corner of unknown state counts as outside.
     """
-    space = block_bits(blocks) == 2
-    corners = 8 if space else 4
     state = int(node_state[i])
-    crossings = 0
-    case = state & 1
-    complete = state < 2
-    for c in range(1, corners):
+    crossings, case = 0, state if state < 2 else -1
+    for c in range(1, 8 if block_bits(blocks) == 2 else 4):
         other = state_at(blocks, node_state, i, c & 1, (c >> 1) & 1, c >> 2)
-        if other > 1:
-            complete = False
-        else:
-            if (c == 1 or c == 2 or c == 4) and state + other == 1:
-                crossings |= c
-            case |= other << c
-    if not complete:
-        case = 0
-    return crossings, case
+        crossings, case = with_corner(c, state, other, crossings, case)
+    return crossings, max(case, 0)
+
+
+@formula
+def with_corner(c, state, other, crossings, case):
+    """The two of `cell_states` with corner c, whose state is `other`; the case is -1 where a state is unknown."""
+    if other > 1:
+        return crossings, -1
+    if (c == 1 or c == 2 or c == 4) and state + other == 1:
+        crossings |= c
+    return crossings, case | (other << c)
 
 
 @kernel(rows_of="cell_case")

@@ -178,8 +178,8 @@ class SurfaceGraph:
         for call in samples:
             call()
         self.compiled = True
-        ended = self.ended.read()
         if not suffices:
+            self.ended.read()
             return None
         names = ("sample_position", "sample_normal", "sample_area", "nearest")
         place, normal, area, nearest = (view(name, facets) for name in names)  # `position` belongs to the graphs
@@ -198,6 +198,7 @@ class SurfaceGraph:
         }
         recorded = RecordedSurface(self.samples, padded, self.blocks, cells, later)
         recorded.seconds = self.owner._seconds
+        ended = self.ended.read()  # what the host does before is done while the device is at work
         recorded.most_in_a_cell, recorded.unfound = int(ended[MOST]), bool(ended[UNFOUND])
         return recorded
 

@@ -7,10 +7,10 @@ vertices and facets are made, and the host sees why.
 import numpy as np
 
 from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
-from refsim.backends.primitives import sum_before
-from refsim.backends.tuples import put, three
+from refsim.backends.primitives import set_four, sum_before
+from refsim.backends.tuples import three
 from refsim.sparse_grid.block_search_cuda import SUMMING, number
-from refsim.sparse_grid.formulas import block_bits, cell_coordinate, find_node_near, node_coordinates
+from refsim.sparse_grid.formulas import cell_coordinate, find_node_near, node_coordinates
 from refsim.surface_energy import formulas
 
 CELLS = 64  # of a block, a thread to each
@@ -62,21 +62,22 @@ def count_particles(interior_position, surface_term, blocks, sure, held, place, 
             place[i] = cuda.atomic.add(held, found, 1)
 
 
-@cuda_kernel
-def place_particles(interior_position, surface_term, blocks, first, point, cell, counts, placed):
-    """Offsets [h] of the particles from the lowest node of their block, cell by cell as in `point`; most in a cell.
+@cuda_kernel(rows_of="cell")
+def place_particles(interior_position, surface_term, blocks, first, place, cell, counts, point, placed):
+    """Particles cell by cell, in any order within one: numbers, offsets [h] from the lowest node of the block; most.
 
-    These need no double precision: a search that stays within a few blocks takes their differences.
+    Offsets need no double precision: a search that stays within a few blocks takes their differences.
     """
-    at = cuda.grid(1)
-    if at < first[first.shape[0] - 1]:
-        i = number(point[at])
+    i = cuda.grid(1)
+    if i < cell.shape[0] and cell[i] >= 0:
         c = number(cell[i])
-        held = first[c + 1] - first[c]
+        at, held = number(first[c] + place[i]), first[c + 1] - first[c]
         if held > counts[MOST]:
             cuda.atomic.max(counts, MOST, held)
+        point[at] = i
         lowest = node_coordinates(blocks, cell[i] & ~(CELLS - 1))
-        put(placed, at, formulas.place_over(interior_position, i, lowest, surface_term))
+        x, y, z = formulas.place_over(interior_position, i, lowest, surface_term)
+        set_four(placed, at, x, y, z, type(x)(0))
 
 
 @cuda_formula
@@ -94,36 +95,49 @@ def occupied_near(first, blocks, b):
 @formula
 def local_place(i, bits):
     """(x, y, z) of node or cell i in its block, int32, dimensionless; z = 0 in the plane."""
-    rest = (1 << bits) - 1
-    return np.int32(i & rest), np.int32((i >> bits) & rest), np.int32((i & (CELLS - 1)) >> (2 * bits))
+    if bits == 2:
+        return np.int32(i & 3), np.int32((i >> 2) & 3), np.int32((i >> 4) & 3)
+    return np.int32(i & 7), np.int32((i >> 3) & 7), np.int32(0)
 
 
 @formula
-def block_start(c, bits):
-    """The lowest cell along an axis of the block of cell c, both counted from one block's lowest, dimensionless."""
-    return (c >> bits) << bits
+def block_start(c, space):
+    """The lowest cell along an axis of the block of cell c, counted from one block's lowest, int32, dimensionless."""
+    return np.int32(c & ~3) if space else np.int32(c & ~7)
+
+
+@formula
+def row_near(x, x0, x1, dy, dz, surface_term):
+    """(first, last) cell of a row near a node at x, int32: from x0 to x1, or -1 to 0 where others are r or more away.
+
+    The row's cells are (dy, dz) from the node, -2 to 1: those at -2 and 1 are h away along an axis.
+    """
+    squared = surface_term.radius_squared
+    if squared <= type(squared)(1 + int(dy == -2 or dy == 1) + int(dz == -2 or dz == 1)):
+        x0, x1 = max(x0, -1), min(x1, 0)
+    return np.int32(x + x0), np.int32(x + x1)
 
 
 @formula
 def row_part(b, x0, x1, y, z, part, blocks, first):
     """(begin, end, start) of the particles of cells (x, y, z), x from x0 to x1, in the first or second block (`part`).
 
-    Cells are counted from the lowest of block b; the row spans at most two blocks. `start` is the lowest cell along x
-    of the part's block. Cells in a row along x of one block are numbered consecutively, and so are their particles.
-    All is read without a condition, so that reads for several parts do not wait for each other.
+    Cells are counted from the lowest of block b, int32; the row spans at most two blocks. `start` is the lowest cell
+    along x of the part's block. Cells in a row along x of one block are numbered consecutively, and so are their
+    particles. All is read without a condition, so that reads for several parts do not wait for each other.
     """
-    bits = block_bits(blocks)
-    rest = (1 << bits) - 1
-    start = block_start(x0, bits)
-    if part == 0:
-        x1 = min(x1, start + rest)
+    if blocks.neighbour.shape[1] == 27:
+        start = np.int32(((x0 >> 2) + part) << 2)
+        way = np.int32(13 + min(start >> 2, 1) + 3 * (y >> 2) + 9 * (z >> 2))
+        row, end = np.int32((y & 3) << 2 | (z & 3) << 4), np.int32(start + 4)
     else:
-        start += 1 << bits
-        x0 = start
-    way = min(start >> bits, 1) + 3 * (y >> bits) + (9 * (z >> bits) if bits == 2 else 0)
-    other = blocks.neighbour[b, blocks.neighbour.shape[1] // 2 + way]
-    cell = number(CELLS * max(other, 0) + (((y & rest) << bits) | (x0 & rest)) + ((z & rest) << 4 if bits == 2 else 0))
-    begin, end = np.int32(first[cell]), np.int32(first[cell + max(x1 - x0 + 1, 0)])
+        start = np.int32(((x0 >> 3) + part) << 3)
+        way = np.int32(4 + min(start >> 3, 1) + 3 * (y >> 3))
+        row, end = np.int32((y & 7) << 3), np.int32(start + 8)
+    low, high = np.int32(max(x0, start) - start), np.int32(min(x1 + 1, end) - start)
+    other = blocks.neighbour[number(b), number(way)]
+    cell = np.int32(CELLS * max(other, 0) + row)
+    begin, end = np.int32(first[number(cell + low)]), np.int32(first[number(cell + max(low, high))])
     return begin, end if other >= 0 else begin, start
 
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
-from refsim.backends.primitives import sum_before
+from refsim.backends.primitives import sum_before, sum_of_lanes
 from refsim.sparse_grid.block_search_cuda import number
 from refsim.sparse_grid.formulas import step_node
 from refsim.surface_energy import formulas, kernels
@@ -19,6 +19,7 @@ from refsim.surface_energy.recorded.cells_cuda import ACTIVE, CELLS, FILLED, MAD
 REACHING = 216  # cells that reach a block's nodes: 6 x 6 x 6, or 10 x 10 in the plane
 CELL_BIT = 1 << 24  # counts a cell beside its points: the points of 64 cells are fewer than 2^24
 REACHED = 27  # nodes that the points of a cell reach; 9 in the plane
+PLANES = 4  # threads that share a cell: one for each plane of nodes along z that its points reach, and one more
 
 
 @cuda_kernel(rows_of="cell")
@@ -32,10 +33,14 @@ def fill_points(cell, place, first, each, counts, unsorted):
 @formula
 def place_in_row(r, cell, first, held, unsorted):
     """Position (dimensionless) of point r in the list of points by cell, in the order of their numbers."""
-    at = first[cell]
-    for k in range(first[cell], first[cell] + held[cell]):
-        if unsorted[k] < r:
-            at += 1
+    begin = first[cell]
+    last = begin + held[cell] - 1
+    at = begin
+    for k in range(begin, last + 1, 4):
+        for m in range(4):  # reads that do not wait for each other
+            other = unsorted[number(min(k + m, last))]
+            if k + m <= last and other < r:
+                at += 1
     return at
 
 
@@ -89,37 +94,44 @@ def reached_from(held_in_block, blocks, b):
     return cuda.syncthreads_or(occupied) != 0
 
 
-@cuda_kernel(threads=CELLS)
+@cuda_kernel(threads=CELLS, lanes=PLANES)
 def sum_fit(bins, fit_splines, fit_target, blocks, coefficients, counts, reached, change, filled):
     """Of each cell's points, for each node k that they reach: sum of B_k, and of (b - B C) B_k in units of h.
 
-    Without `coefficients` C is 0; the first of the sums is left out where `reached` is.
+    Without `coefficients` C is 0; the first of the sums is left out where `reached` is. A thread takes a plane of nodes
+    along z.
     """
-    n = cuda.grid(1)
+    n, plane = cuda.grid(1) // PLANES, cuda.grid(1) % PLANES
     if n < counts[FILLED]:
         cell = filled[n]
         zero = fit_target.dtype.type(0)
-        space = blocks.neighbour.shape[1] == 27
-        c = cuda.local.array(REACHED, fit_target.dtype)
-        total = cuda.local.array(REACHED, fit_target.dtype)
-        changed = cuda.local.array(REACHED, fit_target.dtype)
-        for k in range(REACHED):
+        planes = 3 if blocks.neighbour.shape[1] == 27 else 1
+        dz = min(plane, planes - 1)
+        c = cuda.local.array(9, fit_target.dtype)
+        total = cuda.local.array(9, fit_target.dtype)
+        changed = cuda.local.array(9, fit_target.dtype)
+        for k in range(9):
             c[k], total[k], changed[k] = zero, zero, zero
             if coefficients is not None:
-                j = step_node(blocks, cell, k % 3, k // 3 % 3, k // 9 if space else 0)
+                j = step_node(blocks, cell, k % 3, k // 3, dz)
                 held = coefficients[number(max(j, 0))]  # read in any case: such reads do not wait for each other
                 c[k] = held if j >= 0 else zero
         first, held = bins
-        for point in range(first[cell], first[cell] + held[cell]):
-            r = number(point)
+        r = number(first[cell])
+        last = r + held[cell]
+        while r < last:
             x0, x1, x2 = fit_splines[r, 0], fit_splines[r, 1], fit_splines[r, 2]
+            z = fit_splines[r, number(6 + dz)]
+            z = z if plane == dz else zero
+            y0, y1, y2 = fit_splines[r, 3] * z, fit_splines[r, 4] * z, fit_splines[r, 5] * z
             residual = fit_target[r]
             if coefficients is not None:
-                for k in range(0, REACHED, 3):
-                    across = fit_splines[r, 3 + k // 3 % 3] * fit_splines[r, 6 + k // 9]
-                    residual -= (c[k] * x0 + c[k + 1] * x1 + c[k + 2] * x2) * across
-            for k in range(0, REACHED, 3):
-                across = fit_splines[r, 3 + k // 3 % 3] * fit_splines[r, 6 + k // 9]
+                value = (c[0] * x0 + c[1] * x1 + c[2] * x2) * y0
+                value += (c[3] * x0 + c[4] * x1 + c[5] * x2) * y1
+                value += (c[6] * x0 + c[7] * x1 + c[8] * x2) * y2
+                residual -= sum_of_lanes(value, plane, PLANES)
+            for k in range(0, 9, 3):
+                across = y0 if k == 0 else (y1 if k == 3 else y2)
                 if reached is not None:
                     total[k] += across * x0
                     total[k + 1] += across * x1
@@ -128,10 +140,12 @@ def sum_fit(bins, fit_splines, fit_target, blocks, coefficients, counts, reached
                 changed[k] += across * x0
                 changed[k + 1] += across * x1
                 changed[k + 2] += across * x2
-        for k in range(REACHED):
-            change[k, number(n)] = changed[k]
-            if reached is not None:
-                reached[k, number(n)] = total[k]
+            r += 1
+        if plane == dz:
+            for k in range(9):
+                change[number(9 * plane + k), number(n)] = changed[k]
+                if reached is not None:
+                    reached[number(9 * plane + k), number(n)] = total[k]
 
 
 @cuda_formula
@@ -164,26 +178,23 @@ def load_columns(b, rank, blocks, sums, near):
 def sum_around(near, blocks, first_row, rows, sums):
     """Sum of `sums`[k, cell] over the cells that reach a thread's node, which is the k-th node in reach of the cell.
 
-    With `rows` of them for each k the one after `first_row`. The last column holds zeros.
+    With `rows` of them for each k the one after `first_row`. The last column holds zeros. Distances in `near` are
+    constant: the address of a term then takes few instructions.
     """
-    space = blocks.neighbour.shape[1] == 27
-    bits, width = (2, 6) if space else (3, 10)
-    rest = (1 << bits) - 1
     thread = cuda.threadIdx.x
-    own = (thread & rest) + 2 + width * (((thread >> bits) & rest) + 2)
-    if space:
-        own += 36 * ((thread >> 4) + 2)
     total = sums.dtype.type(0)
-    for ky in range(3):
-        for kx in range(3):
-            n = near[number(own - kx - width * ky)]
-            total += sums[rows * (kx + 3 * ky) + first_row, number(n)]
-    if space:
-        for kz in range(1, 3):
+    if blocks.neighbour.shape[1] == 27:
+        lowest = number((thread & 3) + 6 * ((thread >> 2) & 3) + 36 * (thread >> 4))
+        for kz in range(3):
             for ky in range(3):
                 for kx in range(3):
-                    n = near[number(own - kx - width * ky - 36 * kz)]
+                    n = near[lowest + (86 - kx - 6 * ky - 36 * kz)]
                     total += sums[rows * (kx + 3 * ky + 9 * kz) + first_row, number(n)]
+    else:
+        lowest = number((thread & 7) + 10 * (thread >> 3))
+        for ky in range(3):
+            for kx in range(3):
+                total += sums[rows * (kx + 3 * ky) + first_row, number(near[lowest + (22 - kx - 10 * ky)])]
     return total
 
 
@@ -227,10 +238,12 @@ def correct(blocks, change, surface_term, node_weight, coefficients, active, tot
     """C <- C + w Lambda B^T (b - B C), on a block with weights."""
     if cuda.blockIdx.x < active.counts[ACTIVE]:
         near = cuda.shared.array(REACHING, np.int32)
-        for c in range(cuda.threadIdx.x, REACHING, CELLS):
-            near[c] = active.active_columns[cuda.blockIdx.x, c]
+        for turn in range(4):
+            c = number(min(cuda.threadIdx.x + CELLS * turn, REACHING - 1))
+            near[c] = active.active_columns[number(cuda.blockIdx.x), c]
         i = number(CELLS * active.active_block[cuda.blockIdx.x] + cuda.threadIdx.x)
         weight = node_weight[i]
         cuda.syncthreads()
         if weight > type(weight)(0):
-            coefficients[i] += surface_term.relaxation * weight * sum_around(near, blocks, 0, 1, change)
+            whole = sum_around(near, blocks, 0, 1, change)
+            coefficients[i] += surface_term.relaxation * weight * whole

@@ -3,7 +3,7 @@
 import numpy as np
 
 from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
-from refsim.backends.primitives import largest_of_block, sum_before
+from refsim.backends.primitives import four_of, largest_of_block, sum_before
 from refsim.isosurface import kernels as isosurface_kernels
 from refsim.sparse_grid.block_search_cuda import SUMMING, number
 from refsim.sparse_grid.formulas import block_bits, step_node
@@ -18,10 +18,12 @@ from refsim.surface_energy.recorded.cells_cuda import (
     block_start,
     local_place,
     occupied_near,
+    row_near,
     sum_pairs,
 )
 
 SHARING = 4  # threads that share a node
+CORNERS = 125  # nodes of a block's cells: 5 x 5 x 5, or 9 x 9 in the plane
 AROUND = 343  # cells within two of a block's nodes: 7 x 7 x 7, or 11 x 11 in the plane
 
 
@@ -43,23 +45,34 @@ def load_cells(b, blocks, first, begin, end):
 
 
 @formula
-def inside_spheres(local, dx, dy, dz, begin, end, placed, blocks, surface_term):
-    """Algorithm 1, line 7, 1 or 0: whether a particle of a cell (dx, dy, dz) from a block's node is nearer than r."""
-    bits = block_bits(blocks)
-    width = 7 if bits == 2 else 11
-    x, y, z = local_place(local, bits)
-    cx, cy, cz = x + dx, y + dy, z + dz
-    c = number(cx + 2 + width * (cy + 2) + (width * width * (cz + 2) if bits == 2 else 0))
-    if begin[c] < end[c]:
-        real = type(surface_term.cell_size)
-        # from the node to the lowest node of the cell's block
-        px, py = real(block_start(cx, bits) - x), real(block_start(cy, bits) - y)
-        pz = real(block_start(cz, bits) - z) if bits == 2 else real(0)
-        for at in range(begin[c], end[c]):
-            k = number(at)
-            ux, uy, uz = px + placed[k, 0], py + placed[k, 1], pz + placed[k, 2]
-            if ux * ux + uy * uy + uz * uz < surface_term.radius_squared:
-                return 1
+def inside_spheres(local, x0, x1, dy, dz, begin, end, placed, blocks, surface_term):
+    """Algorithm 1, line 7, 1 or 0: whether a particle of a row of cells is nearer than r to a block's node.
+
+    The cells are x0 to x1 along x and (dy, dz) away from the node; of cells that touch the sphere at most, only the
+    middle ones are looked at.
+    """
+    space = block_bits(blocks) == 2
+    x, y, z = local_place(local, block_bits(blocks))
+    cy, cz = np.int32(y + dy), np.int32(z + dz)
+    real = type(surface_term.cell_size)
+    first, last = row_near(x, x0, x1, dy, dz, surface_term)
+    row = number(2 + 7 * (cy + 2 + 7 * (cz + 2)) if space else 2 + 11 * (cy + 2))
+    # from the node to the lowest node of the cells' block
+    py, pz = real(block_start(cy, space) - y), real(block_start(cz, space) - z) if space else real(0)
+    start = block_start(first, space)
+    for _ in range(2):
+        after = np.int32(start + (4 if space else 8))
+        low, high = max(first, start), min(last, np.int32(after - 1))
+        if low <= high:
+            px = real(start - x)
+            k, stop = number(begin[row + low]), number(end[row + high])
+            while k < stop:
+                ux, uy, uz, _ = four_of(placed, k)
+                ux, uy, uz = px + ux, py + uy, pz + uz
+                if ux * ux + uy * uy + uz * uz < surface_term.radius_squared:
+                    return 1
+                k += 1
+        start = after
     return 0
 
 
@@ -68,8 +81,8 @@ def mark_nodes(state, placed, first, blocks, surface_term):
     """Algorithm 1, lines 5 to 9, of the nodes of a thread block's block: state <- 1 or 0.
 
     Every particle in a node's own cell is nearer than sqrt(dim) h: deep in the liquid that decides. Else cells that
-    touch a node come first, a thread to each node; then several threads share an undecided node and take the cells
-    around it by turns.
+    touch a node come first, a thread to each node; then several threads share an undecided node and take the rows of
+    cells around it by turns.
     """
     begin = cuda.shared.array(AROUND, np.int32)
     end = cuda.shared.array(AROUND, np.int32)
@@ -87,20 +100,20 @@ def mark_nodes(state, placed, first, blocks, surface_term):
     if thread == 0:
         many[0] = 0
     load_cells(b, blocks, first, begin, end)
-    for c in range(7 if space else 3):
+    for c in range(4 if space else 2):
         if own == 0:
-            dx, dy, dz = (c & 1) - 1, ((c >> 1) & 1) - 1, (c >> 2) - 1 if space else 0
-            own = inside_spheres(thread, dx, dy, dz, begin, end, placed, blocks, surface_term)
+            dy, dz = np.int32((c & 1) - 1), np.int32((c >> 1) - 1 if space else 0)
+            own = inside_spheres(thread, -1, 0, dy, dz, begin, end, placed, blocks, surface_term)
     state[thread] = own
     if own == 0:
         waiting[cuda.atomic.add(many, 0, 1)] = thread  # their order changes no result
     cuda.syncthreads()
     for n in range(thread // SHARING, many[0], CELLS // SHARING):
         node = waiting[n]
-        for c in range(thread % SHARING, 64 if space else 16, SHARING):
+        for c in range(thread % SHARING, 16 if space else 4, SHARING):
             if state[node] == 0:
-                dx, dy, dz = (c & 3) - 2, ((c >> 2) & 3) - 2, (c >> 4) - 2 if space else 0
-                if inside_spheres(node, dx, dy, dz, begin, end, placed, blocks, surface_term) != 0:
+                dy, dz = np.int32((c & 3) - 2), np.int32((c >> 2) - 2 if space else 0)
+                if inside_spheres(node, -2, 1, dy, dz, begin, end, placed, blocks, surface_term) != 0:
                     state[node] = 1
     cuda.syncthreads()
 
@@ -142,31 +155,65 @@ def states_of_blocks(placed, cells, blocks, surface_term, node_state, node_label
 @formula
 def lowest_beside(label, thread, blocks):
     """The lowest label of a node and of its neighbours within the block."""
-    bits = 2 if blocks.neighbour.shape[1] == 27 else 3
+    space = block_bits(blocks) == 2
     least = label[thread]
-    for axis in range(3 if bits == 2 else 2):
-        step, place = 1 << (axis * bits), (thread >> (axis * bits)) & ((1 << bits) - 1)
-        if place > 0:
-            least = min(least, label[thread - step])
-        if place < (1 << bits) - 1:
-            least = min(least, label[thread + step])
+    for axis in range(3):
+        if axis < 2 or space:
+            shift, last = along_axis(axis, space)
+            place = (thread >> shift) & last
+            if place > 0:
+                least = min(least, label[number(thread - (1 << shift))])
+            if place < last:
+                least = min(least, label[number(thread + (1 << shift))])
     return least
+
+
+@formula
+def along_axis(axis, space):
+    """(bits below those that number a block's nodes along an axis, the last of these numbers), dimensionless."""
+    return (2 * axis, 3) if space else (3 * axis, 7)
 
 
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="cut_total")
 def classify_blocks(blocks, node_state, table, crossings, cell_case, cut_total):
     """Cut edges and corner states; vertices and 2^32 facets of each block."""
     part = cuda.shared.array(CELLS, np.int32)
+    near = cuda.shared.array(CORNERS, np.int32)
     b, thread = cuda.blockIdx.x, cuda.threadIdx.x
-    i = CELLS * b + thread
-    bits, case = isosurface_kernels.cell_states(i, blocks, node_state)
-    crossings[i] = bits
-    cell_case[i] = case
-    mine = cut_count(bits) + (int(table.count[case]) << 16)
-    before = sum_before(part, np.int32(mine))
+    space = blocks.neighbour.shape[1] == 27
+    width = 5 if space else 9
+    for turn in range(2):
+        c = np.uint32(min(thread + CELLS * turn, CORNERS - 1 if space else 80))
+        row = c // np.uint32(5) if space else c // np.uint32(9)
+        z = row // np.uint32(5) if space else np.uint32(0)
+        x, y = np.int32(c - np.uint32(width) * row), np.int32(row - np.uint32(5) * z)
+        near[number(c)] = isosurface_kernels.state_at(blocks, node_state, CELLS * b, x, y, np.int32(z))
+    cuda.syncthreads()
+    x, y, z = local_place(thread, 2 if space else 3)
+    own = number(x + width * (y + width * z))
+    state = near[own]
+    bits, case = 0, state if state < 2 else -1
+    for c in range(1, 8):
+        if c < 4 or space:
+            other = near[own + ((c & 1) + width * ((c >> 1) & 1) + 25 * (c >> 2))]
+            bits, case = isosurface_kernels.with_corner(c, state, other, bits, case)
+    i, case = number(CELLS * b + thread), max(case, 0)
+    crossings[i], cell_case[i] = bits, case
+    cut = cuts_before(bits, case, table, part, 1)
     if thread == CELLS - 1:
-        cut = before + mine
         cut_total[b] = (np.int64(cut >> 16) << 32) | np.int64(cut & 0xFFFF)
+
+
+@cuda_formula
+def cuts_before(bits, case, table, part, own):
+    """Vertices and 2^16 facets of the nodes of a block before this thread's, and of its `own`; called by all threads.
+
+    Most blocks have none.
+    """
+    mine = np.int32(cut_count(bits) + (int(table.count[case]) << 16))
+    if cuda.syncthreads_or(mine) == 0:
+        return np.int32(0)
+    return np.int32(sum_before(part, mine) + own * mine)
 
 
 @formula
@@ -192,28 +239,28 @@ def sum_cuts(one, cut_total, vertex_edge, facets, counts):
 @cuda_formula
 def join_node(i, blocks, node_label):
     """Join the components that touch at node i across a face of its block, once for a pair of labels on the face."""
-    mine = node_label[i]
+    mine, space = node_label[number(i)], block_bits(blocks) == 2
     if mine >= 0:
-        bits = 2 if blocks.neighbour.shape[1] == 27 else 3
-        for axis in range(3 if bits == 2 else 2):
-            if (i >> (axis * bits)) & ((1 << bits) - 1) == (1 << bits) - 1:
-                x, y, z = (1 if axis == 0 else 0), (1 if axis == 1 else 0), (1 if axis == 2 else 0)
-                other = step_node(blocks, i, x, y, z)
-                theirs = node_label[other] if other >= 0 else -1
-                if theirs >= 0 and not joined_before(i, other, axis, mine, theirs, bits, node_label):
+        for axis in range(3):
+            shift, last = along_axis(axis, space)
+            if (axis < 2 or space) and (i >> shift) & last == last:
+                other = step_node(blocks, i, int(axis == 0), int(axis == 1), int(axis == 2))
+                theirs = node_label[number(max(other, 0))] if other >= 0 else -1
+                if theirs >= 0 and not joined_before(i, other, axis, mine, theirs, space, node_label):
                     join(node_label, i, other)
 
 
 @formula
-def joined_before(i, other, axis, mine, theirs, bits, node_label):
+def joined_before(i, other, axis, mine, theirs, space, node_label):
     """Whether a neighbour on the face, one step back along it, touches a node of the same labels across it.
 
     Other threads may lower labels meanwhile: a pair is then joined twice, or is one that is joined already.
     """
-    for along in range(3 if bits == 2 else 2):
-        if along != axis and (i >> (along * bits)) & ((1 << bits) - 1) > 0:
-            step = 1 << (along * bits)
-            if node_label[i - step] == mine and node_label[other - step] == theirs:
+    for along in range(3):
+        shift, last = along_axis(along, space)
+        if along != axis and (along < 2 or space) and (i >> shift) & last > 0:
+            step = 1 << shift
+            if node_label[number(i - step)] == mine and node_label[number(other - step)] == theirs:
                 return True
     return False
 
@@ -222,23 +269,23 @@ def joined_before(i, other, axis, mine, theirs, bits, node_label):
 def add_members(first, node_label, members):
     """The last label of each node's chain, and the particles of each component, at its lowest node."""
     together = cuda.shared.array(1, np.int32)
-    i = CELLS * cuda.blockIdx.x + cuda.threadIdx.x
-    if cuda.threadIdx.x == 0:
-        together[0] = 0
+    lowest_node = CELLS * cuda.blockIdx.x
+    i = number(lowest_node + cuda.threadIdx.x)
     root = lowest(node_label, i) if node_label[i] >= 0 else -1
     node_label[i] = root
-    # the particles of the block's lowest component are added up first: inside the liquid that is all of them
+    # the particles of the block's lowest component are added together: inside the liquid that is all of them
     rank = np.int32(node_label.shape[0]) if root < 0 else np.int32(root)
-    cuda.syncthreads()
     common = -largest_of_block(cuda.shared.array(CELLS, np.int32), -rank)
-    held = first[i + 1] - first[i]
-    if root >= 0 and held > 0:
-        if root == common:
-            cuda.atomic.add(together, 0, held)
-        else:
-            cuda.atomic.add(members, root, held)
-    cuda.syncthreads()
-    if cuda.threadIdx.x == 0 and together[0] > 0:
+    if cuda.threadIdx.x == 0:
+        together[0] = first[number(lowest_node + CELLS)] - first[number(lowest_node)]
+    if cuda.syncthreads_and(1 if rank == common else 0) == 0:
+        held = first[i + 1] - first[i]
+        if rank != common and held > 0:
+            cuda.atomic.sub(together, 0, held)
+            if root >= 0:
+                cuda.atomic.add(members, root, held)
+        cuda.syncthreads()
+    if cuda.threadIdx.x == 0 and together[0] > 0 and common < node_label.shape[0]:
         cuda.atomic.add(members, common, together[0])
 
 
@@ -248,8 +295,7 @@ def first_cuts(blocks, crossings, cell_case, table, node_label, edge_first, face
     part = cuda.shared.array(CELLS, np.int32)
     b = cuda.blockIdx.x
     i = CELLS * b + cuda.threadIdx.x
-    mine = cut_count(int(crossings[i])) + (int(table.count[cell_case[i]]) << 16)
-    before = sum_before(part, np.int32(mine))
+    before = cuts_before(int(crossings[i]), int(cell_case[i]), table, part, 0)
     edge_first[i] = np.int32(cut_total[b] & 0xFFFFFFFF) + (before & 0xFFFF)
     facet_first[i] = np.int32(cut_total[b] >> 32) + (before >> 16)
     join_node(i, blocks, node_label)

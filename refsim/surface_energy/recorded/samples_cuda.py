@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
-from refsim.backends.primitives import across_lanes
+from refsim.backends.primitives import across_lanes, four_of
 from refsim.backends.runtime import simulated
 from refsim.backends.tuples import added, difference, dot, put, scaled, three
 from refsim.sparse_grid.block_search_cuda import number
@@ -25,11 +25,12 @@ from refsim.surface_energy.recorded.cells_cuda import (
     block_start,
     local_place,
     node_at,
+    row_near,
     row_part,
 )
 
 LANES = 2 if simulated() else 4
-MARGIN = 2 * formulas.EQUALLY_NEAR  # [h] by which a row of cells must be farther to have no particle as near
+MARGIN = formulas.EQUALLY_NEAR  # [h] by which a row of cells must be farther to have no particle as near
 
 
 class Spheres(NamedTuple):
@@ -86,73 +87,79 @@ def nearest_of_lanes(lane, i, x, seed, spheres, blocks, surface_term):
     """(nearest particle, unit vector away from it) of a position x [m] in cell i, as `kernels.offsets` finds them.
 
     `seed` is a particle that may be the nearest, or -1; each lane may have another one. The lanes take the rows of
-    cells by turns, and look at those that reach nearer than the nearest particle so far; where another particle is as
-    near, a second round looks for the lowest number.
+    cells by turns, and look at those that reach nearer than the nearest particle so far. Each keeps the particle of the
+    lowest number among those as near as the nearest; where it has lost it to a nearer one, but others are as near as
+    that, a second round looks for it.
     """
-    bits, b = block_bits(blocks), i >> 6
-    space = bits == 2
+    b = i >> 6
+    space = block_bits(blocks) == 2
     real = type(surface_term.cell_size)
     cells, placed = spheres.cells, spheres.placed
     j = node_coordinates(blocks, CELLS * b)
     ox, oy, oz = formulas.offsets_over(x, j, surface_term)
     best = real(formulas.REACH * formulas.REACH)
-    second, found = best, np.int32(-1)
+    found = np.int32(-1)
     if seed >= 0:
         u = difference((ox, oy, oz), formulas.place_over(spheres.position, seed, j, surface_term))
         squared = dot(u, u)
         if squared < best:
             best, found = squared, np.int32(seed)
-    best, second, found = nearest_lane(lane, best, second, found)
-    ix, iy, iz = local_place(i, bits)
-    limit = formulas.equally_near(best)
+    distance = best  # squared [h^2], of the particle found; `best` is that of the nearest
+    limit = formulas.equally_near(least_of_lanes(lane, best))
+    ix, iy, iz = local_place(i, block_bits(blocks))
+    lost = 0
     for turn in range(2):
-        reach = math.sqrt(farthest_row(best))
+        reach = math.sqrt(limit) + real(MARGIN)
+        farthest_row = reach * reach
         y0, y1 = cells_within(oy, reach, iy)
         z0, z1 = np.int32(0), np.int32(0)
         if space:
             z0, z1 = cells_within(oz, reach, iz)
-        rows = y1 - y0 + 1
-        for row in range(lane, rows * (z1 - z0 + 1), LANES):
-            cz = np.int32(np.uint32(row) // np.uint32(rows))
-            cy, cz = y0 + row - rows * cz, z0 + cz
+        cy, cz = np.int32(y0 + lane), z0
+        while cz <= z1:
+            if cy > y1:
+                cy, cz = np.int32(cy - (y1 - y0 + 1)), np.int32(cz + 1)
+                continue
             across, beyond = gap(oy, cy), gap(oz, cz) if space else real(0)
-            left = farthest_row(best) - across * across - beyond * beyond
+            left = farthest_row - across * across - beyond * beyond
             if left >= real(0):
                 x0, x1 = cells_within(ox, math.sqrt(left), ix)
-                py, pz = oy - real(block_start(cy, bits)), oz - real(block_start(cz, bits)) if space else oz
+                py, pz = oy - real(block_start(cy, space)), oz - real(block_start(cz, space)) if space else oz
                 near = row_part(b, x0, x1, cy, cz, 0, blocks, cells.first)
                 far = row_part(b, x0, x1, cy, cz, 1, blocks, cells.first)
                 for part in range(2):
                     begin, end, start = near if part == 0 else far
                     px = ox - real(start)
-                    for at in range(begin, end):
-                        k = number(at)
-                        ux, uy, uz = px - placed[k, 0], py - placed[k, 1], pz - placed[k, 2]
+                    k, last = number(begin), number(end)
+                    while k < last:
+                        ux, uy, uz, _ = four_of(placed, k)
+                        ux, uy, uz = px - ux, py - uy, pz - uz
                         squared = ux * ux + uy * uy + uz * uz
-                        if turn == 1:
-                            if squared < limit and formulas.comes_before(cells.point[k], found, spheres.number):
-                                found = np.int32(cells.point[k])
-                        elif squared < second and cells.point[k] != found:
-                            if squared < best:
-                                best, second, found = squared, best, np.int32(cells.point[k])
-                            else:
-                                second = squared
-        if turn == 1:
-            found = lowest_lane(lane, found, spheres.number)
+                        if squared < limit:
+                            p = np.int32(cells.point[k])
+                            before = found < 0 or formulas.comes_before(p, found, spheres.number)
+                            if turn == 0 and squared < best:
+                                limit = min(limit, formulas.equally_near(squared))
+                                if distance >= limit:
+                                    before, lost = True, int(best < limit)
+                                reach = math.sqrt(limit) + real(MARGIN)
+                                best, farthest_row = squared, reach * reach
+                            if before:
+                                found, distance = p, squared
+                        k += 1
+            cy = np.int32(cy + LANES)
+        if turn == 0:
+            limit = formulas.equally_near(least_of_lanes(lane, best))
+            if distance >= limit:
+                found, lost = np.int32(-1), int(best < limit)
         else:
-            best, second, found = nearest_lane(lane, best, second, found)
-            limit = formulas.equally_near(best)
-            if not second < limit:
-                break
+            lost = 0
+        if least_of_lanes(lane, np.int32(-lost)) < 0:
+            found = np.int32(-1)
+            continue
+        found = lowest_lane(lane, found, spheres.number)
+        break
     return found, kernels.away_from(found, (ox, oy, oz), j, spheres.position, surface_term)
-
-
-@formula
-def farthest_row(best):
-    """Squared distance [h^2] = (sqrt(best) + MARGIN)^2 up to which a row of cells may have one that is as near."""
-    real = type(best)
-    reach = math.sqrt(best) + real(MARGIN)
-    return reach * reach
 
 
 @formula
@@ -175,28 +182,22 @@ def gap(o, d):
 
 
 @cuda_formula
-def nearest_lane(lane, best, second, found):
-    """The nearest of what the lanes have found, and the squared distances of it and of the next nearest."""
+def least_of_lanes(lane, mine):
+    """The least of what the lanes have."""
     step = 1
     while step < LANES:
-        squared, other = across_lanes(best, lane, LANES, step), across_lanes(found, lane, LANES, step)
-        next_nearest = across_lanes(second, lane, LANES, step)
-        if other != found:
-            next_nearest = min(next_nearest, max(best, squared))
-        second = min(second, next_nearest)
-        if squared < best or (squared == best and other < found):
-            best, found = squared, other
+        mine = min(mine, across_lanes(mine, lane, LANES, step))
         step *= 2
-    return best, second, found
+    return mine
 
 
 @cuda_formula
 def lowest_lane(lane, found, interior_number):
-    """The particle of the lowest number of what the lanes have found."""
+    """The particle of the lowest number of what the lanes have found, -1 where none has one."""
     step = 1
     while step < LANES:
         other = across_lanes(found, lane, LANES, step)
-        if formulas.comes_before(other, found, interior_number):
+        if other >= 0 and (found < 0 or formulas.comes_before(other, found, interior_number)):
             found = other
         step *= 2
     return found
@@ -205,31 +206,35 @@ def lowest_lane(lane, found, interior_number):
 @cuda_formula
 def farthest_of_lanes(lane, i, axis, towards, spheres, blocks, surface_term):
     """(farthest exit [h] from the spheres around node i along an axis, the particle in the sphere's centre or -1)."""
-    bits, b = block_bits(blocks), i >> 6
-    space = bits == 2
+    b = i >> 6
+    space = block_bits(blocks) == 2
     real = type(surface_term.cell_size)
     cells, placed = spheres.cells, spheres.placed
     ax, ay, az = axis
-    ix, iy, iz = local_place(i, bits)
+    ix, iy, iz = local_place(i, block_bits(blocks))
     farthest, found = real(0), np.int32(-1)
     for row in range(lane, 16 if space else 4, LANES):
-        cy, cz = iy - 2 + (row & 3), iz - 2 + (row >> 2) if space else 0
-        py = real(block_start(cy, bits) - iy)
-        pz = real(block_start(cz, bits) - iz) if space else real(0)
-        near = row_part(b, ix - 2, ix + 1, cy, cz, 0, blocks, cells.first)
-        far = row_part(b, ix - 2, ix + 1, cy, cz, 1, blocks, cells.first)
+        dy, dz = (row & 3) - 2, (row >> 2) - 2 if space else 0
+        cy, cz = np.int32(iy + dy), np.int32(iz + dz)
+        x0, x1 = row_near(ix, -2, 1, dy, dz, surface_term)
+        py = real(block_start(cy, space) - iy)
+        pz = real(block_start(cz, space) - iz) if space else real(0)
+        near = row_part(b, x0, x1, cy, cz, 0, blocks, cells.first)
+        far = row_part(b, x0, x1, cy, cz, 1, blocks, cells.first)
         for part in range(2):
             begin, end, start = near if part == 0 else far
             px = real(start - ix)
-            for at in range(begin, end):
-                k = number(at)
-                ux, uy, uz = px + placed[k, 0], py + placed[k, 1], pz + placed[k, 2]
+            k, last = number(begin), number(end)
+            while k < last:
+                ux, uy, uz, _ = four_of(placed, k)
+                ux, uy, uz = px + ux, py + uy, pz + uz
                 along = ux * real(ax) + uy * real(ay) + uz * real(az)
                 across = ux * ux * real(1 - ax) + uy * uy * real(1 - ay) + uz * uz * real(1 - az)
                 if along * along + across < surface_term.radius_squared:
                     length = formulas.exit_length(real(towards) * along, across, surface_term)
                     if length > farthest or (length == farthest and cells.point[k] < found):
                         farthest, found = length, np.int32(cells.point[k])
+                k += 1
     step = 1
     while step < LANES:
         length, other = across_lanes(farthest, lane, LANES, step), across_lanes(found, lane, LANES, step)
@@ -273,7 +278,7 @@ def place_points(spheres, blocks, surface_term, vertex_edge, vertices, facets, c
         x, _, normal = kernels.facet_sample(s, vertices.vertex_position, facets)
         guess = (vertex_edge[facets[s, 0]] // 3) >> 6
         own = node_at(x, 0.0, guess, blocks, surface_term)
-        seed = vertices.vertex_nearest[facets[s, lane % facets.shape[1]]]
+        seed = vertices.vertex_nearest[facets[s, min(lane, facets.shape[1] - 1)]]
         p, n = nearest_of_lanes(lane, own, x, seed, spheres, blocks, surface_term)
         for k in range(lane, 2, LANES):
             r = s

@@ -11,7 +11,6 @@ import numpy as np
 
 from refsim.backends import device
 from refsim.sparse_grid import PointList
-from refsim.sparse_grid.block_search_cuda import fill_cells
 from refsim.surface_energy.recorded import cells_cuda, fit_cuda, force_cuda, level_set_cuda, samples_cuda
 from refsim.surface_energy.recorded.samples_cuda import Components, FitPoints, Samples, Spheres, Vertices
 
@@ -24,7 +23,7 @@ def work_arrays(
     """All arrays of a reconstruction, for `particles` particles on `nodes` nodes, with capacities for the others."""
     n, count, v, f, b = particles, nodes, vertices, facets, nodes // 64
     shapes = {
-        "held": count, "first": count + 1, "cell": n, "place": n, "unsorted": n, "placed": ((n, 3), real),
+        "held": count, "first": count + 1, "cell": n, "place": n, "unsorted": n, "placed": ((n, 4), real),
         "node_state": (count, np.uint8), "node_label": count, "members": count, "crossings": (count, np.uint8),
         "cell_case": (count, np.uint8), "cut_total": (b, np.int64), "edge_first": count, "facet_first": count,
         "vertex_edge": v, "facets": ((f, dim), np.int32), "vertex_position": ((v, 3), real),
@@ -64,8 +63,8 @@ def sort_particles(a: Arrays, position: Any, blocks: Any, term: Any, sure: Any) 
     cells_cuda.clear(a["held"], a["held_points"], a["members"], a["sample_count"], first, counts)
     cells_cuda.count_particles(position, term, blocks, sure, a["held"], a["place"], a["cell"], counts)
     device.RunningSum(a["held"], first[1:], a["totals"])()
-    fill_cells(a["cell"], a["place"], first, a["unsorted"])
-    cells_cuda.place_particles(position, term, blocks, first, a["unsorted"], a["cell"], counts, a["placed"])
+    by_cell = a["unsorted"], a["placed"]
+    cells_cuda.place_particles(position, term, blocks, first, a["place"], a["cell"], counts, *by_cell)
 
 
 def mark_nodes(a: Arrays, blocks: Any, term: Any, given: bool = False) -> None:
