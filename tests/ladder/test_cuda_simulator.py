@@ -17,11 +17,11 @@ from refsim.backends import runtime
 from refsim.commands.printed import printed
 from refsim.core.operation import REGISTRY, backend_of
 from refsim.core.period import period_group
-from refsim.engine.binding import step_launches
 from refsim.neighbours.reference import neighbour_list, pair_blocks
 from refsim.study.memory import bytes_of
 from tests.across import test_composition as composition
 from tests.running import advanced
+from validation import timed
 
 pytestmark = pytest.mark.skipif(
     not runtime.simulated(), reason="runs in the CUDA simulator only: set NUMBA_ENABLE_CUDASIM=1 NUMBA_DISABLE_JIT=1"
@@ -744,17 +744,11 @@ def test_a_recorded_step_launches_and_holds_what_the_plan_says(name):
     """The calls of the step that a GPU records, in order, and the bytes of the arrays that they work on."""
     run = rs.Simulation(STEPPED[name], "cuda")
     run.step()
-    plan, planned = run.plan, bytes_of(run.plan, "cuda")
-    run.timings.launches.clear()
-    run.stepper.profiled = True  # so that calls have their names; what is called is the same
-    run.stepper.recorded.call()
-    assert run.timings.launches == dict.fromkeys(step_launches(plan, "cuda"), 1)
-    assert list(run.timings.launches) == list(step_launches(plan, "cuda"))
+    assert timed.differences(run, timed.launched(run)) == []
     assert {f: (a.shape, a.dtype) for f, a in run.fields.items()} == {
-        f: (kind.shape(run.count), kind.numpy_dtype(plan.grid.dtype)) for f, kind in plan.fields.items()
+        f: (kind.shape(run.count), kind.numpy_dtype(run.plan.grid.dtype)) for f, kind in run.plan.fields.items()
     }
-    held = {"fields": sum(a.nbytes for a in run.fields.values()), "positions_at_list_build": run.build_position.nbytes}
-    assert held == {part: planned[part] for part in held}
+    assert run.build_position.nbytes == bytes_of(run.plan, "cuda")["positions_at_list_build"]
     for what, (found, expected) in composition.held_by_grid(run).items():
         assert found == expected, what
 
