@@ -3,8 +3,6 @@
 import csv
 import json
 import shutil
-import subprocess
-import sys
 
 import pytest
 
@@ -96,24 +94,6 @@ def test_a_result_that_holds_no_number_is_set_aside_and_computed_anew(folder, ca
         for file in files:
             assert any(f"{file.name} is damaged (it " in note for note in found["notes"])
             (folder / "out" / f"{file.name}.damaged").unlink()
-
-
-def test_two_sweeps_at_once_both_have_all_values(folder):
-    """Every run takes its turn: the other sweep finds its result on file."""
-    (folder / "own.py").write_text(
-        "import os, time\ndef f(simulation):\n    time.sleep(0.05)\n    return simulation.time\n"
-    )
-    (folder / "grid.toml").write_text(SWEEP.replace("kinetic_energy", "own.py:f"))
-    command = [sys.executable, "-m", "refsim", "sweep", "grid.toml", "--jobs", "2", "--output", "out", "--quiet"]
-    both = [
-        subprocess.Popen([*command, "--checkpoint-every", "1e-9"], stdout=subprocess.PIPE, text=True) for _ in range(2)
-    ]
-    said = [process.communicate(timeout=120)[0] for process in both]
-    assert [process.returncode for process in both] == [0, 0], said
-    rows = list(csv.DictReader((folder / "out" / TABLE).read_text().splitlines()))
-    assert all(float(row["value"]) == pytest.approx(0.002) for row in rows)
-    assert (len(rows), len(list((folder / "out").glob("*.json")))) == (4, 4)
-    assert not list((folder / "out").glob("*.lock"))
 
 
 def test_what_another_process_has_computed_meanwhile_is_not_reported_as_missing(folder, monkeypatch):
