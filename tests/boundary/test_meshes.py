@@ -112,7 +112,7 @@ def gaps(part):
     return drawn.reshape(-1, 3), np.arange(3 * len(drawn)).reshape(-1, 3)
 
 
-@pytest.mark.parametrize("part", [1e-10, 1e-8, 1e-6, 1e-4])
+@pytest.mark.parametrize("part", [1e-10, 1e-8, 1e-6, 1e-4, 2e-3])
 def test_triangles_with_gaps_are_joined(part):
     mesh = surface_mesh(*gaps(part))
     assert (mesh.volume, len(mesh.vertices)) == (pytest.approx(BALL.volume, rel=1e-9 + part), len(BALL.vertices))

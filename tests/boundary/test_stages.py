@@ -1,88 +1,18 @@
-"""Stages by which triangles become a body: each in numbers, for drawn bodies that are damaged, open or meet others."""
+"""Stages by which triangles become a body, each against loops over triangles, pairs, boxes and cells."""
 
 import collections
 import itertools
 import math
-import random
 import types
 
 import numpy as np
 import pytest
 
-from refsim import InputError
 from refsim.boundary.adami_2012 import LEAST_SHARE
 from refsim.boundary.one_way_coupling import placing
 from refsim.boundary.one_way_coupling.placing import PlacedSolid, cell_edges
 from refsim.scene import overlaps, surface_mesh
-from tests.boundary import damaged_meshes
-from tests.boundary.test_recorded_boundary import BOX, body, bricks, divided
-
-STAGES = ["merged", "welded", "once", "lines", "wound_alike", "closed", "turned_outwards", "fans_apart"]
-
-
-def holed(draw, vertices, faces):
-    """Without some faces, some of them beside each other; a rim may be moved by little, and a sheet may stand out."""
-    centre = vertices[faces].mean(1)
-    near = np.linalg.norm(centre - centre[draw.randrange(len(faces))], axis=1)
-    faces = faces[np.argsort(near)[draw.choice((1, 2, 3, 4, 7)) :]]
-    if draw.random() < 0.5:
-        faces = np.delete(faces, draw.randrange(len(faces)), 0)
-    if draw.random() < 0.4:
-        vertices = np.concatenate([vertices, vertices[faces[0]] + 1.5e-8])
-        faces = np.concatenate([faces[1:], np.arange(3)[None] + len(vertices) - 3])
-    if draw.random() < 0.3:
-        vertices = np.concatenate([vertices, vertices[:1] + [0.3, 0.1, 2.0]])
-        faces = np.concatenate([faces, [[faces[0, 0], faces[0, 1], len(vertices) - 1]]])
-    return vertices, faces
-
-
-def twice(draw, vertices, faces):
-    """Some faces twice, some with the other winding, too."""
-    for _ in range(draw.randint(1, 3)):
-        one = faces[draw.randrange(len(faces))]
-        faces = np.concatenate([faces, [one if draw.random() < 0.5 else one[::-1]]])
-    return vertices, faces
-
-
-def numbered(found):
-    """Sums of what a stage returns: texts and None are left out."""
-    parts = found if isinstance(found, tuple) else (found,)
-    values = [np.atleast_1d(np.asarray(part, float)).ravel() for part in parts if not isinstance(part, str)]
-    values = np.concatenate([np.nan_to_num(part, posinf=-1.0, neginf=-1.0) for part in values])
-    return [float(len(values)), float(np.abs(values).sum()), float(np.cos(np.arange(len(values))) @ values)]
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_stages_of_drawn_bodies_are_as_ever(seed, recorded, monkeypatch):
-    """Of turned bodies all but cuts, which rounding decides; bricks at whole places are cut, too."""
-    told = []
-    for name in ("meetings", "boundary", *map("_".__add__, STAGES)):
-        stage = getattr(surface_mesh, name)
-        monkeypatch.setattr(
-            surface_mesh, name,
-            lambda *given, stage=stage, **named: told.append((stage.__name__, stage(*given, **named))) or told[-1][1],
-        )  # fmt: skip
-    draw, drawn, found = random.Random(f"stages {seed}"), np.random.default_rng(seed), {}
-    for number in range(12):
-        told.clear()
-        whole = number % 3 == 2
-        vertices, faces = bricks(drawn, 2 + number // 6) if whole else body(draw)
-        damages = (holed, twice, *(damaged_meshes.HARMLESS[name] for name in ("turned", "inside_out", "apart")))
-        for damage in draw.choices(damages, k=draw.choice((1, 1, 2))):
-            vertices, faces = damage(draw, vertices.copy(), faces.copy())
-        try:
-            with np.errstate(all="ignore"):
-                surface_mesh.surface_mesh(vertices.astype(float), faces)
-        except InputError as error:
-            found[f"{number} refused"] = str(error)
-        sums = collections.defaultdict(list)
-        for name, value in told:
-            if name == "meetings":
-                value = (value.pairs, value.flat, value.apart) if whole else len(value.pairs)
-            if whole or name not in ("boundary", "_fans_apart"):
-                sums[name].append(numbered(value))
-        found[f"{number}"] = list(sums.values())
-    recorded(found)
+from tests.boundary.test_recorded_boundary import BOX, divided
 
 
 def test_faces_that_stand_twice_are_left_out():
