@@ -1,10 +1,14 @@
 """The pressure with which liquid at rest starts, of any parts that make it."""
 
+import math
+
 import numpy as np
 import pytest
 import trimesh
+from scipy.integrate import solve_ivp
 
 import refsim as rs
+from refsim.sph.resting import RestingColumn
 
 D, PULL, SOUND = 0.1, 9.81, 40.0
 BODY = ((3, 2, 2), (6, 4, 5))  # lowest and first free cell of a solid
@@ -86,3 +90,36 @@ def test_liquid_under_a_body_bears_the_column_beside_it(kind, tmp_path):
     found, place = started(tank(around(8), (9, 6, 8), solid=solid, file=file))
     assert len(found) == 9 * 6 * 8 - 3 * 2 * 3
     assert np.abs(found - 7.5 + place[:, 2]).max() < 1e-9
+
+
+G, RHO = 9.81, 1000.0
+
+
+def integrated(load, sound, k):
+    """(height, force on a side, pressure at half the height) by steps down the column, p from rho."""
+
+    def density(p):
+        return RHO * (1 + k * p / (RHO * sound**2)) ** (1 / k)
+
+    def down(s, y):
+        return [density(y[0]) * G, y[0]]
+
+    def full(s, y):
+        return y[0] - load * G
+
+    full.terminal = True
+    found = solve_ivp(down, (0, 10 * load / RHO), [0.0, 0.0], rtol=1e-12, atol=1e-12, events=full, dense_output=True)
+    height = found.t_events[0][0]
+    return height, found.y_events[0][0][1], found.sol(0.5 * height)[0]
+
+
+@pytest.mark.parametrize("k", [1, 7])
+@pytest.mark.parametrize(("load", "sound"), [(1000.0, 10 * math.sqrt(G)), (300.0, 4.0), (2e4, 1500.0)])
+def test_the_column_is_the_solution_of_its_equation(load, sound, k):
+    height, force, middle = integrated(load, sound, k)
+    column = RestingColumn(load, G, RHO, sound, k)
+    assert column.height() == pytest.approx(height, rel=1e-9)
+    assert column.side_force() == pytest.approx(force, rel=1e-9)
+    assert column.pressure(0.5 * height) == pytest.approx(middle, rel=1e-9)
+    assert column.pressure(0.0) == pytest.approx(load * G, rel=1e-12)
+    assert column.pressure(np.array([height, 2 * height])) == pytest.approx(0.0, abs=1e-9 * load * G)
