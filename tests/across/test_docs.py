@@ -148,7 +148,7 @@ def performed(example):
 EXAMPLES = Sybil([CodeBlockParser("toml", planned), CodeBlockParser("python", performed)], path=str(ROOT))
 
 
-EXAMPLE_PAGES = [  # first_scene.md grows one file by all its blocks: tests/across/test_first_scene.py
+EXAMPLE_PAGES = [  # first_scene.md grows one file by all its blocks: test_cookbook.py
     page for page in PAGES if re.search("```(toml|python)", page.read_text()) and page.name != "first_scene.md"
 ]
 

@@ -70,6 +70,7 @@ def holds(name, code, operations):
         assert tried == {(step, dtype) for step in steps for dtype in ("float32", "float64")}
 
 
+@pytest.mark.slow
 def test_the_c_library_holds(folder, compiler, capsys):
     compiled(folder, compiler)
     holds("c_library", *judged(capsys, "c_library.py"))

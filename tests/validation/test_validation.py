@@ -1,10 +1,13 @@
-"""Experiments: reuse of results, verdicts, exit codes, JSON, drawing; and tiny runs of some of them."""
+"""Experiments: reuse of results and what they depend on, verdicts, exit codes, JSON, drawing; one is added."""
 
 from __future__ import annotations
 
 import dataclasses
 import io
 import json
+import re
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,11 +15,13 @@ import pytest
 from refsim.core.errors import InputError, RunStopped
 from tests.running import python
 from validation import __main__ as command
-from validation import judging, results
+from validation import checks, experiments, judging, results
 from validation import perform as performing
 from validation.checks import Check, Checks
-from validation.experiment import Experiment, Options, Picture, RunSpec
+from validation.experiment import Experiment, Options, Picture, RunSpec, discover
 from validation.experiments.dam_break import runs as dam_runs
+from validation.experiments.droplet import runs as droplet_runs
+from validation.experiments.heat import runs as heat_runs
 from validation.report import report
 from validation.results import Result
 from validation.running import Context
@@ -260,3 +265,91 @@ def test_the_main_job_needs_no_package_of_the_tests():
         " sys.exit(main(['attack']))"
     )
     assert "Hypothesis is not installed" in python("-c", code, code=2).stderr
+
+
+ROOT = Path(__file__).parents[2]
+FILE = re.compile(r"^```\w+\n# file: validation/experiments/(\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+@pytest.fixture
+def free_fall(tmp_path, monkeypatch):
+    """The experiment of the page, in a folder of its own."""
+    found: dict[str, str] = {}
+    for name, text in FILE.findall((ROOT / "CONTRIBUTING.md").read_text()):  # a file may stand in two parts
+        found[name] = f"{found[name]}\n\n{text}" if name in found else text
+    assert {Path(name).name for name in found} == {"runs.py", "expected.toml", "pictures.py"}
+    for name, text in found.items():
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text)
+    monkeypatch.setattr(experiments, "__path__", [str(tmp_path)])
+    monkeypatch.setattr(checks, "FOLDER", tmp_path)
+    discover.cache_clear()
+    yield discover()["free_fall"]
+    discover.cache_clear()
+    for name in [name for name in sys.modules if name.startswith("validation.experiments.free_fall")]:
+        monkeypatch.delitem(sys.modules, name)
+
+
+def test_the_experiment_of_the_page_is_found_and_holds(free_fall, tmp_path):
+    assert list(discover()) == ["free_fall"]
+    options = Options(results=tmp_path / "results", figures=tmp_path / "figures", backend="numpy")
+    (performed,) = perform(free_fall, options)
+    assert {check.name: check.verdict for check in performed.checks} == {"fallen.short": "pass", "fallen.long": "pass"}
+    assert [path.name for path in performed.drawn.values()] == ["free_fall.png"]
+    assert set(json.loads((options.figures / "free_fall.json").read_text())) == {"short", "long", "measured"}
+    claim = checks.read("free_fall", checks.CLAIM)["parabola"]
+    assert claim.judge(free_fall.claims["parabola"].values(performed.results)) == claim.verdict == "confirmed"
+
+
+@pytest.fixture
+def module(tmp_path):
+    def write(text):
+        path = tmp_path / "module.py"
+        path.write_text(text)
+        for remembered in (results.sources_digest, results._digest_of):
+            remembered.cache_clear()
+        return results.sources_digest(str(path))
+
+    yield write
+    for remembered in (results.sources_digest, results._digest_of):
+        remembered.cache_clear()
+
+
+def test_comments_docstrings_and_layout_do_not_count(module):
+    plain = module("def f(x):\n    return x + 1\n")
+    assert (
+        module('"""Words."""\n\n\ndef f(x):  # more\n    """And more."""\n    return (x\n            + 1)\n') == plain
+    )
+    assert module("def f(x):\n    return x + 2\n") != plain
+    assert module('def f(x):\n    return x + 1\n\n\nTEXT = """Words."""\n') != plain
+
+
+def test_refsim_and_imports_of_validation_count_and_what_presents_does_not():
+    behind = {file.relative_to(ROOT).as_posix() for file in results.modules_behind(Path(heat_runs.__file__))}
+    scene = "validation/metrics/heat.py"
+    assert {"refsim/heat/kernels.py", "refsim/core/effect.py", "validation/running.py", scene} <= behind
+    assert not any(place.startswith(("refsim/contract/", "refsim/render/", "validation/report")) for place in behind)
+    assert results.sources_digest(dam_runs.__file__) != results.sources_digest(droplet_runs.__file__)
+
+
+PROGRAM = """
+import sys
+from refsim import Akinci2013, Box, BoxWalls, Gravity, Scene, Simulation, WeaklyCompressible
+before = set(sys.modules)
+scene = Scene(spacing=0.1, support_radius=0.2, dim=3, fluid=(Box(cells=(2, 2, 2)),), effects=(
+    WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=0.1), Gravity(acceleration=(0.0, -9.81, 0.0)),
+    Akinci2013(surface_tension=0.07), BoxWalls(lower=(0, 0, 0), upper=(1, 1, 1))))
+Simulation(scene, "cpu").step()
+print("\\n".join(sys.modules[name].__file__ for name in set(sys.modules) - before if name.startswith("refsim.")))
+"""
+
+
+def test_what_a_run_loads_counts(tmp_path):
+    """Every module that is loaded only when a step is run is behind every run."""
+    file = tmp_path / "run.py"
+    file.write_text(PROGRAM)
+    found = python(file, NUMBA_DISABLE_JIT="1", REFSIM_CACHE_DIR=str(tmp_path))
+    loaded = {Path(line) for line in found.stdout.split("\n") if line and not line.startswith(str(tmp_path))}
+    assert ROOT / "refsim" / "surface_tension" / "akinci_2013" / "kernels.py" in loaded
+    assert loaded <= set(results.modules_behind(file))
