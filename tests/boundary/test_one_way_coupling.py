@@ -37,7 +37,7 @@ def test_the_calibrated_factor_gives_the_first_layer_the_rest_density(plate):
     """One spacing from a flat wall; literal g = 1 is 12 to 17 % too dense there."""
     errors = {}
     for name, given in (("calibrated", {}), ("single", {"layers": 1}), ("printed", {"literal": ("E30",)})):
-        simulation = Simulation(scene(LIQUID, MeshBoundary(file=plate, **given)))
+        simulation = Simulation(scene(LIQUID, MeshBoundary(file=plate, **given)), "numpy")
         simulation.evaluate()
         x = simulation.field("position")
         first = (x[:, 2] < 0.041) & (np.abs(x[:, :2]).max(1) < 0.006)

@@ -39,7 +39,7 @@ def bullets(file, correction, speed, **changes):
     given = {"literal": ("E30",), "field_spacing": 0.0025, **changes}
     boundary = MeshBoundary(file=file, correction=correction, **given)
     return Simulation(
-        Scene(spacing=SPACING, support_radius=0.011, fluid=(fluid,), effects=(LIQUID, boundary), step=2e-4)
+        Scene(spacing=SPACING, support_radius=0.011, fluid=(fluid,), effects=(LIQUID, boundary), step=2e-4), "numpy"
     )
 
 

@@ -74,7 +74,7 @@ def test_solids_feel_a_tank_that_sways():
 def test_a_detected_surface_has_its_number_density():
     scene = submerged(*SMALL)
     scene = msgspec.structs.replace(scene, effects=(*scene.effects, rs.SurfaceDetection()))
-    simulation = rs.Simulation(scene, "cpu")
+    simulation = rs.Simulation(scene, "numpy")
     inner = np.abs(simulation.field("position") - 0.5).max(1) < 0.2
     assert not simulation.field("surface")[inner].any()
     assert simulation.field("surface")[simulation.field("position")[:, 2] > 0.9].all()
