@@ -115,30 +115,31 @@ def answered(browser, number, text, by_keyboard):
     return browser.value(f"document.querySelector('form:has({field}) output').textContent")
 
 
-SUMS = {  # by refsim: what each question of lesson 0 asks for
-    1: lambda: np.divide(*kernel_value(np.array([0.5, 0.0]), smoothing("wendland_c2", 1.0, 2))),
-    2: lambda: smoothed(lattice(0.05), 0.05, 0.13, "ones", 0.0)[0],
-    3: lambda: smoothed(lattice(0.025), 0.025, 0.13, "ones", 0.5)[1],
-    4: lambda: 0.12,
-}
+SUMS = (  # by refsim: what each question of lesson 0 asks for
+    lambda: np.divide(*kernel_value(np.array([0.5, 0.0]), smoothing("wendland_c2", 1.0, 2))),
+    lambda: smoothed(lattice(0.05), 0.05, 0.13, "ones", 0.0)[0],
+    lambda: smoothed(lattice(0.025), 0.025, 0.13, "ones", 0.5)[1],
+    lambda: 0.12,
+)
+
+
+def told_apart(browser, questions, exact):
+    """Right answers are praised, wrong ones told apart, by mouse and keyboard in turns; others get the hint."""
+    for number, (one, value) in enumerate(zip(questions, exact, strict=True), 1):
+        assert answered(browser, number, f"{value:.9f}", number % 2).startswith("Right. ")
+        wrong = [answered(browser, number, str(least), number % 2) for least, _, _ in one["wrong"]]
+        assert wrong == [f"Not yet. {says}" for _, _, says in one["wrong"]]
+        assert answered(browser, number, "-777", False) == f"Not yet. {one['hint']}"
 
 
 @pytest.mark.parametrize(
-    "page, name, exact",
-    [(SUM, "SmoothedSum", SUMS), (FAN, "FanScan", {1: lambda: 26, 2: lambda: 90, 3: lambda: lift_out_of_the_fan()})],
+    "page, name, exact", [(SUM, "SmoothedSum", SUMS), (FAN, "FanScan", (lambda: 26, lambda: 90, lambda: lifted()))]
 )
 def test_right_answers_are_praised_and_wrong_ones_told_apart(opened, page, name, exact):
     browser = opened(page)
-    questions = browser.value(f"{name}.QUESTIONS")
-    assert len(questions) == len(exact)
-    for number, one in enumerate(questions, 1):
-        assert answered(browser, number, f"{exact[number]():.6g}", number % 2).startswith("Right. ")
-        wrong = [answered(browser, number, str(least), number % 2) for least, _, _ in one["wrong"]]
-        assert wrong == [f"Not yet. {says}" for _, _, says in one["wrong"]]
-        assert len(set(wrong)) >= 3
-        assert answered(browser, number, "-777", False) == f"Not yet. {one['hint']}"
-        for text in ("many", "4x"):
-            assert answered(browser, number, text, True).startswith("Write one number, such as 0.5 or 3/16")
+    told_apart(browser, browser.value(f"{name}.QUESTIONS"), [value() for value in exact])
+    for text in ("many", "4x"):
+        assert answered(browser, 1, text, True).startswith("Write one number, such as 0.5 or 3/16")
     if page == SUM:
         assert all(answered(browser, 1, text, True).startswith("Right") for text in ("3/16", "0,1875", " 18.75 % "))
         assert all(answered(browser, 4, text, True).startswith("Right") for text in ("12 cm", "0.12 m", "60 mm"))
@@ -167,7 +168,7 @@ def detection(points):
     return Scene(dim=2, spacing=D, support_radius=H, dtype="float64", fluid=(Cloud(position=points),), effects=EFFECTS)
 
 
-def lift_out_of_the_fan():
+def lifted():
     """Spacings above its old place at which particle 50 leaves the fan of particle 49."""
     for lift in np.arange(10, 40) / 10:
         points = block()
@@ -256,13 +257,7 @@ LIQUID = {  # what each question of a page asks for, by the page's liquid; parti
 def test_answers_about_the_liquid_are_those_that_it_gives(opened, page):
     browser = opened(f"liquid_{1 + list(LIQUID).index(page)}_{page}_in_the_browser")
     exact = browser.value(f"(page => {{ {MEASURED} return [{', '.join(LIQUID[page])}]; }})('{page}')")
-    questions = browser.value(f"PAGES.{page}.questions")
-    assert len(questions) == len(exact)
-    for number, (one, value) in enumerate(zip(questions, exact), 1):
-        assert answered(browser, number, f"{value:.9f}", number % 2).startswith("Right. ")
-        wrong = [answered(browser, number, str(least), number % 2) for least, _, _ in one["wrong"]]
-        assert wrong == [f"Not yet. {says}" for _, _, says in one["wrong"]]
-        assert answered(browser, number, "-777", False) == f"Not yet. {one['hint']}"
+    told_apart(browser, browser.value(f"PAGES.{page}.questions"), exact)
 
 
 def test_the_liquid_does_not_move_by_itself_where_motion_is_not_wanted(opened, browser):

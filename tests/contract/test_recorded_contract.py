@@ -60,16 +60,12 @@ def test_ranks_get_their_share_and_what_is_within_reach(variant, ranks, monkeypa
     reach = usual.inputs.case.list_radius * (1 + usual.inputs.case.skin)
     assert np.array_equal(np.concatenate([p[:owned] for p, owned in given]), x[np.argsort(x[:, 0], kind="stable")])
     assert len(given) == ranks
+    lengths = np.inf if period is None else np.where(np.array(period[:3]) > 0, period[:3], np.inf)
     for places, owned in given:
-        ghosts = {tuple(place) for place in places[owned:]}
-        own = {tuple(place) for place in places[:owned]}
-        for place in x:
-            d = np.abs(places[:owned] - place)
-            if period is not None:
-                lengths = np.where(np.array(period[:3]) > 0, period[:3], np.inf)
-                d = np.minimum(d, lengths - d)
-            near = min(np.sqrt((d * d).sum(1))) < reach
-            assert (tuple(place) in ghosts) == (near and tuple(place) not in own)
+        d = np.abs(places[:owned, None] - x)
+        near = (np.sqrt((np.minimum(d, lengths - d) ** 2).sum(2)) < reach).any(0)
+        own, ghosts = ({tuple(place) for place in part} for part in (places[:owned], places[owned:]))
+        assert ghosts == {tuple(place) for place in x[near]} - own
 
 
 @pytest.mark.parametrize("dim", [2, 3])
