@@ -233,6 +233,7 @@ closed_form(  # the factor is at most 10
 
 
 SHARE = 3 * 15 / (64 * math.pi)  # L r^2 of the pair [1/m^3]
+STARTING = (1.1, 3.3, 1.3, 1.8)  # weights of the rounds of a start
 
 
 def _compensated(along, over, weights):
@@ -261,8 +262,7 @@ def _compensating(velocity, **before):
 def compensation_at_the_start():
     """From 0, at rest: P, and four rounds."""
     inputs = _compensating(np.zeros((2, 3)), compensation_x=np.zeros((2, 3)), compensation_rest=np.zeros((2, 3)))
-    weights = [1 / (0.65 + 0.35 * math.cos(k * math.pi / 8)) for k in (1, 3, 5, 7)]
-    return Exact(PAIR, inputs, _compensated(1.05 / (SHARE * VOLUME[::-1] + 0.05), 21.0, weights))
+    return Exact(PAIR, inputs, _compensated(1.05 / (SHARE * VOLUME[::-1] + 0.05), 21.0, STARTING))
 
 
 @closed_form("heat.compensation")
@@ -271,10 +271,9 @@ def compensation_beside_a_reservoir():
     inputs = _compensating(np.zeros((2, 3)), compensation_x=np.zeros((2, 3)), compensation_rest=np.zeros((2, 3)))
     m = SHARE * VOLUME[1]
     p = along = 1.05 / (m + 0.05)
-    over = _compensated(np.ones(2), 21.0, [1 / (0.65 + 0.35 * math.cos(k * math.pi / 8)) for k in (1, 3, 5, 7)])
-    for k in (1, 3, 5, 7):
-        change = p * (1 - m * (along + 1) / 2) - (along - p) / 100
-        along += change / (0.65 + 0.35 * math.cos(k * math.pi / 8))
+    over = _compensated(np.ones(2), 21.0, STARTING)
+    for weight in STARTING:
+        along += weight * (p * (1 - m * (along + 1) / 2) - (along - p) / 100)
     across = over["compensation_x"][0, 0]
     made = {"compensation_x": [[across, 0, 0], [1, 0, 0]], "compensation_rest": [[along, 0, across], [1, 0, 1]]}
     return Exact(PAIR, inputs | {"reservoir": [0, 1]}, {name: np.array(value) for name, value in made.items()})

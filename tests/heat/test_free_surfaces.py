@@ -33,6 +33,22 @@ def lattice(*across):
     return np.pad(x, ((0, 0), (0, 3 - len(axes))))
 
 
+def test_a_thin_bar_conducts_as_a_wide_one_where_the_support_is_wide():
+    x = lattice(2)
+    run = advanced(bar(x, 2, 3.21, {"laplacian": "mueller"}), 4)
+    wave = np.cos(math.pi / CELLS * x[:, 0])
+    left = (wave * (run.field("temperature") - 50)).sum() / (50 * (wave**2).sum())
+    assert left ** (-1 / 4) - 1 == pytest.approx(0.1 * (2 * math.sin(math.pi / 2 / CELLS)) ** 2, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    "laplacian, h, told", [("mueller", 2.62, True), ("mueller", 2.3, False), ("spiky", 3.2, False)]
+)
+def test_a_plan_tells_of_rods_that_conduct_too_strongly(laplacian, h, told):
+    notes = bar(lattice(2, 2), 3, h, {"laplacian": laplacian}).plan.notes
+    assert any("conduct up to 21 %" in note for note in notes) == told
+
+
 def test_copper_heats_a_thin_bar_of_steel():
     """100 deg C on 0, three rows of 2 mm: 15 mm into the steel after 4 s it is 9.834 deg C, as in a wide bar."""
     d, n = 0.002, 30
