@@ -66,7 +66,8 @@ class Balances:
             rounding = ROUNDINGS * eps * math.sqrt(max(run.steps - self.begun, 1)) * max(start.size, now.size)
             if not abs(drift) > rounding:
                 continue
-            share = abs(drift) / start.exchangeable if start.exchangeable > 0 else math.inf
+            compared = max(start.exchangeable, math.sqrt(eps) * start.size)  # of one temperature that is rounding
+            share = abs(drift) / compared if compared > 0 else math.inf
             message = (
                 f"{effect.name}: in step {run.steps} at {run.time:.6g} s the {effect.balanced} has changed by"
                 f" {drift:.3g} J, {100 * share:.2g} % of what can be exchanged, although nothing enters or leaves"

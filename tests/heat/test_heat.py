@@ -193,6 +193,11 @@ def test_heat_that_drifts_beyond_rounding_is_a_note_and_above_one_percent_a_reas
     assert simulation.steps in (64, 128)
 
 
+def test_rounding_of_one_temperature_ends_no_run(monkeypatch):
+    lossy(monkeypatch, 3e-14)
+    assert any("the heat has changed" in note for note in ran(bar(temperature=50.0), 2).notes)
+
+
 @pytest.mark.parametrize(
     "options", [{"held": (0,)}, {"largest_drift": 0.0}, {"conductivity": 0.0}], ids=["held", "allowed", "none"]
 )
