@@ -13,9 +13,10 @@ from __future__ import annotations
 
 import argparse
 import ast
+import contextlib
 import inspect
 import itertools
-import multiprocessing.pool
+import multiprocessing.connection
 import os
 import pathlib
 import pkgutil
@@ -124,39 +125,48 @@ def judged(number: int | None, trial: Trial, limit: float) -> Told:
     return min(broken, default=(0, ""))[1], set(CALLED), time.process_time() - began
 
 
-def asked(job: tuple[int | None, Trial, float]) -> Told:
-    """`judged` in a process of its own, in which nothing ran before."""
-    ours, theirs = FORK.Pipe(duplex=False)
-    process = FORK.Process(target=lambda: theirs.send(judged(*job)), daemon=True)
-    process.start()
-    theirs.close()
-    try:
-        return ours.recv() if ours.poll(4 * job[2] + 60) else ("does not end", set(), job[2])
-    except EOFError:
-        return "the process ends", set(), 1.0
-    finally:
-        process.kill()
-        process.join()
+def asked(tries: list[tuple[int | None, Trial, float]], jobs: int) -> list[Told]:
+    """What `judged` says of each, in a process of its own, in which nothing ran before; so many at a time."""
+    told: dict[int, Told] = {}
+    waiting, running = list(enumerate(tries))[::-1], {}
+    while waiting or running:
+        while waiting and len(running) < jobs:
+            k, job = waiting.pop()
+            ours, theirs = FORK.Pipe(duplex=False)
+            process = FORK.Process(target=lambda pipe=theirs, job=job: pipe.send(judged(*job)), daemon=True)
+            process.start()
+            theirs.close()
+            running[ours] = k, process, time.monotonic() + 3 * job[2] + 60
+        ready = multiprocessing.connection.wait(list(running), timeout=1)
+        for ours in [pipe for pipe, row in running.items() if pipe in ready or time.monotonic() > row[2]]:
+            k, process, _ = running.pop(ours)
+            told[k] = "does not end", set(), tries[k][2]
+            if ours in ready:
+                with contextlib.suppress(EOFError):  # it has ended
+                    told[k] = ours.recv()
+            process.kill()
+            process.join()
+            process.close()
+            ours.close()
+    return [told[k] for k in range(len(tries))]
 
 
 def hunt(scenes: Iterator[Trial], seconds: float, jobs: int) -> int:
     """How many faults the stream finds, each printed with its scene."""
     left, spent, count, calls = dict(enumerate(FAULTS)), 0.0, 0, Counter[int]()
-    with multiprocessing.pool.ThreadPool(jobs) as pool:
-        while left and spent < seconds:
-            tries = []
-            block = list(itertools.islice(scenes, 2 * jobs))
-            for trial, (text, called, own) in zip(block, pool.imap(asked, [(None, each, LONGEST) for each in block])):
-                if text:
-                    print(f"without a fault: {trial}: {text.splitlines()[0]}", flush=True)
-                calling = [n for n, fault in left.items() if place(fault.function) in called and not text]
-                tries += [(n, trial, max(20.0, PATIENCE * own), (spent, count)) for n in calling]
-                spent, count = spent + own, count + 1
-                calls.update(calling)
-            for (n, trial, _, before), (text, _, own) in zip(tries, pool.imap(asked, [each[:3] for each in tries])):
-                if text and n in left:
-                    print(f"found {n}: {left.pop(n).words}\n  {trial}, {(before[0] + own) / 60:.1f} minutes,", end=" ")
-                    print(f"{before[1] + 1} scenes\n{textwrap.indent(text, '  ')}", flush=True)
+    while left and spent < seconds:
+        tries, block = [], list(itertools.islice(scenes, 2 * jobs))
+        for trial, (text, called, own) in zip(block, asked([(None, each, LONGEST) for each in block], jobs)):
+            if text:
+                print(f"without a fault: {trial}: {text.splitlines()[0]}", flush=True)
+            calling = [n for n, fault in left.items() if place(fault.function) in called and not text]
+            tries += [(n, trial, max(20.0, PATIENCE * own), (spent, count)) for n in calling]
+            spent, count = spent + own, count + 1
+            calls.update(calling)
+        for (n, trial, _, before), (text, _, own) in zip(tries, asked([each[:3] for each in tries], jobs)):
+            if text and n in left:
+                print(f"found {n}: {left.pop(n).words}\n  {trial}, {(before[0] + own) / 60:.1f} minutes,", end=" ")
+                print(f"{before[1] + 1} scenes\n{textwrap.indent(text, '  ')}", flush=True)
     for n, fault in left.items():
         print(f"missed {n}: {fault.words}; {calls[n]} of {count} scenes in {spent / 60:.1f} minutes call it")
     return len(FAULTS) - len(left)

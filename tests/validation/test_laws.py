@@ -86,8 +86,8 @@ def test_the_hunt_finds_a_fault_and_none_in_what_changes_nothing(tmp_path):
         assert source.count(mend["now"]) == 1, mend  # it is where the file says
     command = [sys.executable, program, "--seed", "105", "--mends", mends, "--minutes", "0.001", "--jobs", "1"]
     told = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
-    assert "found 0: heavier\n  ('told is counted', 'gauges'" in told
-    assert "missed 1: the same; 2 of 2 scenes" in told
+    assert "found 0: heavier\n" in told  # in one of the first two scenes of this seed
+    assert "missed 1: the same; " in told
     assert told.endswith("1 of 2 faults found, seed 105\n")
 
 

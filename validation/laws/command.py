@@ -125,13 +125,12 @@ def _written(scene: Drawn, other: Scene | None) -> str:
 
 def judged(name: str, law: Callable[..., Any], scene: Drawn, backend: str, refusals: Counter[str]) -> tuple[str, Found]:
     """(outcome, what was found) of a law in a scene."""
-    nothing = Found(math.nan, math.nan)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             found = law(scene, backend)
             if found is None:
-                return "not applied", nothing
+                return "not applied", Found(math.nan, math.nan)
             if found.value <= found.bound:
                 return "held", found
             words = EXCUSES.get(name, ())
@@ -141,7 +140,8 @@ def judged(name: str, law: Callable[..., Any], scene: Drawn, backend: str, refus
             stopped = isinstance(error, RunStopped)
             refusals[f"stopped: {error.reason}" if stopped else str(error).split(";")[0][:120]] += 1
             possible = (name in SAME and law is not other_backend) or (stopped and name != "absence")
-            alone = name != "silence is truth" if law in OWN else possible and not stops(scene.scene, 20 * stopped)
+            steps = max(20, scene.steps) * stopped  # of the longest run of a law
+            alone = name != "silence is truth" if law in OWN else possible and not stops(scene.scene, steps)
             found = Found(math.nan, 0.0, f"as drawn it runs: {error}")
             return ("broken" if alone else "stopped" if stopped else "refused"), found
         except Exception:  # any other error is a finding

@@ -44,14 +44,10 @@ def unit(words: str, dim: int = 3) -> Unit:
     total = np.zeros(4)
     sign, inside = 1, False
     for symbol, power in re.findall(r"([A-Za-z]+|[/()])(?:\^(-?\d+))?", chosen.replace("deg C", "C").split(" in ")[0]):
-        if symbol == "/":
-            sign = -1
-        elif symbol in "()":
-            inside = symbol == "("
-            sign = sign if inside else 1
-        else:
-            total += sign * int(power or 1) * np.array(SYMBOLS.get(symbol, Unit(0, 0, 0, 0)))
-            sign = sign if inside else 1
+        if symbol in SYMBOLS:
+            total += sign * int(power or 1) * np.array(SYMBOLS[symbol])
+        inside = symbol == "(" if symbol in ("(", ")") else inside
+        sign = -1 if symbol == "/" else sign if inside else 1
     return Unit(*map(float, total))
 
 
