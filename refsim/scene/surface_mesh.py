@@ -40,6 +40,7 @@ COPLANAR = 1e-7  # fraction of the mesh's size; no grid has more than 2^21 = 1/4
 LIKE_TODAY = 4  # edges of a hole that is filled whatever its size
 SHEET = 0.25  # share of a patch, fills included, above which it counts as a sheet and is left out
 LARGEST_FILL = 0.05  # share of the surface by which larger holes may be filled
+LARGEST_GAP = 1e-3  # share of the surface by which what bounds a body may fail to close
 GENERIC = np.array([0.2679, 0.3178, 0.4143])  # a place in a triangle that few other planes go through
 TIE = 1e-9  # share of a volume or a surface
 
@@ -182,11 +183,13 @@ def surface_mesh(vertices: np.ndarray, faces: np.ndarray, source: str = "mesh", 
         lost = np.setdiff1d(np.flatnonzero(hole == 0), kept).size
         if lost:
             said.append(f"{_counted(lost, 'triangle')} with the solid on both sides or on neither left out")
-    area, hole = areas(vertices[faces]), hole[kept]
-    share = float(area[hole > LIKE_TODAY].sum() / area.sum()) if len(faces) else 1.0
+    corners, hole = vertices[faces], hole[kept]
+    area, across = areas(corners), np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).sum(0)
+    closed = signed_volume(corners) > 0 and np.linalg.norm(across) < 2 * LARGEST_GAP * area.sum()
+    share = float(area[hole > LIKE_TODAY].sum() / area.sum()) if closed else 1.0
     if share > LARGEST_FILL:
         why = f"{100 * share:.0f} % of its surface would be filled holes, more than {100 * LARGEST_FILL:.0f} %"
-        why = why if len(faces) else "its triangles enclose nothing"
+        why = why if closed else "its triangles enclose nothing"
         raise InputError(
             f"{name} is open ({_counted(open_edges, 'edge')} where it ends), and a boundary needs a closed"
             f" interior, but {why}; fill its holes, or give its walls a thickness."
