@@ -38,7 +38,7 @@ def pytest_configure():
     gc.set_threshold(*CYCLES)
     compare_flags_quickly()
     if os.environ.get("NUMBA_ENABLE_CUDASIM", "0") not in ("", "0"):
-        from validation import simulator_threads
+        from tests import simulator_threads
 
         simulator_threads.install()
 

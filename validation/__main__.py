@@ -69,7 +69,7 @@ def parser() -> argparse.ArgumentParser:
     ):
         part = add(name, about)
         part.add_argument("names", nargs="*", metavar="NAME", help="experiments, checks, maps, sources; all by default")
-        add_options(part, "--only", "--jobs")
+        add_options(part, in_folders=True)
         if name == "check":
             part.add_argument("--kind", nargs="+", choices=performed[name], help="all by default")
         if CLAIM in performed[name]:
@@ -108,30 +108,23 @@ def parser() -> argparse.ArgumentParser:
     part.set_defaults(perform=verified)
 
     command.add_commands(add("measure", "measures the drops behind packaged tables, and writes the tables"))
-    part = add("laws", "holds scenes that are drawn at random to laws, and prints the smallest scene that breaks one")
-    if importlib.util.find_spec("hypothesis"):
-        from validation.laws import command as laws
-
-        laws.add_options(part)
-    else:
-        part.set_defaults(perform=without_hypothesis)
-    part = add("attack", "attacks the command line for some minutes and counts how it ends")
-    if importlib.util.find_spec("hypothesis"):
-        from validation import attack
-
-        attack.add_options(part)
-    else:
-        part.set_defaults(perform=without_hypothesis)
+    laws = add("laws", "holds scenes that are drawn at random to laws, and prints the smallest scene that breaks one")
+    attack = add("attack", "attacks the command line for some minutes and counts how it ends")
+    for part, module in ((laws, "laws.command"), (attack, "attack")):
+        if importlib.util.find_spec("hypothesis"):
+            importlib.import_module(f"validation.{module}").add_options(part)
+        else:
+            part.set_defaults(perform=without_hypothesis)
     return made
 
 
-def without_hypothesis(_: argparse.Namespace) -> int:
-    """Raises InputError: attacks are drawn by Hypothesis, which the main job does without."""
-    raise InputError('attack: Hypothesis is not installed; install it with: pip install -e ".[test]".')
+def without_hypothesis(given: argparse.Namespace) -> int:
+    """Raises InputError: scenes and attacks are drawn by Hypothesis, which the main job does without."""
+    raise InputError(f'{given.command}: Hypothesis is not installed; install it with: pip install -e ".[test]".')
 
 
-def add_options(made: argparse.ArgumentParser, *more: str) -> None:
-    """What the commands that compute and scripts/reproduce.py have in common; `more` of --only and --jobs."""
+def add_options(made: argparse.ArgumentParser, in_folders: bool = False) -> None:
+    """What the commands that compute and scripts/reproduce.py have in common; `in_folders` what the former add."""
     size = made.add_mutually_exclusive_group()
     size.add_argument("--quick", action="store_true", help="small sizes: minutes in all")
     size.add_argument("--full", action="store_true", help="the published sizes (the default)")
@@ -140,18 +133,14 @@ def add_options(made: argparse.ArgumentParser, *more: str) -> None:
     made.add_argument("--peers", action="store_true", help="also time other programs on the same work")
     made.add_argument("--fresh", action="store_true", help="compute anew what is stored")
     made.add_argument("--json", action="store_true", help="one JSON object on standard output")
-    if not more:
+    if not in_folders:
         return
     made.add_argument("--results", type=Path, default=Path("results"), help="where results are kept and reused")
     made.add_argument("--figures", type=Path, help="where pictures go; figures, with --quick figures/quick")
-    if "--only" in more:
-        made.add_argument(
-            "--only", nargs="+", default=[], metavar="RUN", help="runs whose names start like one of these"
-        )
-    if "--jobs" in more:
-        where = made.add_mutually_exclusive_group()
-        where.add_argument("--jobs", type=int, default=1, metavar="N", help="processes for all runs that are not timed")
-        where.add_argument("--scheduler", metavar="ADDRESS", help="the same on the workers of a Dask scheduler")
+    made.add_argument("--only", nargs="+", default=[], metavar="RUN", help="runs whose names start like one of these")
+    where = made.add_mutually_exclusive_group()
+    where.add_argument("--jobs", type=int, default=1, metavar="N", help="processes for all runs that are not timed")
+    where.add_argument("--scheduler", metavar="ADDRESS", help="the same on the workers of a Dask scheduler")
 
 
 def options_of(given: argparse.Namespace, root: Path = Path()) -> Options:

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import functools
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -241,25 +240,6 @@ def launched(simulation: refsim.Simulation) -> list[str]:
     return [name for name, count in simulation.timings.launches.items() for _ in range(count) if name not in around]
 
 
-@contextmanager
-def counted_kernels() -> Iterator[list[str]]:
-    """Names of the CUDA kernels that are launched meanwhile."""
-    from refsim.backends.compile import CudaKernel
-
-    names: list[str] = []
-    launch: Callable[..., None] = CudaKernel.__call__
-
-    def counting(self: Any, *arguments: Any) -> None:
-        names.append(self.__name__)
-        launch(self, *arguments)
-
-    CudaKernel.__call__ = counting  # type: ignore[method-assign]
-    try:
-        yield names
-    finally:
-        CudaKernel.__call__ = launch  # type: ignore[method-assign]
-
-
 def differences(simulation: refsim.Simulation, operations: Sequence[str]) -> list[str]:
     """Where the operations that a step launched, or the bytes of the fields, are not the plan's; one sentence each."""
     plan, faults = simulation.plan, []
@@ -271,23 +251,6 @@ def differences(simulation: refsim.Simulation, operations: Sequence[str]) -> lis
     if held != said:
         faults.append(f"the fields hold {held} bytes; the plan says {said}")
     return faults
-
-
-def neighbourhood(simulation: refsim.Simulation) -> tuple[int, float, float]:
-    """(particles, mean neighbours within h of sampled particles, mean entries of the list) on backend "cuda"."""
-    from refsim.backends import device
-
-    n, h, listed = simulation.count, simulation.plan.grid.support_radius, simulation.shared["neighbours"]
-    counts = simulation.backend.host(listed.count)
-    rows = np.random.default_rng(0).choice(n, min(n, 2000), replace=False)
-    position = simulation.backend.host(simulation.fields["position"]).astype(float)
-    sampled = device.as_cupy(listed.entries).reshape(-1, n)[:, device.cupy_or_numpy().asarray(rows)]
-    entries = np.asarray(sampled.get() if hasattr(sampled, "get") else sampled)
-    within = 0
-    for column, i in enumerate(rows):
-        away = position[entries[: counts[i], column]] - position[i]
-        within += int(((away**2).sum(1) < h * h).sum())
-    return n, within / len(rows), float(counts.mean())
 
 
 def clock() -> tuple[Callable[[], Any], Callable[[Any, Any], float]]:

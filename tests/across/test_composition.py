@@ -16,9 +16,9 @@ from refsim.core.fields import BASE, POSITION_RESIDUAL
 from refsim.core.operation import REGISTRY
 from refsim.mpm.memory import grid_bytes
 from refsim.study.memory import bytes_of
-from tests import running
+from tests import pairs, running
 from tests.running import python
-from validation import pairs, timed
+from validation import timed
 
 LIQUID = rs.WeaklyCompressible(sound_speed=12.0, clamp_pressure=False, density="summation")  # pulled together: it moves
 VISCOUS = msgspec.structs.replace(LIQUID, dynamic_viscosity=0.3)

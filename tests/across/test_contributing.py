@@ -91,7 +91,7 @@ print(*test_registry.unbalanced_virials([operation], root))
 """
 
 SIMULATED = """
-from validation.simulator_threads import install
+from tests.simulator_threads import install
 install()
 outcome = contract.run(operation, "cuda", "float32", "cloud_2d")
 assert outcome.passed, str(outcome)

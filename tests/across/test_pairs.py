@@ -12,13 +12,13 @@ import pytest
 
 from refsim import InputError, make_plan
 from refsim.core.effect import EFFECTS
+from tests import pairs
 from tests.running import python
-from validation import pairs
 
 RUN = """
 import json, pickle, sys
 from refsim import MeshBoundary
-from validation import pairs
+from tests import pairs
 placed = pickle.load(sys.stdin.buffer)
 MeshBoundary.placed = lambda effect, grid: placed
 found = {" ".join(pair): [list(part) for part in pairs.compare(*pair, "cpu", steps=2)] for pair in PAIRS}
@@ -32,7 +32,7 @@ def test_every_effect_is_paired():
 
 @pytest.mark.parametrize("some", [slice(5, None, 6), pytest.param(slice(None), marks=pytest.mark.slow)], ids=str)
 def test_backends_agree_on_pairs(some):
-    """A sixth of them, with every effect, and at night all; `validation.pairs.compare` states the bound."""
+    """A sixth of them, with every effect, and at night all; `tests.pairs.compare` states the bound."""
     chosen = list(pairs.pairs())[some]
     assert {name for pair in chosen for name in pair} == set(pairs.EFFECTS)
     plan = make_plan(pairs.scene("weakly_compressible", "mesh_boundary"))

@@ -17,7 +17,7 @@ from refsim import make_plan
 from refsim.commands.plan import describe_plan
 from refsim.core.effect import Extremes
 from refsim.scene.passes import accounts
-from validation import pairs
+from tests import pairs
 
 PEBBLE = pathlib.Path(__file__).parents[2] / "refsim" / "examples" / "pebble.obj"
 FACES = ("-x", "+x", "-y", "+y", "-z", "+z")

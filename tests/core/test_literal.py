@@ -12,8 +12,8 @@ from refsim.boundary.mesh import surface_mesh
 from refsim.boundary.sampling import sample
 from refsim.core.capabilities import HasErrata
 from refsim.scene.files import load_scene
+from tests import pairs
 from tests.running import rows
-from validation import pairs
 
 REQUIRED = {
     type(effect): {f.name: getattr(effect, f.name) for f in msgspec.structs.fields(effect) if f.required}

@@ -7,7 +7,7 @@ import refsim as rs
 from refsim import make_plan
 from refsim.core.effect import Extremes
 from refsim.engine.limits import stable_steps, step_limits
-from validation import pairs
+from tests import pairs
 
 D, H = 0.1, 0.25
 

@@ -15,7 +15,8 @@ from refsim import neighbours
 from refsim.backends import arrays, runtime
 from refsim.commands.plan import describe_plan
 from refsim.study.memory import bytes_of
-from validation import pairs, timed
+from tests import pairs
+from validation import timed
 from validation.experiments.melting.scene import scene_of
 from validation.running import take_steps
 

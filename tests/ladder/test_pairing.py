@@ -15,8 +15,8 @@ from refsim.contract.answers import typed
 from refsim.core import cases
 from refsim.core.operation import REGISTRY, backend_of, without
 from refsim.neighbours.rows import NeighbourRows
+from tests import pairs
 from tests.running import python
-from validation import pairs
 
 
 def trials():

@@ -21,8 +21,7 @@ from refsim.core.effect import EFFECTS, Discretisation, Effect
 from refsim.core.period import period_group
 from refsim.scene.solids import voxelised
 from refsim.surface_energy import Tension, surface_term
-from tests import layers
-from validation import pairs
+from tests import layers, pairs
 
 D, H, RHO, C, MU = 0.14, 0.37, 870.0, 60.0, 0.4  # spacing [m], support radius [m], rho0, c [m/s], mu [Pa s]
 SIGMA = 0.8  # [N/m]

@@ -10,8 +10,8 @@ import pytest
 
 import refsim as rs
 from refsim import make_plan
+from tests import pairs
 from tests.running import rows
-from validation import pairs
 
 WALLS = {"lower": (0, 0, 0), "upper": (1, 1, 1)}
 

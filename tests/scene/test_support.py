@@ -5,7 +5,7 @@ import pytest
 import refsim as rs
 from refsim import make_plan
 from refsim.scene.checks import checked, summing
-from validation import pairs
+from tests import pairs
 
 SUMS = [name for name in pairs.EFFECTS if summing(*checked(pairs.scene(name, name)))]
 NEEDS_MORE = ("dong_2016", "surface_detection", "mesh_boundary")  # have a reason of their own, or are sampled for long

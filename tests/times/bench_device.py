@@ -1,23 +1,26 @@
 """On a GPU: its speeds, each kernel of a step alone, steps, and the surface and tables of MPM (docs/study.md).
 
-Warp's steps take turns with refsim's, which pytest-benchmark cannot do: `validation.limits.beside_warp` does it within
-one reading.
+Warp's steps take turns with refsim's, which pytest-benchmark cannot do: `beside_warp` does it within one reading.
 """
 
 import functools
+import time
 
 import numpy as np
 import pytest
 
-from refsim import Cloud, MpmLiquid, Scene, Simulation
-from refsim.backends import device
+from refsim import Cloud, MpmLiquid, Scene, Simulation, make_plan
+from refsim.backends import device, runtime
 from refsim.backends.arrays import choose
 from refsim.backends.compile import cuda, cuda_kernel
 from validation import limits, timed
-from validation.peers import missing
+from validation.peers import missing, warp_sph
 
 SIZES = {"60k": 39, "1M": 100, "8M": 200}  # particles along the edge of a cube
 WARM = 60
+TURNS = 3  # of refsim and Warp
+WARP_STEPS = {39: 300, 100: 120, 200: 40}  # of refsim and of Warp in a turn by the cube's edge, after WARM others
+BUSY = 0.3  # [s] that the device works before a reading
 LAUNCHES = 20  # of a kernel in one graph
 CHAINS = 8  # independent chains of a thread, so that no multiply-add waits for the one before
 OF_STEP = {"sph.density": "density", "sph.state": "state", "jiang_zhu_2023.cohesion": "forces"}
@@ -84,12 +87,27 @@ def test_arithmetic(on_device, tiny, backend):
     on_device("arithmetic", lambda: multiply_add(*given), operations=2 * CHAINS * threads * rounds)
 
 
+def neighbourhood(simulation):
+    """(particles, mean neighbours within h of sampled particles, mean entries of the list) on backend "cuda"."""
+    n, h, listed = simulation.count, simulation.plan.grid.support_radius, simulation.shared["neighbours"]
+    counts = simulation.backend.host(listed.count)
+    rows = np.random.default_rng(0).choice(n, min(n, 2000), replace=False)
+    position = simulation.backend.host(simulation.fields["position"]).astype(float)
+    sampled = device.as_cupy(listed.entries).reshape(-1, n)[:, device.cupy_or_numpy().asarray(rows)]
+    entries = np.asarray(sampled.get() if hasattr(sampled, "get") else sampled)
+    within = 0
+    for column, i in enumerate(rows):
+        away = position[entries[: counts[i], column]] - position[i]
+        within += int(((away**2).sum(1) < h * h).sum())
+    return n, within / len(rows), float(counts.mean())
+
+
 @functools.lru_cache(maxsize=1)
 def cube(edge, warm):
     """The turning cube, whose next step has length zero, and (particles, neighbours, entries) of it."""
     simulation = timed.started(edge, warm=warm)
     simulation.backend.assign(simulation.timestep, 0.0)  # the motion then leaves the particles where they are
-    return simulation, timed.neighbourhood(simulation)
+    return simulation, neighbourhood(simulation)
 
 
 @cuda_alone
@@ -178,6 +196,61 @@ def test_table(on_device, tiny, backend):
     on_device("table", renew, repeats=1, particles=run.count, blocks=grid.nodes // 64)
 
 
+def beside_warp(edge):
+    """Seconds of a step of refsim and of Warp in turns, list and grid included; both start anew in each turn.
+
+    {"particles", "refsim": readings, "warp": readings by way, "serves": steps that a list serves, "speeds": difference
+    of the mean speeds at the end, of refsim's, "accelerations": `disturbed_difference`, "version"}.
+    """
+    small = runtime.simulated()
+    where = "cpu" if small else "cuda:0"
+    warm, steps = (2, 2) if small else (WARM, WARP_STEPS[edge])
+    busy = 0.0 if small else BUSY
+    refsim_seconds, theirs, builds, summary = [], {}, 0, {}
+    for _ in range(1 if small else TURNS):
+        simulation = timed.started(edge, warm=1 + warm)
+        search = simulation.search
+        until = time.perf_counter() + busy
+        while time.perf_counter() < until:  # the device's clock rises; the fields are computed anew in the next step
+            for _, _, call in simulation.force_calls:
+                call()
+            simulation.backend.synchronize()
+        simulation.outdate()
+        built, began = search.log.rebuilds, time.perf_counter()
+        for _ in range(steps):
+            simulation.step()  # waits for the device
+        refsim_seconds.append((time.perf_counter() - began) / steps)
+        builds += search.log.rebuilds - built
+        serves = len(refsim_seconds) * steps / max(builds, 1)
+        speed = float(np.sqrt((simulation.field("velocity").astype(float) ** 2).sum(1).mean()))
+        plan, summary["particles"] = simulation.plan, simulation.count
+        del simulation, search
+        peer = warp_sph.run(plan, timed.fixed_step(edge), warm, steps, max(1, round(serves)), where, busy=busy)
+        assert "missing" not in peer, peer
+        for name, seconds in peer["seconds"].items():
+            theirs.setdefault(name, []).append(seconds)
+        summary |= {"serves": serves, "speeds": abs(peer["speed"] / speed - 1)}
+    summary |= {"refsim": refsim_seconds, "warp": theirs, "version": peer["version"]}
+    return summary | ({"accelerations": disturbed_difference(edge, where)} if edge <= min(WARP_STEPS) else {})
+
+
+def disturbed_difference(edge, where):
+    """Largest difference of the accelerations of refsim and Warp, of the largest one.
+
+    The cube's particles are moved by up to 0.2 spacings along an axis; on the lattice pressures are rounding errors.
+    """
+    plan = make_plan(timed.spinning_cube(edge, step=timed.fixed_step(edge)))
+    moved = np.random.default_rng(1).uniform(-0.2, 0.2, plan.state.position.shape) * plan.grid.spacing
+    position = (plan.state.position + moved).astype(np.float32).astype(float)
+    plan = timed.begun(plan, position=position, velocity=timed.spinning(position).astype(np.float32).astype(float))
+    peer = warp_sph.run(plan, timed.fixed_step(edge), 1, 1, 1, where, accelerations=True)
+    assert "missing" not in peer, peer
+    simulation = Simulation(plan, "cuda")
+    simulation.evaluate()
+    acceleration = simulation.field("acceleration")
+    return float(f"{np.abs(acceleration - peer['acceleration']).max() / np.abs(acceleration).max():.3g}")
+
+
 @cuda_alone
 @sizes
 def test_beside_warp(reading, benchmark, tiny, size, backend):
@@ -186,7 +259,7 @@ def test_beside_warp(reading, benchmark, tiny, size, backend):
     found = {}
 
     def in_turns():
-        found.update(limits.beside_warp(3 if tiny else SIZES[size]))
+        found.update(beside_warp(3 if tiny else SIZES[size]))
 
     reading("device", backend, f"{size} warp", in_turns, warm=0, rounds=1, iterations=1)
     benchmark.extra_info |= found

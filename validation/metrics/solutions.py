@@ -107,7 +107,6 @@ def ellipse(time: NDArray, radius: float, pull: float, strain: float, friction: 
     a' = sigma a, b' = -sigma b, sigma' = (sigma^2 + Omega^2) (b^2 - a^2)/(a^2 + b^2) - 8 f sigma/(a^2 + b^2).
     The last term is the power of viscous forces in this flow, f = 2 nu for a Newtonian liquid [m^2/s].
     """
-    from scipy.integrate import solve_ivp
 
     def change(t: float, state: NDArray) -> list[float]:
         a, b, sigma = state
@@ -203,11 +202,6 @@ def standing_flow(k: float, top: float) -> Callable[[NDArray], NDArray]:
         return made
 
     return flow
-
-
-def rayleigh(radius: float, dim: int, tension: float = 1.0, density: float = 1.0) -> float:
-    """Frequency of mode 2 [rad/s]: sqrt(6 k/(rho R^3)) in the plane, sqrt(8 k/(rho R^3)) in space (Rayleigh 1879)."""
-    return math.sqrt((6 if dim == 2 else 8) * tension / (density * radius**3))
 
 
 def swaying_linear(time: NDArray, amplitude: float, viscosity: float, modes: int = 20) -> NDArray:

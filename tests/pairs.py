@@ -4,18 +4,14 @@ A scene holds the two effects and those that they need. The particles are shaken
 near as another, and fall against walls where there are any.
 """
 
-from __future__ import annotations
-
 import itertools
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from refsim import Cloud, Scene, Simulation, SolidBox, make_plan
 from refsim.core import cases
-from refsim.core.effect import Effect
-from validation.running import take_steps
+from tests.running import advanced
 
 SPACING = 0.1  # m
 BOUND = 1e-11  # of a field's largest value; see `compare`
@@ -25,7 +21,7 @@ OF_SPACING = ("region_anchor", "region_center")  # displacements of nodes, as ex
 # is compared
 OF_ORDER = ("place", "cell", "velocity_range")
 cases.discover()
-EFFECTS: dict[str, Effect] = {name: example.effect for name, example in cases.EXAMPLES.items()}
+EFFECTS = {name: example.effect for name, example in cases.EXAMPLES.items()}
 
 _TWICE, _COHESION, _FILTER = "take the place of 'sph", "an effect with cohesion", "compute field 'corrected_density'"
 # Effects that no scene has together, also where another effect needs one of them, and words of the refusal
@@ -50,7 +46,7 @@ class Difference(NamedTuple):
     allowed: float
 
 
-def scene(first: str, second: str, dtype: str = "float64") -> Scene:
+def scene(first, second, dtype="float64"):
     """The scene of two effects, by their names, with what they need."""
     names, waiting = [], [first, second]
     while waiting:
@@ -62,7 +58,7 @@ def scene(first: str, second: str, dtype: str = "float64") -> Scene:
     cells = (6, 4, 1) if not space else (2, 2, 2) if "surface_energy" in names else (3, 3, 3)
     lattice = np.stack(np.meshgrid(*(np.arange(n) + 0.5 for n in cells), indexing="ij"), axis=-1).reshape(-1, 3)
     place = SPACING * (lattice + np.random.default_rng(17).uniform(-0.1, 0.1, lattice.shape))
-    solid: tuple[SolidBox, ...] = ()
+    solid = ()
     if "shape_matching" in names:
         solid = (SolidBox(
             lower=(0.0, 0.3, 0.0), upper=(0.1999, 0.4999, 0.1999), density=900.0, velocity=(0.0, -0.3, 0.2),
@@ -71,26 +67,24 @@ def scene(first: str, second: str, dtype: str = "float64") -> Scene:
     if not space:
         place[:, 2] = 0
     return Scene(
-        name=f"{first}_{second}", dim=3 if space else 2, spacing=SPACING, support_radius=2.1 * SPACING, dtype=dtype,  # type: ignore[arg-type]
+        name=f"{first}_{second}", dim=3 if space else 2, spacing=SPACING, support_radius=2.1 * SPACING, dtype=dtype,
         step=5e-4, fluid=(Cloud(position=place, velocity=np.array([0.1, -0.3, 0.0]) + place @ SHEAR),), solid=solid,
         effects=tuple(EFFECTS[name] for name in names),
     )  # fmt: skip
 
 
-def pairs() -> Iterator[tuple[str, str]]:
+def pairs():
     """Every two effects that one scene may have."""
-    for first, second in itertools.combinations(EFFECTS, 2):
-        if not refused(first, second):
-            yield first, second
+    return (pair for pair in itertools.combinations(EFFECTS, 2) if not refused(*pair))
 
 
-def refused(first: str, second: str) -> str:
+def refused(first, second):
     """Words of the sentence with which a scene of both effects is refused; empty where it is not."""
     together = {effect.name for effect in scene(first, second).effects}
     return next((reason for never, reason in NEVER.items() if set(never) <= together), "")
 
 
-def compare(first: str, second: str, backend: str, oracle: str = "numpy", steps: int = 5) -> list[Difference]:
+def compare(first, second, backend, oracle="numpy", steps=5):
     """Every field of the pair's scene after `steps` steps on two backends, in float64.
 
     Bound: a sum has up to a hundred terms, each rounded to 1.1e-16, and the pressure, of a density that is off by 1e-2
@@ -100,7 +94,7 @@ def compare(first: str, second: str, backend: str, oracle: str = "numpy", steps:
     made = make_plan(scene(first, second))
     runs = [Simulation(made, name) for name in (oracle, backend)]
     for simulation in runs:
-        take_steps(simulation, steps)
+        advanced(simulation, steps)
         simulation.evaluate()
     differences = []
     for name, field in made.fields.items():

@@ -12,14 +12,12 @@ import contextlib
 import functools
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any
 
 import greenlet
 import numpy as np
 
 
-def install() -> None:
+def install():
     """Replace the simulator's exchange of the module, its shared arrays and its loop over the threads of a block."""
     from numba.cuda.simulator import kernel, kernelapi
 
@@ -27,14 +25,14 @@ def install() -> None:
     kernelapi.threading = Threads()
     make = kernelapi.FakeCUDALocal().array
 
-    def shared(arrays: Any, shape: Any, dtype: Any) -> Any:
+    def shared(arrays, shape, dtype):
         caller = sys._getframe(1)
         place = caller.f_code, caller.f_lineno
         if place not in arrays._allocations:
             arrays._allocations[place] = make(shape, dtype)
         return arrays._allocations[place]
 
-    def run(manager: Any, block: Any, *arguments: Any) -> None:
+    def run(manager, block, *arguments):
         size, block, votes = (*manager._block_dim, 1, 1)[:3], kernelapi.Dim3(*block), {}
         call = functools.partial(manager._f, *arguments)
         turns = [Turn(call, block, kernelapi.Dim3(*place), size, votes) for place in np.ndindex(*size)]
@@ -50,11 +48,11 @@ def install() -> None:
 class Threads:
     """The module `threading` with the simulated thread as the current one, while there is one."""
 
-    def current_thread(self) -> Any:
+    def current_thread(self):
         current = greenlet.getcurrent()
         return current if isinstance(current, Turn) else threading.current_thread()
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name):
         return getattr(threading, name)
 
 
@@ -64,43 +62,41 @@ class Turn(greenlet.greenlet):
     votes  values given by the threads of the block, by the number of their wait
     """
 
-    def __init__(
-        self, call: Callable[[], None], block: Any, place: Any, size: Sequence[int], votes: dict[int, list[Any]]
-    ) -> None:
+    def __init__(self, call, block, place, size, votes):
         super().__init__(call)
         self.blockIdx, self.threadIdx, self.votes, self.waits = block, place, votes, 0
         self.thread_id = place.x + size[0] * (place.y + size[1] * place.z)
 
-    def syncthreads(self) -> None:
+    def syncthreads(self):
         """Let the others of the block come as far."""
         self.waits += 1
         self.parent.switch()
 
-    def _after_all(self, value: Any) -> list[Any]:
+    def _after_all(self, value):
         given = self.votes.setdefault(self.waits, [])
         given.append(value)
         self.syncthreads()
         return given
 
-    def syncthreads_count(self, value: Any) -> int:
+    def syncthreads_count(self, value):
         """How many of the block's values are true."""
         return int(np.count_nonzero(self._after_all(value)))
 
-    def syncthreads_and(self, value: Any) -> int:
+    def syncthreads_and(self, value):
         """Whether all of the block's values are true."""
         return int(all(self._after_all(value)))
 
-    def syncthreads_or(self, value: Any) -> int:
+    def syncthreads_or(self, value):
         """Whether one of the block's values is true."""
         return int(any(self._after_all(value)))
 
 
 LOCK = threading.Lock()
-INSIDE: dict[int, tuple[int, dict]] = {}  # by the identity of a module's globals: calls inside, and what stood there
+INSIDE = {}  # by the identity of a module's globals: calls inside, and what stood there
 
 
 @contextlib.contextmanager
-def exchanged(function: Any, stand_in: Any) -> Iterator[None]:
+def exchanged(function, stand_in):
     """The stand-in among the function's globals until the last call has left."""
     from numba import cuda
 
