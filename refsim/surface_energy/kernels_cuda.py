@@ -29,7 +29,7 @@ def arrays(blocks, real, particles=0, vertices=0, facets=0):
     a["counts"] = device.as_numba(device.cupy_or_numpy().asarray(made))
     for name in ("held_points", "members", "node_label", "first", "sample_count", "vertex_edge", "facets"):
         device.fill(a[name], 0)
-    for name in ("vertex_nearest", "nearest"):  # where a search begins
+    for name in ("vertex_centre", "nearest"):  # where a search begins
         device.fill(a[name], -1)
     return a
 

@@ -46,7 +46,7 @@ class Vertices(NamedTuple):
     """Vertices of the surface, by the names of their work arrays."""
 
     vertex_position: Any
-    vertex_nearest: Any
+    vertex_centre: Any  # the particle whose sphere it is on
     vertex_outward: Any
     vertex_normal: Any
     inset_position: Any
@@ -246,7 +246,7 @@ def farthest_of_lanes(lane, i, axis, towards, spheres, blocks, surface_term):
 
 @cuda_kernel(lanes=LANES, rows_of="vertex_edge")
 def place_vertices(spheres, blocks, node_state, surface_term, vertex_edge, counts, vertices):
-    """Algorithm 1, lines 10 to 17: vertices on the union of spheres [m], and directions away from the liquid."""
+    """Algorithm 1, lines 10 to 17: vertices on the union of spheres [m], and the particles of their spheres."""
     v, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
     if v < counts[VERTICES]:
         h = surface_term.cell_size
@@ -258,43 +258,50 @@ def place_vertices(spheres, blocks, node_state, surface_term, vertex_edge, count
         if node_state[i] != 1:
             i = step_node(blocks, i, axes[0], axes[1], axes[2])
             towards = -1
-        farthest, seed = farthest_of_lanes(lane, i, axes, towards, spheres, blocks, surface_term)
-        length = real(towards) * min(farthest, real(1))
-        x = formulas.on_edge(node_coordinates(blocks, i), axes, length, h)
-        own = node_at(x, 0.0, i >> 6, blocks, surface_term)
-        p, n = nearest_of_lanes(lane, own, x, seed, spheres, blocks, surface_term)
+        farthest, centre = farthest_of_lanes(lane, i, axes, towards, spheres, blocks, surface_term)
         if lane == 0:
-            put(vertices.vertex_position, v, x)
-            put(vertices.vertex_outward, v, n)
-            vertices.vertex_nearest[v] = p
+            length = real(towards) * min(farthest, real(1))
+            put(vertices.vertex_position, v, formulas.on_edge(node_coordinates(blocks, i), axes, length, h))
+            vertices.vertex_centre[v] = centre
 
 
-@cuda_kernel(lanes=LANES, rows_of="facets")
-def place_points(spheres, blocks, surface_term, vertex_edge, vertices, facets, counts, samples, points):
-    """One sample to a facet, its nearest particle, the points of the fit [m] and their cells."""
+@cuda_kernel(lanes=LANES, rows_of="either")
+def place_points(spheres, blocks, surface_term, vertex_edge, vertices, facets, counts, samples, points, either):
+    """One sample to a facet, its nearest particle, the points of the fit [m] and their cells; directions at vertices.
+
+    The first threads, as many as share the capacity of facets, take samples, the others vertices.
+    """
     s, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
-    made = counts[MADE]
-    if s < made:
-        x, _, normal = kernels.facet_sample(s, vertices.vertex_position, facets)
-        guess = (vertex_edge[facets[s, 0]] // 3) >> 6
-        own = node_at(x, 0.0, guess, blocks, surface_term)
-        seed = vertices.vertex_nearest[facets[s, min(lane, facets.shape[1] - 1)]]
-        p, n = nearest_of_lanes(lane, own, x, seed, spheres, blocks, surface_term)
-        for k in range(lane, 2, LANES):
-            r = s
-            if k == 0:
-                put(samples.sample_place, s, x)
-                put(samples.facet_normal, s, normal)
-                put(samples.outward, s, n)
-                samples.nearest[s] = p
-            else:
-                r = made + s
-                x = added(x, scaled(n, surface_term.offset * surface_term.cell_size))
-            put(points.fit_position, r, x)
-            cell = node_at(x, 0.5, own >> 6, blocks, surface_term)
-            points.fit_cell[r] = cell
-            if cell >= 0:
-                points.fit_place[r] = cuda.atomic.add(points.held_points, cell, 1)
+    made, v = counts[MADE], s - facets.shape[0]
+    is_vertex = 0 <= v < counts[VERTICES]
+    if s < made or is_vertex:
+        if is_vertex:
+            corner = v
+            x, normal = three(vertices.vertex_position, v), three(vertices.vertex_position, v)
+        else:
+            corner = facets[s, min(lane, facets.shape[1] - 1)]
+            x, _, normal = kernels.facet_sample(s, vertices.vertex_position, facets)
+        own = node_at(x, 0.0, (vertex_edge[corner] // 3) >> 6, blocks, surface_term)
+        p, n = nearest_of_lanes(lane, own, x, vertices.vertex_centre[corner], spheres, blocks, surface_term)
+        if is_vertex:
+            if lane == 0:
+                put(vertices.vertex_outward, v, n)
+        else:
+            for k in range(lane, 2, LANES):
+                r = s
+                if k == 0:
+                    put(samples.sample_place, s, x)
+                    put(samples.facet_normal, s, normal)
+                    put(samples.outward, s, n)
+                    samples.nearest[s] = p
+                else:
+                    r = made + s
+                    x = added(x, scaled(n, surface_term.offset * surface_term.cell_size))
+                put(points.fit_position, r, x)
+                cell = node_at(x, 0.5, own >> 6, blocks, surface_term)
+                points.fit_cell[r] = cell
+                if cell >= 0:
+                    points.fit_place[r] = cuda.atomic.add(points.held_points, cell, 1)
 
 
 @formula

@@ -27,7 +27,7 @@ def work_arrays(
         "node_state": (count, np.uint8), "node_label": count, "members": count, "crossings": (count, np.uint8),
         "cell_case": (count, np.uint8), "cut_total": (b, np.int64), "edge_first": count, "facet_first": count,
         "vertex_edge": v, "facets": ((f, dim), np.int32), "vertex_position": ((v, 3), real),
-        "vertex_outward": ((v, 3), real), "vertex_nearest": v, "sample_place": ((f, 3), real),
+        "vertex_outward": ((v, 3), real), "vertex_centre": v, "sample_place": ((f, 3), real),
         "facet_normal": ((f, 3), real), "outward": ((f, 3), real), "fit_position": ((2 * f, 3), real),
         "fit_cell": 2 * f, "fit_place": 2 * f, "held_points": count, "fit_first": count, "fit_unsorted": 2 * f,
         "fit_splines": ((2 * f, 9), real), "fit_target": (2 * f, real), "node_weight": (count, real),
@@ -90,16 +90,16 @@ def write_cuts(a: Arrays, blocks: Any, table: Any) -> None:
 
 
 def place_vertices(a: Arrays, position: Any, number: Any, blocks: Any, term: Any) -> None:
-    """Vertices on the union of spheres [m] and unit vectors away from their nearest particles."""
+    """Vertices on the union of spheres [m] and the particles of these."""
     spheres, vertices = Spheres(position, number, a["placed"], listed(a)), named(Vertices, a)
     samples_cuda.place_vertices(spheres, blocks, a["node_state"], term, a["vertex_edge"], a["counts"], vertices)
 
 
 def place_points(a: Arrays, position: Any, number: Any, blocks: Any, term: Any) -> None:
-    """Samples of facets, unit vectors away from their nearest particles, and the points of the fit [m]."""
+    """Samples of facets, unit vectors away from particles nearest to them and to vertices, points of the fit [m]."""
     spheres, vertices = Spheres(position, number, a["placed"], listed(a)), named(Vertices, a)
     surface = a["vertex_edge"], vertices, a["facets"], a["counts"], named(Samples, a), named(FitPoints, a)
-    samples_cuda.place_points(spheres, blocks, term, *surface)
+    samples_cuda.place_points(spheres, blocks, term, *surface, a["either"])
 
 
 def sort_points(a: Arrays, blocks: Any, term: Any) -> None:
