@@ -119,26 +119,27 @@ def row_near(x, x0, x1, dy, dz, surface_term):
 
 
 @formula
-def row_part(b, x0, x1, y, z, part, blocks, first):
-    """(begin, end, start) of the particles of cells (x, y, z), x from x0 to x1, in the first or second block (`part`).
+def row_parts(b, x0, x1, y, z, blocks, first):
+    """((begin, end, start), (begin, end, start)) of the particles of cells (x, y, z), x from x0 to x1, in two blocks.
 
     Cells are counted from the lowest of block b, int32; the row spans at most two blocks. `start` is the lowest cell
-    along x of the part's block. Cells in a row along x of one block are numbered consecutively, and so are their
-    particles. All is read without a condition, so that reads for several parts do not wait for each other.
+    along x of each. Cells in a row along x of one block are numbered consecutively, and so are their particles. All is
+    read without a condition, so that reads do not wait for each other.
     """
     if blocks.neighbour.shape[1] == 27:
-        start = np.int32(((x0 >> 2) + part) << 2)
-        way = np.int32(13 + min(start >> 2, 1) + 3 * (y >> 2) + 9 * (z >> 2))
-        row, end = np.int32((y & 3) << 2 | (z & 3) << 4), np.int32(start + 4)
+        start, width = np.int32(x0 & ~3), 4
+        way, row = np.int32(13 + 3 * (y >> 2) + 9 * (z >> 2)), np.int32((y & 3) << 2 | (z & 3) << 4)
+        step, last = np.int32(start >> 2), np.int32(min((start >> 2) + 1, 1))
     else:
-        start = np.int32(((x0 >> 3) + part) << 3)
-        way = np.int32(4 + min(start >> 3, 1) + 3 * (y >> 3))
-        row, end = np.int32((y & 7) << 3), np.int32(start + 8)
-    low, high = np.int32(max(x0, start) - start), np.int32(min(x1 + 1, end) - start)
-    other = blocks.neighbour[number(b), number(way)]
-    cell = np.int32(CELLS * max(other, 0) + row)
-    begin, end = np.int32(first[number(cell + low)]), np.int32(first[number(cell + max(low, high))])
-    return begin, end if other >= 0 else begin, start
+        start, width = np.int32(x0 & ~7), 8
+        way, row = np.int32(4 + 3 * (y >> 3)), np.int32((y & 7) << 3)
+        step, last = np.int32(start >> 3), np.int32(min((start >> 3) + 1, 1))
+    middle = np.int32(start + width)
+    own, next_one = blocks.neighbour[number(b), number(way + step)], blocks.neighbour[number(b), number(way + last)]
+    cell, other = np.int32(CELLS * max(own, 0) + row), np.int32(CELLS * max(next_one, 0) + row)
+    begin, end = np.int32(first[number(cell + x0 - start)]), np.int32(first[number(cell + min(x1 + 1, middle) - start)])
+    low, high = np.int32(first[number(other)]), np.int32(first[number(other + max(x1 + 1 - middle, 0))])
+    return (begin, end if own >= 0 else begin, start), (low, high if next_one >= 0 else low, middle)
 
 
 @cuda_formula

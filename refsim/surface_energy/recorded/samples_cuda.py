@@ -26,7 +26,7 @@ from refsim.surface_energy.recorded.cells_cuda import (
     local_place,
     node_at,
     row_near,
-    row_part,
+    row_parts,
 )
 
 LANES = 2 if simulated() else 4
@@ -125,8 +125,7 @@ def nearest_of_lanes(lane, i, x, seed, spheres, blocks, surface_term):
             if left >= real(0):
                 x0, x1 = cells_within(ox, math.sqrt(left), ix)
                 py, pz = oy - real(block_start(cy, space)), oz - real(block_start(cz, space)) if space else oz
-                near = row_part(b, x0, x1, cy, cz, 0, blocks, cells.first)
-                far = row_part(b, x0, x1, cy, cz, 1, blocks, cells.first)
+                near, far = row_parts(b, x0, x1, cy, cz, blocks, cells.first)
                 for part in range(2):
                     begin, end, start = near if part == 0 else far
                     px = ox - real(start)
@@ -219,8 +218,7 @@ def farthest_of_lanes(lane, i, axis, towards, spheres, blocks, surface_term):
         x0, x1 = row_near(ix, -2, 1, dy, dz, surface_term)
         py = real(block_start(cy, space) - iy)
         pz = real(block_start(cz, space) - iz) if space else real(0)
-        near = row_part(b, x0, x1, cy, cz, 0, blocks, cells.first)
-        far = row_part(b, x0, x1, cy, cz, 1, blocks, cells.first)
+        near, far = row_parts(b, x0, x1, cy, cz, blocks, cells.first)
         for part in range(2):
             begin, end, start = near if part == 0 else far
             px = real(start - ix)
