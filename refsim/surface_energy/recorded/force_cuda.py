@@ -4,12 +4,13 @@ import numpy as np
 
 from refsim.backends.compile import cuda, cuda_kernel
 from refsim.backends.tuples import put, scaled, three
+from refsim.sparse_grid.block_search_cuda import number
 from refsim.sparse_grid.formulas import node_coordinates
 from refsim.surface_energy import formulas
 from refsim.surface_energy.recorded.cells_cuda import CELLS, FILLED, MADE, POINTS, node_at
 from refsim.surface_energy.recorded.fit_cuda import REACHING, load_columns, place_in_row, reached_from, sum_around
 
-PLANES = 3  # of nodes along z that the samples of a cell reach, a thread to each; 1 in the plane
+ROWS = 9  # of nodes along x that the samples of a cell reach, a thread to each; 3 in the plane
 
 
 @cuda_kernel(rows_of="held")
@@ -42,41 +43,40 @@ def sort_samples(sample_cell, bins, unsorted, counts, point):
         point[place_in_row(s, sample_cell[s], *bins, unsorted)] = s
 
 
-@cuda_kernel(threads=CELLS, rows_of="planes")
-def sum_pulls(samples, bins, point, filled, counts, blocks, surface_term, pulls, planes):
+@cuda_kernel(threads=CELLS, rows_of="rows")
+def sum_pulls(samples, bins, point, filled, counts, blocks, surface_term, pulls, rows):
     """(4.18*): sum of A_s (I - n n^T) h grad B_k(x_s) of each cell's samples, for each node k that they reach."""
     sample_position, sample_normal = samples.sample_position, samples.sample_normal
     most = pulls.shape[1] - 1
-    plane, n = cuda.grid(1) // most, cuda.grid(1) % most
+    row, n = cuda.grid(1) // most, cuda.grid(1) % most
+    ky, kz = row % 3, row // 3
     space = blocks.neighbour.shape[1] == 27
-    if plane < (PLANES if space else 1) and n < counts[FILLED]:
+    if row < (ROWS if space else 3) and n < counts[FILLED]:
         real = type(surface_term.cell_size)
         cell = filled[n]
         jx, jy, jz = node_coordinates(blocks, cell)
-        total = cuda.local.array(27, pulls.dtype)
-        for k in range(27):
+        total = cuda.local.array(9, pulls.dtype)
+        for k in range(9):
             total[k] = real(0)
         first, held = bins
         for at in range(first[cell], first[cell] + held[cell]):
-            s = point[at]
+            s = number(point[at])
             fx = formulas.grid_offset(sample_position[s, 0], jx, surface_term)
             fy = formulas.grid_offset(sample_position[s, 1], jy, surface_term)
             wz, sz = real(1), real(0)
             if space:
                 fz = formulas.grid_offset(sample_position[s, 2], jz, surface_term)
-                wz, sz = formulas.spline_weight(fz, plane), formulas.spline_slope(fz, plane)
+                wz, sz = formulas.spline_weight(fz, kz), formulas.spline_slope(fz, kz)
             normal, area = three(sample_normal, s), samples.sample_area[s]
-            for ky in range(3):
-                wy, sy = formulas.spline_weight(fy, ky), formulas.spline_slope(fy, ky)
-                for kx in range(3):
-                    wx, sx = formulas.spline_weight(fx, kx), formulas.spline_slope(fx, kx)
-                    ux, uy, uz = formulas.tangential(normal, (sx * wy * wz, wx * sy * wz, wx * wy * sz))
-                    k = 9 * ky + 3 * kx
-                    total[k] += area * ux
-                    total[k + 1] += area * uy
-                    total[k + 2] += area * uz
-        for k in range(27):
-            pulls[27 * plane + k, n] = total[k]
+            wy, sy = formulas.spline_weight(fy, ky), formulas.spline_slope(fy, ky)
+            for kx in range(3):
+                wx, sx = formulas.spline_weight(fx, kx), formulas.spline_slope(fx, kx)
+                ux, uy, uz = formulas.tangential(normal, (sx * wy * wz, wx * sy * wz, wx * wy * sz))
+                total[3 * kx] += area * ux
+                total[3 * kx + 1] += area * uy
+                total[3 * kx + 2] += area * uz
+        for k in range(9):
+            pulls[9 * row + k, n] = total[k]
 
 
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")

@@ -34,7 +34,7 @@ def work_arrays(
         "coefficients": (count, real), "rank": count, "filled": 2 * f, "held_in_block": b, "active_block": b,
         "active_columns": ((b, fit_cuda.REACHING), np.int32),
         "reached": ((27, 2 * f + 1), real), "change": ((27, 2 * f + 1), real), "pulls": ((81, f + 1), real),
-        "planes": (3 * f, np.uint8), "sample_normal": ((f, 3), real), "vertex_normal": ((v, 3), real),
+        "rows": (force_cuda.ROWS * f, np.uint8), "sample_normal": ((f, 3), real), "vertex_normal": ((v, 3), real),
         "inset_position": ((v, 3), real), "sample_position": ((f, 3), real), "sample_area": (f, real), "nearest": f,
         "sample_count": n, "either": (f + v, np.uint8), "total": b, "one": 1,
         "totals": device.tiles(count) + 1, "counts": cells_cuda.COUNTS,
@@ -148,7 +148,7 @@ def pull(a: Arrays, blocks: Any, term: Any) -> None:
     fit_cuda.fill_points(a["fit_cell"], a["fit_place"], first, 1, counts, a["fit_unsorted"])
     force_cuda.sort_samples(a["fit_cell"], (first, held), a["fit_unsorted"], counts, a["sample_point"])
     bins = (first, held), a["sample_point"], a["filled"], counts
-    force_cuda.sum_pulls(named(Samples, a), *bins, blocks, term, a["pulls"], a["planes"])
+    force_cuda.sum_pulls(named(Samples, a), *bins, blocks, term, a["pulls"], a["rows"])
     force_cuda.pull_nodes(a["held_in_block"], a["rank"], blocks, a["pulls"], term, a["node_force"], a["total"])
 
 
