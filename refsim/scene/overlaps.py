@@ -106,7 +106,7 @@ def _common_line(
     length = np.linalg.norm(line, axis=1)[:, None]
     line = line / np.where(length > 0, length, 1)
     first, last, base = np.full(len(one), -np.inf), np.full(len(one), np.inf), one[:, :1]
-    start = np.zeros((len(one), 3))
+    start = base
     for corner, above in zip((one, other), high):
         above = np.where(np.abs(above) <= tolerance, 0.0, above)
         following, after = np.roll(corner, -1, axis=1), np.roll(above, -1, axis=1)
