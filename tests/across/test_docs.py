@@ -4,6 +4,7 @@ import configparser
 import contextlib
 import functools
 import io
+import itertools
 import json
 import pathlib
 import re
@@ -277,6 +278,42 @@ def test_the_night_on_a_server_runs_sessions_that_there_are():
     assert set(tasks) <= set(re.findall(r'^    "(\w+)": \(', sessions, re.M))
     named = {name.partition("-")[0] for name in environments}
     assert named == {"environments", "lowest", "newest"} <= set(re.findall(r"^def (\w+)\(session", sessions, re.M))
+
+
+def repeated(texts, length=30):
+    """Runs of so many words, without code and tables, that two of the texts have: {run: names}."""
+    found = {}
+    for name, text in texts.items():
+        own = re.findall(r"[\w.%]+", re.sub(r"^\|.*$|\$[^$]*\$", "", BLOCK.sub("", text), flags=re.MULTILINE))
+        for k in range(len(own) - length + 1):
+            found.setdefault(tuple(own[k : k + length]), set()).add(name)
+    return {run: names for run, names in found.items() if len(names) > 1}
+
+
+def test_no_page_repeats_another():
+    part = " ".join(f"word{k}" for k in range(30))
+    assert len(repeated({"a": f"One. {part}", "b": f"{part} Two.", "c": part.replace("word9", "other")})) == 1
+    assert repeated({page.name: page.read_text() for page in (ROOT / "docs").glob("*.md")}) == {}
+
+
+MACHINES = re.compile(r"\b(?:H100|H200|EPYC|Xeon)\b")
+
+
+def mixed_columns(text):
+    """Columns of tables whose cells name more than one machine beside times."""
+    for rows in re.findall(r"(?:^\|.*\|\n)+", text, re.MULTILINE):
+        cells = [[cell.strip() for cell in row.strip("|\n").split("|")] for row in rows.splitlines()]
+        for column in itertools.zip_longest(*cells[2:], fillvalue=""):
+            timed = [cell for cell in column if re.search(r"\d (?:s|ms|us|ns)\b", cell)]
+            if len({name for cell in timed for name in MACHINES.findall(cell)}) > 1:
+                yield column
+
+
+@pages
+def test_no_column_of_a_table_has_the_seconds_of_two_machines(page):
+    """`test_accuracy.py` holds the tables of stored settings to it, whose records have the machine."""
+    assert list(mixed_columns("| a | b |\n| --- | --- |\n| x | 3 ms (H100) |\n| y | 2 ms (H200) |\n"))
+    assert list(mixed_columns(page.read_text())) == []
 
 
 @pytest.mark.parametrize("page", QUESTIONS)
