@@ -142,8 +142,9 @@ class SolidMesh(Solid, tag="mesh", frozen=True, kw_only=True):
         import trimesh
 
         surface = self.mesh()
-        mesh = trimesh.Trimesh(surface.vertices + surface.origin, surface.faces, process=False)
-        column, column_of = np.unique(points[:, :2], axis=0, return_inverse=True)
+        unit = 2.0 ** min(0, round(math.log2(np.ptp(surface.vertices, axis=0).max())))  # [m]; roundings stay
+        mesh = trimesh.Trimesh((surface.vertices + surface.origin) / unit, surface.faces, process=False)
+        column, column_of = np.unique(points[:, :2] / unit, axis=0, return_inverse=True)
         column_of = column_of.reshape(-1)
         below = np.column_stack([column, np.full(len(column), mesh.bounds[0, 2] - 1.0)])
         up = np.broadcast_to([0.0, 0.0, 1.0], below.shape)
@@ -155,7 +156,7 @@ class SolidMesh(Solid, tag="mesh", frozen=True, kw_only=True):
         above = np.zeros(len(points), int)
         for number in range(crossings.max(initial=0)):
             there = crossings[column_of] > number
-            above[there] += hits[first[column_of[there]] + number, 1] > points[there, 2]
+            above[there] += hits[first[column_of[there]] + number, 1] > points[there, 2] / unit
         result = above % 2 == 1
         doubtful = crossings[column_of] % 2 == 1
         if doubtful.any():

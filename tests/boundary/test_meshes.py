@@ -258,12 +258,14 @@ def test_a_segment_is_compared_with_all_pieces_of_a_triangle_at_once():
     assert time.process_time() - began < 5.0
 
 
-def test_points_on_rays_along_edges_are_inside_where_the_body_is(tmp_path):
+@pytest.mark.parametrize("scale", [1.0, 1e-8])
+def test_points_on_rays_along_edges_are_inside_where_the_body_is(tmp_path, scale):
     """Of an octahedron, whose edges and corners columns of points touch: such a ray may count one crossing."""
     corners = np.concatenate([np.eye(3), -np.eye(3)])
     trimesh.convex.convex_hull(corners).export(tmp_path / "octahedron.obj")
     points = np.stack(np.meshgrid(*[np.arange(-5, 6) / 4] * 3), axis=-1).reshape(-1, 3) + [0.0, 0.0, 0.1]
-    found = SolidMesh(file=str(tmp_path / "octahedron.obj"), center=(0.0, 0.0, 0.0)).inside(points)
+    body = SolidMesh(file=str(tmp_path / "octahedron.obj"), center=(0.0, 0.0, 0.0), size=2 * scale)
+    found = body.inside(scale * points)
     assert found.tolist() == (np.abs(points).sum(1) < 1).tolist()
 
 
