@@ -125,7 +125,83 @@ def compression(number: float) -> float:
     return 2 / (1 + math.sqrt(1 - 4 * number))
 
 
-class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen=True, kw_only=True):
+class MeasuredByDrops:
+    """What a model has whose tension in the default liquid is that of measured drops."""
+
+    name: ClassVar[str]
+    measured: ClassVar[Measured] = {}  # where it has nothing, sigma is nominal
+    # by dimension, what drops of the default liquid have of a nominal sigma: by their pressure jump, their frequency
+    shown: ClassVar[Mapping[int, tuple[str, str]]] = {}
+    held: ClassVar[float] = 0.0  # least h/d at which drops have it within 5 %, by their jump and by their frequency
+    beyond: ClassVar[str] = ""  # of the supports of `measured`: what acts there, in words
+
+    def share_of_nominal(self, grid: Discretisation, others: Others) -> float:
+        """Measured over nominal tension in the default liquid, whose particles are shifted; else 1.
+
+        Linear in h/d and log S between what was measured, and at the nearest beyond.
+        """
+        stiffness = self._measured_at(grid, others)
+        if stiffness is None:
+            return 1.0
+        supports, drops = zip(*self.measured[grid.dim], strict=True)
+        shares = [np.interp(math.log(stiffness), *np.array([(math.log(s), share) for s, share in d]).T) for d in drops]
+        return float(np.interp(grid.support_radius / grid.spacing, supports, shares))
+
+    def _plain(self) -> Any:
+        """The model with nothing but its tension given, as in the drops that were measured."""
+        return type(self)(**{SIGMA: getattr(self, SIGMA)})
+
+    def _as_measured(self, others: Others) -> bool:
+        """Whether model and kernels are those of the drops that were measured."""
+        plain = self._plain()
+        plain = plain.with_scene_defaults(others) if isinstance(plain, FollowsScene) else plain
+        return self == plain and liquid_of(others).kernels == "wendland"
+
+    def _measured_at(self, grid: Discretisation, others: Others) -> float | None:
+        """S = sigma/(rho0 c^2 d), where the coefficient follows from measured drops."""
+        liquid, sigma = liquid_of(others), getattr(self, SIGMA)
+        if not (
+            sigma and density_complete_at_surface(others) and grid.dim in self.measured and self._as_measured(others)
+        ):
+            return None
+        return sigma / (liquid.rest_density * liquid.sound_speed**2 * grid.spacing)
+
+    def beyond_measured(self, grid: Discretisation, others: Others) -> Iterator[str]:
+        """Notes on a tension that no drop of the liquid has shown, and on one in a setting of no such drop.
+
+        An S is beyond those of the drops by more than a tenth.
+        """
+        complete = density_complete_at_surface(others)
+        if not getattr(self, SIGMA) or (liquid_of(others).with_scene_defaults(others).advances() and not complete):
+            return
+        stiffness, support = self._measured_at(grid, others), grid.support_radius / grid.spacing
+        if stiffness is None:
+            reason = "no drops of this liquid were measured with it"
+            if not complete:
+                reason = "calibrate has the coefficient where drops of a summed density were measured"
+            elif grid.dim in self.shown and self._as_measured(others):
+                jump, frequency = self.shown[grid.dim]
+                reason = (
+                    f"drops of this liquid have {jump} of it by their pressure jump, {frequency} by their frequency"
+                )
+            yield f"{self.name}: surface_tension is nominal: {reason}"
+            return
+        supports, drops = zip(*[at for at in self.measured[grid.dim] if at[0] >= self.held], strict=True)
+        begin = f"{self.name}: surface_tension is that of drops measured with"
+        reach = " to ".join(f"{h:g}" for h in dict.fromkeys((supports[0], supports[-1])))
+        if not supports[0] - 0.01 <= support <= supports[-1] + 0.01:
+            yield (
+                f"{begin} a support_radius of {reach} spacings; with {support:.3g} another tension acts{self.beyond}"
+            )
+        least, most = (float(np.interp(support, supports, [d[k][0] for d in drops])) for k in (0, -1))
+        if not least / 1.1 <= stiffness <= most * 1.1:
+            yield (
+                f"{begin} sigma/(rho0 c^2 d) = {least:.2g} to {most:.2g}; with {stiffness:.2g} a"
+                f" {'larger' if stiffness < least else 'smaller'} tension acts"
+            )
+
+
+class PairCohesion(Effect, MeasuredByDrops, BalancesCohesion, KnowsLimits, PullsParticles, frozen=True, kw_only=True):
     """Base of the models with pair cohesion, and of every force between particles at rest that is no pressure.
 
     A model gives `name`, `coefficient_name`, `prepare` and `force_of`. It has from here: the coefficient of a nominal
@@ -137,10 +213,6 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
 
     lattice: ClassVar[bool] = False  # sums over lattice neighbours, for a force of short range
     potential: ClassVar[bool] = True  # the force of a pair depends on its distance and masses alone
-    measured: ClassVar[Measured] = {}  # where it has nothing, sigma is nominal
-    # by dimension, what drops of the default liquid have of a nominal sigma: by their pressure jump, their frequency
-    shown: ClassVar[Mapping[int, tuple[str, str]]] = {}
-    beyond: ClassVar[str] = ""  # of the supports of `measured`: what acts there, in words
     needed: ClassVar[tuple[str, ...]] = (LIQUID,)
 
     balance_pressure: bool = True
@@ -174,73 +246,8 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
             return given
         return sigma / self.unit_tension(grid, others) / self.share_of_nominal(grid, others) if sigma else 0.0
 
-    def share_of_nominal(self, grid: Discretisation, others: Others) -> float:
-        """Measured over nominal tension in the default liquid, whose particles are shifted; else 1.
-
-        Linear in h/d and log S between what was measured, and at the nearest beyond.
-        """
-        stiffness = self._measured_at(grid, others)
-        if stiffness is None:
-            return 1.0
-        supports, drops = zip(*self.measured[grid.dim], strict=True)
-        shares = [np.interp(math.log(stiffness), *np.array([(math.log(s), share) for s, share in d]).T) for d in drops]
-        return float(np.interp(grid.support_radius / grid.spacing, supports, shares))
-
     def keeps_drops(self) -> bool:
         return bool(self.measured) and self == self._plain()
-
-    def _plain(self) -> Effect:
-        """The model with nothing but its tension given, as in the drops that were measured."""
-        return type(self)(**{SIGMA: getattr(self, SIGMA)})
-
-    def _as_measured(self, others: Others) -> bool:
-        """Whether model and kernels are those of the drops that were measured."""
-        plain = self._plain()
-        plain = plain.with_scene_defaults(others) if isinstance(plain, FollowsScene) else plain
-        return self == plain and liquid_of(others).kernels == "wendland"
-
-    def _measured_at(self, grid: Discretisation, others: Others) -> float | None:
-        """S = sigma/(rho0 c^2 d), where the coefficient follows from measured drops."""
-        liquid, sigma = liquid_of(others), getattr(self, SIGMA)
-        if not (
-            sigma and density_complete_at_surface(others) and grid.dim in self.measured and self._as_measured(others)
-        ):
-            return None
-        return sigma / (liquid.rest_density * liquid.sound_speed**2 * grid.spacing)
-
-    def _beyond_measured(self, grid: Discretisation, others: Others) -> Iterator[str]:
-        """Notes on a tension that no drop of the liquid has shown, and on one in a setting of no such drop.
-
-        An S is beyond those of the drops by more than a tenth.
-        """
-        complete = density_complete_at_surface(others)
-        if not getattr(self, SIGMA) or (liquid_of(others).with_scene_defaults(others).advances() and not complete):
-            return
-        stiffness, support = self._measured_at(grid, others), grid.support_radius / grid.spacing
-        if stiffness is None:
-            reason = "no drops of this liquid were measured with it"
-            if not complete:
-                reason = "calibrate has the coefficient where drops of a summed density were measured"
-            elif grid.dim in self.shown and self._as_measured(others):
-                jump, frequency = self.shown[grid.dim]
-                reason = (
-                    f"drops of this liquid have {jump} of it by their pressure jump, {frequency} by their frequency"
-                )
-            yield f"{self.name}: surface_tension is nominal: {reason}"
-            return
-        supports, drops = zip(*self.measured[grid.dim], strict=True)
-        begin = f"{self.name}: surface_tension is that of drops measured with"
-        if not supports[0] - 0.01 <= support <= supports[-1] + 0.01:
-            yield (
-                f"{begin} a support_radius of {supports[0]:g} to {supports[-1]:g} spacings; with {support:.3g} another"
-                f" tension acts{self.beyond}"
-            )
-        least, most = (float(np.interp(support, supports, [d[k][0] for d in drops])) for k in (0, -1))
-        if not least / 1.1 <= stiffness <= most * 1.1:
-            yield (
-                f"{begin} sigma/(rho0 c^2 d) = {least:.2g} to {most:.2g}; with {stiffness:.2g} a"
-                f" {'larger' if stiffness < least else 'smaller'} tension acts"
-            )
 
     def unit_tension(self, grid: Discretisation, others: Others) -> float:
         """sigma [N/m] of a coefficient of one."""
@@ -309,7 +316,7 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
         return max(0.0, self.internal_pressure(grid, others)) / (fluid.rest_density * fluid.sound_speed**2)
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
-        notes = [*self.exceeded(grid, others), *self._beyond_measured(grid, others)]
+        notes = [*self.exceeded(grid, others), *self.beyond_measured(grid, others)]
         if liquid_of(others).advances() and not shifted(others) and self.balanced_pressure(grid, others) > 0:
             share = self.tension_with_balance(grid, others) / self._tension_of(self._force(grid, others), grid, others)
             notes.append(

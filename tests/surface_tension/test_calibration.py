@@ -87,7 +87,7 @@ def test_a_tension_is_turned_into_a_coefficient_by_measured_drops():
     assert share_of(3, 2.6, known[2.6][1][0]) == pytest.approx(known[2.6][1][1])
     middle = math.sqrt(known[2.6][0][0] * known[2.6][1][0])
     assert share_of(3, 2.6, middle) == pytest.approx((known[2.6][0][1] + known[2.6][1][1]) / 2)
-    assert share_of(3, 2.8, 1e-6) == pytest.approx((known[2.6][0][1] + known[3.0][0][1]) / 2)
+    assert share_of(3, 2.9, 1e-6) == pytest.approx((known[2.8][0][1] + known[3.0][0][1]) / 2)
     assert share_of(2, 2.6, 0.01) == share_of(3, 2.6, 0.01, density="summation") == 1.0
     liquid = rs.WeaklyCompressible(rest_density=1.0, sound_speed=10.0, density="continuity")
     grid, unshifted = Discretisation(3, "float64", 1.0, 2.6, 0), rs.Akinci2013(surface_tension=1.0)
@@ -119,7 +119,7 @@ def test_a_nominal_tension_is_noted():
     nominal, axial = (rs.Akinci2013(surface_tension=1.0, area_direction=way) for way in ("normals", "axial"))
     for effect, dim, said in (
         (nominal, 3, None), (rs.CsfWang2019(surface_tension=1.0), 3, None),
-        (nominal, 2, "0.6 to 0.9 of it by their pressure jump, 0.7 to 1.6 by their frequency"),
+        (nominal, 2, "0.6 to 0.9 of it by their pressure jump, 0.8 to 2.2 by their frequency"),
         (axial, 3, "no drops of this liquid were measured with it"),
     ):  # fmt: skip
         found = nominal_notes(effect, dim)
@@ -133,12 +133,17 @@ def test_a_nominal_tension_is_noted():
 
 def test_what_a_note_says_of_a_model_s_drops_is_what_was_measured():
     """Rows of `python -m validation measure tension`: least and most by jump and by frequency."""
-    rows = [row for row in json.loads((DATA / "tension.json").read_text()).values() if not row["stopped"]]
+    stored = json.loads((DATA / "tension.json").read_text()).values()
+    rows = [row for row in stored if not row["stopped"] and row["liquid"] == "continuity"]
     for name, model in tension.MODELS.items():
-        for dim, said in getattr(model, "shown", {}).items():
+        for dim, said in model.shown.items():
             for words, yardstick in zip(said, ("laplace", "rayleigh"), strict=True):
                 least, most = (0.0, 0.0) if words == "none" else map(float, (words.split(" to ") * 2)[:2])
-                of = [row.get(yardstick) for row in rows if (row["model"], row["dim"]) == (name, dim)]
+                of = [
+                    row.get(yardstick)
+                    for row in rows
+                    if (row["model"], row["dim"], row["liquid"]) == (name, dim, "continuity")
+                ]
                 found = [value for value in of if value is not None]
                 assert [min(found), max(found)] == pytest.approx([least, most], abs=0.05, rel=0.02), (
                     name,
@@ -147,26 +152,17 @@ def test_what_a_note_says_of_a_model_s_drops_is_what_was_measured():
                 )
 
 
-@pytest.mark.parametrize(("model", "dim", "least"), [(rs.Akinci2013, 3, 17), (rs.Dong2016, 2, 8), (rs.Dong2016, 3, 8)])
-def test_drops_of_the_default_liquid_have_the_tension_asked_for(model, dim, least):
-    """Rows of `python -m validation measure tension` by jump and by frequency: 5 %, with h = 2.3 d 10 %.
-
-    Those whose h and S a share was measured at; some were fitted to, those of `FURTHER` with another seed were not.
-    """
-    name = model.name.partition("_")[0]
-    rows, supports = json.loads((DATA / "tension.json").read_text()).values(), dict(model.measured[dim])
-    of_model = [r for r in rows if (r["model"], r["dim"], r["stopped"]) == (name, dim, "") and r["support"] in supports]
-    found = 0
-    for row in of_model:
-        stiffness = row["stiffness"] * 0.5 * (row["laplace"] + row["rayleigh"])  # of the tension that acts
-        if not supports[row["support"]][0][0] / 1.1 < stiffness < supports[row["support"]][-1][0] * 1.1:
-            continue
-        found += 1
-        acting = row["share"] / share_of(dim, row["support"], stiffness, model)
-        bar = 0.1 if row["support"] < 2.6 else 0.05
-        assert row["key"] in {p.key for p in tension.points((name,), (dim,))}
-        assert [acting * row[how] for how in ("laplace", "rayleigh")] == pytest.approx([1, 1], abs=bar), row["key"]
-    assert found >= least
+@pytest.mark.parametrize(("model", "dim"), sorted(tension.JUDGED))
+def test_drops_of_the_default_liquid_have_the_tension_asked_for(model, dim):
+    """By jump and by frequency, in the mean over seeds, to 5 %: by other seeds than those of the shares."""
+    rows, drops = json.loads((DATA / "tension.json").read_text()), {}
+    for point in tension.points((model,), (dim,)):
+        if point.liquid == "continuity":
+            row, place = rows[point.key], (point.support, point.stiffness, point.radius)
+            drops.setdefault(place, []).append([row["laplace"], row["rayleigh"]])
+            assert row["share"] == pytest.approx(share_of(dim, *place[:2], type(tension.MODELS[model])), rel=1e-3)
+    for place, acting in drops.items():
+        assert np.mean(acting, axis=0) == pytest.approx([1, 1], abs=0.05), place
 
 
 OUTSIDE = rows(__file__, "outside_sigma")

@@ -1,4 +1,4 @@
-"""The tension that acts in the default liquid: drops whose `surface_tension` is 1, with every model.
+"""The tension that acts: drops whose `surface_tension` is 1, with every model, of the default liquid and summed ones.
 
 A row's `laplace` and `rayleigh` are the tensions by pressure jump and by frequency over the one that was asked for;
 `share` is the measured over the nominal one that the model took for it, 1 where it knows none.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from refsim.core.effect import Effect
@@ -16,7 +16,6 @@ from refsim.particle_shifting import ParticleShifting
 from refsim.scene.plan import make_plan
 from refsim.surface_tension.akinci_2013 import Akinci2013
 from refsim.surface_tension.becker_teschner_2007 import BeckerTeschner2007
-from refsim.surface_tension.cohesion import PairCohesion
 from refsim.surface_tension.csf_wang_2019 import CsfWang2019
 from refsim.surface_tension.dong_2016 import Dong2016
 from refsim.surface_tension.he_2014 import He2014
@@ -37,55 +36,61 @@ MODELS: dict[str, Effect] = {
 }
 RADII = {2: (11.0, 16.0, 24.0), 3: (8.5, 10.0, 12.0)}  # in spacings
 SUPPORTS = (2.3, 3.0)  # h in spacings, beside 2.6
-# S, beside 0.01; of water in a scene of one's own 0.001: 0.072 N/m, d = 1 mm, c = 8.5 m/s
-STIFFNESSES = (0.0003, 0.001, 0.003, 0.03)
-# (R, h, S, seed) of further drops, with other sizes and seeds than the first ones
-FURTHER: dict[tuple[str, int], tuple[tuple[float, float, float, int], ...]] = {
-    ("akinci", 3): ((7.0, 2.6, 0.005, 1),), ("csf", 3): ((7.0, 2.6, 0.005, 2),),
-    ("dong", 2): (
-        (11.0, 3.3, 0.001, 1), (11.0, 3.3, 0.003, 1), (16.0, 3.3, 0.0007, 3), (16.0, 3.3, 0.003, 2),
-        (11.0, 3.6, 0.0003, 1), (11.0, 3.6, 0.001, 1), (11.0, 3.6, 0.003, 1), (16.0, 3.6, 0.0007, 3),
-        (16.0, 3.6, 0.002, 2), (11.0, 4.0, 0.0003, 1), (11.0, 4.0, 0.001, 1), (11.0, 4.0, 0.003, 1),
-        (16.0, 4.0, 0.0015, 2),
+STIFFNESS = 0.001  # S of water in a scene of one's own, 0.072 N/m, d = 1 mm, c = 8.5 m/s; beside 0.01
+# Where sigma is that of measured drops, others judge it: radii; h and S; seeds
+Judged = tuple[tuple[float, ...], tuple[tuple[float, float], ...], tuple[int, ...]]
+JUDGED: dict[tuple[str, int], Judged] = {
+    ("akinci", 3): (
+        (8.5, 12.0),
+        ((2.6, 0.0007), (2.6, 0.0015), (2.6, 0.004), (2.6, 0.007), (2.6, 0.015), (2.6, 0.025),
+         (2.8, 0.008), (3.0, 0.002), (3.0, 0.008)),
+        (31, 32),
     ),
-    ("dong", 3): (
-        (7.0, 3.0, 0.0003, 2), (7.0, 3.0, 0.001, 1), (7.0, 3.0, 0.003, 2), (8.5, 3.0, 0.003, 3), (10.0, 3.0, 0.005, 2),
-        (7.0, 3.3, 0.001, 1), (7.0, 3.3, 0.005, 1), (10.0, 2.6, 0.003, 2),
-    ),
+    ("csf", 2): ((11.0, 16.0), ((2.3, 0.003), (2.6, 0.0005), (2.6, 0.006), (3.0, 0.002), (3.0, 0.008)), (31, 32)),
+    ("csf", 3): ((8.5, 12.0), ((2.6, 0.0015), (2.6, 0.006), (2.8, 0.003), (3.0, 0.008)), (31, 32)),
+    ("dong", 2): ((11.0, 16.0), ((3.8, 0.007), (3.8, 0.011), (3.9, 0.009), (4.0, 0.008), (4.0, 0.012)), (31, 32)),
+    ("dong", 3): ((7.0, 12.0), ((3.0, 0.002), (3.0, 0.006)), (31, 32)),
 }  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Point(drops.Point):
-    """One drop of the default liquid, with a tension as a scene asks for it."""
+    """One drop, of the default liquid or a summed one, with a tension as a scene asks for it."""
 
     kernels: Any = "wendland"
     liquid: Any = "continuity"
 
     def tension(self) -> tuple[Any, ...]:
-        return MODELS[self.model], ParticleShifting()
+        return MODELS[self.model], *(() if drops.summed(asdict(self)) else (ParticleShifting(),))
 
 
 def points(models: tuple[str, ...] = tuple(MODELS), dims: tuple[int, ...] = (2, 3)) -> Iterator[Point]:
-    """Three radii with three seeds at the middle one, other supports there; at the first all stiffnesses; FURTHER."""
+    """Three radii with three seeds at the middle one, other supports there, another stiffness at the first; JUDGED.
+
+    Of a summed density the first radius with both stiffnesses, and the last.
+    """
     for model, dim in itertools.product(models, dims):
-        first, middle, _ = RADII[dim]
+        first, middle, last = RADII[dim]
+        for radius, stiffness in ((first, 0.01), (first, STIFFNESS), (last, 0.01)):
+            yield Point(model, dim, radius=radius, stiffness=stiffness, liquid="summation")
+        if (model, dim) in JUDGED:
+            radii, places, seeds = JUDGED[model, dim]
+            for (support, stiffness), radius, seed in itertools.product(places, radii, seeds):
+                yield Point(model, dim, support=support, radius=radius, stiffness=stiffness, seed=seed)
+            continue
         for radius in RADII[dim]:
             for seed in (1, 2, 3) if radius == middle else (1,):
                 yield Point(model, dim, radius=radius, seed=seed)
         for support in SUPPORTS:
             yield Point(model, dim, radius=middle, support=support)
-        for support, stiffness in itertools.product((2.6, *SUPPORTS), (0.01, *STIFFNESSES)):
-            if (support, stiffness) != (2.6, 0.01):
-                yield Point(model, dim, radius=first, support=support, stiffness=stiffness)
-        for radius, support, stiffness, seed in FURTHER.get((model, dim), ()):
-            yield Point(model, dim, radius=radius, support=support, stiffness=stiffness, seed=seed)
+        yield Point(model, dim, radius=first, stiffness=STIFFNESS)
 
 
 def measure(point: Point, backend: str = "cpu") -> dict[str, Any]:
     """The row of a drop: see `drops.measure`; the pressure has the part of the random motion."""
     row = drops.measure(point, backend)
     plan = make_plan(free_drop(point, drops.start(point), None, CALM))
-    tension = plan.effects[MODELS[point.model].name]
-    share = tension.share_of_nominal(plan.grid, plan.effects) if isinstance(tension, PairCohesion) else 1.0
-    return {**(row if row["stopped"] else with_motion(row)), "share": share}
+    tension: Any = plan.effects[MODELS[point.model].name]
+    return {
+        **(row if row["stopped"] else with_motion(row)), "share": tension.share_of_nominal(plan.grid, plan.effects)
+    }  # fmt: skip
