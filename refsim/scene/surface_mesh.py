@@ -40,7 +40,7 @@ COPLANAR = 1e-7  # fraction of the mesh's size; no grid has more than 2^21 = 1/4
 LIKE_TODAY = 4  # edges of a hole that is filled whatever its size
 SHEET = 0.25  # share of a patch, fills included, above which it counts as a sheet and is left out
 LARGEST_FILL = 0.05  # share of the surface by which larger holes may be filled
-LARGEST_GAP = 1e-3  # share of the surface by which what bounds a body may fail to close
+LARGEST_GAP = 1e-2  # share of the surface by which what bounds a body may fail to close
 GENERIC = np.array([0.2679, 0.3178, 0.4143])  # a place in a triangle that few other planes go through
 TIE = 1e-9  # share of a volume or a surface
 
