@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, given, seed, settings
 
-from refsim import BoxWalls, MeshBoundary, Scene, SolidBox, sph
+from refsim import BoxWalls, MeshBoundary, Scene, SolidBall, SolidBox, sph
 from refsim.core.effect import EFFECTS
 from refsim.core.errors import RunStopped
 from refsim.scene.files import describe, unit_of
@@ -120,6 +120,17 @@ def test_a_note_says_where_spiky_does_not_carry_a_tank():
     scene = Scene(effects=(liquid, walls, pull), step_factor=0.2, **GIVEN)
     outcome, found = command.judged("rest", exact.full_tank, Drawn(scene, 0, (6, 6), True), "numpy", Counter())
     assert (outcome, found.bound < found.value < 0.13) == ("noted", True)
+
+
+@pytest.mark.parametrize(("share", "loses"), ((1.0, False), (1e-5, True)))
+def test_the_ledger_allows_a_short_step_the_rounding_of_a_bodys_places(share, loses):
+    ball = SolidBall(center=(0.3, 0.3, 0.5), radius=0.21, density=500.0, velocity=(1.0, 0.5, 0.0))
+    liquid = sph.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=50.0)
+    effects = (liquid, EFFECTS["shape_matching"](), EFFECTS["two_way_coupling"]())
+    given = {"spacing": 0.1, "support_radius": 0.262, "fluid": (Box(cells=(5, 5, 3)),), "dtype": "float64"}
+    scene = Scene(effects=effects, solid=(ball,), step_factor=0.2 * share, **given)
+    outcome, found = command.judged("ledger", exact.momenta, Drawn(scene, 0, (5, 5, 3), False), "numpy", Counter())
+    assert (outcome, found.value > 1e-11, found.bound > 2e-11) == ("held", loses, loses)
 
 
 def test_scenes_of_every_kind_are_drawn():
