@@ -1,24 +1,17 @@
 """Panels in the repository: the page that their points make, their runs without a packaged scene, and readings."""
 
-import io
 import re
 import sys
 import tomllib
-import zipfile
 from dataclasses import replace
 
 import msgspec
-import numpy as np
 import pytest
 
-from refsim.scene.files import parse_scene
-from refsim.study.panels import FOLDER, OWN, Point, abouts, panel, parse
-from refsim.study.panels.measured import measured, text
-from refsim.study.panels.observables import FALL
+from refsim.study.panels import FOLDER, OWN, abouts, panel, parse
 from refsim.study.panels.scene_factories import SCENE_FACTORIES
 from refsim.study.panels.scenes import PACKED
 from validation import accuracy, accuracy_page
-from validation import panel_runs as accuracy_runs
 from validation.peers import in_turns
 from validation.reading import reading
 
@@ -50,23 +43,6 @@ def test_every_panel_can_be_measured_anew(name):
     assert name not in accuracy.PEERS or callable(accuracy.reader(accuracy.PEERS[name]))
 
 
-def test_a_reading_becomes_a_point_beside_the_stored_one(monkeypatch):
-    given = {
-        "d10": reading(2.6, 1.0, 3, 200), "d14": reading(seconds=2.0, steps=3, failed="diverged in step 3"),
-        "peer_d10": reading(failed="missing: it is not there"),
-    }  # fmt: skip
-    of = panel("front")
-    monkeypatch.setattr(accuracy_runs, "front_by_splishsplash", lambda point, number, threads: given[point.key])
-    found = measured(of, given, read=accuracy.reader(accuracy.PEERS["front"]), readings=2)
-    point = found.points["d10"]
-    value, scale, _ = of.reference()
-    assert point.error == pytest.approx(abs(2.6 - value) / scale)
-    assert (point.knobs, point.setting) == (of.points["d10"].knobs, of.points["d10"].setting)
-    assert found.points["d14"].failed == "diverged in step 3"
-    assert "peer_d10" not in found.points
-    assert "stored value" in text(of, found)
-
-
 def test_a_panel_is_measured_and_stored(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(accuracy, "STORED", tmp_path)
     monkeypatch.setattr(accuracy.accuracy_page, "write", lambda: None)
@@ -86,36 +62,6 @@ def test_a_panel_is_measured_and_stored(tmp_path, monkeypatch, capsys):
         assert point.error == pytest.approx(few.points[key].error)
         assert len(point.seconds) == 2
         assert stored.places[point.place].commit
-
-
-@pytest.mark.slow
-def test_a_drop_is_stirred_and_packaged():
-    """Each reading begins from another start; the first one's is the packaged scene."""
-    of = panel("contact_angle")
-    small = of.points["r5"]
-    scenes = zipfile.ZipFile(io.BytesIO(accuracy.stirred(replace(of, points={small.key: small}))))
-    assert scenes.namelist() == ["r5.toml"]
-    first, other = parse_scene(scenes.read("r5.toml").decode(), "it"), accuracy.stirred_scene(of, small, 1)
-    places = [scene.fluid[0].position for scene in (first, other)]
-    assert [len(place) for place in places] == [small.particles] * 2
-    assert first.end_time == other.end_time
-    assert np.abs(places[0] - places[1]).max() > 0.01
-
-
-def test_peers_are_read_as_refsim_is(monkeypatch):
-    """A front that moves evenly from 1 to 2 widths; a drop that keeps 0.02 from its second sample on."""
-    times = np.linspace(0, 4.6, 93) * FALL
-    column = {"time": times, "front": 0.5 * (1 + times / times[-1]), "wall": [0.0, 3.0], "steps": 7, "particles": 200}
-    monkeypatch.setattr(accuracy_runs.splishsplash, "run_column", lambda given, threads: column)
-    read = accuracy_runs.front_by_splishsplash(Point("", setting={"columns": 10}), 0, 1)
-    assert (read.value, read.seconds) == (pytest.approx(1 + 2.0 / 4.6, abs=1e-3), 3.0)
-    drop = {"time": [0, 1, 2], "error": [0.2, 0.02, 0.02], "wall": [0.0, 1.5, 3.0], "steps": 2, "particles": 9}
-    monkeypatch.setattr(accuracy_runs.splishsplash, "run_drop", lambda given, threads: drop)
-    given = Point("", setting={"settings": {}})
-    read = accuracy_runs.drop_by_splishsplash(given, 0, 1)
-    assert (read.value, read.seconds) == (0.02, 1.5)
-    monkeypatch.setattr(accuracy_runs.splishsplash, "run_drop", lambda given, threads: {"missing": "it is not there"})
-    assert accuracy_runs.drop_by_splishsplash(given, 0, 1).failed == "missing: it is not there"
 
 
 def test_programs_take_turns():

@@ -1,7 +1,6 @@
 """Attacks: what they once found does not come back, a campaign runs, and one that finds something says so."""
 
 import pytest
-from hypothesis import strategies as st
 
 from validation import attack
 from validation.attack import Damage, plan, reached, resume
@@ -42,22 +41,6 @@ FOUND = {  # what was done, and a trial that once ended in a traceback
 def test_what_was_found_does_not_come_back(name, tmp_path):
     perform, trial = FOUND[name]
     assert perform(trial, tmp_path) in ("0", "2")
-
-
-def test_a_finding_is_made_small_and_kept(tmp_path, monkeypatch, capsys):
-    tried = []
-
-    def perform(trial, folder):
-        tried.append(trial)
-        assert trial < 1000
-        return "0"
-
-    monkeypatch.setitem(attack.KINDS, "scenes", (st.integers, perform, 100))
-    assert not attack.held("scenes", 1, tmp_path)
-    assert "trial=1000" in capsys.readouterr().err
-    tried.clear()
-    assert not attack.held("scenes", 2, tmp_path)
-    assert tried[0] == 1000  # another seed begins with what is kept
 
 
 def test_a_lost_state_and_words_that_are_no_sentence_are_noticed(monkeypatch, tmp_path):

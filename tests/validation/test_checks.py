@@ -212,37 +212,6 @@ def test_what_is_beyond_the_spread_deviates(value):
     assert entry.judge([1.899]) == "pass", "spreads are published with four digits"
 
 
-SAYING = '[sentence.x]\nsystem="s"\nplace="abstract"\nwords="小"\nsays="x"\nparameters="none"\n'
-CLAIMED = 'kind="claim"\nsentence="x"\n'
-
-
-JUDGED = ('title="t"\nreading="r"\nwhat="a"\nunit="m"\nat_most=1\nmeasured=0.5\nspread=[0.5, 0.5]\nstarts=5\n'
-          'over="seeds"\n')  # fmt: skip
-
-
-@pytest.mark.parametrize(("text", "words"), [
-    (CLAIMED + 'verdict="not testable"\ntitle="t"\nreading="r"', "a reason"),
-    (CLAIMED + 'verdict="not testable"\ntitle="t"\nreason="z"', "reading"),
-    (CLAIMED + 'verdict="perhaps"', "lacks"),
-    (CLAIMED + 'verdict="not testable"\ntitle="t"\nreading="r"\nreason="z"\nmood="good"', "mood"),
-    (CLAIMED.replace("x", "y") + 'verdict="not testable"\ntitle="t"\nreading="r"\nreason="z"', "the sentence 'y'"),
-    (CLAIMED + JUDGED + 'verdict="own reading"\nreason="z"', "has the verdict 'own reading'"),
-    (CLAIMED + JUDGED + 'verdict="confirmed: kept"', "has the verdict 'confirmed: kept'"),
-    (CLAIMED + JUDGED + 'verdict="not claimed: kept"', "what the source states otherwise, or does not say"),
-    ('kind="verdict"\nwhat="a"\nunit="m"\nat_most=1', "source"),
-    ('kind="verdict"\nwhat="a"\nunit="m"\nsource="s"\nat_most=1\nat_least=0', "at most one rule"),
-    ('kind="hard case"\nwhat="a"\nholds="b"\ntrial="c"\nverdict="refused"', "a reason"),
-    ('kind="hard case"\nwhat="a"\nholds="b"\ntrial="c"\nverdict="pass"\nreason="d"', "a reason"),
-    ('kind="value"\nwhat="size"\nspread=[1, 2]\nmeasured=1', "lacks"),
-    ('kind="opinion"\nwhat="a"', "choose from verdict, claim"),
-])  # fmt: skip
-def test_an_incomplete_entry_is_refused(text, words, tmp_path):
-    (tmp_path / "e").mkdir()
-    (tmp_path / "e" / "expected.toml").write_text(f"{SAYING}[check.a]\n{text}", encoding="utf-8")
-    with pytest.raises(ValueError, match=words):
-        read_all(folder=tmp_path)
-
-
 # The command
 def number_of(context, value):
     return Result({"value": value})

@@ -94,46 +94,6 @@ def test_results_are_kept_by_their_parameters_and_sources_and_reused(options, mo
     assert CALLS == [2, 3, 2, 2]
 
 
-def test_an_interrupted_run_says_what_is_kept(options):
-    def stop(context, value):
-        raise KeyboardInterrupt
-
-    case = fake()
-    runs = [*case.runs(options)[:1], RunSpec("later", stop, {"value": 1})]
-    case = dataclasses.replace(case, runs=lambda options: runs)
-    with pytest.raises(RunStopped, match=r"1 finished since the start are kept in .*results; the same command") as told:
-        perform(case, options)
-    assert told.value.exit_code == 3
-    with pytest.raises(RunStopped, match="held before is kept"):
-        perform(case, options)
-    assert CALLS == [2], "what was finished is not computed again"
-
-
-def test_what_cannot_be_done_is_said_before_computing(options, tmp_path):
-    with pytest.raises(InputError, match="no run whose name starts with 'ont'; choose from one, other"):
-        perform(fake(), dataclasses.replace(options, only=("ont",)))
-    (tmp_path / "a_file").write_text("")
-    for what in ("results", "figures"):
-        with pytest.raises(
-            InputError, match=f"for {what} cannot be written to .*; make it writable, or give another \\(--{what}\\)."
-        ):
-            perform(fake(), dataclasses.replace(options, **{what: tmp_path / "a_file" / "in"}))
-    assert not CALLS
-
-
-def test_what_is_skipped_is_named_with_its_reason(options):
-    outcomes = perform(fake(), options)
-    text = io.StringIO()
-    report(outcomes, text)
-    assert "left out other (quick)" in text.getvalue()
-    whole = dataclasses.replace(options, quick=False)
-    assert set(perform(fake(), dataclasses.replace(whole, only=("oth",)))[0].results) == {"other"}
-    perform(fake(), whole)
-    assert CALLS == [2, 9]
-    assert set(perform(fake(), options)[0].results) == {"one", "other"}, "stored, perhaps on a machine that can"
-    assert CALLS == [2, 9]
-
-
 def test_a_damaged_result_is_said_set_aside_and_computed_anew(options, capsys):
     perform(fake(), options)
     (folder,) = (options.results / "fake").iterdir()
