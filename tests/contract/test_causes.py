@@ -10,7 +10,6 @@ import types
 import numpy as np
 import pytest
 
-from refsim import contract
 from refsim.__main__ import main
 from refsim.backends.arrays import choose
 from refsim.contract import Target
@@ -23,73 +22,6 @@ from refsim.contract.target import Outcome
 from refsim.core.operation import REGISTRY
 from refsim.neighbours.rows import NeighbourRows
 from tests.contract import faulty
-
-KERNEL = "wendland_c2"
-
-
-def pairs(position, smoothing):
-    """(separations, distances, W, W'/r) of all pairs."""
-    d = (position[:, None] - position[None]).astype(float)
-    r = np.sqrt((d * d).sum(2))
-    h = float(smoothing.support_radius)
-    q = np.minimum(r / h, 1)
-    slope = float(smoothing.slope_scale) * -20 * q * (1 - q) ** 3
-    return d, r, float(smoothing.value_scale) * (1 - q) ** 4 * (1 + 4 * q), slope / np.where(r > 0, r, 1)
-
-
-def density_with(change):
-    """sph.density from the terms m_j W_ij (n, n), changed by a function of (terms, mass, W, r)."""
-
-    def density(position, mass, smoothing, density):
-        _, r, w, _ = pairs(position, smoothing)
-        density[:] = change(mass[None] * w, mass, w, r).sum(1)
-
-    return density
-
-
-def momentum_with(change):
-    """sph.momentum from -(m_j/rho_j) (p_i + p_j)/rho_i W'/r x_ij, whose factor a function changes."""
-
-    def momentum(position, mass, density, pressure, smoothing, fluid, acceleration):
-        d, _, _, f = pairs(position, smoothing)
-        m, rho, p = (np.asarray(v, dtype=float) for v in (mass, density, pressure))
-        acceleration += float(fluid.gradient_share) * ((change(m, rho, p) * f)[..., None] * d).sum(1)
-
-    return momentum
-
-
-def right(m, rho, p):
-    return -(m / rho)[None] * (p[:, None] + p[None]) / rho[:, None]
-
-
-def judged(operation, program, steps=("T2",), dims=(3,)):
-    programs = contract.Programs({operation: program}, dtypes=("float64",), kernels=(KERNEL,), dims=dims, name="own")
-    return [o for o in contract.trials(programs, operation, variants=(0,), steps=steps) if not o.not_judged]
-
-
-def test_the_right_programs_hold():
-    for operation, program in (
-        ("sph.density", density_with(lambda terms, *_: terms)), ("sph.momentum", momentum_with(right)),
-    ):  # fmt: skip
-        assert not [str(o) for o in judged(operation, program, ("T1", "T2", "T7"), (2, 3)) if not o.passed]
-
-
-# What no message says
-
-
-def test_a_stub_is_not_called_wrong_in_any_other_way():
-    words = {o.words for o in judged("sph.density", lambda density: None, ("T1", "T2", "T7", "T9")) if not o.passed}
-    assert words == {"your program does not write density"}
-
-
-def test_a_right_sum_is_not_said_to_overwrite():
-    words = [
-        o.words
-        for o in judged("sph.momentum", momentum_with(lambda m, rho, p: 0.5 * right(m, rho, p)), ("T2",))
-        if not o.passed
-    ]
-    assert not any("overwrites" in text for text in words)
-
 
 # Votes
 TRAITS = ("with walls", "in float64", "in 3 dimensions", "with up to # neighbours", "up to row #", "sought")
@@ -166,9 +98,6 @@ def test_of_two_numbers_no_amount_is_told(rows, columns, told):
     )
     assert bool(Diagnosis.described(w, "it is # times", lambda s, k: s * right[k], 40)) == told
     assert Diagnosis.described(w, "it is so", lambda s, k: 1.75 * right[k], 40) == "it is so"
-
-
-# Values
 
 
 LIBRARY = """
