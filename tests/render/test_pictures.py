@@ -1,13 +1,9 @@
 """Pictures and films: surfaces around particles, cameras and cuts, what is seen in 2D and 3D, and the commands."""
 
 import importlib.util
-import itertools
-import os
 import re
-import signal
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -17,9 +13,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 
 from refsim import Box, BoxWalls, Gravity, InputError, Scene, Simulation, WeaklyCompressible, simulate
 from refsim.__main__ import main
-from refsim.core.stopping import handling_signals
 from refsim.io.frames import Frame, ParticleWriter, origin_of
-from refsim.render import space
 from refsim.render.looks import Camera, camera_of, cut_of, level_axes
 from refsim.render.pictures import Look, Series, moving, pace, write_film, write_pictures
 from refsim.render.plane import loops
@@ -187,7 +181,6 @@ def test_solids_and_their_melt_have_colours_of_their_own(tmp_path):
     from refsim import Ball, SolidBox
     from refsim.io.frames import Frame
     from refsim.render.looks import liquid_colour, melt_colour, solid_colour
-    from refsim.render.saved_run import SavedRun
 
     scene = scene_of_solids(SolidBox(lower=(0, 0, 0), upper=(0.04, 0.04, 0.04)), Ball(center=(0.2, 0, 0), radius=0.03))
     run = SavedRun(tmp_path, scene, (0.0,), {})
@@ -259,21 +252,6 @@ def test_a_run_in_2d_is_drawn_in_every_style(in_plane):
     assert blue(picture(in_plane, 0, cut="x=0.04")) < 0.7 * blue(paper)
 
 
-def test_water_in_2d_has_a_line_along_its_free_surface_alone(in_plane):
-    """A pixel column through the liquid, 4 cm beside the left wall: one dark stretch, at the top of the liquid."""
-    found = open_run(in_plane)
-    series = Series(found, Look(size=(960, 720), style="water"), [0])
-    image = next(iter(series))[1].astype(int)
-    (wide, high, _), middle = series.high - series.low, 0.5 * (series.low + series.high)[0]
-    metres = max(wide / (0.92 * 960), high / (0.78 * 720))
-    seen = image[:, round(480 + (0.04 - middle) / metres)]
-    dark = np.flatnonzero((seen.sum(1) < 330) & (seen[:, 2] > seen[:, 0] + 40))
-    pale = np.flatnonzero((seen.sum(1) > 450) & (seen[:, 2] > seen[:, 0] + 40))
-    assert 2 <= len(dark) <= 6
-    assert dark[-1] < pale[0] < dark[-1] + 4
-    assert len(pale) == pytest.approx(0.16 / metres, abs=8)
-
-
 def strayed(folder, count):
     """A run of one frame: a block of 216 particles, and `count` of them a hundred edges away."""
     scene = Scene(spacing=0.1, support_radius=0.2, fluid=(Box(cells=(6, 6, 6)),), effects=(Gravity(),))
@@ -327,15 +305,6 @@ def test_a_run_in_3d_is_drawn_in_every_style(in_space):
 
 
 @needs_pyvista
-@pytest.mark.parametrize("style", ["paper", "particles"])
-def test_a_picture_of_a_series_shows_nothing_of_the_one_before(in_space, style):
-    run = open_run(in_space)
-    series = Series(run, Look(style, size=SMALL), [0, 2])
-    pictures = dict(series)
-    assert np.array_equal(pictures[2], series.picture(next(run.frames([2], ()))))  # in a window of its own
-
-
-@needs_pyvista
 def test_a_solid_is_seen_through_clear_water():
     """A cube inside a ball; without a background the picture is exact on white."""
     ball, cube = trimesh.creation.icosphere(subdivisions=3, radius=0.8), trimesh.creation.box((0.5, 0.5, 0.5))
@@ -369,26 +338,6 @@ def test_the_near_one_of_two_clear_drops_is_drawn_over_the_far_one(edges):
     assert one[32, 32, 2] > one[32, 32, 0] + 30  # white behind both, the near one blue
 
 
-@needs_pyvista
-def test_a_cut_has_the_colours_of_the_bar(in_space, monkeypatch):
-    """The drop, 14 cm wide, cut through its middle and coloured by height, seen at a slant of 30 degrees."""
-    import matplotlib
-
-    monkeypatch.setattr(SavedRun, "values", lambda self, frame, name: frame.position[:, 2])
-    series = Series(open_run(in_space), Look(size=SMALL, colour="height", cut="y=0", limits=(0.09, 0.23)), [0])
-    image = next(iter(series))[1].astype(int)
-    stage = Stage(series.low, series.high, series.run.up, series.camera, SMALL)
-    right, upward, _ = series.camera.axes(series.run.up)
-    middle, half = stage.frame()
-    ramp = (255 * matplotlib.colormaps["viridis"](np.arange(256))[:, :3]).astype(int)
-    for x, z in itertools.product((-0.03, 0.0, 0.03), (0.13, 0.16, 0.19)):
-        place = np.array([x, 0.0, z]) - middle
-        row, column = 120 - place @ upward * 120 / half, 160 + place @ right * 120 / half
-        seen = image[round(row), round(column)]
-        assert np.abs(seen - ramp).max(1).min() <= 4
-        assert np.abs(seen - ramp[round(255 * (z - 0.09) / 0.14)]).max() <= 25  # a third of a spacing
-
-
 # Files and commands
 def test_the_command_writes_pictures(in_plane, tmp_path, capsys):
     words = ["render", str(in_plane), "--frames", "0,2", "--size", "320x240", "-o", str(tmp_path / "dam.webp")]
@@ -414,35 +363,6 @@ def test_the_command_writes_a_film(in_plane, tmp_path, capsys):
     assert (facts["size"], facts["fps"]) == ((320, 240), 4)
     assert len(pictures) == len(open_run(in_plane).times)
     assert pictures[0] != pictures[-1]
-
-
-@needs_ffmpeg
-def test_nothing_is_left_of_a_film_that_is_stopped(in_plane, tmp_path):
-    words = [sys.executable, "-m", "refsim", "render", str(in_plane), "--film", "dam.mp4", "--size", "4096x4096"]
-    with subprocess.Popen(words, cwd=tmp_path, stderr=subprocess.PIPE, start_new_session=True) as film:
-        while not list(tmp_path.iterdir()) and film.poll() is None:
-            time.sleep(0.001)
-        os.killpg(film.pid, signal.SIGTERM)
-        err = film.communicate(timeout=60)[1].decode()
-    assert film.returncode == 3, err
-    assert err.count("\n") == 1
-    assert "[interrupted]" in err
-    assert not list(tmp_path.iterdir())
-
-
-@needs_pyvista
-def test_a_signal_waits_until_vtk_is_imported(monkeypatch):
-    imported = []
-
-    def interrupted(module, use):
-        signal.raise_signal(signal.SIGINT)
-        imported.append(module)
-        return pytest.importorskip(module)
-
-    monkeypatch.setattr(space, "extra", interrupted)
-    with handling_signals(), pytest.raises(KeyboardInterrupt):
-        space.pyvista()
-    assert imported == ["pyvista"]
 
 
 @pytest.mark.parametrize("words, answer", rows(__file__, "wrong_words"))
