@@ -29,7 +29,7 @@ NAVIGATION = {
         "errata", "paper_jiang_zhu", "paper_dong", "paper_mpm_thesis", "paper_shao_song", "paper_patent",
     ),
     "Evidence": (
-        "equations", "checks", "solutions", "laws", "stability", "energy_audit",
+        "equations", "checks", "solutions", "laws", "stability",
     ),
     "Contract": ("contract", "vectors"),
     "Contributing": ("contributing", "api", "changelog"),

@@ -20,7 +20,6 @@ from refsim.boundary.one_way_coupling import MeshBoundary
 from refsim.boundary.two_way_coupling import TwoWayCoupling
 from refsim.core.doors import open_doors
 from refsim.core.effect import EFFECTS
-from refsim.core.energy import EnergyAudit
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.versions import VERSION as __version__
 from refsim.engine.driver import RunReport, simulate
@@ -57,7 +56,7 @@ from refsim.surface_tension.tartakovsky_meakin_2005 import TartakovskyMeakin2005
 
 __all__ = [
     "Akinci2013", "Ball", "BeckerTeschner2007", "Box", "BoxWalls", "Calibration", "Cloud", "ContactAngle",
-    "CsfWang2019", "Dong2016", "EnergyAudit", "FluidMesh", "Gauge", "GaugeSeries", "Gravity", "He2014",
+    "CsfWang2019", "Dong2016", "FluidMesh", "Gauge", "GaugeSeries", "Gravity", "He2014",
     "HeatConduction", "ImplicitPressure", "InputError", "JiangZhu2023", "Melting", "MeshBoundary", "Motion",
     "MpmLiquid", "MpmWalls", "NormalDifference2014", "ParticleShifting", "Plan", "Run", "RunFrame", "RunReport",
     "RunStopped", "Scene", "ShapeMatching", "Simulation", "SolidBall", "SolidBox", "SolidCells", "SolidMesh",

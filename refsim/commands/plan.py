@@ -18,7 +18,6 @@ from refsim.core.fields import BASE
 from refsim.core.operation import BACKENDS, PROCEDURES, REGISTRY
 from refsim.engine.limits import stable_steps, step_limits
 from refsim.scene.files import load_scene
-from refsim.scene.passes import accounts
 from refsim.scene.plan import Plan
 from refsim.sph import acceleration_of
 from refsim.study.cost import STEPS, Cost, measured
@@ -91,7 +90,6 @@ def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
             {"of": of, **dict(zip(m._fields[:-1], m)), "factor": m.factor if math.isfinite(m.factor) else None}
             for of, m in _margins(plan, steps)
         ],
-        "energy_audit": _energy_audit(plan),
         "defaults": list(_defaults(plan)),
         "notes": [*plan.notes, *_notes(plan, steps)],
     }
@@ -118,20 +116,6 @@ def _defaults(plan: Plan) -> Iterator[str]:
             whole = plan.effects[effect.name].dynamic_viscosity  # type: ignore[attr-defined]
             added = whole - effect.dynamic_viscosity
             yield f"artificial_viscosity = {alpha:g} adds {added:.3g} Pa s: the dynamic viscosity is {whole:.3g} Pa s"
-
-
-def _energy_audit(plan: Plan) -> dict[str, Any] | None:
-    """What the audit of the energy counts and what it cannot; None without an audit."""
-    rule = plan.scene.energy_audit
-    if rule is None:
-        return None
-    counted = accounts(plan.grid, plan.effects)
-    return {
-        "every": rule.every,
-        "bound": rule.bound,
-        "counts": ["kinetic", *(part for account in counted.values() for part in account.parts)],
-        "uncounted": [f"{name}: {part}" for name, account in counted.items() for part in account.uncounted],
-    }
 
 
 def kernel_name(operation: str, backend: str, algorithm: str = "") -> str:
@@ -318,13 +302,6 @@ def _text(summary: dict[str, Any]) -> str:
     if margins:
         head = ("setting", "of", "here", "measured to hold", "margin")
         lines += ["", "Measured limits (docs/stability.md)", table(margins, head, right=(2, 3, 4)), ""]
-    audit = summary["energy_audit"]
-    if audit:
-        lacking = "; not counted: " + ", ".join(audit["uncounted"]) if audit["uncounted"] else ""
-        lines.append(
-            f"Energy audit: every {audit['every']:,} steps, growth up to {audit['bound']:g} of the energy turned over;"
-            f" counts {', '.join(audit['counts'])}{lacking}"
-        )
     lines += [f"Default: {default}" for default in summary["defaults"]]
     return "\n".join([*lines, *(f"Note: {note}" for note in summary["notes"])])
 

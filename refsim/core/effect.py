@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, TypeVar
+from typing import Any, ClassVar, Literal, NamedTuple, TypeVar
 
 import msgspec
 import numpy as np
@@ -17,9 +17,6 @@ from refsim.core.checked import Checked, Printed
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.period import Lengths
-
-if TYPE_CHECKING:
-    from refsim.core.energy import EnergyAccount
 
 
 @dataclass(frozen=True)
@@ -254,10 +251,6 @@ class Effect(Checked, frozen=True, kw_only=True):
     def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
         """Values at the start of the state fields that it owns, in the particles' first order; zero by default."""
         return {}
-
-    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount | None:
-        """Energies of its forces, for the energy audit; None if no energy of them can be computed."""
-        return None
 
     def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
         """Largest stable steps by the name of what limits them."""

@@ -19,7 +19,6 @@ REASONS = {  # why a run stops: the only names that RunStopped takes
     "expanded": "a particle has more than three times its volume",
     "volume_jump": "a particle's volume changed by more than half in one step",
     "clumped": "surface tension has drawn particles together where their volume ratio does not see it",
-    "energy_gained": "the mechanical energy grows beyond its driving and the bound of the scene's energy_audit",
     "held_by_planes": "the planes behind walls stop more than 30 % of the liquid in each step",
     "shape_lost": "particles of a solid are twice as far from their neighbours as in its lattice, in the mean",
     "particles_lost": "a particle of the start is missing, or has another mass",

@@ -1,1 +1,1 @@
-"""Engine: the time loop, lengths of steps, neighbour lists, whole runs, energy audit, post-mortem."""
+"""Engine: the time loop, lengths of steps, neighbour lists, whole runs, post-mortem."""

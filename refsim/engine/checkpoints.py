@@ -14,7 +14,6 @@ import numpy as np
 
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.versions import versions
-from refsim.engine.audit import AuditState
 from refsim.engine.launching import bind, start
 from refsim.engine.neighbour_lists import rebuild, renumber
 from refsim.engine.state import State
@@ -46,7 +45,6 @@ class Clock(msgspec.Struct, frozen=True, kw_only=True):
     search_log: dict[str, int]  # counts of the neighbour search
     remarks: dict[str, str]  # notes that effects had made until then, by effect
     greatest_miscount: float | None  # of counted and told density, see `Counting`; None before a look
-    energy_audit: AuditState | None  # None where the scene has none
     origin: tuple[float, float, float]  # of the positions
 
 
@@ -106,12 +104,10 @@ def load_checkpoint(path: str | os.PathLike[str]) -> SavedRun:
     return SavedRun(file, plan, clock, state, arrays["build_position"], gauges, notes)  # type: ignore[arg-type]
 
 
-def snapshot(
-    run: State, tables: Mapping[str, np.ndarray], audit: AuditState | None, miscount: float | None
-) -> Checkpoint:
+def snapshot(run: State, tables: Mapping[str, np.ndarray], miscount: float | None) -> Checkpoint:
     """All of a run that outlives a step, on the host: what a checkpoint file holds.
 
-    tables  what each gauge has measured, by name; `audit` is that of the energy, `miscount` the greatest of the density
+    tables  what each gauge has measured, by name; `miscount` the greatest of the density
     """
     text, arrays = scene_to_checkpoint(run.plan)
     arrays |= {f"field.{name}": run.host(name) for name, f in run.plan.fields.items() if f.state}
@@ -130,7 +126,6 @@ def snapshot(
         skin=None if lists.search is None else lists.search.skin,
         versions=versions(),
         search_log={} if lists.search is None else dataclasses.asdict(lists.search.log),
-        energy_audit=audit,
         remarks=run.remarks,
         greatest_miscount=miscount,
         origin=run.plan.grid.origin,

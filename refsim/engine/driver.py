@@ -62,8 +62,6 @@ class RunReport(Shown):
     stopped_at_walls  how often the plane of a wall has stopped a particle
     density           told and counted inside the liquid at the end [kg/m^3, kg/m^2 in 2D], and the greatest difference
                       of both that was found; None where none is advanced (`refsim.engine.counting`)
-    energy_audit      energies at the start and at the last audit [J], what was turned over, the greatest rise as a
-                      share of it, what is not counted; None without an audit
     ledger            particles at the start and at the end: number, mass, momentum, energy, how many behind walls
     seconds           wall seconds since the simulation was made (of `refsim run`: since the process began): start,
                       compiling (the first call of each kernel, which loads or compiles it), steps and writing, their
@@ -90,7 +88,6 @@ class RunReport(Shown):
     search: dict[str, int] | None = None
     stopped_at_walls: int = 0
     density: dict[str, Any] | None = None
-    energy_audit: dict[str, Any] | None = None
     ledger: dict[str, dict[str, Any]] = field(default_factory=dict)
     frames: int = 0
     checkpoints: int = 0
@@ -284,8 +281,6 @@ class _Run:
                 )
         check_particles(simulation)
         simulation.balances.inspect(simulation)
-        if simulation.auditor is not None:
-            simulation.auditor.look(simulation, note=False)
         note = simulation.counting.judged(simulation)
         if note and LOOKED not in simulation.remarks:
             simulation.notes.append(note)
@@ -415,7 +410,6 @@ class _Run:
             search=asdict(simulation.search.log) if simulation.search else None,
             stopped_at_walls=simulation.stopped_at_walls,
             density=simulation.counting.report(),
-            energy_audit=simulation.auditor.report() if simulation.auditor else None,
             ledger={"start": conserved_totals(plan), "end": conserved_totals(simulation)},
             frames=self.frames,
             checkpoints=self.checkpoints,

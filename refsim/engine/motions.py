@@ -4,7 +4,7 @@ What moves stands in small arrays of the backend, which the passes read and the 
 was recorded as a CUDA graph reads the values of its own time.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,25 +17,10 @@ from refsim.sph import acceleration_of
 PULLS = ("field", "lean", "wall_gravity")  # parameter groups that are the acceleration of gravity (3,) [m/s^2]
 
 
-class Drive(NamedTuple):
-    """What motions add to gravity at rest at one time."""
-
-    pull: NDArray[np.float64]  # (3,) [m/s^2]
-    spin: NDArray[np.float64]  # (3,) [1/s]
-    change: NDArray[np.float64]  # of the spin (3,) [1/s^2]
-    pivot: NDArray[np.float64]  # (3,) [m]
-
-    def at(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Acceleration (n, 3) [m/s^2] at `place` (n, 3) [m], without Coriolis', which does no work."""
-        arm = place - self.pivot
-        return self.pull - np.cross(self.change, arm) - np.cross(self.spin, np.cross(self.spin, arm))
-
-
 class Motions:
     """The motions of a run.
 
     gravity  acceleration of gravity in the scene's frame, (3,) [m/s^2], at the time that was set last
-    drive    what they add to gravity at rest then
     """
 
     def __init__(
@@ -63,7 +48,6 @@ class Motions:
     def move(self, time: float) -> None:
         """Set what passes read to `time` [s]. Raises RunStopped where a motion has no finite value then."""
         pull, drag, rest = np.zeros(3), np.zeros(3), self.rest
-        turning = np.zeros((3, 3))
         for number, motion in enumerate(self.moving, 1):
             try:
                 moved = motion.at(time)
@@ -78,12 +62,10 @@ class Motions:
             elif motion.of == "turn":
                 axis, place = motion.unit(), self.plan.grid.local(np.array(motion.pivot or (0.0, 0.0, 0.0)))
                 rest = turned(self.rest, axis, -moved.place)
-                turning = np.array([moved.velocity * axis, moved.acceleration * axis, place])
-                self._assign(self.turning, turning.ravel())
+                self._assign(self.turning, np.concatenate([moved.velocity * axis, moved.acceleration * axis, place]))
             else:
                 drag += moved.velocity * motion.unit()
         self.gravity = rest + pull
-        self.drive = Drive(self.gravity - self.rest, *turning)
         for array in self.pulls:
             self._assign(array, self.gravity)
         if self.faces is not None:

@@ -31,14 +31,12 @@ AFTER_THESE = (
     "compressed",
     "miscounted",
     "missed_neighbours",
-    "energy_gained",
     "particles_lost",
 )
 GREATEST = {
     "step_too_small": "acceleration",
     "missed_neighbours": "velocity",
     "diverged": "velocity",
-    "energy_gained": "velocity",
 }  # the particle that is reported
 SHOWN = 500  # particles at most in the neighbourhood
 

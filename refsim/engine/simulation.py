@@ -14,7 +14,6 @@ from refsim.core.capabilities import FollowsSettings, HasPlanes, effects_with
 from refsim.core.checked import plainly, suggestion
 from refsim.core.errors import InputError
 from refsim.core.tables import Shown
-from refsim.engine.audit import Auditor
 from refsim.engine.balance import Balances
 from refsim.engine.checkpoints import load_checkpoint, restore, snapshot
 from refsim.engine.counting import Counting
@@ -80,7 +79,6 @@ class Simulation(State, Shown):
             if chosen.name == "numpy" and self.count > MANY_FOR_ALL_PAIRS:
                 pairs = f"all {self.count} x {self.count} pairs in each pass"
                 self.notes.append(f"backend numpy computes {pairs} and is slow; it is meant for checks")
-            self.auditor = Auditor(self) if plan.scene.energy_audit is not None else None
             self.balances, self.counting = Balances(self), Counting(self)
             self.gauges = Gauges(self) if plan.scene.gauge else None
             bind(self)
@@ -165,8 +163,6 @@ class Simulation(State, Shown):
         for effect in effects_with(self.plan.effects, FollowsSettings):
             for field, following in effect.after_setting(name, self.host).items():
                 self.write_field(field, following)
-        if self.auditor is not None:
-            self.auditor.renew()
         self.balances.renew(self)
         if name == "position":
             self.lists.invalidate()
@@ -195,8 +191,6 @@ class Simulation(State, Shown):
     def step(self) -> StepResult:
         """Advance by one stable step. Raises RunStopped, with the state as it was, where that is impossible."""
         places.keep()
-        if self.auditor is not None:
-            self.auditor.begin(self)
         if self.gauges is not None:
             self.gauges.begin(self)
         self.current.clear()
@@ -209,8 +203,6 @@ class Simulation(State, Shown):
         watch(self, done, self.host if stepper is None else stepper.watched)
         self.limiters[done.limiter] = self.limiters.get(done.limiter, 0) + 1
         self.last = StepResult(self.steps, self.time, done.length, done.limiter, done.limits)
-        if self.auditor is not None:
-            self.auditor.after_step(self)
         self.balances.after_step(self)
         self.counting.after_step(self)
         if self.gauges is not None:
@@ -228,10 +220,8 @@ class Simulation(State, Shown):
                density, to the step before.
 
         On a GPU steps are then launched pass by pass. The limit of the step knows its acceleration, and no stiffness.
-        Raises InputError in a scene with an energy audit, which could not account for it, and behind the first step.
+        Raises InputError behind the first step.
         """
-        if self.auditor is not None:
-            raise InputError("add_force: the energy audit cannot account for it; leave out energy_audit.")
         if self.steps:
             raise InputError("add_force: the run has begun; add the force before the first step.")
         self.own_forces.append(force)
@@ -263,12 +253,10 @@ class Simulation(State, Shown):
         keep  whole checkpoints to hold (see `refsim.io.checkpoint.write_checkpoint`, also for the errors)
 
         Raises RunStopped, before the last good checkpoint is touched, where the state or the forces on it are
-        not finite, or the energy has grown beyond the bound of the scene's audit.
+        not finite.
         """
         refresh(self)
         checked_extremes(self)
-        if self.auditor is not None:
-            self.auditor.look(self, note=False)
         self.balances.look(self)
         saved = self.snapshot()
         write_checkpoint(path, saved.arrays, saved.attributes, keep)
@@ -276,8 +264,7 @@ class Simulation(State, Shown):
     def snapshot(self) -> Checkpoint:
         """All that outlives a step, on the host: what a checkpoint file holds."""
         tables = {} if self.gauges is None else self.gauges.tables()
-        audit = None if self.auditor is None else self.auditor.saved()
-        return snapshot(self, tables, audit, self.counting.greatest)
+        return snapshot(self, tables, self.counting.greatest)
 
     @classmethod
     @plainly
@@ -304,8 +291,6 @@ class Simulation(State, Shown):
         plan = saved.plan if scene is None else check_same_scene(scene, saved.plan, str(saved.file))
         simulation = cls(plan, backend or saved.clock.backend, threads, profile)
         restore(simulation, saved)
-        if simulation.auditor is not None and saved.clock.energy_audit is not None:
-            simulation.auditor.restore(saved.clock.energy_audit)
         if simulation.gauges is not None:
             simulation.gauges.restore(saved.gauges)
         simulation.balances.renew(simulation)

@@ -1,7 +1,7 @@
 """Seconds of a run: start, compiling, steps and writing, which add up to the whole, and wall seconds by stage.
 
 A stage is a pass, or a part of the loop: "neighbours", "sorting", "frames" (their fields), "writing" (of frames),
-"checkpoints", "energy_audit".
+"checkpoints".
 """
 
 import time

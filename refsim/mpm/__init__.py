@@ -26,7 +26,6 @@ from refsim.core.capabilities import (
 )
 from refsim.core.checked import NotNegative, Positive, Printed
 from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
-from refsim.core.energy import EnergyAccount, EnergyState, amount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.mpm import operations as operations
@@ -261,21 +260,6 @@ class MpmLiquid(
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         return tuple(self.step(others).passes())
-
-    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount:
-        """Compression m/rho0 lambda (J - 1)^2/2, and motion about the particles m h^2/8 sum A_ab^2 of APIC."""
-        h, modulus, density = self.cell(grid), self.bulk_modulus, self.rest_density
-
-        def compression(state: EnergyState) -> Any:
-            volume = state.field("mass") / density
-            return amount(0.5 * modulus * volume * (state.field("volume_ratio") - 1) ** 2)
-
-        def affine(state: EnergyState) -> Any:
-            return amount(state.field("mass") * h**2 / 8 * (state.field("affine") ** 2).sum(1))
-
-        printed = self.printed() - {"M13"}
-        uncounted = (f"the printed readings {self.cited(printed)}",) if printed else ()
-        return EnergyAccount({"compression": compression, "affine": affine}, uncounted)
 
     def largest_mass_ratio(self, others: Others) -> float:
         return MASS_RATIO

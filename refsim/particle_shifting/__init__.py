@@ -17,14 +17,12 @@ from refsim.core.capabilities import (
     FollowsStart,
     HasPlanes,
     Joins,
-    PullsParticles,
     closed_box,
     effects_with,
     open_axis,
 )
 from refsim.core.checked import NotNegative
 from refsim.core.effect import Discretisation, Effect, Others, Pass
-from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.particle_shifting import operations as operations
@@ -165,12 +163,3 @@ class ParticleShifting(Effect, CorrectsPositions, Joins, FollowsStart, frozen=Tr
             LEAST_NORMAL / grid.support_radius, 1.0 if liquid.advances() else 1 / liquid.rest_number_density(grid),
         )  # fmt: skip
         return {"shifting": Shifting(*map(grid.real, numbers))}
-
-    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount:
-        """None of its own: what its displacements add to that of gravity the audit sums step by step."""
-        if self.strength == 0:
-            return EnergyAccount()
-        pulled = any(effect.passes(others) for effect in effects_with(others, PullsParticles))  # type: ignore[attr-defined]
-        parts = ["what shifts change in the potential of cohesion"] if pulled else []
-        parts += [] if self._at_surface() else ["what shifts change in the density"]
-        return EnergyAccount(uncounted=tuple(parts))

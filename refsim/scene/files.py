@@ -18,7 +18,6 @@ import msgspec
 
 from refsim.core.checked import as_plain, plainly, suggestion, why, word_for
 from refsim.core.effect import EFFECTS, Effect
-from refsim.core.energy import EnergyAudit
 from refsim.core.errors import InputError
 from refsim.core.reading import open_regular
 from refsim.gauges import Gauge
@@ -111,9 +110,7 @@ def scene_from_dict(tables: Mapping[str, Any], source: str, folder: pathlib.Path
         listed = _listed(name, values.get(name, []), source)
         values[name] = tuple(_beside(_part(kind, part, source, place), folder) for place, part in listed)
     values["effects"] = tuple(_beside(effect, folder) for effect in _effects(values.get("effects", {}), source))
-    if "energy_audit" in values:
-        values["energy_audit"] = _table(EnergyAudit, values["energy_audit"], source, "[energy_audit]")
-    return struct_of(Scene, values, source, ready=(*LISTED, "effects", "energy_audit"))
+    return struct_of(Scene, values, source, ready=(*LISTED, "effects"))
 
 
 def scene_to_dict(scene: Scene) -> dict[str, Any]:
@@ -163,13 +160,11 @@ def _place(tables: Mapping[str, Any], name: str, source: str) -> tuple[Any, str]
 def scene_to_toml(scene: Scene) -> str:
     """The scene as TOML text, every value written out; numbers come back bit for bit."""
     tables = scene_to_dict(scene)
-    apart = {name: tables.pop(name) for name in ("energy_audit", *LISTED, "effects") if name in tables}
+    apart = {name: tables.pop(name) for name in (*LISTED, "effects") if name in tables}
     headed: list[tuple[str, dict[str, Any]]] = []
     for name, inside in apart.items():
         if name == "effects":
             headed += [(f"[effects.{_key(effect)}]", values) for effect, values in inside.items()]
-        elif name == "energy_audit":
-            headed.append(("[energy_audit]", inside))
         else:
             headed += [(f"[[{name}]]", part) for part in inside]
     lines = _entries(tables)
@@ -211,7 +206,7 @@ def unit_of(description: str) -> str | None:
 def scene_schema(effects: Mapping[str, type[Effect]] = EFFECTS) -> dict[str, Any]:
     """JSON schema of scene files, with description and unit of every field (units also as "x-unit")."""
     effects = dict(sorted(effects.items()))
-    owners = [Scene, EnergyAudit, Motion, Gauge, *SHAPES.values(), *SOLIDS.values(), *effects.values()]
+    owners = [Scene, Motion, Gauge, *SHAPES.values(), *SOLIDS.values(), *effects.values()]
     _, definitions = msgspec.json.schema_components(owners, ref_template="#/$defs/{name}")
     for owner in owners:
         definition = definitions[owner.__name__]

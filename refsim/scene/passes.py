@@ -6,13 +6,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from refsim.core.effect import Discretisation, Effect, Pass
-from refsim.core.energy import EnergyAccount
+from refsim.core.effect import Effect, Pass
 from refsim.core.errors import InputError
 from refsim.core.operation import PROCEDURES, REGISTRY
 
 Owner = TypeVar("Owner")
-MOVES = {"acceleration", "velocity", "position", "mass", "density", "rest_density", "pressure"}
 
 
 def motion_passes(asked: Sequence[tuple[Effect, Pass]]) -> tuple[tuple[Effect | None, Pass], ...]:
@@ -120,18 +118,3 @@ def ordered_passes(passes: Sequence[tuple[Owner, Pass]]) -> tuple[tuple[Owner, P
         done.append(ready)
         waiting.remove(ready)
     return tuple(passes[k] for k in done)
-
-
-def accounts(grid: Discretisation, effects: Mapping[str, Effect]) -> dict[str, EnergyAccount]:
-    """The account of each effect. Raises InputError if an effect has forces without a known energy."""
-    counted = {}
-    for name, effect in effects.items():
-        account = effect.energy(grid, effects)
-        passes = effect.passes(effects)
-        if account is None and any(MOVES & {*p.writes, *p.updates} for p in passes):
-            raise InputError(
-                f"energy_audit: the forces of effect {name!r} have no energy that can be computed; leave out"
-                " the audit or the effect."
-            )
-        counted[name] = account or EnergyAccount()
-    return counted

@@ -22,7 +22,7 @@ from refsim.core.tables import Shown, in_bytes
 from refsim.motion import frame_passes
 from refsim.scene import checks
 from refsim.scene.particles import placed
-from refsim.scene.passes import accounts, merged_passes, motion_passes, ordered_passes, with_reads
+from refsim.scene.passes import merged_passes, motion_passes, ordered_passes, with_reads
 from refsim.scene.scene import Scene
 
 
@@ -142,8 +142,6 @@ def _planned(scene: Scene, grid: Discretisation, given: Mapping[str, Effect], ab
         fields |= {f.name: _counted(f, rows) for f in effect.fields(effects)}
         shared |= effect.shares(grid, effects)
         parameters[name] = effect.prepare(grid, effects)
-    if scene.energy_audit is not None:
-        accounts(grid, effects)
     list_radius = max((e.list_radius(grid) for e in effects.values()), default=0.0)
     checks.check_fixed_step(scene, grid, effects)
     checks.check_list(scene, list_radius)

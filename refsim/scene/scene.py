@@ -7,7 +7,6 @@ import msgspec
 
 from refsim.core.checked import Checked, NotNegative, Positive, plainly, suggestion
 from refsim.core.effect import Effect
-from refsim.core.energy import EnergyAudit
 from refsim.core.errors import InputError
 from refsim.gauges import Gauge
 from refsim.motion import Motion
@@ -36,7 +35,6 @@ class Scene(Checked, frozen=True, kw_only=True):
     period_lower    lower corner of that box [m]
     motion          how gravity or faces of walls move in time
     gauge           what is measured in the run, each a series in time
-    energy_audit    how often the energy is audited, and by how much it may grow; none by default
     name            title in reports
     """
 
@@ -55,7 +53,6 @@ class Scene(Checked, frozen=True, kw_only=True):
     period_lower: Vector = (0.0, 0.0, 0.0)
     motion: tuple[Motion, ...] = ()
     gauge: tuple[Gauge, ...] = ()
-    energy_audit: EnergyAudit | None = None
     name: str = "scene"
 
     @property
@@ -68,8 +65,7 @@ class Scene(Checked, frozen=True, kw_only=True):
         """This scene with other values, which are checked like those of a new one.
 
         changes  by name: a field of the scene, `spacing=0.01`; a parameter of an effect,
-                 `gravity__acceleration=(0.0, -1.6, 0.0)`; of a part, counted from 0, `fluid__0__radius=0.1`;
-                 `energy_audit__every=10`
+                 `gravity__acceleration=(0.0, -1.6, 0.0)`; of a part, counted from 0, `fluid__0__radius=0.1`
 
         Raises InputError where there is no such field, effect, part or parameter.
         """
@@ -100,7 +96,6 @@ def _changed(path: str, part: Any, keys: Sequence[str], value: Any) -> Any:
         names = [getattr(each, "name", "") if isinstance(each, Effect) else str(k) for k, each in enumerate(part)]
         k = names.index(_known(path, word, names))
         return (*part[:k], _changed(path, part[k], inner, value), *part[k + 1 :])
-    part = EnergyAudit() if part is None else part
     return msgspec.structs.replace(
         part, **{_known(path, word, part.__struct_fields__): _changed(path, getattr(part, word, None), inner, value)}
     )

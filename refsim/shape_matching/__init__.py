@@ -16,7 +16,6 @@ import numpy as np
 from refsim.core.capabilities import HasErrata, Inspects, JudgesStart
 from refsim.core.checked import Printed, Share
 from refsim.core.effect import Discretisation, Effect, Extremes, Others, Pass, StepLimit
-from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import PLACE, Field
 from refsim.core.scalars import int32
@@ -190,10 +189,6 @@ class ShapeMatching(Effect, HasErrata, Inspects, JudgesStart, frozen=True, kw_on
             " step, or a larger half_width or stiffness of shape_matching"
         )
         return ("shape_lost" if ratio > LOST else ""), message
-
-    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount:
-        """None: the pull towards the best rigid motion follows from no energy."""
-        return EnergyAccount(uncounted=("what the solids store while they are bent",) if self.stiffness > 0 else ())
 
     def shares(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         return {} if grid.solids is None else {"lattice": grid.solids.lattice}

@@ -32,7 +32,6 @@ from refsim.core.capabilities import (
 )
 from refsim.core.checked import NotNegative, Positive, Printed, Share
 from refsim.core.effect import Discretisation, Effect, InitialState, Others, Pass, StepLimit
-from refsim.core.energy import EnergyAccount, EnergyState, amount, compression_amount, compression_energy
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.scalars import int32
@@ -499,31 +498,6 @@ class WeaklyCompressible(
             )
             yield Margin("dynamic_viscosity [Pa s]", self.dynamic_viscosity, least, least=True, beyond=notes)
 
-    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount | None:
-        """Work of compression of J(9) or Tait, unless another effect computes the pressure.
-
-        None of another pressure force.
-        """
-        if self.controls():
-            return None
-        if pressure_is_replaced(others):
-            return EnergyAccount()
-        exponent = 7 if self.state == "tait" else 1
-        stiffness = self.rest_density * self.sound_speed**2 / exponent
-        share = 0.5 if "E24" in self.printed() else 1.0
-        cohesion = cohesive_pressure(grid, others)
-
-        def compression(state: EnergyState) -> Any:
-            mass, density = state.field("mass"), state.field("density")
-            work = share * compression_energy(
-                mass, density, self.rest_density, stiffness, exponent, cohesion, self.clamps()
-            )
-            return compression_amount(work, mass * (stiffness * exponent + cohesion) / self.rest_density, grid.dtype)
-
-        uncounted = ["the diffusion of the density"] if self.advances() and self.diffusion > 0 else []
-        uncounted += ["what restoring changes in the density"] if self.restoring else []
-        return EnergyAccount({"compression": compression}, tuple(uncounted))
-
     def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
         """Density of liquid at rest: that of the pressure rho0 g depth where the liquid stands on a wall.
 
@@ -718,13 +692,6 @@ class Gravity(Effect, frozen=True, kw_only=True):
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         return (Pass("sph.gravity", updates=("acceleration",)),) if any(acceleration_of(others)) else ()
-
-    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount:
-        """-m g.x, zero at the grid's origin."""
-        if not any(acceleration_of(others)):
-            return EnergyAccount()
-        g = np.array(acceleration_of(others))
-        return EnergyAccount({"gravity": lambda state: amount(-state.field("mass") * (state.field("position") @ g))})
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         return {"field": np.array(acceleration_of(others), dtype=grid.dtype)}

@@ -20,7 +20,6 @@ import numpy as np
 from refsim.core.capabilities import FindsSurface, HasErrata
 from refsim.core.checked import Positive, Printed
 from refsim.core.effect import Discretisation, Effect, Others, Pass
-from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.scalars import int32
@@ -261,10 +260,6 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
         radii = [0.1 * k for k in range(round(10 * low), round(10 * high) + 1)]
         faces = {r: lattice_face(fluid, dataclasses.replace(grid, support_radius=r * grid.spacing)) for r in radii}
         return low, max(r for r, face in faces.items() if face.corner >= TOLD * face.outer)
-
-    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount:
-        """Detection has no forces; a released pressure follows from no energy."""
-        return EnergyAccount(uncounted=("the pressure taken from surface particles",) if self.release_pressure else ())
 
     def list_radius(self, grid: Discretisation) -> float:
         scanned = self.method != "number_density"

@@ -12,7 +12,6 @@ import numpy as np
 from refsim.core.capabilities import HoldsOtherMemory, RunMonitor
 from refsim.core.checked import Positive
 from refsim.core.effect import Discretisation, Others, Pass, StepLimit
-from refsim.core.energy import Amount, EnergyAccount, EnergyState, amount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.operation import REGISTRY, Procedure, enter
@@ -161,30 +160,6 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, RunMonitor, frozen=True, kw_only=
                 if nodes.rules[2 * axis + side]:
                     made.append(Face(axis, real(cell) * real(node), 1 - 2 * side))
         return tuple(made)
-
-    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount:
-        """k times the area of the reconstructed surface, less k cos(theta) times that of the wetted walls (Young)."""
-        if not self.acts():
-            return EnergyAccount()
-        dim, pull, wets = grid.dim, self.contact_pull(), self.wets(others)
-
-        def surface(state: EnergyState) -> Amount:
-            made, points = state.shared("surface"), (state.array("position"), state.array("identity"))
-            if self.enclose_volume:
-                made.reconstruct_enclosing(*points, state.array("mass"), state.array("volume_ratio"))
-            else:
-                made.reconstruct(*points)
-            energy = amount(self.surface_tension * state.host(made.sample_area))
-            if not (wets and pull):
-                return energy
-            # by the divergence theorem the lines at the edge give dim - 1 times the wetted area
-            place, line = state.host(made.sample_position), state.host(made.sample_line)
-            wetted = amount(-pull * (place * line).sum(1) / (dim - 1))
-            return Amount(energy.value + wetted.value, energy.size + wetted.size)
-
-        return EnergyAccount(
-            {"surface": surface}, ("what the surface's fitted normals pull beside the change of its area",)
-        )
 
     def shares(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         if not self.acts():

@@ -25,7 +25,6 @@ from refsim.core.capabilities import (
     effects_with,
 )
 from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
-from refsim.core.energy import EnergyAccount, EnergyState, pair_potential
 from refsim.core.errors import InputError
 from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope
@@ -212,7 +211,6 @@ class PairCohesion(Effect, MeasuredByDrops, BalancesCohesion, KnowsLimits, Pulls
     """
 
     lattice: ClassVar[bool] = False  # sums over lattice neighbours, for a force of short range
-    potential: ClassVar[bool] = True  # the force of a pair depends on its distance and masses alone
     needed: ClassVar[tuple[str, ...]] = (LIQUID,)
 
     balance_pressure: bool = True
@@ -341,26 +339,6 @@ class PairCohesion(Effect, MeasuredByDrops, BalancesCohesion, KnowsLimits, Pulls
         """(tension [N/m], its largest S = sigma/(rho0 c^2 d), what holds up to it), where there is tension."""
         if sigma := abs(self.nominal_tension(grid, others)):
             yield sigma, KEEPS_DENSITY, DENSITY_KEPT
-
-    def pair_mass(self, mass_i: NDArray, mass_j: NDArray, grid: Discretisation, others: Others) -> Any:
-        """Factor [kg^2] of C(r) in the force of a pair."""
-        return mass_i * mass_j
-
-    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount | None:
-        """The potential of the pair force, where it has one and is all that the model has."""
-        if not self.passes(others):
-            return EnergyAccount()
-        return self.pair_account(grid, others) if self.potential else None
-
-    def pair_account(self, grid: Discretisation, others: Others, uncounted: tuple[str, ...] = ()) -> EnergyAccount:
-        """The potential of the pair force, zero at h; negative where the pair attracts."""
-        reach = grid.support_radius
-
-        def cohesion(state: EnergyState) -> Any:
-            mass, phi = state.field("mass"), pair_potential(self._force(grid, others), reach)
-            return state.pair_sum(lambda r, i, j: self.pair_mass(mass[i], mass[j], grid, others) * phi(r), reach)
-
-        return EnergyAccount({"cohesion": cohesion}, uncounted)
 
     def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
         return capillary_limit(abs(self.nominal_tension(grid, others)), grid, others)

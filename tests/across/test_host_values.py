@@ -5,22 +5,17 @@ Parameter groups are computed anew in tests/ladder/test_parameters.py. Nothing i
 
 import itertools
 import math
-from contextlib import nullcontext
 from types import SimpleNamespace
-from unittest import mock
 
 import msgspec
 import numpy as np
 import pytest
-from scipy.integrate import quad
 
 import refsim as rs
 from refsim import make_plan
 from refsim.backends.tuples import determinant
 from refsim.core.capabilities import BalancesCohesion
 from refsim.core.effect import Discretisation, Extremes, InitialState, StepLimit
-from refsim.core.energy import Amount, compression_energy
-from refsim.engine.audit import Auditor, AuditState, unsure
 from refsim.engine.conserved_totals import conserved_totals
 from refsim.engine.limits import stable_steps, step_limits
 from refsim.engine.stepping import check_extremes
@@ -61,18 +56,6 @@ class Balanced(BalancesCohesion):
 
     def replaces(self):
         return ()
-
-
-class State:
-    """The state that an account of energy sees, from arrays."""
-
-    def __init__(self, **values):
-        self.values = {name: np.array(value) for name, value in values.items()}
-
-    def field(self, name):
-        return self.values[name].astype(float)
-
-    flags = field
 
 
 def fields(**values):
@@ -126,149 +109,6 @@ def test_reports_take_what_effects_keep_account_of():
     literal = rs.HeatConduction(temperature=3.0, literal=("M11",), scheme="explicit")
     cube = rs.Scene(spacing=0.5, support_radius=1.1, fluid=(rs.Box(cells=(2, 2, 1)),), effects=(literal,), dim=2)
     assert conserved_totals(make_plan(cube))["effects"]["heat_conduction"]["heat"] == near(4 * 0.25 * 3.0, 1e-6)
-
-
-# Energies
-def energy_of_compression(exponent, stiffness, cohesion, clamped):
-    """m int p/rho^2 drho, p as J(9) has it."""
-    mass, rest = 2.0, 900.0
-
-    def push(rho):
-        p = stiffness * ((rho / rest) ** exponent - 1) + cohesion * (rho / rest) ** 2
-        return (max(p, 0.0) if clamped else p) / rho**2
-
-    for density in (200.0, 870.0, 905.0, 1400.0):
-        kinks = np.linspace(min(density, rest), max(density, rest), 400)
-        work = sum(quad(push, a, b)[0] for a, b in itertools.pairwise(kinks)) * (1 if density > rest else -1)
-        found = compression_energy([mass], [density], rest, stiffness, exponent, cohesion, clamped)
-        assert float(found[0]) == pytest.approx(mass * work, rel=1e-6, abs=1e-12)
-
-
-def test_energy_of_compression_is_the_work_of_the_pressure():
-    for exponent, (stiffness, cohesion), clamped in itertools.product(
-        (1, 7), ((4000.0, 0.0), (4000.0, 700.0), (3.0, 0.5)), (True, False)
-    ):
-        energy_of_compression(exponent, stiffness, cohesion, clamped)
-
-
-def test_energy_of_pairs_weighs_with_both_masses():
-    effect, others = rs.BeckerTeschner2007(kappa=3.0), named(LIQUID)
-
-    class Pair(State):
-        def pair_sum(self, potential, reach):
-            assert reach == H
-            r = np.array([0.15])
-            return float(potential(r, np.array([0]), np.array([1]))[0])
-
-    found = effect.energy(grid(), others).parts["cohesion"](Pair(mass=[2.0, 7.0]))  # here with their mean
-    spline = quad(lambda r: 8 / (math.pi * H**3) * 2 * (1 - r / H) ** 3 * r, 0.15, H)[0]
-    assert found == near(-4.5 * 3.0 * spline, 1e-8)
-    plain = rs.JiangZhu2023(surface_tension=1.0, area_term="none", density_correction=False)
-    one, two = (plain.energy(grid(), others).parts["cohesion"](Pair(mass=m)) for m in ([1.0, 1.0], [2.0, 7.0]))
-    assert two == near(14 * one)
-    assert one < 0
-    assert not rs.BeckerTeschner2007(kappa=0.0).energy(grid(), others).parts
-
-
-def test_energy_of_effects_in_their_own_words():
-    state = State(mass=[2.0, 3.0], position=[[0.1, 0.2, 0.3], [1.0, 2.0, 3.0]])
-    lifted = GRAVITY.energy(grid(), {"gravity": GRAVITY}).parts["gravity"](state)
-    assert lifted.value == near(2 * (-0.1 + 0.4 + 2.7) + 3 * (-1 + 4 + 27))
-    assert not rs.Gravity(acceleration=(0.0, 0.0, 0.0)).energy(grid(), {}).parts
-    dense = State(mass=[2.0, 3.0], density=[950.0, 870.0])
-    for kind, exponent in (("linear", 1), ("tait", 7)):
-        for literal, share in (((), 1.0), (("E24",), 0.5)):
-            for clamp in (True, False):
-                liquid = rs.WeaklyCompressible(
-                    sound_speed=13.0, rest_density=900.0, state=kind, literal=literal, clamp_pressure=clamp,
-                    density="summation",
-                )  # fmt: skip
-                others = named(liquid, Balanced())
-                found = liquid.energy(grid(dtype="float32"), others).parts["compression"](dense)
-                work = share * compression_energy(
-                    [2.0, 3.0], [950.0, 870.0], 900.0, 900.0 * 169 / exponent, exponent, 700.0, clamp
-                )
-                assert found.value == near(work.sum())
-                unsure = 2.0**-23 * 5.0 * (900 * 169 + 700.0) / 900
-                assert found.size - np.abs(work).sum() == near(unsure, 1e-8)
-    assert not LIQUID.energy(grid(), named(LIQUID, rs.ImplicitPressure())).parts
-
-
-SUBSTANCES = {"rest_density": [900.0, 1000.0, 500.0], "phase": [0, 0, 1]}
-
-
-def test_energy_of_coupled_liquids_is_from_each_ones_density():
-    state = State(mass=[2.0, 3.0, 4.0], density=[950.0, 1100.0, 800.0], **SUBSTANCES)
-    for kind, exponent in (("linear", 1), ("tait", 7)):
-        liquid = rs.WeaklyCompressible(sound_speed=13.0, rest_density=900.0, state=kind, density="summation")
-        account = rs.TwoWayCoupling().energy(grid(), named(liquid))
-        found = account.parts["compression"](state)
-        rest = np.array([900.0, 1000.0])
-        work = compression_energy([2.0, 3.0], [950.0, 1100.0], rest, rest * 169 / exponent, exponent)
-        assert found.value == near(work.sum())
-        assert (found.size - work.sum(), account.uncounted) == (near(2.0**-52 * 5.0 * 169, 1e-2), ())
-    words = rs.TwoWayCoupling(density_weighted=True).energy(grid(), named(LIQUID)).uncounted
-    assert len(words) == 1
-    assert "density-weighted" in words[0]
-    words = rs.TwoWayCoupling(literal=("M4",)).energy(grid(), named(LIQUID)).uncounted
-    assert len(words) == 1
-    assert "M4" in words[0]
-
-
-def test_energy_of_a_grid_liquid():
-    liquid = rs.MpmLiquid(bulk_modulus=5000.0, rest_density=900.0, cell_size=0.3)
-    account = liquid.energy(grid(), {})
-    state = State(mass=[2.0, 3.0], volume_ratio=[0.9, 1.2], affine=[[1.0] * 9, [0.5] * 8 + [2.0]])
-    assert account.parts["compression"](state).value == near(2500 / 900 * (2 * 0.01 + 3 * 0.04))
-    assert (account.parts["affine"](state).value, account.uncounted) == (near(0.09 / 8 * (2 * 9 + 3 * 6)), ())
-    printed = rs.MpmLiquid(bulk_modulus=5000.0, literal=("M13",)).energy(grid(), {})
-    assert printed.uncounted == ()
-    assert "M27" in rs.MpmLiquid(bulk_modulus=5000.0, literal=("M13", "M27")).energy(grid(), {}).uncounted[0]
-
-
-def test_energy_of_motion_is_that_of_the_positions_time():
-    """A leap-frog's velocity lags half a step; free fall from rest at (0, 0, 1)."""
-    one = rs.Cloud(position=[[0.0, 0.0, 1.0]], mass=[3.0], velocity=(1.0, 0.0, 2.0))
-    fall = rs.Scene(
-        spacing=SPACING, support_radius=H, fluid=(one,), effects=(rs.Gravity(acceleration=(0.0, 0.0, -2.0)),),
-        energy_audit=rs.EnergyAudit(every=1), dtype="float64", step=0.01,
-    )  # fmt: skip
-    simulation = rs.Simulation(fall, "numpy")
-    assert simulation.auditor.energies(simulation)["kinetic"].value == near(7.5)
-    for _ in range(3):
-        simulation.step()
-    found = {name: part.value for name, part in simulation.auditor.energies(simulation).items()}
-    assert found["kinetic"] == near(1.5 * (1.0 + (2.0 - 2.0 * 0.03) ** 2))
-    assert found["gravity"] == near(6.0 * (1.0 + 2.0 * 0.03 - 0.03**2))
-
-
-def test_energy_of_motion_leaves_out_the_kick_of_solids():
-    """Half a kick of each particle of the liquid; what is unsure of solids adds to the size."""
-    state = State(mass=[2.0, 3.0], velocity=[[1.0, 0, 0], [0, 2.0, 0]], acceleration=[[4.0, 0, 8.0]] * 2, phase=[0, 1])
-    run = SimpleNamespace(previous_length=0.5, force_passes=())
-    auditor = SimpleNamespace(accounts={}, driving=None, pull=None, staggered=True, solids=True)
-    with (
-        mock.patch("refsim.engine.audit.EnergyState", return_value=state),
-        mock.patch("refsim.engine.audit.unsure", return_value=7.0),
-    ):
-        for solids, own in ((True, 6.0), (False, 13.5)):
-            auditor.solids = solids
-            kinetic = 8.0 + own
-            assert Auditor.energies(auditor, run) == {"kinetic": (near(kinetic), near(kinetic + 7.0))}
-
-
-def test_energy_that_roundings_of_places_give_to_solids():
-    """eps sum m (x/dt)^2/2 of the particles of solids; none before the first step."""
-    state = State(position=[[1.0, 2.0, 2.0], [3.0, 0.0, 4.0], [1.0, 1.0, 1.0]], phase=[1, 2, 0])
-    plan = SimpleNamespace(effects={"shape_matching": None}, grid=grid(dtype="float32"))
-    run = SimpleNamespace(plan=plan, previous_length=0.5)
-    mass = np.array([2.0, 3.0, 5.0])
-    assert unsure(run, state, mass) == near(2.0**-23 * (36.0 + 150.0))
-    run.previous_length = 0.0
-    assert unsure(run, state, mass) == 0.0
-    run.previous_length = 0.5
-    plan.effects = {}
-    assert unsure(run, state, mass) == 0.0
 
 
 # Step limits
@@ -740,51 +580,3 @@ def test_verdicts_on_masses():
     """Whose density is summed allows 1.5; a solver in its place, any."""
     assert LIQUID.largest_mass_ratio(named(LIQUID)) == 1.5
     assert LIQUID.largest_mass_ratio(named(LIQUID, rs.TwoWayCoupling())) == math.inf
-
-
-def test_verdicts_of_an_audit():
-    """The rise above the lowest total, less four roundings, over what was turned over; the bound itself passes."""
-
-    run = SimpleNamespace(
-        steps=1, time=0.5, plan=SimpleNamespace(grid=grid()),
-        timings=SimpleNamespace(of_host=lambda name: nullcontext()),
-    )  # fmt: skip
-
-    def auditor(*energies, bound=0.25):
-        looks = iter(energies)
-        made = SimpleNamespace(
-            rule=SimpleNamespace(bound=bound), state=AuditState(),
-            energies=lambda run: {k: Amount(*v) for k, v in next(looks).items()},
-        )  # fmt: skip
-        for _ in energies:
-            Auditor.look(made, run)
-        return made
-
-    def audited(*energies, **more):
-        return auditor(*energies, **more).state
-
-    def both(kinetic, gravity, size=0.0):
-        return {"kinetic": (kinetic, size), "gravity": (gravity, 0.0)}
-
-    found = audited(both(0.0, 10.0), both(3.0, 5.0), both(4.0, 6.0))
-    assert (found.start, found.now) == ({"kinetic": 0.0, "gravity": 10.0}, {"kinetic": 4.0, "gravity": 6.0})
-    assert (found.lowest, found.turned_over, found.greatest_share) == (8.0, 8.0, 0.25)
-    with pytest.raises(rs.RunStopped, match=r"stands 2 J above its lowest value, 0\.25 of the 8 J") as stop:
-        audited(both(0.0, 10.0), both(3.0, 5.0), both(4.0, 6.0), bound=0.2499)
-    assert (stop.value.reason, audited(both(0.0, 10.0), both(0.0, 10.0)).greatest_share) == ("energy_gained", 0.0)
-    assert audited(both(0.0, 10.0), both(3.0, 5.0), both(3.0, 5.0)).greatest_share == 0.0
-    tiny = audited(both(0.0, 10 / 64), both(3 / 64, 5 / 64), both(4 / 64, 6 / 64))
-    assert (tiny.turned_over, tiny.greatest_share) == (8 / 64, 0.25)
-    moving = audited(both(20.0, 10.0), both(16.0, 7.0))  # turned over: all that moves, and what else has changed
-    assert (moving.turned_over, audited(both(20.0, 10.0), both(18.0, 7.0)).turned_over) == (20.0, 21.0)
-    rounded = audited(both(0.0, 10.0), both(3.0, 5.0), both(4.0, 6.0, 2.0**48))
-    assert rounded.greatest_share == near((2.0 - 4 * 2.0**-52 * 2.0**48) / 8.0)
-    with pytest.raises(rs.RunStopped) as stop:
-        audited(both(math.nan, 10.0))
-    assert stop.value.reason == "non_finite"
-    quiet = auditor(both(0.0, 10.0), both(3.0, 5.0))
-    quiet.energies = lambda run: {k: Amount(*v) for k, v in both(4.0, 5.0).items()}
-    Auditor.look(quiet, run, note=False)
-    assert quiet.state.now == {"kinetic": 3.0, "gravity": 5.0}
-    unbegun = SimpleNamespace(state=AuditState())
-    assert Auditor.look(unbegun, None, note=False) is None

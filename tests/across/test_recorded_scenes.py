@@ -43,10 +43,9 @@ def of_run(plan):
     exact = plan.grid.dtype == "float64"  # what single precision rounds is the machine's
     fields = {f"field {name}": run.field(name) for name in plan.particle_fields if exact}
     gauges = {f"gauge {g.name}": (run.gauge(g.name).time, run.gauge(g.name).values) for g in plan.scene.gauge}
-    audit = {} if run.auditor is None else {"audit": run.auditor.report()}
     balances = {"balances": [plain(vars(b)) for b in vars(run.balances).values() if hasattr(b, "__dict__")]}
     totals = {"totals": (start, conserved_totals(run)), "steps": (lengths, run.limiters, run.last)}
-    return fields | gauges | audit | balances | totals | {"density": run.counting.report()}
+    return fields | gauges | balances | totals | {"density": run.counting.report()}
 
 
 def of_others(scene):

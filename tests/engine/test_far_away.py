@@ -94,7 +94,7 @@ def scenes(kind, at, ball=None):
         tension = rs.SurfaceEnergy(surface_tension=1.0, contact_angle=60.0)
         liquid = rs.MpmLiquid(bulk_modulus=1000 * C**2)
         box = rs.MpmWalls(lower=low, upper=tuple((at + 6) * D))
-        return jittered(at - [0, 2, 0], 2, effects=(liquid, PULL, box, tension), energy_audit=rs.EnergyAudit(every=5))
+        return jittered(at - [0, 2, 0], 2, effects=(liquid, PULL, box, tension))
     assert kind == "solid"
     body = rs.SolidBox(lower=tuple((at - [3, 0, 2]) * D), upper=tuple((at + [1, 3, 2]) * D), spin=(0.0, 1.0, 2.0))
     cells = rs.SolidCells(

@@ -70,7 +70,7 @@ def test_a_reading_launches_what_its_field_needs_and_once():
     assert launches(run, lambda: run.field("density")) == ["sph.density"]
 
 
-def test_an_audit_a_frame_and_a_checkpoint_of_one_state_take_one_evaluation(tmp_path, monkeypatch):
+def test_a_frame_and_a_checkpoint_of_one_state_take_one_evaluation(tmp_path, monkeypatch):
     passes = []
     original = launching.launch
 
@@ -79,11 +79,11 @@ def test_an_audit_a_frame_and_a_checkpoint_of_one_state_take_one_evaluation(tmp_
         return original(run, only)
 
     monkeypatch.setattr(launching, "launch", launch)
-    scene = dam(step=1e-3, energy_audit=rs.EnergyAudit(every=1, bound=10.0))
+    scene = dam(step=1e-3)
     simulate(scene, 2e-3, backend="numpy", output=tmp_path, every=1e-3, checkpoint_every=0.0)
     steps, evaluations = passes.count(None), len(passes) - passes.count(None)
     assert steps == 2
-    assert evaluations == 1 + 2 * steps  # after a step the audit's, then the frame's, which shows more fields
+    assert evaluations == 1 + steps
 
 
 def test_what_is_set_outdates_what_follows_from_it(tmp_path):
@@ -129,14 +129,13 @@ def held(value, seen):
 
 
 def test_no_part_holds_the_run():
-    """With an audit of driven energy, gauges and motions."""
+    """With gauges and motions."""
     gauges = (rs.Gauge(name="floor", kind="force", on="-y"), rs.Gauge(name="p", kind="pressure", at=(0.5, 0.1, 0.0)))
     walls = {"viscosity": 1.0, "velocity": (0.1, 0.0, 0.0), "moving_faces": ("-y",)}
-    scene = tank(5, (SWAY,), gauge=gauges, walls=walls).with_(energy_audit=rs.EnergyAudit(every=1, bound=1e9))
+    scene = tank(5, (SWAY,), gauge=gauges, walls=walls)
     simulation = rs.Simulation(scene, "numpy")
     simulation.step()
     seen = {}
-    for name in ("auditor", "balances", "counting", "gauges", "lists", "motions", "order", "timings"):
+    for name in ("balances", "counting", "gauges", "lists", "motions", "order", "timings"):
         held(getattr(simulation, name), seen)
-    assert id(simulation.auditor.driving.forces) in seen
     assert not [value for value in seen.values() if isinstance(value, State)]

@@ -62,6 +62,3 @@ def test_two_forces_add_up_and_what_cannot_be_is_refused():
     simulation.step()
     with pytest.raises(InputError, match=r"add_force: the run has begun"):
         simulation.add_force(print)
-    audited = rs.Simulation(falling(energy_audit=rs.EnergyAudit()), "numpy")
-    with pytest.raises(InputError, match=r"add_force: the energy audit"):
-        audited.add_force(print)

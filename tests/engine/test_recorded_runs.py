@@ -133,7 +133,7 @@ def test_lists_are_kept_as_the_margins_of_a_second_program_say(seed):
 @pytest.mark.parametrize("name", ["tank", "bodies", "material points", "a cloud far away"])
 def test_post_mortems_name_the_worst_particle(name, recorded):
     run, found, worst, states = run_of(name, steps=1), {}, {}, {}
-    stops = ["diverged", "step_too_small", "energy_gained", "missed_neighbours", "compressed", "collapsed"]
+    stops = ["diverged", "step_too_small", "missed_neighbours", "compressed", "collapsed"]
     stops.append("miscounted")
     if "temperature" in run.fields:
         stops.append("temperature_out_of_range")

@@ -33,13 +33,11 @@ def scene(**changes):
     (lambda: scene(fluid=rs.Box(cells=(1, 1, 1))), r"Scene: fluid = Box\(.* is a Box; give a tuple or a list\."),
     (lambda: scene(fluid=(3,)), r"Scene: fluid\[0\] = 3 is a whole number; give Box or Ball or Cloud or FluidMesh\."),
     (lambda: scene(effects=rs.Gravity(acceleration=(0, 0, 0))), r"Scene: effects = .* give a tuple or a list\."),
-    (lambda: scene(energy_audit=5), r"Scene: energy_audit = 5 is a whole number; give EnergyAudit or None\."),
     (lambda: rs.SolidBall(center=(0, 0, 0), radius="r"), r"SolidBall: radius = 'r' is text; give a number\."),
     (lambda: rs.SolidBall(center=(0, 0, 0), radius=1, density=-1.0), "density = -1.0 .*; give a positive number"),
     (lambda: rs.Gravity(acceleration=9.81), r"gravity: acceleration = 9\.81 is a number with decimals; give a tup"),
     (lambda: rs.Gravity(acceleration=(0, "g", 0)), r"gravity: acceleration\[1\] = 'g' is text; give a number\."),
     (lambda: rs.BoxWalls(**WALLS, open_faces="+y"), r"box_walls: open_faces = .\+y. is text; give a tuple"),
-    (lambda: rs.EnergyAudit(every=0.5), r"EnergyAudit: every = 0\.5 is a number with decimals; give a whole"),
     (lambda: scene(spacing=10**400), r"Scene: spacing = 1000.* is not possible \(number out of range\)"),
 ])  # fmt: skip
 def test_an_error_names_class_field_and_value(made, sentence):
@@ -47,7 +45,7 @@ def test_an_error_names_class_field_and_value(made, sentence):
         made()
 
 
-BOUNDED = {**pairs.EFFECTS, "Scene": scene(), "EnergyAudit": rs.EnergyAudit(), "Ball": scene().fluid[1]} | {
+BOUNDED = {**pairs.EFFECTS, "Scene": scene(), "Ball": scene().fluid[1]} | {
     "SolidBall": rs.SolidBall(center=(0, 0, 0), radius=1), "SolidBox": rs.SolidBox(**WALLS),
     "Gauge": rs.Gauge(name="a", kind="force", on="-x"),
     "Motion": rs.Motion(of="gravity", kind="sway", direction=(1, 0, 0), amplitude=0.1, period=1.0),
@@ -82,9 +80,9 @@ def test_numbers_of_numpy_are_taken_and_one_parameter_is_changed_by_one_call():
     before = scene()
     after = before.with_(
         spacing=0.05, weakly_compressible__sound_speed=20.0, fluid__1__radius=0.3, fluid__1__velocity=(1.0, 0.0, 0.0),
-        energy_audit__every=10, name="finer",
+        name="finer",
     )  # fmt: skip
-    assert (after.spacing, after.name, after.energy_audit) == (0.05, "finer", rs.EnergyAudit(every=10))
+    assert (after.spacing, after.name) == (0.05, "finer")
     assert after.effects[0] == rs.WeaklyCompressible(sound_speed=20.0, density="summation")
     assert after.effects[1] is before.effects[1]
     assert after.fluid == (before.fluid[0], rs.Ball(radius=0.3, center=(1.0, 1.0, 1.0), velocity=(1.0, 0.0, 0.0)))

@@ -154,7 +154,6 @@ def drawn(seed):
     table["motion"] = motions(draw, dim, moving=not any(period))
     table["gauge"] = gauges(draw, dim, low, high, solid)
     table |= draw.some({"step": 0.001}, {"step_factor": 0.5}, {"skin": 0.1}, share=0.3) or {}
-    table |= draw.some({"energy_audit": {"every": 2}}, share=0.3) or {}
     table["effects"] = effects(draw, dim, low, high, period, solid, table)
     if "box_walls" in table["effects"] and draw.random() < 0.15:
         table["effects"]["box_walls"]["upper"] = [round(v - 0.07, 3) for v in high]

@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 
 from refsim.core.capabilities import PullsParticles, with_scene_defaults
 from refsim.core.effect import EFFECTS, Effect
-from refsim.core.energy import EnergyAudit
 from refsim.core.errors import RunStopped
 from refsim.engine.driver import simulate
 from refsim.engine.simulation import Simulation
@@ -317,22 +316,6 @@ def heat(drawn: Drawn, backend: str) -> Found | None:
         m, found = (simulation.field(name).astype(float) for name in ("mass", "temperature"))  # of one capacity
         off = max(off, abs((m * found).sum() / (m * warm).sum() - 1), 0.0 if spread else apart(found, warm))
     return Found(off, 1e-9, "temperatures at random, and one")
-
-
-@law("ledger")
-def energy_falls(drawn: Drawn, backend: str) -> Found | None:
-    """What nothing drives gains no energy where all is counted: 2 % of what was turned over, or less by half a step."""
-    scene = msgspec.structs.replace(drawn.scene, energy_audit=EnergyAudit(every=1, bound=1e9))
-    step, shares = run(scene, backend, 1).time, []
-    for parts in (1, 2, 4):  # in the longest step a volume may change by half and more: then its half shows the order
-        simulation = made(msgspec.structs.replace(scene, step=step / parts), backend)
-        if simulation.auditor is None or not all("diffusion" in word for word in simulation.auditor.uncounted()):
-            return None
-        take_steps(simulation, parts * drawn.steps)
-        shares.append(simulation.auditor.report()["greatest_share"])
-        if len(shares) > 1 and shares[-1] <= (bound := max(0.02, 0.7 * shares[-2])):
-            break
-    return Found(shares[-1], bound, "greatest rise of the energy")
 
 
 @law("told is counted")

@@ -11,9 +11,8 @@ import msgspec
 
 from refsim.boundary.adami_2012 import operations as operations
 from refsim.boundary.adami_2012.no_slip import RESOLVED, STEEPNESS, holding_rate, holding_share
-from refsim.core.capabilities import BalancesCohesion, BringsWalls, FollowsScene, SumsDensity, effects_with
+from refsim.core.capabilities import BringsWalls, FollowsScene, SumsDensity, effects_with
 from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
-from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.scalars import int32
@@ -116,16 +115,6 @@ class ParticleWalls(Effect, BringsWalls, FollowsScene, SumsDensity, frozen=True,
         rate = holding_rate(grid.support_radius / grid.spacing, grid.dim, central, volumes)
         seconds = RESOLVED * density * grid.spacing**2 / (self._holding(grid, others) * rate)
         return {"wall friction": StepLimit.constant(seconds)}
-
-
-def account(others: Others) -> EnergyAccount | None:
-    """Walls at rest do no work inside of an advanced density, which takes their strain; None beside a summed one."""
-    liquid = liquid_of(others)
-    if not liquid.advances():
-        return None
-    cohesive = any(effect.passes(others) for effect in effects_with(others, BalancesCohesion))  # type: ignore[attr-defined]
-    lacking = ["the walls' lack of cohesion"] if cohesive else []
-    return EnergyAccount(uncounted=("the walls' pressure at the surface", *lacking))
 
 
 def layers(grid: Discretisation) -> int:

@@ -16,13 +16,12 @@ from refsim.boundary.adami_2012 import LEAST_SHARE, ParticleWalls
 from refsim.core.capabilities import FACES, BringsWalls, Face, HasErrata, HasPlanes, effects_with
 from refsim.core.checked import NotNegative, Printed
 from refsim.core.effect import Discretisation, Others
-from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.period import Lengths
 from refsim.core.walls import Bounds, WallMotion, WallParticles
 from refsim.scene.solids import countable
 from refsim.smoothing import lattice, smoothing
-from refsim.sph import gravity_of, least_wall_share, liquid_of, pressure_is_replaced
+from refsim.sph import gravity_of, liquid_of
 
 if TYPE_CHECKING:
     from refsim.core.effect import InitialState
@@ -130,16 +129,6 @@ class BoxWalls(ParticleWalls, HasPlanes, HasErrata, frozen=True, kw_only=True):
             f"{self.name}: model = 'mirrored' does not carry the weight of liquid in 3D at a support radius of"
             f" {wide:.3g} spacings; take less than {WIDE:g}, or model = 'extrapolated'",
         )
-
-    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount | None:
-        """None of its own: the run sums the work of walls that move. The liquid's compression includes their part of
-        the density.
-        """
-        if self.extrapolates():
-            return adami_2012.account(others)
-        if pressure_is_replaced(others) or least_wall_share(others) == 1:
-            return EnergyAccount()
-        return EnergyAccount(uncounted=("half of the walls' pressure force, which mirrors the liquid's pressure",))
 
     def walls(self, grid: Discretisation, others: Others) -> WallParticles | None:
         """Positions (m, 3) [m] half a spacing outside the box and volumes (m,) [m^dim]; None with all faces open."""

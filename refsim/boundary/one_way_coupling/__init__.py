@@ -24,7 +24,6 @@ from refsim.boundary.penetration import CORRECTIONS, correction_pass, penetratio
 from refsim.core.capabilities import CorrectsPositions, HasErrata, HoldsOtherMemory, KeepsLedger
 from refsim.core.checked import NotNegative, Printed, Share
 from refsim.core.effect import Discretisation, Others, Pass
-from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.walls import WallParticles
@@ -235,15 +234,6 @@ class MeshBoundary(
         if self.correction != "none":
             made.append(correction_pass())
         return tuple(made)
-
-    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount | None:
-        """No energy of its own, since the solid is at rest; adhesion has no account."""
-        if self.adhesion > 0:
-            return None
-        if self.extrapolates():
-            return adami_2012.account(others)
-        parts = ("the boundary particles' own pressure",) if self._presses(others) else ()
-        return EnergyAccount(uncounted=parts)
 
     def list_radius(self, grid: Discretisation) -> float:
         return grid.support_radius

@@ -9,12 +9,10 @@ from refsim.boundary.two_way_coupling import operations as operations
 from refsim.core.capabilities import HasErrata, LimitsMassRatio, SumsDensity
 from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
-from refsim.core.energy import EnergyAccount, EnergyState, compression_amount, compression_energy
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.scalars import int32
 from refsim.shape_matching import PHASE
-from refsim.shape_matching.phases import FLUID
 from refsim.sph import DENSITY, LIQUID, PRESSURE, ViscosityTerm, cohesive_pressure, continuity_pass, lean, liquid_of
 
 if TYPE_CHECKING:
@@ -181,25 +179,6 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
             *((Pass("two_way_coupling.hold", updates=("acceleration",), names=names),) if self.no_slip else ()),
             Pass("two_way_coupling.follow", updates=("followed_velocity",), stage="motion"),
         )
-
-    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount | None:
-        """Work of compression of the liquid's particles, relative to each one's own rest density."""
-        liquid = liquid_of(others)
-        exponent = 7 if liquid.state == "tait" else 1
-
-        def compression(state: EnergyState) -> Any:
-            wet = state.flags("phase") == FLUID
-            mass, density, rest = (state.field(name)[wet] for name in ("mass", "density", "rest_density"))
-            stiffness = rest * liquid.sound_speed**2 / exponent
-            work = compression_energy(mass, density, rest, stiffness, exponent, clamped=liquid.clamps())
-            return compression_amount(work, mass * liquid.sound_speed**2, grid.dtype)
-
-        uncounted = []
-        if self.density_weighted:
-            uncounted.append("the difference of the density-weighted pressure from each particle's own")
-        if {"M2", "M4"} & self.printed():
-            uncounted.append(f"the printed readings {self.cited(('M2', 'M4'))}")
-        return EnergyAccount({"compression": compression}, tuple(uncounted))
 
     def largest_mass_ratio(self, others: Others) -> float:
         return LIQUIDS_RATIO if "melting" in others else MASS_RATIO

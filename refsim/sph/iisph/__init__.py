@@ -12,7 +12,6 @@ import numpy as np
 from refsim.core.capabilities import SumsDensity
 from refsim.core.checked import Count, Positive
 from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
-from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.scalars import int32
@@ -79,10 +78,6 @@ class ImplicitPressure(Effect, SumsDensity, frozen=True, kw_only=True):
         if liquid.dynamic_viscosity == 0 or liquid.central():  # weakly_compressible lists that pass
             return (solve,)
         return (Pass("sph.viscosity", updates=("acceleration",), names=names), solve)
-
-    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount:
-        """No energy: the pressure of a liquid of constant volume does no work."""
-        return EnergyAccount(uncounted=("work of the pressure on the compression that tolerance leaves",))
 
     def list_radius(self, grid: Discretisation) -> float:
         return grid.support_radius

@@ -79,7 +79,6 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
     """
 
     name: ClassVar[str] = "akinci_2013"
-    potential: ClassVar[bool] = False  # K_ij depends on the densities
     scales: ClassVar[tuple[str, ...]] = ("surface_tension", "gamma", "area_acceleration", "adhesion")
     coefficient_name: ClassVar[str] = "gamma"
     # the middle between the least and the most by jump and frequency of drops of 8.5 and 12 d

@@ -56,10 +56,6 @@ class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
             " drops burst",
         )
 
-    def pair_mass(self, mass_i: NDArray, mass_j: NDArray, grid: Discretisation, others: Others) -> Any:
-        """m times the pair's mean mass, m of the lattice's particles: the force on i has the factor m_j alone."""
-        return liquid_of(others).particle_mass(grid) * 0.5 * (mass_i + mass_j)
-
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         kappa = self.coefficient(grid, others)
         at_zero = NORMALISATION[CUBIC_SPLINE][grid.dim] / grid.support_radius**grid.dim

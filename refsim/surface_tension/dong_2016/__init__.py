@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from refsim.core.capabilities import FollowsScene, HasErrata, Margin
 from refsim.core.checked import NotNegative, Positive, Printed
 from refsim.core.effect import Discretisation, Others, Pass
-from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.scalars import int32
@@ -166,14 +165,6 @@ class Dong2016(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=True)
             names = {} if self._corrects() else {"surface_normal": None}
             passes.append(Pass("dong_2016.tension", updates=("acceleration",), names=names))
         return tuple(passes)
-
-    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount:
-        """The potential of D(7); the correction and the filtered density have none."""
-        uncounted = ["the correction D(9)"] if self._corrects() else []
-        uncounted += ["what the density filter changes in the pressure"] if self._filters() else []
-        if self.coheres():
-            return self.pair_account(grid, others, tuple(uncounted))
-        return EnergyAccount(uncounted=tuple(uncounted))
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         real, fluid = grid.real, liquid_of(others)

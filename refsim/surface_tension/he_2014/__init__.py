@@ -92,7 +92,6 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
     """
 
     name: ClassVar[str] = "he_2014"
-    potential: ClassVar[bool] = False  # both terms depend on the densities
     scales: ClassVar[tuple[str, ...]] = ("surface_tension", "kappa", "air_pressure")
     shown: ClassVar[Mapping[int, tuple[str, str]]] = {2: ("none", "1.0 to 2.9"), 3: ("none", "0.4 to 2.7")}
 

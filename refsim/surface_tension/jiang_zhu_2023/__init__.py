@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from refsim.core.capabilities import FollowsScene, HasErrata, Margin
 from refsim.core.checked import NotNegative, Positive, Printed
 from refsim.core.effect import Discretisation, Others, Pass
-from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.scalars import int32
@@ -284,16 +283,6 @@ class JiangZhu2023(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=T
             names["area_normal"] = "surface_normal"
         passes.append(Pass(operation, updates=("acceleration",), names=names))
         return tuple(passes)
-
-    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount | None:
-        """The potential of J(16) between all pairs; weighted or selected pairs have none."""
-        uncounted = ["what the density correction changes in the pressure"] if self._corrects() else []
-        if not self.coheres():
-            return EnergyAccount(uncounted=tuple(uncounted))
-        if not self.acts_on_all_pairs():
-            return None
-        uncounted += ["the area term"] if self._area() != "none" else []
-        return self.pair_account(grid, others, tuple(uncounted))
 
     def list_radius(self, grid: Discretisation) -> float:
         if self.coheres() and self._marked():

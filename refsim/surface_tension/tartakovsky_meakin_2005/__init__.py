@@ -44,10 +44,6 @@ class TartakovskyMeakin2005(PairCohesion, frozen=True, kw_only=True):
     surface_tension: NotNegative | None = None
     strength: NotNegative | None = None
 
-    def pair_mass(self, mass_i: NDArray, mass_j: NDArray, grid: Discretisation, others: Others) -> Any:
-        """m^2 of the lattice's particles: the force of a pair does not depend on its masses."""
-        return liquid_of(others).particle_mass(grid) ** 2
-
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         strength = self.coefficient(grid, others)
         wave_number = 1.5 * math.pi / grid.support_radius
