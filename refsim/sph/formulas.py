@@ -40,6 +40,12 @@ def borne_pressure(pressure, density, fluid):
 
 
 @formula
+def film_pressure(both, least):
+    """Sum of the pressures of a film's sides [Pa]: under tension it breaks, but where liquid near it is, too."""
+    return least if both < least else both
+
+
+@formula
 def continuity_pair(volume_j, approach, slope):
     """Continuity equation for one neighbour: (d rho_i/dt)/rho_i = V_j (v_i - v_j).x_ij W'(r)/r [1/s].
 

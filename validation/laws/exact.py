@@ -73,7 +73,7 @@ def tank(cells: tuple[int, ...], d: float, g: float, rho: float, damping: float)
 
 @law("Archimedes", own=True)
 def lift(drawn: Drawn, backend: str) -> Found | None:
-    """Bodies held anywhere in a tank at rest are lifted by what they displace, to no side; also one at its draught."""
+    """Bodies held anywhere in a tank at rest are lifted by what they displace, to no side; one that floats, too."""
     random = drawn.random()
     size, wide, high, g, rho = int(random.integers(2, 4)), int(random.integers(6, 8)), 9, 9.81, 1000.0
     h, bound = ((2.62, 0.03), (3.0, 0.005))[random.integers(2)]
@@ -82,10 +82,11 @@ def lift(drawn: Drawn, backend: str) -> Found | None:
     low[1][2] = low[0][2] + (size if np.abs(low[1][:2] - low[0][:2]).max() < size else 0)
     low = low[: int(random.integers(1, 3))] if low[1][2] + size <= high - 2 else low[:1]
     share, shape = float(random.choice([1.0, *np.arange(1, size) / size])), np.full(3, size)  # below the surface
-    if random.random() < 0.3:  # broader than two supports: the floor's particles beneath it see no liquid
-        low, shape, cells, share = [np.array([random.integers(0, 3), 1, 0])], np.array([7, 7, size]), (9, 9, high), 1.0
-    elif share < 1:  # beside no wall, to which water presses it; to a tenth of a spacing of draught
-        low, bound = [np.array([*random.integers(1, wide - size, 2), high - round(share * size)])], 0.1 / size
+    if random.random() < 0.3:  # broader than two supports, where walls and bodies beneath see no liquid
+        shape, cells, share = np.array([*random.integers(6, 9, 2), size]), (9, 9, high), 1.0
+        low = [np.array([*random.integers(0, 10 - shape[:2]), z]) for z in (0, size)][: int(random.integers(1, 3))]
+    elif share < 1:
+        low = [np.array([*random.integers(0, wide - size + 1, 2), high - round(share * size)])]
     x = lattice(cells, d)
     inside = np.any([((x > d * at) & (x < d * (at + shape))).all(1) for at in low], axis=0)
     effects = (*tank(cells, d, g, rho, 1 / 250), EFFECTS["shape_matching"](), EFFECTS["two_way_coupling"]())
@@ -97,8 +98,9 @@ def lift(drawn: Drawn, backend: str) -> Found | None:
     scene = own_scene(d, h, (Cloud(position=x[~inside]),), effects, solid=tuple(solid), gauge=told)
     simulation, weight = run(scene, backend, 1), np.repeat([1.0, shape.max() * d], 3) * rho * g * shape.prod() * d**3
     force = np.array([simulation.gauge(gauge.name).values[0] for gauge in told]) / weight
+    off = (force - [0, 0, share, 0, 0, 0]) / np.where((np.arange(6) == 2) & (share < 1), 0.1 / size, bound)
     how = f"bodies of {shape} at {[at.tolist() for at in low]} of {cells} cells"
-    return Found(float(np.abs(force - [0, 0, share, 0, 0, 0]).max()), bound, how, scene)
+    return Found(float(np.abs(off).max()), 1.0, how, scene)
 
 
 @law("shape does not matter", own=True)
@@ -304,14 +306,12 @@ def impulse_of_walls(drawn: Drawn, backend: str) -> Found | None:
 def heat(drawn: Drawn, backend: str) -> Found | None:
     """Heat is kept where nothing is held, and what has one temperature keeps it."""
     conduction = of_kind(drawn.scene, HeatConduction)
-    lost = conduction is None or conduction.held or conduction.scheme == "one_sided"  # by design
+    off, lost = 0.0, conduction is None or conduction.held or conduction.scheme == "one_sided"  # by design
     if lost or any(e.name == "melting" for e in drawn.scene.effects):
         return None
-    off = 0.0
     for spread in (100.0, 0.0):
         simulation = made(drawn.scene, backend)
-        warm = 37 + drawn.random().uniform(0, spread, simulation.count)
-        simulation.set_field("temperature", warm)
+        simulation.set_field("temperature", warm := 37 + drawn.random().uniform(0, spread, simulation.count))
         take_steps(simulation, STEPS)
         m, found = (simulation.field(name).astype(float) for name in ("mass", "temperature"))  # of one capacity
         off = max(off, abs((m * found).sum() / (m * warm).sum() - 1), 0.0 if spread else apart(found, warm))

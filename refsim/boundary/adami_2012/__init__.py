@@ -77,12 +77,12 @@ class ParticleWalls(Effect, BringsWalls, FollowsScene, SumsDensity, frozen=True,
             return ()
         solids = "two_way_coupling" in others
         pushing: dict[str, str | None] = {"smoothing": "gradient_smoothing"}
-        names = pushing if solids else {**pushing, "phase": None, "wet": None}
+        names = pushing if solids else {**pushing, "phase": None, "wet": None, "suction": None}
         liquid = liquid_of(others)
         return (
             *((Pass("adami_2012.strain", writes=("wall_strain",), names=names),) if liquid.advances() else ()),
             Pass("adami_2012.extrapolation", writes=("wall_pressure",), names=names),
-            liquid.with_own_force("adami_2012.wall_force", pushing, "pressure"),
+            liquid.with_own_force("adami_2012.wall_force", names, "pressure"),
         )
 
     def friction_passes(self) -> tuple[Pass, ...]:

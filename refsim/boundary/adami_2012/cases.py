@@ -70,8 +70,10 @@ for_each_kernel(
     thin_films=lambda w: _extrapolated([1, 2], 0.25 * 0.5 + 0.75 * 0.25, wet=[0.1, 0.3], pressure=(18000.5, -17999.75)),
     # p_1 + rho_1 g.(0, 1, 0) of liquid, and with 1/1000 of the weight a film of p_2 - rho0 g.(0, 1, 0)
     beside_a_film=lambda w: _extrapolated([0, 1], (300.0 - 9000.0 + 1e-3 * (500.0 + 18000.0)) / 1.001, wet=[0.0, 1.0]),
-    # mean of max(0, p_1 + rho0 g.(0, 1, 0)) = 0 and p_2 - rho0 g.(0, 1, 0) by their wetness
-    film_between_solids=lambda w: _extrapolated([1, 2], 0.75 * (500.0 + 18000.0), wet=[0.1, 0.3]),
+    # mean of p_1 + rho0 g.(0, 1, 0) and p_2 - rho0 g.(0, 1, 0) by their wetness
+    film_between_solids=lambda w: _extrapolated(
+        [1, 2], 0.25 * (300.0 - 18000.0) + 0.75 * (500.0 + 18000.0), wet=[0.1, 0.3]
+    ),
 )
 
 
@@ -95,7 +97,7 @@ def cohesive_liquid_pushed_by_its_wall(w):
     inputs = {
         "density": [1000.0, 500.0], "pressure": [300.0, 500.0], "walls": WallParticles(place, np.array([0.25])),
         "fluid": Fluid(1000.0, 4e5, 1, 0, internal_pressure=200.0), "wall_pressure": [200.0],
-        "correction_diagonal": None, "correction_mixed": None,
+        "phase": None, "suction": None, "correction_diagonal": None, "correction_mixed": None,
     }  # fmt: skip
     return Exact(_beside(place), inputs, {"acceleration": [[0.0, -push[0], 0.0], [0.0, push[1], 0.0]]})
 
@@ -108,12 +110,25 @@ def pushed_by_its_wall(w):
     inputs = {
         "density": [1000.0, 500.0], "pressure": [300.0, 500.0], "walls": WallParticles(place, np.array([0.25])),
         "fluid": Fluid(1000.0, 4e5, 1, 0), "wall_pressure": [200.0],
-        "correction_diagonal": [[9.0, 1.0, 9.0], [9.0, 3.0, 9.0]],
+        "phase": None, "suction": None, "correction_diagonal": [[9.0, 1.0, 9.0], [9.0, 3.0, 9.0]],
         "correction_mixed": [[0.0, 9.0, 0.0], [0.5, 9.0, -0.25]],
     }  # fmt: skip
     return Exact(
         _beside(place), inputs, {"acceleration": [[0.0, -push[0], 0.0], push[1] * np.array([0.5, 3.0, -0.25])]}
     )
+
+
+@for_each_kernel("adami_2012.wall_force")
+def solid_pushed_by_a_film(w):
+    """A solid's -80 Pa and the wall's -200 Pa together are at least twice -50 Pa; the liquid's 300 Pa meet -200 Pa."""
+    place = np.array([[0.0, 1.0, 0.0]])
+    push = 0.25 * np.array([(300.0 - 200.0) / 1000.0, -2 * 50.0 / 500.0]) * w.slope
+    inputs = {
+        "density": [1000.0, 500.0], "pressure": [300.0, -80.0], "walls": WallParticles(place, np.array([0.25])),
+        "fluid": Fluid(1000.0, 4e5, 1, 0), "wall_pressure": [-200.0], "phase": [0, 1], "suction": [0.0, -50.0],
+        "correction_diagonal": None, "correction_mixed": None,
+    }  # fmt: skip
+    return Exact(_beside(place), inputs, {"acceleration": [[0.0, -push[0], 0.0], [0.0, push[1], 0.0]]})
 
 
 @closed_form("adami_2012.hold")

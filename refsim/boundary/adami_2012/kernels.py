@@ -5,7 +5,7 @@ from refsim.backends.tuples import dot, over
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector
 from refsim.smoothing.formulas import gradient_factor, kernel_value, safe_distance, viscosity_laplacian
-from refsim.sph.formulas import borne_pressure, corrected
+from refsim.sph.formulas import borne_pressure, corrected, film_pressure
 from refsim.sph.kernels import LIQUID_PHASE, wall_moves
 
 FILM = 1e-3  # weight of a film on solids where there is liquid, too
@@ -14,7 +14,7 @@ FILM = 1e-3  # weight of a film on solids where there is liquid, too
 @pair
 def weighted_pair(r, x_ij, density_j, pressure_j, phase_j, wet_j, smoothing, lean, fluid):
     """Adami 2012 (27): W p, p = p_f + rho_f (g - a_w).(x_w - x_f) [Pa/m^dim], and W [1/m^dim]; the same of a film on
-    solids, which is under no tension, with less weight. Without solids p_f is what walls bear.
+    solids, with less weight. Without solids p_f is what walls bear.
     """
     w, p, head = kernel_value(r, smoothing), pressure_j, dot(lean, x_ij)
     if phase_j is None:
@@ -27,8 +27,6 @@ def weighted_pair(r, x_ij, density_j, pressure_j, phase_j, wet_j, smoothing, lea
     else:
         w *= type(r)(FILM) * wet_j
         p += fluid.rest_density * head
-        if p < type(r)(0):
-            p = type(r)(0)
     return w * p, w
 
 
@@ -70,22 +68,26 @@ def strain(i, velocity, mass, advanced_excess, phase, liquid_near_walls, walls, 
 
 
 @pair
-def push_pair(r, x_ij, density_i, pressure_i, wall_pressure_j, volume_j, smoothing, fluid):
-    """J(10) of a wall particle, -V_w (p_i + p_w) grad W_iw [N/m^3], p_i as walls bear it."""
-    p = borne_pressure(pressure_i, density_i, fluid)
-    f = -volume_j * (p + wall_pressure_j) * gradient_factor(r, smoothing)
+def push_pair(r, x_ij, density_i, pressure_i, phase_i, suction_i, wall_pressure_j, volume_j, smoothing, fluid):
+    """J(10) of a wall particle, -V_w (p_i + p_w) grad W_iw [N/m^3], p_i as walls bear it; of solids by a film."""
+    p = borne_pressure(pressure_i, density_i, fluid) + wall_pressure_j
+    if phase_i is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
+        if phase_i != LIQUID_PHASE:
+            p = film_pressure(p, suction_i + suction_i)
+    f = -volume_j * p * gradient_factor(r, smoothing)
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 
 @kernel(lanes=True)
 def wall_force(
-    i, lane, position, density, pressure, wall_pressure, correction_diagonal, correction_mixed, neighbours, walls,
-    smoothing, fluid, period, acceleration,
+    i, lane, position, density, pressure, phase, suction, wall_pressure, correction_diagonal, correction_mixed,
+    neighbours, walls, smoothing, fluid, period, acceleration,
 ):  # fmt: skip
     """J(10) of liquid and solids with the walls; added to the acceleration [m/s^2]."""
     force = neighbour_sum(
-        push_pair, i, lane, walls, position, period, density, pressure, wall_pressure, walls.volume, smoothing, fluid
-    )
+        push_pair, i, lane, walls, position, period, density, pressure, phase, suction, wall_pressure, walls.volume,
+        smoothing, fluid,
+    )  # fmt: skip
     if correction_diagonal is not None:
         force = corrected(correction_diagonal[i], correction_mixed[i], force)
     add_vector(acceleration, i, lane, over(force, density[i]))

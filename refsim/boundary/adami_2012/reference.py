@@ -20,10 +20,9 @@ def borne(i, p_int, rest):
 def wall_pressure(w, j, wj, lean):
     """(27) p_w = sum_j W_wj s_j p_wj / sum_j W_wj s_j [Pa], p_wj = p_j + rho_j (g - a_w).(x_w - x_j).
 
-    Of solids p_wj is at least 0 and rho_j is rho0; lean = g - a_w.
+    Of solids rho_j is rho0; lean = g - a_w.
     """
-    pressure = j.pressure + j.heavy * (wj.x @ lean)
-    return j.share * wj.W * where(j.liquid, pressure, maximum(pressure, 0))
+    return j.share * wj.W * (j.pressure + j.heavy * (wj.x @ lean))
 
 
 def strain(w, f, wf):
@@ -36,8 +35,10 @@ def strain(w, f, wf):
 
 
 def wall_force(i, w, iw):
-    """a_i = -(1/rho_i) B_i sum_w V_w (p_i + p_w) grad W_iw [m/s^2]."""
-    return -w.volume * (i.pressure + w.pressure) / i.density * iw.gradient
+    """a_i = -(1/rho_i) B_i sum_w V_w (p_i + p_w) grad W_iw [m/s^2]; p_i + p_w >= 2 s_i by the film at solids."""
+    both = i.pressure + w.pressure
+    both = where(i.liquid, both, maximum(both, 2 * i.suction))
+    return -w.volume * both / i.density * iw.gradient
 
 
 def holding_force(i, w, iw, k, n):

@@ -13,7 +13,17 @@ from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.scalars import int32
 from refsim.shape_matching import PHASE
-from refsim.sph import DENSITY, LIQUID, PRESSURE, ViscosityTerm, cohesive_pressure, continuity_pass, lean, liquid_of
+from refsim.sph import (
+    DENSITY,
+    LIQUID,
+    PRESSURE,
+    ViscosityTerm,
+    acceleration_of,
+    cohesive_pressure,
+    continuity_pass,
+    lean,
+    liquid_of,
+)
 
 if TYPE_CHECKING:
     from refsim.core.effect import InitialState
@@ -32,11 +42,17 @@ RELATIVE_CONTRIBUTION = Field(
 SOLID_NUMBER = Field(
     "solid_number", "-", "number of the particle's solid, from 1; 0 in the liquid", dtype="int32", state=True
 )
-WET = Field("wet", "-", "sum of W over the liquid near a solid's particle, over W(0)")
+WET = Field("wet", "-", "sum of W over the liquid near a solid's particle, over W(0); a quarter of that beside it")
+SUCTION = Field("suction", "Pa", "pressure below which a film between solids or at walls breaks")
+TOLD_WET = Field("told_wet", "-", "wetness of solids in the step before", state=True)
+TOLD_PRESSURE = Field("told_pressure", "Pa", "pressure in the step before", state=True)
+TOLD_SUCTION = Field("told_suction", "Pa", "suction in the step before", state=True)
+TOLD = TOLD_WET, TOLD_PRESSURE, TOLD_SUCTION
 FOLLOWED_VELOCITY = Field(
     "followed_velocity", "m/s", "velocity that follows the particle's; their difference is the acceleration of solids",
     3, state=True,
 )  # fmt: skip
+PASSED = 0.25  # of its wetness that a solid's particle passes on
 DELAY = 4.0  # of the followed velocity [h/c]
 
 
@@ -56,6 +72,26 @@ class Coupling(NamedTuple):
     printed_pressure: int  # (2) without one m_i (Shao & Song M2)
     printed_viscosity: int  # (3) without one V_i (Shao & Song M3)
     density_weighted: int  # pairs of liquid have a common pressure, weighted by densities
+
+
+def told_at_start(grid: Discretisation, state: "InitialState", others: Others) -> dict[str, np.ndarray]:
+    """Wetness [-] and pressure [Pa] of solids' particles in liquid at rest, from particle to particle within h."""
+    from scipy.spatial import cKDTree
+
+    liquid = liquid_of(others)
+    solids = 0 if grid.solids is None else len(grid.solids.lattice.body)
+    wet, pressure = np.zeros(grid.count), np.zeros(grid.count)
+    excess = liquid.initial(grid, state, others)["advanced_excess"]
+    pressure[solids:] = liquid.sound_speed**2 * excess[solids:]
+    left, known, weight = np.arange(solids), np.arange(solids, grid.count), 1.0
+    while len(left) and len(known):
+        apart, near = cKDTree(state.position[known]).query(state.position[left])
+        found, way = left[apart < grid.support_radius], known[near[apart < grid.support_radius]]
+        head = (state.position[found] - state.position[way]) @ np.array(acceleration_of(others))
+        wet[found], pressure[found] = weight, pressure[way] + liquid.rest_density * head
+        left, known, weight = left[apart >= grid.support_radius], found, PASSED * weight
+    pressure[solids:] = 0.0
+    return {"told_wet": wet, "told_pressure": pressure}
 
 
 class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=True, kw_only=True):
@@ -137,7 +173,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
 
     def fields(self, others: Others) -> tuple[Field, ...]:
         if liquid_of(others).advances():
-            return (DENSITY, PRESSURE, REST_DENSITY, PHASE, SOLID_NUMBER, FOLLOWED_VELOCITY, WET)
+            return (DENSITY, PRESSURE, REST_DENSITY, PHASE, SOLID_NUMBER, FOLLOWED_VELOCITY, WET, SUCTION, *TOLD)
         return (DENSITY, PRESSURE, REST_DENSITY, PHASE, RELATIVE_CONTRIBUTION, VOLUME)
 
     def initial(self, grid: Discretisation, state: "InitialState", others: Others) -> Mapping[str, np.ndarray]:
@@ -149,7 +185,8 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
             number[: len(densities)] = 1 + grid.solids.lattice.body
         if not liquid_of(others).advances():
             return {"rest_density": rest_density}
-        return {"rest_density": rest_density, "solid_number": number, "followed_velocity": state.velocity}
+        told = told_at_start(grid, state, others)
+        return {"rest_density": rest_density, "solid_number": number, "followed_velocity": state.velocity, **told}
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         liquid = liquid_of(others)
@@ -173,11 +210,16 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
             continuity_pass(others, {}),
             *summed,
             Pass("sph.state", writes=("pressure",)),
-            Pass("two_way_coupling.extrapolation", writes=("wet",), updates=("pressure",)),
-            Pass("two_way_coupling.spread", updates=("pressure",)),
+            Pass("two_way_coupling.extrapolation", writes=("wet", "suction"), updates=("pressure",)),
+            Pass("two_way_coupling.spread", updates=("wet", "suction", "pressure")),
             Pass("two_way_coupling.push", updates=("acceleration",), names=names),
             *((Pass("two_way_coupling.hold", updates=("acceleration",), names=names),) if self.no_slip else ()),
-            Pass("two_way_coupling.follow", updates=("followed_velocity",), stage="motion"),
+            Pass(
+                "two_way_coupling.follow",
+                updates=("followed_velocity",),
+                writes=tuple(f.name for f in TOLD),
+                stage="motion",
+            ),
         )
 
     def largest_mass_ratio(self, others: Others) -> float:

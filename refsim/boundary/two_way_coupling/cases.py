@@ -56,6 +56,20 @@ def _wet(case, random):
     return np.where(solid, np.maximum(random.uniform(-1.0, 2.0, case.count), 0.0), 0.0)
 
 
+@particles("told_wet")
+def _told_wet(case, random):
+    """None in the liquid and in a third of the solids, and next to none in some."""
+    return _wet(case, random) * random.choice([1.0, 1e-3, 1e-24], case.count)
+
+
+@particles("suction")
+def _suction(case, random):
+    """None in the liquid and in half of the solids."""
+    solid = _phase(case, case.random("phase")) != FLUID
+    return np.where(solid, np.minimum(4e4 * random.uniform(-1.0, 1.0, case.count), 0.0), 0.0)
+
+
+particles(told_pressure=lambda case, random: 4e4 * random.uniform(-0.5, 1.0, case.count), told_suction=_suction)
 # of centimetres a second
 particles(followed_velocity=lambda case, random: 0.05 * vectors(case, random))
 # four crossings of the support radius at 20 m/s
@@ -182,42 +196,52 @@ def _held(**changes):
     return inputs | changes
 
 
+def _taken(found, wet, suction, **changes):
+    return Exact(PAIR, _held(**changes), {"pressure": found, "wet": [0.0, wet], "suction": [0.0, suction]})
+
+
 for_each_kernel(
     "two_way_coupling.extrapolation",
     # p = 300 Pa + 1000 kg/m^3 (-9 - 2) m/s^2 * 1 m; the liquid's pressure stays
-    solid_that_rises=lambda w: Exact(PAIR, _held(), {"pressure": [300.0, 300.0 - 11000.0], "wet": [0.0, w.share]}),
+    solid_that_rises=lambda w: _taken([300.0, 300.0 - 11000.0], w.share, 0.0),
+    # four times -300 Pa
+    liquid_under_tension=lambda w: _taken([-300.0, -300.0 - 11000.0], w.share, -1200.0, pressure=[-300.0, 7.0]),
     # 0 Pa beside another solid's particle
-    solid_in_the_air=lambda w: Exact(PAIR, _held(phase=[SURFACE, SURFACE]), {"pressure": np.zeros(2)}),
+    solid_in_the_air=lambda w: _taken(np.zeros(2), 0.0, 0.0, phase=[SURFACE, SURFACE]),
 )
 
 
-def _film(pressure, found, **changes):
-    """A solid's particle between two wet ones, 1 m below the first; the liquid's rest density is 1000 kg/m^3."""
+def _film(wanted, **changes):
+    """Solids' particles 1 m below and beside the one that is dry; the liquid's rest density is 1000 kg/m^3."""
     three = at("film", [[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     inputs = {
         "velocity": np.zeros((3, 3)), "followed_velocity": np.zeros((3, 3)), "lean": WallFrameGravity(1.0, -9.0, 0.0),
         "delay": Delay(0.5), "phase": [SURFACE, SURFACE, INTERIOR], "wet": [3.0, 0.0, 1.0],
-        "fluid": Fluid(1000.0, 4e5, 1, 0), "pressure": pressure,
+        "fluid": Fluid(1000.0, 4e5, 1, 0), "pressure": [1.0, 0.0, 2.0], "suction": [-5.0, 0.0, 0.0],
+        "told_wet": [3.0, 7.0, 1.0], "told_pressure": [500.0, 9.0, 2500.0], "told_suction": [-40.0, 9.0, 0.0],
     }  # fmt: skip
-    return Exact(three, inputs | changes, {"pressure": found})
+    kept = {name: np.array((inputs | changes)[name]) for name in ("wet", "pressure", "suction")}
+    kept = {name: np.array([value[0], own, value[2]]) for (name, value), own in zip(kept.items(), wanted)}
+    return Exact(three, inputs | changes, kept)
 
 
 for_each_kernel(
     "two_way_coupling.spread",
-    # (3 (500 + 9000) + 1 (2500 - 1000))/4 Pa; what is wet keeps its pressure
-    mean_of_two_that_are_wet=lambda w: _film([500.0, 7.0, 2500.0], [500.0, 7500.0, 2500.0]),
-    # -500 + 0 Pa of the second would be tension
-    breaks_under_tension=lambda w: _film([500.0, 7.0, 500.0], [500.0, 7125.0, 500.0]),
-    all_are_dry=lambda w: _film([500.0, 7.0, 2500.0], np.zeros(3), wet=np.zeros(3)),
-    liquid_keeps_its_pressure=lambda w: _film([5.0, 7.0, 9.0], [5.0, 7.0, 9.0], phase=[SURFACE, FLUID, FLUID]),
+    # a quarter of the mean wetness 2; (3 (500 + 9000) + 1 (2500 - 1000))/4 Pa; 3/4 of -40 Pa; what is wet stays
+    mean_of_two_that_are_wet=lambda w: _film([0.5, 7500.0, -30.0]),
+    # (3 (-9500 + 9000) + 1 (500 - 1000))/4 Pa: the head of gravity goes on below zero
+    goes_on_below_zero=lambda w: _film([0.5, -500.0, -30.0], told_pressure=[-9500.0, 9.0, 500.0]),
+    one_was_wet=lambda w: _film([0.75, 9500.0, -40.0], told_wet=[3.0, 7.0, 0.0]),
+    all_were_dry=lambda w: _film(np.zeros(3), told_wet=[0.0, 7.0, 1e-21]),
+    liquid_keeps_its_pressure=lambda w: _film([0.0, 7.0, 0.0], phase=[SURFACE, FLUID, FLUID], pressure=[5.0, 7.0, 9.0]),
 )
 
 
-def _lifted(w, phase, body, force):
+def _lifted(w, phase, body, force, pressure=(30.0, 10.0)):
     """`force` [N] over |W'(h/2)| on the second particle, upwards."""
     inputs = {
         "mass": [500.0, 1800.0], "density": [1000.0, 900.0], "phase": phase, "solid_number": np.array(body, np.int32),
-        "pressure": [30.0, 10.0], "fluid": Fluid(1000.0, 1.0, 1, 0),
+        "pressure": [*pressure], "suction": [0.0, -20.0], "fluid": Fluid(1000.0, 1.0, 1, 0),
     }  # fmt: skip
     force = np.array([0.0, -force * w.slope, 0.0])
     return Exact(PAIR, inputs, {"acceleration": [force / 500, -force / 1800]})
@@ -230,6 +254,8 @@ for_each_kernel(
     liquid_lifts_solid=lambda w: _lifted(w, WATER_AND_ICE, [0, 1], 40.0),
     melt_lifts_its_solid=lambda w: _lifted(w, WATER_AND_ICE, [1, 1], 40.0),
     solid_pushes_another=lambda w: _lifted(w, [SURFACE, INTERIOR], [2, 1], 40.0),
+    # -20 Pa in place of 20 - 50 Pa
+    film_that_breaks=lambda w: _lifted(w, [SURFACE, INTERIOR], [2, 1], -20.0, (20.0, -50.0)),
     one_solid_does_not_push_itself=lambda w: _lifted(w, [SURFACE, INTERIOR], [1, 1], 0.0),
 )
 
@@ -251,8 +277,10 @@ def solid_holds_liquid():
 @closed_form("two_way_coupling.follow")
 def follows_by_a_third():
     """tau = 0.5 s, dt = 0.25 s: a third of the difference of 3 m/s."""
-    inputs = {
+    told = {"wet": [0.0, 2.0], "pressure": [3.0, -4.0], "suction": [0.0, -5.0]}
+    inputs = told | {
         "velocity": [[0.0, 5.0, 0.0], [0.0, 0.0, 0.0]], "delay": Delay(0.5),
         "followed_velocity": [[0.0, 2.0, 0.0], [3.0, 0.0, 0.0]], "timestep": [0.5, 0.25],
     }  # fmt: skip
-    return Exact(PAIR, inputs, {"followed_velocity": [[0.0, 3.0, 0.0], [2.0, 0.0, 0.0]]})
+    kept = {f"told_{name}": value for name, value in told.items()}
+    return Exact(PAIR, inputs, kept | {"followed_velocity": [[0.0, 3.0, 0.0], [2.0, 0.0, 0.0]]})

@@ -2,14 +2,18 @@
 
 from refsim.backends.compile import formula, kernel
 from refsim.backends.tuples import added, difference, over, scaled
+from refsim.boundary.two_way_coupling import PASSED
 from refsim.boundary.two_way_coupling.formulas import tait_pressure
 from refsim.neighbours.forces import force
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, first_lane
 from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
 from refsim.smoothing.formulas import gradient_factor, kernel_slope, kernel_value, safe_distance, viscosity_laplacian
-from refsim.sph.formulas import pressure_pair
+from refsim.sph.formulas import film_pressure, pressure_pair
 from refsim.sph.kernels import central_pair, own_share, wall_sum
+
+LEAST = 1e-20  # wetness that is passed on: some 30 times its way, a support wide
+SUCKED = 4.0  # times the liquid's own pressure below zero: the least of a film
 
 
 @pair
@@ -148,80 +152,97 @@ def head(x_ij, velocity, followed_velocity, lean, delay):
 
 @pair
 def held_pair(r, x_ij, velocity_i, followed_velocity_i, phase_j, density_j, pressure_j, smoothing, lean, delay):
-    """Adami 2012 (27) at a solid's particle: W p, p = p_f + rho_f (g - a_k).(x_k - x_f) [Pa/m^dim], and W [1/m^dim]."""
+    """Adami 2012 (27) at a solid's particle: W p, p = p_f + rho_f (g - a_k).(x_k - x_f), and W p_f [Pa/m^dim]; and W
+    [1/m^dim]."""
     real = type(r)
     if phase_j != FLUID:
-        return real(0), real(0)
+        return real(0), real(0), real(0)
     w = kernel_value(r, smoothing)
-    return w * (pressure_j + density_j * head(x_ij, velocity_i, followed_velocity_i, lean, delay)), w
+    p = w * pressure_j
+    return p + w * (density_j * head(x_ij, velocity_i, followed_velocity_i, lean, delay)), p, w
 
 
 @kernel(lanes=True)
 def extrapolation(
-    i, lane, position, velocity, followed_velocity, phase, density, neighbours, smoothing, lean, delay, wet, pressure
-):
-    """Adami 2012 (27): pressure of a solid's particle [Pa], and the sum of W over W(0); 0 without liquid in reach."""
+    i, lane, position, velocity, followed_velocity, phase, density, neighbours, smoothing, lean, delay, wet, suction,
+    pressure,
+):  # fmt: skip
+    """Adami 2012 (27): pressure of a solid's particle [Pa], the least one of a film there [Pa], and the sum of W over
+    W(0); 0 without liquid in reach."""
     zero = type(smoothing.support_radius)(0)
     if phase[i] == FLUID:
         if first_lane(lane):
-            wet[i] = zero
+            wet[i] = suction[i] = zero
         return
-    total, weights = neighbour_sum(
+    total, alone, weights = neighbour_sum(
         held_pair, i, lane, neighbours, position, None, velocity, followed_velocity, phase, density, pressure,
         smoothing, lean, delay,
     )  # fmt: skip
     if first_lane(lane):
         wet[i] = weights / own_share(smoothing)
         pressure[i] = total / weights if weights > zero else zero
+        suction[i] = zero if alone >= zero else type(zero)(SUCKED) * alone / weights
 
 
 @pair
-def spread_pair(r, x_ij, velocity_i, followed_velocity_i, wet_j, pressure_j, smoothing, fluid, lean, delay):
-    """W_kj wet_j max(0, p_j + rho0 (g - a_k).(x_k - x_j)) [Pa/m^dim], and W_kj wet_j [1/m^dim]."""
+def spread_pair(
+    r, x_ij, velocity_i, followed_velocity_i, told_wet_j, told_pressure_j, told_suction_j, smoothing, fluid, lean, delay
+):
+    """W_ks w_s (p_s + rho0 (g - a_k).(x_k - x_s)) and W_ks w_s times suction [Pa/m^dim], W_ks w_s and W_ks
+    [1/m^dim]."""
     zero = type(r)(0)
-    if wet_j == zero:  # whose pressure changes
-        return zero, zero
-    w = kernel_value(r, smoothing) * wet_j
-    p = pressure_j + fluid.rest_density * head(x_ij, velocity_i, followed_velocity_i, lean, delay)
-    if p < zero:
-        p = zero
-    return w * p, w
+    if told_wet_j == zero:
+        return zero, zero, zero, zero
+    w = kernel_value(r, smoothing)
+    weight = w * told_wet_j
+    p = told_pressure_j + fluid.rest_density * head(x_ij, velocity_i, followed_velocity_i, lean, delay)
+    return weight * p, weight * told_suction_j, weight, w
 
 
 @kernel(lanes=True)
 def spread(
-    i, lane, position, velocity, followed_velocity, phase, wet, neighbours, smoothing, fluid, lean, delay, pressure
-):
-    """Pressure [Pa] of a solid's particle without liquid in reach, by a film from those that have; 0 without any."""
+    i, lane, position, velocity, followed_velocity, phase, told_wet, told_pressure, told_suction, neighbours,
+    smoothing, fluid, lean, delay, wet, suction, pressure,
+):  # fmt: skip
+    """What `extrapolation` tells, of a solid's particle without liquid in reach, by a film from those that had some in
+    the step before; 0 without any."""
     zero = type(smoothing.support_radius)(0)
     if phase[i] == FLUID or wet[i] > zero:
         return
-    total, weights = neighbour_sum(
-        spread_pair, i, lane, neighbours, position, None, velocity, followed_velocity, wet, pressure, smoothing, fluid,
-        lean, delay,
+    total, alone, weights, whole = neighbour_sum(
+        spread_pair, i, lane, neighbours, position, None, velocity, followed_velocity, told_wet, told_pressure,
+        told_suction, smoothing, fluid, lean, delay,
     )  # fmt: skip
-    if first_lane(lane):
-        pressure[i] = zero if weights == zero else total / weights
+    if first_lane(lane) and not weights <= type(zero)(LEAST) * whole:  # NaN goes on
+        wet[i] = type(zero)(PASSED) * weights / whole
+        pressure[i] = total / weights
+        suction[i] = alone / weights
 
 
 @pair
 def push_pair(
-    r, x_ij, phase_i, phase_j, solid_number_i, solid_number_j, mass_j, density_j, pressure_i, pressure_j, smoothing,
-    fluid,
+    r, x_ij, phase_i, phase_j, solid_number_i, solid_number_j, mass_j, density_j, pressure_i, pressure_j, suction_i,
+    suction_j, smoothing, fluid,
 ):  # fmt: skip
-    """J(10) [N/m^3] of a neighbour; none between particles of one solid."""
-    f = type(r)(0)
-    if phase_i == FLUID or phase_j == FLUID or solid_number_i != solid_number_j:
-        f = pressure_pair(mass_j / density_j, pressure_i, pressure_j, gradient_factor(r, smoothing), fluid)
+    """J(10) [N/m^3] of a neighbour, by a film between two solids; none between particles of one solid."""
+    f, met = type(r)(0), phase_i == FLUID or phase_j == FLUID
+    if met or solid_number_i != solid_number_j:
+        p = pressure_i + pressure_j
+        if not met:
+            p = film_pressure(p, suction_i + suction_j)
+        f = pressure_pair(mass_j / density_j, p, type(r)(0), gradient_factor(r, smoothing), fluid)
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 
 @kernel(lanes=True)
-def push(i, lane, position, phase, solid_number, mass, density, pressure, neighbours, smoothing, fluid, acceleration):
+def push(
+    i, lane, position, phase, solid_number, mass, density, pressure, suction, neighbours, smoothing, fluid, acceleration
+):
     """J(10) between all particles that are not of one solid; added to the acceleration [m/s^2]."""
     force = neighbour_sum(
-        push_pair, i, lane, neighbours, position, None, phase, solid_number, mass, density, pressure, smoothing, fluid
-    )
+        push_pair, i, lane, neighbours, position, None, phase, solid_number, mass, density, pressure, suction,
+        smoothing, fluid,
+    )  # fmt: skip
     add_vector(acceleration, i, lane, over(force, density[i]))
 
 
@@ -240,8 +261,12 @@ hold = force(hold_pair, divided="density")
 
 
 @kernel
-def follow(i, velocity, delay, timestep, followed_velocity):
-    """Velocity u that follows that of particle i [m/s], with the delay tau: u += (v - u) dt/(dt + tau)."""
+def follow(
+    i, velocity, wet, pressure, suction, delay, timestep, followed_velocity, told_wet, told_pressure, told_suction
+):
+    """Velocity u that follows that of particle i [m/s], with the delay tau: u += (v - u) dt/(dt + tau); and what the
+    next step spreads."""
     for c in range(3):
         before = followed_velocity[i, c]
         followed_velocity[i, c] = before + (velocity[i, c] - before) * timestep[1] / (timestep[1] + delay.tau)
+    told_wet[i], told_pressure[i], told_suction[i] = wet[i], pressure[i], suction[i]

@@ -8,7 +8,7 @@ import numpy as np
 
 from refsim.boundary.two_way_coupling import reference as ref
 from refsim.core.operation import SYMMETRY, operations
-from refsim.core.terms import maximum, where
+from refsim.core.terms import maximum, minimum, where
 from refsim.gauges.operations import in_each
 from refsim.neighbours.sums import Fields, neighbours, wall_particles
 from refsim.smoothing.reference import kernel_value
@@ -93,14 +93,15 @@ def forces(
 
 
 @operation(
-    "(27)", paper="Adami, Hu & Adams 2012", outputs="wet pressure", entrywise=True, tolerance=16.0,
+    "(27)", paper="Adami, Hu & Adams 2012", outputs="wet suction pressure", entrywise=True, tolerance=16.0,
     reason="one rounding in each of distance, kernel, head, product and sum, and those of the quotient",
     packed="held_pair",
 )  # fmt: skip
 def extrapolation(position, velocity, followed_velocity, phase, density, smoothing, lean, delay, pressure, rows=None):
     """Pressure of each solid's particle [Pa], 0 where no liquid is within reach; the liquid's stays.
 
-    wet, dimensionless, is the sum of the weights over W(0); 0 in the liquid.
+    wet, dimensionless, is the sum of the weights over W(0), suction [Pa] four times the mean pressure of the liquid
+    where that is negative; both are 0 in the liquid.
     """
     i = Fields(
         position=position, velocity=velocity, followed=followed_velocity, density=density, pressure=pressure,
@@ -108,39 +109,55 @@ def extrapolation(position, velocity, followed_velocity, phase, density, smoothi
     )  # fmt: skip
     around, solid = near_solids(i, smoothing, lean, delay, rows)
     weights = around(ref.weight_of_liquid)
-    p = in_each(around(ref.pressure_and_head), around, ref.weight_of_liquid) / positive(weights)
+    p, alone = (
+        in_each(around(term), around, ref.weight_of_liquid) / positive(weights)
+        for term in (ref.pressure_and_head, ref.pressure_alone)
+    )
     return {
         "wet": where(solid.liquid, 0, weights / float(kernel_value(0.0, smoothing))),
+        "suction": where(solid.liquid, 0, 4.0 * minimum(alone, 0)),
         "pressure": where(solid.liquid, solid.pressure, p),
     }
 
 
 @operation(
-    "pressure of a film", paper="this project", outputs="pressure", entrywise=True, tolerance=16.0,
+    "pressure of a film", paper="this project", outputs="wet suction pressure", entrywise=True, tolerance=16.0,
     reason="one rounding in each of distance, kernel, head, product and sum, and those of the quotient",
 )  # fmt: skip
 def spread(
-    position, velocity, followed_velocity, phase, wet, smoothing, fluid, lean, delay, pressure, rows=None
+    position, velocity, followed_velocity, phase, told_wet, told_pressure, told_suction, smoothing, fluid, lean, delay,
+    wet, suction, pressure, rows=None,
 ):  # fmt: skip
-    """Pressure [Pa] of solids' particles k with wet_k = 0, 0 without particles s with wet_s > 0 in reach.
+    """What `extrapolation` tells, of solids' particles k with wet_k = 0: a film too thin for particles carries the
+    pressure between bodies in contact.
 
-    A film too thin for particles carries the pressure between bodies in contact, and under tension it breaks.
+    It comes from solids' particles s that were wet in the step before, a quarter of whose wetness is passed on.
     """
     i = Fields(
-        position=position, velocity=velocity, followed=followed_velocity, wet=wet, pressure=pressure,
-        density=float(fluid.rest_density), **kinds(phase),
+        position=position, velocity=velocity, followed=followed_velocity, wet=told_wet, pressure=told_pressure,
+        suction=told_suction, density=float(fluid.rest_density), place=np.arange(len(told_wet)), **kinds(phase),
     )  # fmt: skip
     around, solid = near_solids(i, smoothing, lean, delay, rows)
-    weights = around(ref.weight_of_film)
-    p = in_each(around(ref.film_pressure), around, ref.weight_of_film) / positive(weights)
-    return {"pressure": where((solid.liquid.value != 0) | (solid.wet.value > 0), solid.pressure, p)}
+    before = Fields(wet=wet, suction=suction, pressure=pressure).at(rows)
+    weights, whole = around(ref.weight_of_film), around(ref.weight_of_wet)
+    dry = (solid.liquid.value == 0) & (before.wet.value == 0) & (weights.value > 1e-20 * whole.value)
+    p, alone = (
+        in_each(around(term), around, ref.weight_of_film) / positive(weights)
+        for term in (ref.film_pressure, ref.suction)
+    )
+    return {
+        "wet": where(dry, 0.25 * weights / positive(whole), before.wet),
+        "suction": where(dry, alone, before.suction),
+        "pressure": where(dry, p, before.pressure),
+    }
 
 
 def near_solids(i, smoothing, lean, delay, rows):
     """(pairs of `rows`, which have g - a_k [m/s^2] as `pull`, and of all particles; the fields of `rows`)."""
     solid = i.at(rows)
     pull = ref.pull(solid, [float(part) for part in lean], float(delay.tau))
-    return neighbours(Fields(position=solid.position, pull=pull), i, smoothing), solid
+    own = {"place": solid.place} if hasattr(i, "place") else {}
+    return neighbours(Fields(position=solid.position, pull=pull, **own), i, smoothing), solid
 
 
 def positive(weights):
@@ -152,10 +169,13 @@ def positive(weights):
     "J(10)", paper="Jiang & Zhu 2023; Adami, Hu & Adams 2012", adds="acceleration", tolerance=8.0,
     invariants=f"{SYMMETRY} linear_momentum angular_momentum", packed="push_pair",
 )  # fmt: skip
-def push(position, phase, solid_number, mass, density, pressure, smoothing, fluid, rows=None):
+def push(position, phase, solid_number, mass, density, pressure, suction, smoothing, fluid, rows=None):
     """Accelerations [m/s^2] of liquid and solids; particles of one solid (`solid_number`) do not push each other."""
     part = np.where(np.asarray(phase) == FLUID, -1 - np.arange(len(pressure)), np.asarray(solid_number, dtype=int))
-    i = Fields(position=position, mass=mass, density=density, pressure=pressure, part=part)
+    i = Fields(
+        position=position, mass=mass, density=density, pressure=pressure, suction=suction, part=part,
+        **kinds(phase),
+    )  # fmt: skip
     around = neighbours(i, i, smoothing, rows=rows)
     return {"acceleration": around(ref.push, s=fluid.gradient_share)}
 
@@ -172,8 +192,14 @@ def hold(position, velocity, phase, mass, density, smoothing, central_viscosity,
     return {"acceleration": around.others(ref.hold, k=central_viscosity.coefficient)}
 
 
-@operation("u of the step before", paper="standard", outputs="followed_velocity", invariants="reordering")
-def follow(velocity, delay, timestep, followed_velocity, rows=None):
-    """Velocity [m/s] that follows that of a particle."""
-    i = Fields(velocity=velocity, followed=followed_velocity).at(rows)
-    return {"followed_velocity": ref.follow(i, float(timestep[1]), float(delay.tau))}
+@operation(
+    "u, film of the step before", paper="standard", outputs="followed_velocity told_wet told_pressure told_suction",
+    invariants="reordering",
+)  # fmt: skip
+def follow(velocity, wet, pressure, suction, delay, timestep, followed_velocity, rows=None):
+    """Velocity [m/s] that follows that of a particle, and what the next step's `spread` takes."""
+    told = Fields(velocity=velocity, followed=followed_velocity, wet=wet, pressure=pressure, suction=suction).at(rows)
+    return {
+        "followed_velocity": ref.follow(told, float(timestep[1]), float(delay.tau)), "told_wet": told.wet,
+        "told_pressure": told.pressure, "told_suction": told.suction,
+    }  # fmt: skip

@@ -2,7 +2,6 @@
 
 from refsim.core.terms import maximum, where
 from refsim.sph.reference import central_viscous_force
-from refsim.sph.reference import pressure_force as averaged_pressure_force
 from refsim.sph.reference import state as state
 
 
@@ -79,19 +78,39 @@ def pressure_and_head(k, f, kf):
     return weight_of_liquid(k, f, kf) * (f.pressure + f.density * (k.pull @ kf.x))
 
 
+def pressure_alone(k, f, kf):
+    """sum_f W_kf p_f [Pa/m^dim]."""
+    return weight_of_liquid(k, f, kf) * f.pressure
+
+
 def weight_of_film(k, s, ks):
-    """sum_s W_ks wet_s [1/m^dim]."""
-    return s.wet * ks.W
+    """sum_s W_ks w_s [1/m^dim] over other particles, w_s the wetness in the step before."""
+    return where(k.place.value != s.place.value, s.wet * ks.W, 0)
+
+
+def weight_of_wet(k, s, ks):
+    """sum_s W_ks [1/m^dim] over those with w_s > 0."""
+    return where((k.place.value != s.place.value) & (s.wet.value > 0), ks.W, 0)
 
 
 def film_pressure(k, s, ks):
-    """p_k = sum_s W_ks wet_s max(0, p_s + rho0 (g - a_k).x_ks) / sum_s W_ks wet_s; the first sum [Pa/m^dim]."""
-    return weight_of_film(k, s, ks) * maximum(s.pressure + s.density * (k.pull @ ks.x), 0)
+    """p_k = sum_s W_ks w_s (p_s + rho0 (g - a_k).x_ks) / sum_s W_ks w_s; the first sum [Pa/m^dim]."""
+    return weight_of_film(k, s, ks) * (s.pressure + s.density * (k.pull @ ks.x))
+
+
+def suction(k, s, ks):
+    """The same mean of the least pressure of a film; the sum [Pa/m^dim]."""
+    return weight_of_film(k, s, ks) * s.suction
 
 
 def push(i, j, ij, s):
-    """J(10) a_i = -(s/rho_i) sum_j V_j (p_i + p_j) grad W_ij [m/s^2], V = m/rho; 0 within one solid."""
-    return where(i.part.value != j.part.value, averaged_pressure_force(i, j, ij, s), 0)
+    """J(10) a_i = -(s/rho_i) sum_j V_j (p_i + p_j) grad W_ij [m/s^2], V = m/rho; 0 within one solid.
+
+    By the film between two solids p_i + p_j >= s_i + s_j.
+    """
+    both = i.pressure + j.pressure
+    both = where(i.solid * j.solid, maximum(both, i.suction + j.suction), both)
+    return where(i.part.value != j.part.value, -s * j.mass / j.density * both / i.density * ij.gradient, 0)
 
 
 def hold(i, j, ij, k):
