@@ -129,7 +129,7 @@ def test_the_example_climbs_the_ladder_and_keeps_the_rules(page, example):
     said = run(example, LADDER + RULES + SCENE, str(ROOT / "tests" / "ladder"), effect)
     assert "cpu float32 climbed T1 T10 T2 T3 T4 T5 T6 T7 T9" in said
     assert "numpy float64 climbed T1" in said
-    assert "kept 7 rules" in said
+    assert "kept 6 rules" in said
     assert "slowed down" in said
 
 
