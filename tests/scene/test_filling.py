@@ -9,7 +9,6 @@ from scipy.spatial import cKDTree
 
 import refsim as rs
 from refsim.scene.files import parse_scene
-from refsim.scene.refine import refined
 from tests.running import rows
 
 D, PULL = 0.125, 9.81
@@ -66,31 +65,6 @@ def test_liquid_on_a_slope_starts_at_rest(degrees, tmp_path):
     assert unrest(scene((rs.Cloud(position=cut),), box(), wedge))[0] > 0.5
 
 
-def test_a_body_stands_in_a_pool(tmp_path):
-    """A ball as a mesh: the particles have the volume that it leaves, and rest."""
-    ball = trimesh.creation.icosphere(subdivisions=3, radius=2.3 * D)
-    ball.apply_translation(np.array([8.3, 3.1, 3.2]) * D)
-    ball.export(tmp_path / "ball.stl")
-    made = scene((block((LONG, WIDE, DEEP)),), box(), rs.MeshBoundary(file=str(tmp_path / "ball.stl")))
-    pull, x, apart = unrest(made)
-    assert abs(len(x) - LONG * WIDE * DEEP + ball.volume / D**3) < 2
-    assert apart.min() > 0.8
-    assert pull < 0.15
-
-
-@pytest.mark.parametrize(("low", "number"), [((0, 0, 0), 768 - 27), ((0.5, 0.5, 0.5), 768 - 27)])
-def test_a_solid_stands_in_a_pool(low, number):
-    """Its cells are left out where they are the block's own; where they lie between them their volume is."""
-    solid = rs.SolidBox(lower=(6 * D, 2 * D, 2 * D), upper=(9 * D, 5 * D, 5 * D), density=500.0)
-    walls = rs.BoxWalls(
-        lower=tuple(D * np.array(low)), upper=tuple(D * (np.array(low) + [LONG, WIDE, 2 * DEEP]))
-    )  # fmt: skip
-    made = scene((block((LONG, WIDE, DEEP), low),), walls, rs.ShapeMatching(), rs.TwoWayCoupling(), solid=(solid,))
-    state = rs.make_plan(made).state
-    assert state.sizes == (27, number)
-    assert cKDTree(state.position).query(state.position, 2)[0][:, 1].min() > 0.7 * D
-
-
 def vessel(folder):
     """A vessel whose inside is a box turned by 20 degrees: (wall, file of the inside, its floor's lowest corner)."""
     inside = trimesh.creation.box((10 * D, 6 * D, 10 * D))
@@ -118,26 +92,8 @@ def test_a_vessel_is_filled_up_to_a_level(tmp_path):
         rs.make_plan(scene((rs.FluidMesh(file=file, level=float(bounds[0, 2]) - D),), wall))
 
 
-@pytest.mark.parametrize("dim", [2, 3])
-def test_a_box_by_its_size_alone(dim):
-    """As many cells as fit best, which fill the size; at another spacing as many again."""
-    size = (4.3 * D, 3 * D, (dim - 2) * 2 * D)
-    made = scene((rs.Box(size=size),), dim=dim).with_(effects=(LIQUID,))
-    state = rs.make_plan(made).state
-    assert len(state.position) == 4 * 3 * (1, 2)[dim - 2]
-    assert np.ptp(state.position[:, 0]) == pytest.approx(0.75 * size[0])
-    assert state.mass.sum() == pytest.approx(1000 * np.prod(size[:dim]))
-    assert len(rs.make_plan(refined(made, 2)).state.position) == 9 * 6 * (1, 4)[dim - 2]
-
-
 @pytest.mark.parametrize(("keys", "words"), rows(__file__, "bad_fillings"))
 def test_what_cannot_be_filled_is_refused(keys, words):
     text = f'spacing = 0.1\nsupport_radius = 0.3\n[[fluid]]\nshape = "box"\n{keys}\n'
     with pytest.raises(rs.InputError, match=words):
         rs.make_plan(parse_scene(text, "scene"))
-
-
-def test_a_mesh_is_filled_in_space_only(tmp_path):
-    _, file, _ = vessel(tmp_path)
-    with pytest.raises(rs.InputError, match="set dim to 3"):
-        rs.make_plan(scene((rs.FluidMesh(file=file),), dim=2).with_(effects=(LIQUID,)))

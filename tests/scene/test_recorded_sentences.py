@@ -14,7 +14,7 @@ from refsim.gauges import due
 from refsim.motion import pace
 from refsim.neighbours import coincident_pairs
 from refsim.scene import counting, solids
-from refsim.scene.counting import Cells, _numbered
+from refsim.scene.counting import Cells
 from refsim.scene.files import parse_scene
 from refsim.scene.particles import fitting_share
 from refsim.scene.refine import _cells, fitting, misfit, notes, refined, resting_step, spaced
@@ -41,28 +41,6 @@ def test_changed_scenes_are_refused_or_noted_on_with_the_same_numbers(name, reco
 
 
 # Shapes and solids
-@pytest.mark.parametrize("dim", [2, 3])
-def test_places_are_those_of_the_lattice(dim):
-    """Every centre of a cell of the lattice within the shape, counted one by one."""
-    random, grid = np.random.default_rng(dim), Discretisation(dim, "float64", 0.1, 0.26, 0)
-    for _ in range(6):
-        radius = float(random.uniform(0.05, 0.4))
-        known = [
-            0.1 * (np.array(cell) + 0.5)
-            for cell in itertools.product(range(-6, 6), repeat=dim)
-            if ((0.1 * (np.array(cell) + 0.5)) ** 2).sum() <= radius**2
-        ]
-        found = Ball(center=(0.3, -0.2, 0.0), radius=radius).positions(grid) - [0.3, -0.2, 0.0]
-        assert sorted(map(tuple, found[:, :dim].round(9))) == sorted(tuple(x.round(9)) for x in known)
-        assert (found[:, dim:] == 0).all()
-    cells = (3, 2, 4 if dim == 3 else 1)
-    box = Box(lower=(0.5, 0.7, 0.9), cells=cells, size=(0.31, 0.19, 0.42))
-    known = [
-        [low + (k + 0.5) * size / n for k, low, size, n in zip(cell, box.lower, box.size, cells)][:dim]
-        for cell in itertools.product(*map(range, cells[:dim]))
-    ]
-    assert box.positions(grid)[:, :dim] == pytest.approx(np.array(known))
-    assert box.shares(grid) == pytest.approx([0.31 / 0.3, 0.19 / 0.2, 0.42 / 0.4][:dim])
 
 
 def test_bodies_reach_as_far_as_they_say(recorded):
@@ -204,22 +182,6 @@ def test_a_plan_takes_few_bytes_a_particle():
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak / plan.grid.count < 260
-
-
-def test_cells_inside_a_liquid_are_as_ever(recorded):
-    random, found = np.random.default_rng(2), {}
-    for dim in (2, 3):
-        grid = Discretisation(dim, "float64", 0.1, 0.26, 0)
-        axes = [0.1 * (np.arange(n) + 0.5) for n in (16, 14, 12)[:dim]]
-        place = np.pad(np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, dim), ((0, 0), (0, 3 - dim)))
-        for k in range(4):
-            kept = place[~(((place - random.uniform(0, 1.4, 3)) ** 2)[:, :dim].sum(1) < 0.09 * (k > 0))]
-            cells = Cells(kept, grid)
-            solid = (np.arange(cells.near.shape[1]) % 17 == 3) & (k % 2 == 1)
-            found[f"{dim} {k}"] = cells.inside(np.arange(len(kept)), solid), cells.near, cells.cell_of
-    given = (([0, 1, 500, 501], 0), ([3, 9, -1], 5), ([7, 8, 9], 0))
-    gaps = [_numbered(np.array(values), around) for values, around in given]
-    recorded(found | {"numbers": gaps})
 
 
 # Motions and gauges

@@ -1,15 +1,11 @@
 """The same scene at another spacing, or without an effect."""
 
-import itertools
-import types
-
 import numpy as np
 import pytest
 
 import refsim as rs
 from refsim import make_plan
-from refsim.scene.refine import _cells, _edges, misfit, notes, refined, resting_step, spaced, without
-from tests.running import rows
+from refsim.scene.refine import refined, resting_step, spaced, without
 
 LIQUID = rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0, density="summation")
 
@@ -95,19 +91,6 @@ def test_a_box_keeps_its_edges_and_its_density():
         make_plan(far)
 
 
-@pytest.mark.parametrize("mass", [0.0, -1.0, 1e9, 1e-3, float("nan")])
-def test_a_mass_that_does_not_fit_is_refused(mass):
-    with pytest.raises(rs.InputError, match="mass = "):
-        make_plan(scene_of(spacing=0.05, support_radius=0.13, fluid=(rs.Ball(radius=0.1, mass=mass),)))
-    with pytest.raises(rs.InputError, match="mass = "):
-        make_plan(
-            scene_of(
-                spacing=0.05, support_radius=0.13, fluid=(), dim=3, effects=(LIQUID, rs.ShapeMatching()),
-                solid=(rs.SolidBox(lower=(0.0,) * 3, upper=(0.3,) * 3, mass=mass),),
-            )
-        )  # fmt: skip
-
-
 def test_a_fixed_step_follows_what_is_stable_and_clouds_have_no_other_spacing():
     """Sound: as the spacing. Diffusion: as its square."""
     sound = scene_of(step=1e-5)
@@ -126,58 +109,6 @@ def test_a_fixed_step_follows_what_is_stable_and_clouds_have_no_other_spacing():
             refined(scene, 2.0)
         with pytest.raises(rs.InputError, match=words):
             spaced(scene, 3, 1)
-
-
-def test_lengths_of_the_mesh_and_its_step_follow_and_a_coarse_box_keeps_a_layer():
-    grid = refined(scene_of(effects=(rs.MpmLiquid(bulk_modulus=1e4, cell_size=0.02),)), 2.0).effects[0]
-    assert (grid.cell_size, grid.bulk_modulus) == (0.01, 1e4)
-    assert refined(scene_of(effects=(rs.MpmLiquid(bulk_modulus=1e4),)), 2.0).effects[0].cell_size == 0  # two spacings
-    scene = scene_of(effects=(rs.MpmLiquid(bulk_modulus=1e4, cell_size=0.02),))
-    assert resting_step(scene, 0.005, 0.013) / resting_step(scene, 0.01, 0.026) == pytest.approx(0.5)
-    assert refined(scene_of(fluid=(rs.Box(cells=(2, 40, 1)),)), 0.4).fluid[0].cells[:2] == (1, 16)
-
-
-@pytest.mark.parametrize("cells", [(20, 40, 1), (9, 9, 1), (10, 10, 1), (36, 28, 1)])
-@pytest.mark.parametrize("count, finer", [(3, 1), (4, 2), (3, 0), (3, 2)])
-def test_levels_hold_the_scene_and_whole_cells(cells, count, finer):
-    scene = scene_of(fluid=(rs.Box(cells=cells),))
-    found = spaced(scene, count, finer)
-    assert (len(found), found[count - 1 - finer]) == (count, 1.0)
-    assert all(1.2 < b / a < 1.8 for a, b in itertools.pairwise(found))
-    assert max(misfit(scene, f) for f in found) <= 0.03
-
-
-@pytest.mark.parametrize("low, high, cells", rows(__file__, "cells_of_solids"))
-def test_cells_of_a_solid_are_those_whose_centres_it_holds(low, high, cells):
-    assert _cells(low, high, 0.1) == cells
-    body = rs.SolidBox(lower=(low, 0.0, 9.0), upper=(high, 0.2, 9.0))
-    scene = types.SimpleNamespace(fluid=(rs.Box(cells=(3, 5, 1)),), solid=(body,), dim=2, spacing=0.1)
-    assert list(_edges(scene, 3.0)) == [(3, 9), (5, 15), (cells, _cells(low, high, 0.1 / 3)), (2, 6)]
-
-
-def test_least_and_exact_levels_are_taken_and_impossible_boxes_named():
-    assert spaced(scene_of(), 1, 0, 1.1) == spaced(scene_of(), 1, 0, 4.0) == (1.0,)
-    assert misfit(scene_of(fluid=(rs.Ball(radius=0.3),)), 1.3) == 0
-    assert all(misfit(scene_of(), f) < 1e-9 for f in spaced(scene_of(), 3, 1))
-    assert not notes(scene_of(), spaced(scene_of(), 3, 1))
-    rough = scene_of(fluid=(rs.Box(cells=(30, 41, 1)),))
-    assert any("no whole cells" in note for note in notes(rough, spaced(rough, 3, 1)))
-    with pytest.raises(rs.InputError, match="give the boxes numbers of cells with a common divisor"):
-        spaced(scene_of(fluid=(rs.Box(cells=(7, 11, 1)), rs.Box(lower=(1.0, 0.0, 0.0), cells=(3, 5, 1)))), 3, 0)
-
-
-def test_solids_are_numbered_from_one(monkeypatch):
-    named = []
-    monkeypatch.setattr("refsim.scene.refine.body_cells", lambda body, name, spacing: named.append(name) or [0])
-    balls = tuple(rs.SolidBall(center=(k, 0.0, 0.0), radius=0.1) for k in range(2))
-    refined(scene_of(solid=balls, fluid=(), dim=3, effects=(LIQUID, rs.ShapeMatching())), 2.0)
-    assert named == ["[[solid]] number 1", "[[solid]] number 2"]
-
-
-@pytest.mark.parametrize("given", [(0, 0, 1.5), (3, 3, 1.5), (3, -1, 1.5), (3, 1, 1.0), (3, 1, 9.0)])
-def test_impossible_levels_get_a_sentence(given):
-    with pytest.raises(rs.InputError, match="is not possible; give"):
-        spaced(scene_of(), *given)
 
 
 TENSIONS = (
