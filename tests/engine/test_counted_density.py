@@ -39,24 +39,6 @@ def displaced(made, factor):
     return simulation
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-@pytest.mark.parametrize(("dim", "n"), [(2, 16), (3, 12)])
-def test_a_lattice_counts_what_it_is_told(dim, n, dtype):
-    found = counted(Simulation(block(dim, n, dtype), "numpy"))
-    assert found.told == pytest.approx(1000.0)
-    assert found.counted == pytest.approx(1000.0, rel=1e-6)
-    assert abs(found.least) < 1e-6 > abs(found.most)
-    assert found.cells == (25 if dim == 2 else 27)
-
-
-@pytest.mark.parametrize(("dim", "n"), [(2, 16), (3, 12)])
-@pytest.mark.parametrize("factor", [0.97, 1.01, 1.05])
-def test_places_that_are_stretched_are_counted(dim, n, factor):
-    found = counted(displaced(block(dim, n), factor))
-    assert found.told == pytest.approx(1000.0)
-    assert found.counted == pytest.approx(1000.0 / factor**dim, rel=2e-3)
-
-
 def test_only_what_has_liquid_around_it_is_counted():
     """A sheet, a drop, a film in a narrow tank and air under a lid have no inside; a tank has, up to its walls."""
     assert counted(Simulation(block(n=6), "numpy")) is None

@@ -3,7 +3,6 @@
 import json
 import math
 import os
-import pathlib
 
 import msgspec
 import numpy as np
@@ -20,10 +19,6 @@ from refsim.io.frames import read_particles
 from refsim.scene.files import scene_to_toml
 from tests.commands.test_stopping import start
 from tests.running import awaited
-
-ROOT = pathlib.Path(__file__).parents[2]
-STEPS = 60
-CUTS = (0, 1, 2, 28, 29, 31, 36, 37, 38)
 
 
 def tank(dtype="float32", step=0.0, literal=(), viscosity=0.05, velocity=(0.0, 0.0, 0.0), **changes):
@@ -64,51 +59,6 @@ def assert_same_run(first, second):
         clock["search_log"].pop("list_bytes", None)
     assert clocks[0] == clocks[1]
     assert a.attributes["scene"] == b.attributes["scene"]
-
-
-def test_a_resumed_run_is_the_same_run(tmp_path):
-    plain = advance(rs.Simulation(tank()), STEPS)
-    assert plain.search.log.rebuilds > 1
-    assert plain.search.log.audited_rows
-    written = rs.Simulation(tank())
-    for cut in CUTS:
-        advance(written, cut).checkpoint(tmp_path / f"{cut}.h5")
-    assert_same_run(plain, advance(written, STEPS))  # writing changes nothing
-    for cut in CUTS:
-        resumed = rs.Simulation.resume(tmp_path / f"{cut}.h5")
-        assert (resumed.steps, resumed.notes) == (cut, plain.notes)
-        assert_same_run(plain, advance(resumed, STEPS))
-
-
-def test_frames_and_looks_change_nothing(tmp_path):
-    scene = tank()
-    plain = advance(rs.Simulation(scene), 40)
-    watched = rs.Simulation(scene)
-    report = simulate(watched, plain.time, output=tmp_path / "run", every=1e-4, checkpoint_every=0.0)
-    assert (report.steps, report.frames) == (40, 41)
-    position = plain.field("position")
-    assert_same_run(advance(plain, 45), advance(watched, 45))
-    frames = read_particles(tmp_path / "run" / "particles.pvd")
-    assert [len(frame.position) for frame in frames] == [128] * 41
-    assert np.array_equal(frames[-1].position, position)
-    assert np.array_equal(frames[0].fields["identity"], np.arange(128))
-
-
-def test_what_outlives_a_step_survives_a_look():
-    """A pass that changes a state field in place, such as a warm start, is not run twice by looking."""
-    simulation = rs.Simulation(tank(), "numpy")
-    simulation.plan.fields["mass"]  # a state field
-    object.__setattr__(simulation.plan.passes[0][1], "updates", ("mass",))
-    call = simulation.force_calls[0]
-
-    def spoil():
-        call[2]()
-        simulation.fields["mass"] *= 2
-
-    simulation.force_calls[0] = (*call[:2], spoil)
-    before = simulation.field("mass")
-    simulation.evaluate()
-    assert np.array_equal(simulation.field("mass"), before)
 
 
 # -- resuming what does not fit
@@ -303,24 +253,6 @@ def test_no_frame_is_lost_where_steps_divide_the_interval(tmp_path):
     simulate(scene, backend="numpy", output=tmp_path, every=0.1)
     times = [frame.time for frame in read_particles(tmp_path / "particles.pvd")]
     np.testing.assert_allclose(times, np.arange(91) * 0.1, atol=1e-9)
-
-
-def test_a_run_resumed_into_another_folder_has_frames_on_the_grid(tmp_path):
-    scene = tank("float64")
-    length = rs.Simulation(scene, "numpy").step().length
-    scene = msgspec.structs.replace(scene, end_time=8.5 * length)
-    every = 3.5 * length
-    simulate(scene, backend="numpy", output=tmp_path / "whole", every=every)
-    killed_after(6, scene, tmp_path / "killed", every=every, checkpoint_every=0.0)
-    resumed = rs.Simulation.resume(tmp_path / "killed")
-    killed_after(7, resumed, tmp_path / "other", every=every)
-    simulate(
-        rs.Simulation.resume(tmp_path / "other"), output=tmp_path / "other", every=every
-    )  # it has a checkpoint, too
-    whole, after = (read_particles(tmp_path / name / "particles.pvd") for name in ("whole", "other"))
-    assert [frame.time for frame in after] == [frame.time for frame in whole][-len(after) :]
-    with pytest.raises(rs.InputError, match="holds an earlier run"):
-        simulate(rs.Simulation.resume(tmp_path / "killed"), output=tmp_path / "other")
 
 
 def test_a_running_run_keeps_its_checkpoints(tmp_path, capsys):

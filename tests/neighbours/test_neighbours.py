@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
 
 import refsim as rs
 from refsim.backends.arrays import choose, on_threads
@@ -242,45 +241,6 @@ def test_two_that_turn_and_meet_are_listed_in_time():
     assert all(listed for near, listed in looks if near)
 
 
-def test_lists_reach_further_while_they_serve_few_steps(tmp_path, monkeypatch):
-    """Layers that slide past each other: all rows hold their pairs, and a run that goes on has the same bits."""
-    monkeypatch.setattr("refsim.neighbours.AUDITED_ROWS", 1000)
-    scene = rs.Scene(
-        dim=2, spacing=0.05, support_radius=0.13, step=1e-3, fluid=(rs.Box(cells=(20, 6, 1)),), dtype="float64",
-        effects=(rs.WeaklyCompressible(sound_speed=10.0, density="summation"),),
-    )  # fmt: skip
-    simulation = rs.Simulation(scene, "cpu")
-    velocity = simulation.field("velocity")
-    velocity[:, 0] = 3.0 * np.sign(simulation.field("position")[:, 1] - 0.15)
-    simulation.set_field("velocity", velocity)
-    advanced(simulation, 6)
-    assert simulation.search.skin == simulation.lists.skins[1] > simulation.lists.skins[0]
-    simulation.checkpoint(tmp_path / "run.h5")
-    resumed = rs.Simulation.resume(tmp_path / "run.h5")
-    assert resumed.search.skin == simulation.search.skin
-    for run in (simulation, resumed):
-        advanced(run, 20)
-    assert (resumed.field("position") == simulation.field("position")).all()
-    log = simulation.search.log
-    assert resumed.search.log.rebuilds == log.rebuilds > 4
-    assert (log.missed_neighbours, log.audited_rows) == (0, 120 * (log.rebuilds - 1))
-
-
-@pytest.mark.parametrize(("speed", "skin", "rebuilds"), [(0.1, 0.05, 2), (0.13, 0.1, 1)])
-def test_a_list_that_would_last_is_built_anew_with_a_narrower_skin(speed, skin, rebuilds):
-    """After 21 steps of 1 ms, if particles have moved by at most 2.5 mm, half of what the narrower one allows."""
-    box = rs.Box(cells=(4, 4, 4), velocity=(speed, 0.0, 0.0))
-    liquid = rs.WeaklyCompressible(sound_speed=10.0, density="summation")
-    scene = rs.Scene(spacing=0.1, support_radius=0.2, step=1e-3, dtype="float64", fluid=(box,), effects=(liquid,))
-    simulation = rs.Simulation(scene, "cpu")
-    advanced(simulation, 21)
-    assert simulation.search.log.rebuilds == 1
-    advanced(simulation, 4)
-    log = simulation.search.log
-    assert (simulation.search.skin, log.rebuilds, log.missed_neighbours) == (skin, rebuilds, 0)
-    assert (log.audited_rows > 0) == (rebuilds > 1)
-
-
 @pytest.mark.parametrize("more", [rs.ParticleShifting(), rs.ImplicitPressure()], ids=["shift", "pressure"])
 def test_rows_of_a_new_order_follow_in_all_that_a_step_computes(more):
     """Also what only a step writes, a shift or a pressure of IISPH, which is read after a later list is built."""
@@ -398,42 +358,3 @@ def test_blocks_compare_all_pairs_that_could_meet(dim):
     near = np.linalg.norm(position[:, None] - position[None], axis=2) < 2 * search.reach
     assert difference[near].max() <= touching * (1 + 1e-12) <= anywhere * (1 + 1e-12)
     assert anywhere == pytest.approx(((way.max(0) - way.min(0)) ** 2).sum(), rel=1e-12)
-
-
-def whirl(motion, position):
-    """Velocities of a common motion, a rotation, and two halves that run into each other."""
-    front = np.where(position[:, :1] > position[:, 0].mean(), -0.4, 0.4) * np.array([1.0, 0, 0])
-    common = np.tile([3.0, -2.0, 0.0], (len(position), 1))
-    return {"common": common, "turning": np.cross([0.0, 0.0, 1.0], position - position.mean(0)), "meeting": front}[
-        motion
-    ]
-
-
-@pytest.mark.parametrize(("motion", "share"), [("common", 0.02), ("turning", 0.8), ("meeting", 1.1)])
-@pytest.mark.parametrize("dim", [2, 3])
-def test_list_stays_complete_while_it_is_kept(dim, motion, share):
-    """After every step the list in use holds every pair within the radius, of all pairs; `share` of the rebuilds that
-    displacements of half a skin would require are enough."""
-    cells = (40, 20, 1) if dim == 2 else (14, 7, 7)
-    scene = rs.Scene(
-        dim=dim, spacing=0.05, support_radius=0.1, fluid=(rs.Box(cells=cells),), skin=0.15,
-        effects=(rs.WeaklyCompressible(sound_speed=8.0, density="summation"),),
-    )  # fmt: skip
-    simulation = rs.Simulation(scene, "cpu")
-    simulation.write_field("velocity", whirl(motion, simulation.plan.state.position))
-    way = 0.0
-    for _ in range(50):
-        simulation.step()
-        way += simulation.last.length * np.linalg.norm(simulation.field("velocity"), axis=1).max()
-        update(simulation)
-        near = simulation.shared["neighbours"]
-        listed = np.zeros((simulation.count,) * 2, dtype=bool)
-        for row, (start, count) in enumerate(zip(near.start, near.count)):
-            listed[row, near.entries[start : start + count]] = True
-        tree = cKDTree(simulation.fields["position"].astype(float))
-        first, second = tree.query_pairs(scene.support_radius * (1 - 1e-5), output_type="ndarray").T
-        assert len(first) > simulation.count
-        assert listed[first, second].all()
-        assert listed[second, first].all()
-    assert simulation.search.log.rebuilds <= share * way / simulation.search.allowed_displacement + 1
-    assert simulation.search.log.missed_neighbours == 0
