@@ -102,12 +102,3 @@ def test_a_state_that_no_scene_may_begin_with_is_not_set(name, change, sentence,
     with pytest.raises(rs.InputError, match=re.escape(sentence)):
         simulation.set_field(name, change(before))
     assert np.array_equal(simulation.field(name), before)
-
-
-def test_a_particle_that_a_run_left_behind_a_wall_may_stay_there():
-    simulation = rs.Simulation(TANK, "numpy")
-    position = changed(simulation.field("position"), (5, 0), -0.01)
-    simulation.write_field("position", position)
-    simulation.set_field("position", changed(simulation.field("position"), (4, 0), 0.16))
-    with pytest.raises(rs.InputError, match=r"particle 4 .* behind a wall"):
-        simulation.set_field("position", changed(simulation.field("position"), (4, 0), -0.02))

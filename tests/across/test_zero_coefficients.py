@@ -24,9 +24,6 @@ TANK = {"lower": (-0.2, -0.2, -0.2), "upper": (0.8, 0.8, 0.8)}
 LIQUID = rs.WeaklyCompressible(  # its surface pulls it together: it moves
     sound_speed=12.0, clamp_pressure=False, density_bound=10.0, density="summation"
 )
-FOLLOWING = rs.WeaklyCompressible(sound_speed=12.0, dynamic_viscosity=0.5, density_bound=10.0)  # density by the scene
-ADVANCED = msgspec.structs.replace(FOLLOWING, density="continuity")
-CLAMPED = rs.WeaklyCompressible(sound_speed=12.0, density="summation")
 MPM = rs.MpmLiquid(bulk_modulus=144e3, initial_ratio=0.98)
 PULL = rs.Gravity()
 NOTHING = rs.Gravity(acceleration=(0.0, 0.0, 0.0))
@@ -205,29 +202,6 @@ def test_the_plan_is_that_of_a_scene_without(name, k):
         assert (here["step"]["limits"], here["not_counted"]) == (there["step"]["limits"], there["not_counted"])
 
 
-def followed(rest):
-    """The same effects with a liquid and walls that follow the scene; None where the scene has no such liquid."""
-    if LIQUID not in rest:
-        return None
-    own = [FOLLOWING if effect is LIQUID else effect for effect in rest]
-    walls = [] if any(isinstance(effect, rs.BoxWalls) for effect in rest) else [rs.BoxWalls(**TANK)]
-    return (*own, *walls)
-
-
-@pytest.mark.parametrize("name, k", [(n, k) for n, k in CASES if followed(IDENTITIES[n][k][1])])
-def test_a_zero_decides_nothing(name, k):
-    """Density, restoring, viscosity and walls that the scene chooses; the law of absence has the motion."""
-    rest = IDENTITIES[name][k][1]
-    for others in (followed(rest), tuple(FOLLOWING if e is LIQUID else e for e in rest)):
-        if name == "box_walls":  # is the one that brings walls
-            others = tuple(e for e in others if not isinstance(e, rs.BoxWalls))
-        if name == "particle_shifting":  # joins a liquid that names no density
-            others = tuple(ADVANCED if e is FOLLOWING else e for e in others)
-        without, with_it = both(name, k, others)
-        plans = make_plan(without), make_plan(with_it)
-        assert beside(name, plans[1]) == dict(plans[0].effects)
-
-
 @pytest.mark.parametrize("place", TERMS)
 def test_a_term_of_zero_is_left_out(place):
     zero, value, rest, *brought = TERMS[place]
@@ -236,16 +210,3 @@ def test_a_term_of_zero_is_left_out(place):
     for own, of in zip(brought, (lambda plan: set(plan.launches(True)), lambda plan: set(plan.fields)), strict=True):
         assert set(own.split()) <= of(with_it)
         assert not set(own.split()) & of(without)
-
-
-def test_a_limp_solid_still_melts():
-    """Without stiffness and damping regions are not matched, but melting finds its tables."""
-    heat = rs.HeatConduction(conductivity=0.0, temperature=5.0, melting_point=0.0)
-    simulation = rs.Simulation(
-        scene(CLAMPED, LIMP, rs.TwoWayCoupling(), heat, rs.Melting(bookkeeping="water"), solid=True), "numpy"
-    )
-    solid = int((simulation.field("phase") != 0).sum())
-    simulation.step()
-    assert solid > 0
-    assert int((simulation.field("phase") != 0).sum()) < solid
-    assert not any("match" in name.split(".")[1] for name in simulation.plan.launches(True))
