@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from refsim.backends.arrays import Backend
-from refsim.backends.compile import kernel
 from refsim.sph import kernels
 from tests.backends.launched import launch
 from tests.running import python
@@ -61,21 +60,6 @@ def test_loops_are_files_of_the_cache_folder_and_found_again(run):
     stamp = pathlib.Path(place).stat().st_mtime_ns
     _, hits, *_ = again()
     assert (int(hits), pathlib.Path(place).stat().st_mtime_ns) == (1, stamp)
-
-
-def test_lanes_are_an_option():
-    cpu, cuda = kernels.density.source("cpu"), kernels.density.source("cuda")
-    assert "over_rows(body, density.shape[0], (None, position" in cpu
-    assert "lanes = len(neighbours.lanes)" in cuda
-    assert "body(i, (lane, lanes), position" in cuda
-    assert "lane" not in kernels.state.source("cuda")
-
-    @kernel(lanes=4, rows_of="values")
-    def summed(i, lane, values, out):
-        """Nothing."""
-
-    assert "lanes = 4" in summed.source("cuda")
-    assert "i < values.shape[0]" in summed.source("cuda")
 
 
 def test_a_kernel_runs_where_its_rows_are():

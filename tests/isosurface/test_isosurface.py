@@ -13,8 +13,6 @@ from refsim.core.errors import InputError
 from refsim.isosurface import case_table, extract
 from refsim.isosurface.reference import cell_facets, polygons
 from refsim.isosurface.table import facets, loops
-from refsim.sparse_grid import SparseGrid, nodes
-from refsim.sparse_grid.reference import Lookup, covering
 
 CPU = Backend("cpu")
 
@@ -51,10 +49,6 @@ def closed(mesh):
     return set(found.values()) == {1} and all((b, a) in found for a, b in found)
 
 
-def euler_characteristic(mesh):
-    return len(mesh.vertices) - len(sides(mesh)) // 2 + len(mesh.facets)
-
-
 def corners(mesh):
     return [mesh.vertices[mesh.facets[:, k]] for k in range(3)]
 
@@ -62,24 +56,6 @@ def corners(mesh):
 def area(mesh):
     a, b, c = corners(mesh)
     return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
-
-
-def volume(mesh):
-    a, b, c = corners(mesh)
-    return np.einsum("ij,ij->", a, np.cross(b, c)) / 6
-
-
-@pytest.mark.parametrize("radii", [(1.0, 1.0, 1.0), (1.4, 1.0, 0.75)], ids=["sphere", "ellipsoid"])
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_sphere_and_ellipsoid_are_closed_spheres_that_face_outward(radii, dtype):
-    mesh = meshed(lambda x: ball(x, radii), 18, 0.09, 3, dtype)
-    assert mesh.vertices.dtype == dtype
-    assert closed(mesh)
-    assert euler_characteristic(mesh) == 2
-    a, b, c = corners(mesh)
-    outward = (a + b + c) / np.array(radii, dtype) ** 2
-    assert (np.einsum("ij,ij->i", np.cross(b - a, c - a), outward) >= 0).all()
-    assert volume(mesh) == pytest.approx(4 / 3 * np.pi * np.prod(radii), rel=0.01)
 
 
 def test_circle_runs_against_the_clock():
@@ -182,31 +158,3 @@ def test_bad_input_is_told(coordinates, values, h, words):
 
 
 # The sparse grid
-def scattered(dim, dtype="float32"):
-    position = np.random.default_rng(dim).normal(scale=0.4, size=(70, 3)).astype(dtype)
-    position[:5] = 0.1 * np.arange(-2, 3)[:, None]  # on nodes
-    position[-1] = [900.0, -900.0, 450.0]
-    position[:, dim:] = 0
-    return position
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_blocks_cover_what_they_must_and_no_domain(dim):
-    position = scattered(dim)
-    grid = SparseGrid(CPU, dim, "float32", 0.1)
-    blocks = grid.cover(position, 3, 4)
-    find = Lookup(blocks)
-    keys = covering(position, np.float32(0.1), dim, 3, 4)
-    assert (find(keys) >= 0).all()
-    assert nodes(blocks) < 60 * len(keys)
-    assert (np.diff(blocks.keys) > 0).all()
-
-
-def test_place_that_is_no_number_stands_in_the_farthest_cell():
-    position = scattered(3)
-    position[3, 1] = np.nan
-    position[4, 0] = np.inf
-    grid = SparseGrid(CPU, 3, "float32", 0.1)
-    blocks = grid.cover(position, 1, 1)
-    assert len(grid.by_cell(position, blocks).point) == len(position)
-    assert Lookup(blocks).coordinates[:, 1].min() <= -(1 << 20)

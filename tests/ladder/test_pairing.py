@@ -14,7 +14,6 @@ from refsim.contract import parameters
 from refsim.contract.answers import typed
 from refsim.core import cases
 from refsim.core.operation import REGISTRY, backend_of, without
-from refsim.neighbours.rows import NeighbourRows
 from tests import pairs
 from tests.running import python
 
@@ -113,14 +112,6 @@ def test_a_resumed_run_is_the_same_run(backend):
 
 
 # What the contract hands out
-def test_bindings_are_what_the_program_takes():
-    values = contract.bindings("sph.momentum", "cpu", "float32", "cloud_3d", variant=1)
-    assert tuple(values) == REGISTRY["sph.momentum"].arguments("cpu")
-    assert isinstance(values["neighbours"], NeighbourRows)
-    assert values["position"].dtype == np.float32
-    again = contract.bindings("sph.momentum", "cpu", "float32", "cloud_3d", variant=1)
-    assert again["acceleration"] is not values["acceleration"]
-    assert np.array_equal(again["acceleration"], values["acceleration"])
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])

@@ -44,17 +44,6 @@ def test_bad_formulas_are_refused(formula, words):
     assert str(caught.value).startswith("[[motion]] number 1: ")
 
 
-def test_a_sway_is_its_formula_and_a_ramp_ends():
-    formula = Motion(of="gravity", kind="formula", direction=(1.0, 0.0, 0.0), formula="0.01*sin(2*pi*t/0.5)")
-    ramped = msgspec.structs.replace(SWAY, ramp=0.3)
-    for time in (0.0, 0.11, 0.29, 0.3, 0.9):
-        assert SWAY.at(time) == pytest.approx(formula.at(time), rel=1e-12, abs=1e-15)
-        assert (ramped.at(time) != SWAY.at(time)) == (time < 0.3)
-    assert ramped.at(0.0) == (0.0, 0.0, 0.0)
-    assert ramped.at(0.3 - 1e-9) == pytest.approx(ramped.at(0.3), rel=1e-5, abs=1e-6)
-    assert SWAY.unit().tolist() == [1.0, 0.0, 0.0]
-
-
 @pytest.mark.parametrize(("changes", "words"), [
     ({"amplitude": None}, "'amplitude' is missing"), ({"period": 0.0}, "period = 0.0 is not possible"),
     ({"formula": "t"}, "takes no 'formula'"), ({"direction": (0.0, 0.0, 0.0)}, "is none"),

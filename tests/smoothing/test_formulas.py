@@ -1,6 +1,5 @@
 """Smoothing kernels, called from Python: by integration and by differences; what calibrated walls are for."""
 
-import itertools
 import math
 
 import numpy as np
@@ -13,33 +12,11 @@ from refsim.smoothing.formulas import kernel_slope, kernel_value, viscosity_lapl
 from refsim.sph import lattice_number_density
 from tests.running import rows
 
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(40)
-
-
-def sphere(r, dim):
-    """Circumference or surface of the ball of radius r."""
-    return 2 * math.pi * r if dim == 2 else 4 * math.pi * r**2
-
-
-def integral(function, h, dim):
-    """Integral of a radial function over the ball of radius h, exact for polynomials on its halves and thirds."""
-    total = 0.0
-    ends = [0.0, h / 3, 0.5 * h, 2 * h / 3, h]
-    for low, high in itertools.pairwise(ends):
-        r = 0.5 * (high - low) * (NODES + 1) + low
-        values = np.array([float(function(np.float64(x))) for x in r])
-        total += 0.5 * (high - low) * float(WEIGHTS @ (values * sphere(r, dim)))
-    return total
-
 
 @pytest.mark.parametrize("h", [1e-6, 0.7, 1e3])
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("shape", SHAPES)
 class TestKernels:
-    def test_integral_is_one(self, shape, dim, h):
-        kernel = smoothing(shape, h, dim)
-        assert integral(lambda r: kernel_value(r, kernel), h, dim) == pytest.approx(1, rel=1e-12)
-
     def test_slope_is_the_derivative(self, shape, dim, h):
         kernel = smoothing(shape, h, dim)
         step = 1e-5 * h

@@ -51,48 +51,7 @@ def test_flow_of_a_fall_is_noted_and_the_advice_suffices(name):
     assert not flow_notes(made(advised))
 
 
-def test_speeds_at_the_start_are_noted_and_nothing_where_no_liquid_falls():
-    still = scene(sound=20.0)
-    assert not flow_notes(still)
-    moving = scene(sound=20.0, fluid=(COLUMN, rs.Box(cells=(2, 2, 1), lower=(3.0, 0.0, 0.0), velocity=(0.0, 3.0, 0.0))))
-    assert "a flow of 3 m/s (the fastest particle" in flow_notes(moving)[0]
-    lid = rs.BoxWalls(
-        lower=(0.0, 0.0, 0.0), upper=(0.5, 2.5, 0.0), viscosity=1.0, moving_faces=("+y",), velocity=(2.5, 0.0, 0.0)
-    )
-    assert "a flow of 2.5 m/s" in flow_notes(scene(lid, sound=20.0))[0]
-    body = rs.SolidBox(lower=(2.0, 0.0, 0.0), upper=(2.3, 0.3, 0.3), velocity=(0.0, 0.0, -7.0))
-    solid = scene(
-        rs.ShapeMatching(), rs.TwoWayCoupling(), sound=20.0, dim=3, fluid=(rs.Box(cells=(3, 3, 3)),), solid=(body,)
-    )
-    assert "at least 70 m/s" in flow_notes(solid)[0]
-    driven = {"period": (0.5, 0.0, 0.0), "fluid": (rs.Box(cells=(10, 10, 1)),)}
-    assert not flow_notes(scene(rs.Gravity(acceleration=(9.81, 0.0, 0.0)), **driven))
-    assert flow_notes(scene(DOWN, **driven))
-    assert not flow_notes(scene(DOWN, TANK, rs.ImplicitPressure()))
-    assert not flow_notes(scene(rs.Gravity(acceleration=(0.0, 0.0, 0.0)), TANK))
-
-
-def test_a_grid_liquid_is_told_its_bulk_modulus():
-    def made(modulus):
-        effects = (
-            rs.MpmLiquid(bulk_modulus=modulus), DOWN, rs.MpmWalls(lower=(0.0, -1.0, 0.0), upper=(0.5, 6.0, 0.0)),
-        )  # fmt: skip
-        return rs.Scene(dim=2, spacing=0.05, support_radius=0.13, fluid=(COLUMN,), effects=effects)
-
-    wanted = 1000.0 * 100 * 2 * 9.81 * 3.0
-    (note,) = flow_notes(made(0.9 * wanted))
-    advised = float(note.split("bulk_modulus of at least ")[1].split()[0])
-    assert wanted <= advised <= 1.01 * wanted
-    assert not flow_notes(made(advised))
-
-
 # Tension
-COEFFICIENTS = {  # models by a coefficient of their own instead of a tension
-    "jiang_zhu": lambda k: rs.JiangZhu2023(gamma=k), "akinci": lambda k: rs.Akinci2013(gamma=k),
-    "becker_teschner": lambda k: rs.BeckerTeschner2007(kappa=k),
-    "tartakovsky_meakin": lambda k: rs.TartakovskyMeakin2005(strength=k), "dong": lambda k: rs.Dong2016(stiffness=k),
-    "he": lambda k: rs.He2014(kappa=k),
-}  # fmt: skip
 
 
 def drop(*effects, sound=1.0, dim=3):
@@ -117,22 +76,6 @@ def test_a_tension_too_large_for_its_sound_speed_is_noted(model, dim):
     assert not stiff_notes(drop(effect(1.01 * limit), sound=advised, dim=dim))
     assert not stiff_notes(drop(effect(limit), dim=dim))
     assert not stiff_notes(drop(effect(100 * limit), rs.ImplicitPressure(), dim=dim))
-
-
-@pytest.mark.parametrize("model", COEFFICIENTS)
-def test_other_coefficients_count_by_their_nominal_tension(model):
-    made = COEFFICIENTS[model]
-    plan = make_plan(drop(made(1.0)))
-    (effect,) = (e for name, e in plan.effects.items() if name != "weakly_compressible")
-    share = (0.004 if model == "he" else KEEPS_DENSITY) / effect.nominal_tension(plan.grid, plan.effects)
-    assert not stiff_notes(drop(made(0.99 * share)))
-    assert len(stiff_notes(drop(made(1.01 * share)))) == 1
-
-
-def test_terms_that_hold_no_drop_together_say_so():
-    for effect in (rs.NormalDifference2014(area_acceleration=1e-6), rs.Akinci2013(gamma=0.0, area_acceleration=1e-6)):
-        assert any("alone holds no drop together" in note for note in make_plan(drop(effect)).notes)
-    assert not make_plan(drop(rs.NormalDifference2014(area_acceleration=0.0))).notes[1:]  # the viscosity's
 
 
 # In the run

@@ -2,14 +2,12 @@
 
 import math
 
-import numpy as np
 import pytest
 
 import refsim as rs
 from refsim import make_plan, simulate
 from refsim.commands.plan import describe_plan
 from refsim.core.capabilities import with_scene_defaults
-from tests.running import advanced
 
 G, DENSITY, DEPTH = 9.81, 1000.0, 1.0
 SOUND = 10 * math.sqrt(G * DEPTH)
@@ -32,32 +30,6 @@ def tank(cells, ratio, dim, dtype="float64", effects=(), **liquid):
             rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=tuple(upper), model="extrapolated"), *effects,
         ),
     )  # fmt: skip
-
-
-def jittered(simulation, size, seed=3):
-    """The simulation with each particle moved by up to `size` spacings along each axis."""
-    grid, position = simulation.plan.grid, simulation.field("position")
-    moves = np.random.default_rng(seed).uniform(-size, size, position.shape) * grid.spacing
-    moves[:, grid.dim :] = 0
-    simulation.set_field("position", position + moves)
-    return simulation
-
-
-def test_a_step_alone_advances_the_density(tmp_path):
-    """Not a field that is read, nor velocities that are set: these strain the liquid from the next step on."""
-    simulation = jittered(rs.Simulation(tank(8, 2.6, 2), "cpu"), 0.1)
-    first = advanced(simulation, 3).field("density")
-    simulation.evaluate()
-    assert np.array_equal(simulation.field("density"), first)
-    simulation.set_field("velocity", simulation.field("velocity") - 100 * simulation.field("position"))
-    simulation.checkpoint(tmp_path / "strained.h5")
-    runs = (simulation, rs.Simulation.resume(tmp_path / "strained.h5"))
-    for run in runs:
-        assert np.array_equal(run.field("density"), first)
-        run.step()
-    later = simulation.field("density")
-    assert np.array_equal(later, runs[1].field("density"))
-    assert np.median(later / first) > 1 + 100 * simulation.last.length
 
 
 @pytest.mark.parametrize("effects, options, h, told", [
@@ -95,23 +67,6 @@ def test_shifting_beside_a_surface_brings_the_slow_return():
     ):  # fmt: skip
         liquid = rs.WeaklyCompressible(sound_speed=20.0, **given)
         assert with_scene_defaults((liquid, *effects))["weakly_compressible"].restoring == rate, (given, effects)
-
-
-def test_a_free_surface_that_shifting_is_not_told_of_is_refused():
-    """A tank that is open above, one with a lid a cell over the water, and none where the water fills it."""
-    for height, open_faces in ((0.9, ()), (0.9, ("+y",)), (0.8, ())):
-        scene = rs.Scene(
-            dim=2, spacing=0.1, support_radius=0.26, fluid=(rs.Box(cells=(8, 8, 1)),),
-            effects=(
-                rs.WeaklyCompressible(sound_speed=20.0), rs.ParticleShifting(surface="none"),
-                rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.8, height, 0.0), open_faces=open_faces),
-            ),
-        )  # fmt: skip
-        if height == 0.8:
-            rs.Simulation(scene, "numpy").step()
-            continue
-        with pytest.raises(rs.InputError, match="set surface = 'detected'"):
-            rs.Simulation(scene, "numpy")
 
 
 def test_a_liquid_that_fills_a_closed_box_has_no_surface_without_being_told():

@@ -13,7 +13,6 @@ from refsim.core.operation import REGISTRY
 from refsim.engine.binding import step_launches
 
 MU = 0.7
-FORMS = {"laplacian": "sph.viscosity", "central": "sph.central_viscosity"}
 
 
 def liquid(form, viscosity=MU, **changes):
@@ -32,22 +31,6 @@ def drop(form, dim, *effects, radius=6.0, viscosity=MU, spin=0.1, **changes):
         velocity=velocity),),
         effects=(fluid, *effects), **changes,
     )  # fmt: skip
-
-
-SOLVERS = {
-    "weakly_compressible": (rs.Akinci2013(surface_tension=1.0, area_acceleration=0.0),),
-    "iisph": (rs.Akinci2013(surface_tension=1.0, area_acceleration=0.0), rs.ImplicitPressure(iterations=(2, 10))),
-    "hu_adams": (rs.Dong2016(surface_tension=1.0, correction=0.0, solver="hu_adams"),),
-}
-
-
-@pytest.mark.parametrize("solver", SOLVERS)
-def test_every_solver_takes_the_form_that_is_chosen(solver):
-    """The contract holds each form to the momenta that it keeps, the law of ledgers the run."""
-    for form in FORMS:
-        names = [p.operation for _, p in make_plan(drop(form, 3, *SOLVERS[solver], radius=2.0)).passes]
-        assert sum(name.startswith("sph.central_") for name in names) == (form == "central")
-        assert form != "central" or not {"sph.momentum", "sph.viscosity"} & set(names)
 
 
 def test_the_note_is_said_where_a_drop_can_turn():

@@ -1,18 +1,15 @@
 """Surface normals and surface detection: what they must do whatever the numbers."""
 
 import math
-from typing import ClassVar
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from refsim import Ball, Box, BoxWalls, Cloud, InputError, Scene, Simulation, SurfaceDetection, WeaklyCompressible
-from refsim.core.effect import EFFECTS, Discretisation, Effect
+from refsim.core.effect import Discretisation
 from refsim.scene.plan import make_plan
-from refsim.surface_detection import detection_in
 from tests.running import rows
-from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface
+from validation.metrics.surface_truth import arc_cover_surface
 
 METHODS = ("number_density", "fan_scan", "two_step")
 PROBE = 1.2  # radius of the truth's probe, in spacings
@@ -68,18 +65,6 @@ def test_ring_of_a_disc_is_found_exactly_at_any_angle(method, angle):
     np.testing.assert_array_equal(surface(position, method=method), truth)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_two_steps_find_what_both_of_them_find(seed):
-    position = np.random.default_rng(seed).uniform(0, 18, (250, 3)) * [1, 1, 0]
-    one, two = (surface(position, method=m, crowded=True) for m in METHODS[:2])
-    printed, found = surface(position, literal=("E23",), crowded=True), detect(position, crowded=True)
-    np.testing.assert_array_equal(printed, one & two)
-    assert printed.sum() < one.sum()
-    first = found.field("scan_candidates").astype(bool)
-    np.testing.assert_array_equal(found.field("surface").astype(bool), first & two)
-    assert not first.all()
-
-
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_pressed_surface_is_lopsided_though_it_is_as_dense_as_the_bulk(dim):
     """A lattice pressed until its faces are as dense as the bulk: J(12) sees no surface, the first moment does."""
@@ -133,38 +118,6 @@ def test_the_full_radius_sees_across_a_gap_and_the_printed_cone_nothing():
 
 
 # Films and filaments
-def thin_shapes(dim):
-    """(name, positions, part found by the scan with J(19) and J(20)); every particle is exposed."""
-    random = np.random.default_rng(31)
-    side = 30 if dim == 2 else 11
-    for layers, found in ((1, (0.4, 0.4)), (2, (1.0, 0.4))):
-        sheet = lattice(Box(cells=(side, layers, 1) if dim == 2 else (side, side, layers)), dim)
-        yield f"film of {layers}", sheet, found
-        yield (
-            f"turned film of {layers}",
-            sheet @ Rotation.random(rng=random).as_matrix() if dim == 3 else turned(sheet, 0.7), found,
-        )  # fmt: skip
-        off = 0.1 * random.uniform(-1, 1, sheet.shape) * (np.arange(3) < dim)
-        yield f"jittered film of {layers}", sheet + off, (0.9 if layers == 1 else 1.0, 0.4)
-    row = np.arange(30.0)[:, None]
-    yield "straight row", row * [0.6, 0.8, 0.0], (0.1, 0.1)
-    bend = row[:, 0] / 8
-    yield "bent row", 8 * np.stack([np.sin(bend), np.cos(bend), 0 * bend], axis=1), (1.0, 0.1)
-    if dim == 3:
-        yield "helix", 4 * np.stack([np.cos(2 * bend), np.sin(2 * bend), bend], axis=1), (1.0, 0.4)
-        yield "two by two", lattice(Box(cells=(30, 2, 2)), dim), (1.0, 0.1)
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("method", ["fan_scan", "two_step"])
-def test_films_and_filaments_are_found_whole_by_number_density_alone(dim, method):
-    """By the scan alone a normal that is zero by symmetry, or points anywhere, finds no more than the stated part."""
-    for name, position, parts in thin_shapes(dim):
-        assert (arc_cover_surface if dim == 2 else cap_cover_surface)(position, PROBE).all(), name
-        for normal, part in zip(("color", "corrected"), parts):
-            settings = {"dim": dim, "method": method, "scan_normal": normal}
-            assert surface(position, **settings).mean() <= part, (name, normal)
-        assert surface(position, dim=dim, method="number_density").all(), name
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -206,39 +159,6 @@ def test_the_list_reaches_twice_as_far_for_the_full_radius():
     assert plan_of(SurfaceDetection()).list_radius == pytest.approx(2.6)
     assert plan_of(SurfaceDetection(scan_radius="full")).list_radius == pytest.approx(5.2)
     assert plan_of(SurfaceDetection(scan_radius="full", method="number_density")).list_radius == pytest.approx(2.6)
-
-
-@pytest.fixture
-def borrower():
-    """Another effect that uses the detected sets in every step, with the scene's settings or its own."""
-
-    class Borrower(Effect, frozen=True, kw_only=True):
-        name: ClassVar[str] = "borrower"
-
-        own: SurfaceDetection | None = None
-
-        def _detection(self, others):
-            return self.own or detection_in(others)
-
-        def fields(self, others):
-            return self._detection(others).fields(others)
-
-        def passes(self, others):
-            return self._detection(others).detection_passes()
-
-        def prepare(self, grid, others):
-            return self._detection(others).prepare(grid, others)
-
-    yield Borrower
-    EFFECTS.pop("borrower")
-
-
-@pytest.mark.parametrize("other", [
-    {"threshold": 0.95}, {"asymmetry": 0.3}, {"literal": ("E10",)}, {"scan_radius": "full"},
-])  # fmt: skip
-def test_different_settings_for_one_field_are_refused(borrower, other):
-    with pytest.raises(InputError, match=r"'surface_detection' and 'borrower' compute field '\w+' in different ways"):
-        plan_of(SurfaceDetection(), borrower(own=SurfaceDetection(**other)))
 
 
 @pytest.mark.parametrize(("settings", "words"), rows(__file__, "bad_settings"))

@@ -1,15 +1,9 @@
 """Tension after Jiang & Zhu 2023: its force's shape and numbers, conservation, pairing, a cube that rounds off."""
 
-import itertools
-
-import numpy as np
 import pytest
 
 import refsim as rs
 from refsim import make_plan
-from refsim.core.terms import terms
-from refsim.neighbours.sums import Fields
-from refsim.surface_tension.jiang_zhu_2023 import formulas, reference
 from refsim.surface_tension.jiang_zhu_2023.modes import PAIR_MODES
 from tests.running import rows
 
@@ -24,19 +18,6 @@ def drop(**parameters):
 
 
 # Pair modes
-@pytest.mark.parametrize("mode", PAIR_MODES)
-def test_pair_weight_table(mode):
-    expected = {
-        "soft": lambda wi, wj, si, sj: (wi + wj) / 2, "all": lambda wi, wj, si, sj: 1,
-        "one_sided": lambda wi, wj, si, sj: si, "either": lambda wi, wj, si, sj: max(si, sj),
-        "both": lambda wi, wj, si, sj: min(si, sj),
-    }[mode]  # fmt: skip
-    for wi, wj, si, sj in itertools.product((0.0, 0.25, 1.0), (0.0, 0.25, 1.0), (0, 1), (0, 1)):
-        base, slope = formulas.pair_weight(PAIR_MODES[mode], np.float32(wi), np.uint8(si))
-        assert base + slope * (wj if mode == "soft" else sj) == expected(wi, wj, si, sj)
-        assert base.dtype == slope.dtype == np.float32
-        i, j = (Fields(weight=w, surface=s) for w, s in ((wi, si), (wj, sj)))
-        assert terms(reference.share(i, j, PAIR_MODES[mode])).value == expected(wi, wj, si, sj)
 
 
 # Density correction J(14), J(15)
