@@ -1,4 +1,4 @@
-"""Host code against numbers computed here: reports, energies, step limits, initial values, ledgers.
+"""Host code against numbers computed here: steps with tension and on a grid, initial values, verdicts.
 
 Parameter groups are computed anew in tests/ladder/test_parameters.py. Nothing is compiled.
 """
