@@ -245,10 +245,10 @@ def diffusing_pair(w):
 def moving_walls(w):
     """One wall particle at rest below, one that moves at the same distance above.
 
-    V_b (v - v_b).e |W'(h/2)| of each, and their strain times W(h/2)/V.
+    V_b (v - v_b).e |W'(h/2)| of each; nothing of their strain, as they surround a particle without liquid.
     """
     place, far = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]]), np.full(3, np.inf)
-    rate = 1100 * (50 * w.slope * (-0.002 + (0.002 - 0.005)) + 1100 / 2 * (0.02 - 0.01) * w.share * w.at_zero)
+    rate = 1100 * 50 * w.slope * (-0.002 + (0.002 - 0.005))
     return _continued(
         [100.0 + 0.25 * rate], at("between_walls", [0, 0, 0], place), velocity=[[1.0, 0.002, 0.0]],
         walls=WallParticles(place, np.full(2, 50.0)), wall_strain=[0.02, -0.01],
@@ -256,20 +256,40 @@ def moving_walls(w):
     )  # fmt: skip
 
 
+def _half_surrounded(w, change, **given):
+    """The first particle's `change` at rest between another of V_j and a wall particle of V_b: l = 0.6, b = 0.25."""
+    place, large = np.array([[0.0, -1.0, 0.0], [0.0, 9.0, 0.0]]), 3 * np.array([0.6, 0.25]) / w.slope
+    inputs = {
+        "mass": [2.0, 980 * large[0]], "walls": WallParticles(place, np.full(2, large[1])), "wall_motion": None,
+        "wall_strain": None,
+    }  # fmt: skip
+    case = at("half_surrounded", PAIR.position, place)
+    return _continued(EXCESS + np.array([change(*large), 0.0]), case, **inputs | given)
+
+
+@for_each_kernel("sph.continuity")
+def strained_by_a_wall(w):
+    """d rho = rho f s_b W(h/2)/V dt, f = (0.6/(1 - 0.25) - 0.75)/0.1 = 0.5; the second has too little around it."""
+    strained = 0.25 * 1100 * 0.5 * 1100 / 2 * 0.02 * w.share * w.at_zero
+    return _half_surrounded(w, lambda v_j, v_b: strained, wall_strain=[0.02, -0.01])
+
+
 @for_each_kernel("sph.continuity")
 def counted_by_walls(w):
-    """s = (V W(0) + V_b W(h/2)) w of a particle at rest and a wall particle; d rho = rho rate (s - 1), f = 1 in dense
-    walls; s = 1 in a solid.
-    """
-    place = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 9.0, 0.0]])
-    volume, whole = 30.0, 0.125
-    filled = whole * w.at_zero * (2.0 / 1100 + 2 * volume * w.share)
-    exact = _continued(
-        [100 + 0.25 * 0.5 * 1100 * (filled - 1)], at("counted_by_walls", [0, 0, 0], place), wall_strain=None,
-        walls=WallParticles(place, np.full(3, volume)), wall_motion=None, recount=Recount(0.5, whole),
-        filling=[0.0],
+    """s = (V W(0) + (V_j + V_b) W(h/2)) w; d rho = f rho rate (s - 1) dt, f = 0.5."""
+    whole = 0.125 * w.at_zero
+
+    def filling(v_j, v_b):
+        return whole * (2 / 1100 + (v_j + v_b) * w.share)
+
+    exact = _half_surrounded(
+        w, lambda *v: 0.25 * 0.5 * 1100 * 0.5 * (filling(*v) - 1), recount=Recount(0.5, 0.125), filling=np.zeros(2)
+    )
+    v_j, v_b = exact.inputs["mass"][1] / 980, exact.inputs["walls"].volume[0]
+    return Exact(
+        exact.case, exact.inputs,
+        {"filling": [filling(v_j, v_b), whole * (v_j + 2 / 1100 * w.share)]} | exact.expected,
     )  # fmt: skip
-    return Exact(exact.case, exact.inputs, {"filling": [filled]} | exact.expected)
 
 
 @for_each_kernel("sph.continuity")

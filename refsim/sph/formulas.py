@@ -64,14 +64,18 @@ def shift_approach(own, other):
     return own + own + other
 
 
-LOOSE, SURROUNDED = 0.75, 0.85  # -sum V_j r W'/dim of liquid and walls: 1 far from a surface, 1/2 at it
+LOOSE, SURROUNDED = 0.75, 0.85  # the liquid's share of the space that walls leave: 1 far from a surface, 1/2 at it
+NARROW = 0.1  # least space that walls leave
 
 
 @formula
-def surrounded_share(around):
-    """f = (s - 0.75)/0.1 in 0 to 1 [-], share of the walls' strain and of the return; s = -sum V_j r W'/dim [-]."""
+def surrounded_share(around, held):
+    """f = (s - 0.75)/0.1 in 0 to 1 [-], share of the walls' strain and of the return; s = l/(1 - b) [-].
+
+    l = -sum_j V_j r W'/dim over liquid, b over walls and solids, whose parts above a surface surround nothing.
+    """
     real = type(around)
-    share = (around - real(LOOSE)) / real(SURROUNDED - LOOSE)
+    share = (around / max(real(1) - held, real(NARROW)) - real(LOOSE)) / real(SURROUNDED - LOOSE)
     return min(max(share, real(0)), real(1))
 
 

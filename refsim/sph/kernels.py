@@ -121,8 +121,8 @@ def continuity_pair(
     r, x_ij, velocity_i, velocity_j, mass_j, rest_density_j, phase_j, advanced_excess_i, advanced_excess_j, shift_i,
     shift_j, smoothing, fluid, diffusion, lean, recount, own_rest, per_step,
 ):  # fmt: skip
-    """(d rho_i/dt)/rho_i by the flow [1/s], d rho_i/dt by diffusion [kg/(m^dim s)], by liquid alone, -V_j r W' and,
-    where it is counted, V_j W_ij.
+    """(d rho_i/dt)/rho_i by the flow [1/s], d rho_i/dt by diffusion [kg/(m^dim s)], by liquid alone, -V_j r W' of
+    liquid, where it is counted V_j W_ij, and -V_j r W' of solids.
     """
     rest = fluid.rest_density if rest_density_j is None else rest_density_j
     apart = safe_distance(r, smoothing)
@@ -132,17 +132,17 @@ def continuity_pair(
     if shift_j is not None:
         more = ((rest - own_rest) + (advanced_excess_j - advanced_excess_i)) / (own_rest + advanced_excess_i)
         approach += per_step * formulas.shift_approach(dot(shift_i, x_ij), more * dot(shift_j, x_ij))
-    spread = type(r)(0)
+    spread = filled = held = type(r)(0)
+    around = -share * slope * r * r
     if diffusion is not None:
         head = dot(lean, x_ij)
         spread = formulas.diffusion_pair(share, advanced_excess_i, advanced_excess_j, head, slope, diffusion)
-        if phase_j is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
-            if phase_j != LIQUID_PHASE:
-                spread = type(r)(0)
-    filled = type(r)(0)
     if recount is not None:
         filled = share * apart * kernel_value(r, smoothing)
-    return formulas.continuity_pair(share, approach, slope), spread, -share * slope * r * r, filled
+    if phase_j is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
+        if phase_j != LIQUID_PHASE:
+            spread, around, held = type(r)(0), type(r)(0), around
+    return formulas.continuity_pair(share, approach, slope), spread, around, filled, held
 
 
 @pair
@@ -209,7 +209,7 @@ def put_advanced(i, lane, sums, given, walls, wall_strain, shift, wall_motion, r
     """Write what `continuity` says [kg/m^dim] with the neighbours' sums; the walls' are added."""
     fields, rest, per_step, timestep, smoothing, period = given
     position, velocity, mass, advanced_excess, density_excess, density = fields
-    rate, spread, fill, filled = sums
+    rate, spread, fill, filled, held = sums
     strain = type(rest)(0)
     if walls is not None:
         number = (rest + advanced_excess[i]) / mass[i]
@@ -217,8 +217,9 @@ def put_advanced(i, lane, sums, given, walls, wall_strain, shift, wall_motion, r
             wall_continuity_pair, i, lane, walls, position, period, velocity, shift, walls.position, walls.volume,
             wall_strain, smoothing, wall_motion, recount, number, per_step,
         )  # fmt: skip
-        rate, fill, filled = rate + beside, fill + around, filled + more
-    inside = formulas.surrounded_share(fill / type(fill)(smoothing.dim))
+        rate, held, filled = rate + beside, held + around, filled + more
+    dim = type(fill)(smoothing.dim)
+    inside = formulas.surrounded_share(fill / dim, held / dim)
     rate += inside * strain
     excess = advanced_excess[i]
     if recount is not None:
@@ -245,7 +246,7 @@ def continuity_and_sums_pair(
         shift_j, gradient_smoothing, fluid, diffusion, lean, recount, own_rest, per_step,
     )  # fmt: skip
     s = density_moment_pair(r, x_ij, mass_j, smoothing)
-    return a[0], a[1], a[2], a[3], s[0], s[1], s[2], s[3], s[4]
+    return a[0], a[1], a[2], a[3], a[4], s[0], s[1], s[2], s[3], s[4]
 
 
 @kernel(lanes=True)
@@ -264,7 +265,7 @@ def continuity_and_sums(
     )  # fmt: skip
     fields = position, velocity, mass, advanced_excess, density_excess, density
     given = fields, rest, per_step, timestep, gradient_smoothing, period
-    put_advanced(i, lane, sums[0:4], given, walls, wall_strain, shift, wall_motion, recount, filling)
+    put_advanced(i, lane, sums[0:5], given, walls, wall_strain, shift, wall_motion, recount, filling)
     if phase is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
         if phase[i] != LIQUID_PHASE and first_lane(lane):
             density_excess[i] = type(rest)(0)
@@ -273,7 +274,7 @@ def continuity_and_sums(
                 filling[i] = type(rest)(1)
     groups = smoothing, fluid
     put_sums(
-        i, lane, sums[4:9], (position, mass), walls, groups, period, number_density, asymmetry, summed_density
+        i, lane, sums[5:10], (position, mass), walls, groups, period, number_density, asymmetry, summed_density
     )  # fmt: skip
 
 

@@ -123,7 +123,8 @@ def continuity(
     strain = around(ref.strain) + at_walls(ref.strain)
     if shift is not None and dt != 0:
         strain += around(ref.transport) + at_walls(ref.transport_at_walls)
-    filled, share = (around(ref.filling) + at_walls(ref.filling)) / int(smoothing.dim), 1.0
+    held = (around(ref.filling_of_solids) + at_walls(ref.filling)) / int(smoothing.dim)
+    filled, share = ref.of_what_is_left(around(ref.filling_of_liquid) / int(smoothing.dim), held), 1.0
     if walls is not None and wall_strain is not None:
         strain += ref.interior(filled) * at_walls(ref.handed_on) / here.volume
     if recount is not None:

@@ -62,8 +62,23 @@ def diffusion(i, j, ij, delta_h_c, lean):
 
 
 def filling(i, j, ij):
-    """-sum_j V_j x_ij.grad W_ij, dim inside of the liquid and less at its surface; dimensionless."""
+    """-sum_j V_j x_ij.grad W_ij, with liquid and walls dim inside and less at a surface; dimensionless."""
     return -j.volume * ij.r * ij.slope
+
+
+def filling_of_liquid(i, j, ij):
+    """The same sum over liquid."""
+    return j.liquid * filling(i, j, ij)
+
+
+def filling_of_solids(i, j, ij):
+    """The same sum over solids."""
+    return (1 - j.liquid) * filling(i, j, ij)
+
+
+def of_what_is_left(filled, held):
+    """The liquid's share of the space that walls and solids leave; dimensionless."""
+    return filled / maximum(1 - held, 0.1)
 
 
 def told_volume(i, j, ij):
