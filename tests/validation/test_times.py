@@ -29,6 +29,7 @@ def test_a_ladder_only_adds(name):
 
 
 # Benchmarks, store, pages
+@pytest.mark.slow
 def test_benchmarks_become_stored_times(tmp_path):
     """Of every kind, on the CPU and in the CUDA simulator, with kernels that run as Python."""
     file, names = tmp_path / "times.json", ("effects", "scaling", "kernels", "device")
