@@ -1,7 +1,6 @@
 """Values of scenes and effects are compared with their types; an error names the field, in TOML as in Python."""
 
 import collections.abc
-import difflib
 import functools
 import inspect
 import itertools
@@ -311,6 +310,8 @@ def word_for(value: Any) -> str:
 
 def suggestion(word: str, known: Iterable[str]) -> str:
     """ "did you mean X?", or all known words if none is similar."""
+    import difflib
+
     known = list(known)
     near = difflib.get_close_matches(str(word).lower(), known, n=1, cutoff=0.55)
     return f"did you mean {near[0]}?" if near else f"choose from {', '.join(known)}."

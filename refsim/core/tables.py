@@ -2,7 +2,6 @@
 
 import io
 import math
-import shutil
 import sys
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -28,6 +27,8 @@ def columns() -> float:
     """Width of the terminal that standard output is; infinite where it is none, so that a row stays a line."""
     with suppress(AttributeError, ValueError):  # there is no standard output, or it is closed
         if sys.stdout.isatty():
+            import shutil
+
             return shutil.get_terminal_size().columns
     return math.inf
 

@@ -2,7 +2,6 @@
 
 import functools
 import platform
-import subprocess
 from pathlib import Path
 
 VERSION = "0.2.0"
@@ -12,6 +11,8 @@ PACKAGES = ("numpy", "numba", "llvmlite", "numba-cuda", "cupy-cuda13x")
 @functools.cache
 def commit() -> str | None:
     """Git commit of the sources that run, or of those that a release was built from; None where neither is known."""
+    import subprocess
+
     package = Path(__file__).resolve().parents[1]
     command = ("git", "-C", str(package), "rev-parse", "--show-toplevel", "HEAD")
     try:

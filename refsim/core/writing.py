@@ -4,7 +4,6 @@ import errno
 import io
 import os
 import re
-import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -65,6 +64,8 @@ def write_once(path: Path, text: str) -> None:
     """Write a file unless it is there already; nothing happens where the folder is read-only."""
     if path.exists():
         return
+    import tempfile
+
     with suppress(OSError):
         handle, draft = tempfile.mkstemp(dir=path.parent)
         try:

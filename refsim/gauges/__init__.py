@@ -4,7 +4,6 @@ A kind is a class here, which says what it takes, needs and gives. What a run do
 where they may stand is `refsim.gauges.checks`.
 """
 
-import csv
 import io
 import math
 import os
@@ -198,6 +197,8 @@ class GaugeSeries:
 
         Raises InputError for a bad path, RunStopped where the disk refuses; a file that was there is then untouched.
         """
+        import csv
+
         text = io.StringIO(newline="")
         lines = csv.writer(text)
         lines.writerow(["time [s]", *(f"{name} [{unit}]" for name, unit in zip(self.columns, self.units))])

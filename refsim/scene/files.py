@@ -10,7 +10,6 @@ import json
 import os
 import pathlib
 import re
-import tomllib
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -76,6 +75,8 @@ def parse_scene(text: str, source: str, folder: pathlib.Path | None = None) -> S
 
 def tables_of(text: str, source: str) -> dict[str, Any]:
     """The tables of a TOML text. Raises InputError, which begins with `source`, where it is none."""
+    import tomllib  # here, as everything that only some scenes need: importing refsim loads it otherwise
+
     try:
         tables = tomllib.loads(text)
         if _depth(tables) > DEEPEST:

@@ -2,9 +2,7 @@
 
 import contextlib
 import functools
-import hashlib
 import io
-import logging
 import os
 import warnings
 from collections.abc import Iterator
@@ -135,6 +133,8 @@ def mesh_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:
     """The file of a mesh and those from which its reader takes more of its geometry, such as buffers of .gltf."""
     if Path(path).suffix[1:].lower() not in ("gltf", "glb"):
         return (Path(path),)
+    import hashlib
+
     try:
         with open_regular(path) as file:
             digest = hashlib.sha256(file.read()).digest()
@@ -166,6 +166,8 @@ def written_at(path: str | os.PathLike[str]) -> tuple[int, ...]:
 @contextlib.contextmanager
 def _silent() -> Iterator[None]:
     """Readers log tracebacks, print and warn about what they then raise, or about colours, which no method needs."""
+    import logging
+
     log = logging.getLogger("trimesh")
     before, log.disabled = log.disabled, True
     try:

@@ -8,6 +8,7 @@ Pi = P_int/(rho0 c^2), which has no solution for Pi > 1/4: the liquid collapses.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, ClassVar
@@ -44,15 +45,20 @@ TENSION_POWER, PRESSURE_POWER = {2: 3, 3: 4}, {2: 2, 3: 3}  # of r in the moment
 Measured = Mapping[int, tuple[tuple[float, tuple[tuple[float, float], ...]], ...]]
 PairForce = Callable[[NDArray], NDArray]  # C(r) [N/kg^2] of distances r [m]
 
-_NODE, _WEIGHT = np.polynomial.legendre.leggauss(16)
+
+@functools.cache
+def _quadrature() -> tuple[NDArray, NDArray]:
+    """Nodes and weights of Gauss."""
+    return np.polynomial.legendre.leggauss(16)
 
 
 def force_moment(force: PairForce, power: int, support_radius: float, parts: int = 60) -> float:
     """Integral of r^power C(r) dr from 0 to h, by Gauss quadrature in `parts` pieces."""
+    node, weight = _quadrature()
     edge = np.linspace(0.0, support_radius, parts + 1)
     half = 0.5 * np.diff(edge)[:, None]
-    r = 0.5 * (edge[1:] + edge[:-1])[:, None] + half * _NODE
-    return float((half * _WEIGHT * r**power * force(r)).sum())
+    r = 0.5 * (edge[1:] + edge[:-1])[:, None] + half * node
+    return float((half * weight * r**power * force(r)).sum())
 
 
 def tension_of_moment(rest_density: float, dim: int, *moment: float) -> float:

@@ -116,6 +116,16 @@ def test_package_commands_and_cases_load_no_numba():
     python("-c", code)
 
 
+def test_importing_refsim_loads_what_describes_scenes_alone():
+    """What runs, reads and studies them, and what few of them need, takes a third as long again."""
+    loads = "import sys, numpy, msgspec; before = set(sys.modules); import refsim; print(*set(sys.modules) - before)"
+    later = "numba numpy.polynomial csv difflib hashlib html json logging shutil subprocess tempfile tomllib zipfile"
+    later += " refsim.engine refsim.io refsim.study refsim.cluster refsim.commands refsim.scene.plan refsim.scene.files"
+    assert not set(python("-c", loads).stdout.split()) & set(later.split())
+    named = "import refsim, refsim.study.runs; assert callable(refsim.study) and refsim.Simulation and refsim.open_run"
+    python("-c", named)
+
+
 def test_every_file_is_written_through_one_module():
     """A new file is then whole, or the old one is; of the package, the experiments and the scripts."""
     places = modules() | modules(VALIDATION) | {f"scripts.{p.stem}": p for p in (ROOT.parent / "scripts").glob("*.py")}
