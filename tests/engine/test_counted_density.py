@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from refsim import BoxWalls, Cloud, Gravity, RunStopped, Scene, Simulation, WeaklyCompressible, simulate
+from refsim import BoxWalls, Cloud, Gravity, Scene, Simulation, WeaklyCompressible, simulate
 from refsim.engine import counting
 from refsim.engine.counting import NOTED, counted
 
@@ -76,11 +76,3 @@ def test_a_difference_is_noted_once_and_reported(often, tmp_path):
     assert stored["difference"] == pytest.approx(stored["counted"] / stored["told"] - 1)
     assert -0.07 < stored["greatest_difference"] < -NOTED
     assert "is counted" not in str(simulate(block(), backend="numpy").notes)
-
-
-def test_a_short_run_is_looked_at_in_its_end():
-    report = simulate(displaced(block(), 1.03), until=0.004)
-    assert any("is counted inside the liquid" in words for words in report.notes)
-    with pytest.raises(RunStopped) as stop:
-        simulate(displaced(block(), 1.2), until=0.004)
-    assert stop.value.reason == "miscounted"

@@ -9,8 +9,6 @@ from refsim.core.errors import InputError
 from refsim.engine import launching
 from refsim.engine.checkpoints import load_checkpoint
 from refsim.engine.launching import refresh
-from refsim.engine.state import State
-from tests.motion.test_motions import SWAY, tank
 from tests.running import advanced
 
 D = 0.05
@@ -96,32 +94,3 @@ def test_what_only_a_step_computes_is_refused_before_the_first(tmp_path):
     assert np.abs(run.field("diagonal")).max() > 0
     report = simulate(dam(effects=effects), 1e-3, backend="numpy", output=tmp_path, every=5e-4)
     assert report.reason is None
-
-
-def held(value, seen):
-    """Every object of the engine, and every container, that can be reached from a value."""
-    if id(value) in seen:
-        return
-    seen[id(value)] = value
-    if isinstance(value, dict):
-        inside = value.values()
-    elif isinstance(value, list | tuple | set | frozenset):
-        inside = value
-    else:
-        own = type(value).__module__.startswith("refsim.engine")
-        inside = getattr(value, "__dict__", {}).values() if own else ()
-    for part in inside:
-        held(part, seen)
-
-
-def test_no_part_holds_the_run():
-    """With gauges and motions."""
-    gauges = (rs.Gauge(name="floor", kind="force", on="-y"), rs.Gauge(name="p", kind="pressure", at=(0.5, 0.1, 0.0)))
-    walls = {"viscosity": 1.0, "velocity": (0.1, 0.0, 0.0), "moving_faces": ("-y",)}
-    scene = tank(5, (SWAY,), gauge=gauges, walls=walls)
-    simulation = rs.Simulation(scene, "numpy")
-    simulation.step()
-    seen = {}
-    for name in ("balances", "counting", "gauges", "lists", "motions", "order", "timings"):
-        held(getattr(simulation, name), seen)
-    assert not [value for value in seen.values() if isinstance(value, State)]

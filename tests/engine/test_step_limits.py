@@ -50,16 +50,3 @@ def test_free_flight_and_free_fall_end_where_they_should():
     run = rs.Simulation(scene(heat, end_time=10.0), "numpy")
     run.step()
     assert (run.time, run.last.limiter) == (10.0, "resting")
-
-
-def test_motions_are_followed_from_rest():
-    """Pressure is implicit, so that no sound speed limits the step, and nothing moves at first but a lid."""
-    lid = rs.BoxWalls(lower=(0, 0, 0), upper=(0.3, 0.3, 0), viscosity=1e-6, moving_faces=("+y",))
-    sway = rs.Motion(of="moving_faces", kind="sway", amplitude=0.1, period=2.0, direction=(1.0, 0.0, 0.0))
-    liquid = rs.WeaklyCompressible(sound_speed=10.0), rs.ImplicitPressure()
-    ever = rs.Motion(of="moving_faces", kind="formula", formula="0.5*t**2", direction=(1.0, 0.0, 0.0))
-    for motion, end, longest in (
-        ((), 1.0, 1.0), ((sway,), 1.0, 0.25 * 2.0 / (2 * np.pi)), ((ever,), 8.0, 2.0), ((ever,), 0.0, 0.25),
-    ):  # fmt: skip
-        limits = step_limits(make_plan(scene(*liquid, lid, motion=motion, end_time=end)))
-        assert min(stable_steps(limits, Extremes(0.0, 0.0)).values()) == pytest.approx(longest, rel=1e-3)

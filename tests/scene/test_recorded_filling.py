@@ -1,6 +1,5 @@
 """Cells that a body leaves: shares and centres by loops over points, and what fills them in numbers."""
 
-import math
 import types
 
 import numpy as np
@@ -15,41 +14,6 @@ D = 0.2
 
 def ball(points):
     return ((points - [0.5, 0.4, 0.3]) ** 2).sum(1) < 0.37**2
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_rooms_of_blocks_have_cells_around_them(dim):
-    lower, cells, step = np.array([0.1, 0.2, 0.3 * (dim == 3)]), np.array([3, 2, 4 if dim == 3 else 1]), np.full(3, D)
-    room = room_of_block(lower, cells, step, dim)
-    around = math.ceil(filling.REACH) + 1
-    expected = {}
-    for i in range(-around, cells[0] + around):
-        for j in range(-around, cells[1] + around):
-            for k in range(-around * (dim == 3), cells[2] + around * (dim == 3)):
-                at = lower + (np.array([i, j, k]) + 0.5) * D
-                within = 0 <= i < cells[0] and 0 <= j < cells[1] and 0 <= k < cells[2]
-                expected[tuple(np.round(at if dim == 3 else at * [1, 1, 0], 9))] = float(within)
-    assert {tuple(np.round(p, 9)): s for p, s in zip(room.place, room.share)} == expected
-    assert np.array_equal(room.centre, room.place)
-
-
-def test_what_lies_in_a_body_is_counted_by_points():
-    """Whole where the points about a cell are all within, none where none is, else by a lattice of points in it."""
-    room = room_of_block(np.zeros(3), np.array([4, 4, 3]), np.full(3, D), 3)
-    room = Room(room.place, np.where(np.arange(len(room.place)) % 3 == 0, 0.5, 1.0) * (room.share > 0), room.centre)
-    found, cut = room_in(room, D, ball), 0
-    about = [np.array([x, y, z]) * AROUND * D for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)]
-    steps = [((k + 0.5) / PARTS - 0.5) * D for k in range(PARTS)]
-    for place, own, share, centre in zip(room.place, room.share, found.share, found.centre):
-        near = ball(place + about)
-        inner = np.array([place + np.array([x, y, z]) for x in steps for y in steps for z in steps])
-        within = inner[ball(inner)]
-        part = len(within) / len(inner) if near.any() and not near.all() else float(near.all())
-        middle = within.mean(0) if 0 < part < 1 else place
-        assert share == pytest.approx(own * part, abs=1e-12)
-        assert centre == pytest.approx(middle, abs=1e-12)
-        cut += 0 < part < 1
-    assert cut > 20
 
 
 def test_what_fills_a_room_is_as_ever(recorded):

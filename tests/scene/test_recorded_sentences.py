@@ -1,6 +1,5 @@
 """What scenes are refused for or noted on, in numbers; motions and gauges drawn at random; parts of solids."""
 
-import itertools
 import math
 import tracemalloc
 
@@ -8,18 +7,16 @@ import msgspec
 import numpy as np
 import pytest
 
-from refsim import Ball, Box, InputError, Motion, SolidBall, SolidBox, SolidMesh, make_plan
+from refsim import Ball, Box, InputError, make_plan
 from refsim.core.effect import Discretisation
 from refsim.gauges import due
-from refsim.motion import pace
 from refsim.neighbours import coincident_pairs
-from refsim.scene import counting, solids
-from refsim.scene.counting import Cells
+from refsim.scene import solids
 from refsim.scene.files import parse_scene
 from refsim.scene.particles import fitting_share
 from refsim.scene.refine import _cells, fitting, misfit, notes, refined, resting_step, spaced
 from refsim.scene.scene import Scene
-from tests.across.test_recorded_scenes import EXAMPLES, SCENES, of_plan
+from tests.across.test_recorded_scenes import SCENES, of_plan
 from tests.running import rows
 
 CHANGES = rows(__file__, "changes")
@@ -41,25 +38,6 @@ def test_changed_scenes_are_refused_or_noted_on_with_the_same_numbers(name, reco
 
 
 # Shapes and solids
-
-
-def test_bodies_reach_as_far_as_they_say(recorded):
-    bodies = [
-        SolidBox(lower=(0.1, 0.2, 0.3), upper=(0.5, 0.7, 0.4)), SolidBall(center=(1.0, 2.0, 3.0), radius=0.25),
-        SolidMesh(file=str(EXAMPLES / "cube.obj"), center=(1.0, 2.0, 3.0), size=0.5, rotation=(0.0, 0.0, 45.0)),
-        SolidMesh(file=str(EXAMPLES / "pebble.obj"), center=(-1.0, 0.3, 0.0), size=0.7),
-    ]  # fmt: skip
-    random = np.random.default_rng(1)
-    for body in bodies:
-        low, high = body.extent()
-        points = random.uniform(low - 0.2, high + 0.2, (4000, 3))
-        within = points[body.inside(points)]
-        assert (within >= low).all()
-        assert (within <= high).all()
-        assert within.min(0) == pytest.approx(low, abs=0.25 * (high - low).max())
-        assert within.max(0) == pytest.approx(high, abs=0.25 * (high - low).max())
-    assert bodies[2].extent()[1] == pytest.approx([1.25, 2.25, 3.0 + 0.25 / math.sqrt(2)])
-    recorded({str(k): (solids.body_cells(body, "it", 0.1), body.extent()) for k, body in enumerate(bodies)})
 
 
 def test_numbers_that_memory_or_indices_do_not_hold_are_refused_at_their_bound(monkeypatch, recorded):
@@ -117,45 +95,6 @@ def test_other_spacings_of_drawn_scenes_are_as_ever(recorded):
 
 
 # How full places are
-@pytest.mark.parametrize("many", [counting.MANY, 0])
-@pytest.mark.parametrize("dim, period", [(2, 0.0), (3, 0.0), (2, 1.2), (3, 0.9)])
-def test_a_lattice_fills_its_cells_with_1_and_sums_are_those_of_splines(dim, period, many, monkeypatch):
-    monkeypatch.setattr(counting, "MANY", many)  # with 0 few particles make no table of cells
-    grid = Discretisation(dim, "float64", 0.1, 0.26, 0, 0.0, None, (period, 0.0, 0.0))
-    axes = [0.1 * (np.arange(n) + 0.5) for n in (round(10 * period) or 17, 17, 17)[:dim]]
-    place = np.pad(np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, dim), ((0, 0), (0, 3 - dim)))
-    cells, volume = Cells(place, grid), np.full(len(place), 0.1**dim)
-    found = cells.at_particles(cells.filled(volume), len(place))
-    middle = (np.abs(place[:, 1:dim] - place[:, 1:dim].mean(0)) < 0.06).all(1)
-    middle &= (np.abs(place[:, 0] - place[:, 0].mean()) < 0.06) | (period > 0)
-    assert middle.any()
-    assert cells.wide[0] == pytest.approx(period / round(period / 0.2) if period else 0.2)
-    if period != 0.9:  # nine spacings are four cells and a half
-        assert found[middle] == pytest.approx(1, abs=1e-9)
-    random = np.random.default_rng(3)
-    few = random.uniform(0, 0.9, (12, 3)) * ([1.0] * dim + [0.0] * (3 - dim))
-    sparse, own = Cells(few, grid), random.uniform(1, 2, 12) * 0.1**dim
-
-    def spline(x):
-        x = abs(x)
-        return 0.75 - x * x if x < 0.5 else 0.5 * (1.5 - x) ** 2 if x < 1.5 else 0.0
-
-    images = [(-1, 0, 1) if period else (0,), (0,), (0,)]
-
-    def weight(x, cell):
-        return math.prod(
-            sum(spline((x[a] + k * (period if a == 0 else 0)) / w - cell[a]) for k in images[a])
-            for a, w in enumerate(sparse.wide)
-        )
-
-    numbers = [range(round(period / sparse.wide[0])) if a == 0 and period else range(-2, 8) for a in range(dim)]
-    every = list(itertools.product(*numbers))
-    full = [sum(v * weight(x, cell) for x, v in zip(few, own)) / math.prod(sparse.wide) for cell in every]
-    known = [sum(weight(x, cell) * f for cell, f in zip(every, full)) for x in few]
-    assert sparse.at_particles(sparse.filled(own), 12) == pytest.approx(known, rel=1e-9)
-    last = [sum(v * weight(x, cell) for x, v in zip(few[4:], own[4:])) / math.prod(sparse.wide) for cell in every]
-    known = [sum(weight(x, cell) * f for cell, f in zip(every, last)) for x in few[:5]]
-    assert sparse.at_particles(sparse.filled(own[4:], 4), 5) == pytest.approx(known, rel=1e-9)
 
 
 def test_places_that_stand_twice_are_found_in_both_precisions():
@@ -185,33 +124,6 @@ def test_a_plan_takes_few_bytes_a_particle():
 
 
 # Motions and gauges
-FORMULAS = ("sin(3*t) + 2", "cos(t)*exp(-t)", "tan(t/2) - t", "log(1 + t)**2", "sqrt(2 + t)/(1 + t**3)", "tanh(2*t)",
-            "(1 + t)**(0.5*t)", "-t**3 + 4*t**2 - pi", "+t**0", "t**1 - (2 - t)**-2", "2**t")  # fmt: skip
-
-
-@pytest.mark.parametrize("motion", [
-    *(Motion(of="gravity", kind="formula", direction=(1.0, 2.0, 0.0), formula=f) for f in FORMULAS),
-    Motion(of="turn", kind="sway", direction=(0.0, 0.0, 1.0), amplitude=0.2, period=0.7),
-    Motion(of="gravity", kind="sway", direction=(0.0, 3.0, 0.0), amplitude=0.2, period=0.7, ramp=0.9),
-    Motion(of="gravity", kind="table", direction=(0.0, 3.0, 4.0), times=(0.1, 0.4, 0.5, 0.9),
-           values=(0.1, 0.3, 0.2, 0.4)),
-], ids=lambda motion: motion.formula or motion.kind)  # fmt: skip
-def test_motions_have_the_derivatives_of_their_path(motion):
-    """By central differences at many times; the pace is the largest speed over the largest acceleration."""
-    step, bends = 1e-4, np.array([0.1, 0.4, 0.5, 0.9])
-    times = [t for t in np.linspace(0.013, 0.977, 40) if np.abs(bends - t).min() > 2e-3]
-    speeds, pulls = [], []
-    for time in times:
-        before, now, after = (motion.at(time + d).place for d in (-step, 0.0, step))
-        found = motion.at(time)
-        assert found.velocity == pytest.approx((after - before) / (2 * step), rel=1e-5, abs=1e-5)
-        assert found.acceleration == pytest.approx((after - 2 * now + before) / step**2, rel=1e-3, abs=1e-3)
-        speeds.append(abs(found.velocity))
-        pulls.append(abs(found.acceleration))
-    if max(pulls) > 0:
-        assert pace(motion, 1.0) == pytest.approx(max(speeds) / max(pulls), rel=0.3)
-    assert np.linalg.norm(motion.unit()) == pytest.approx(1)
-    assert np.cross(motion.unit(), motion.direction) == pytest.approx(0)
 
 
 def test_gauges_are_due_once_on_each_multiple():

@@ -17,60 +17,6 @@ def scene_of(**more):
     return rs.Scene(**(given | more))
 
 
-def box_mesh(folder):
-    """A box of 0.43 x 0.31 x 0.22 m as a file."""
-    import trimesh
-
-    trimesh.creation.box((0.43, 0.31, 0.22)).export(folder / "box.stl")
-    return str(folder / "box.stl")
-
-
-PARTS = {
-    "box": lambda folder: {"fluid": (rs.Box(lower=(0.1, -0.2, 0.0), cells=(17, 23, 9)),)},
-    "box in the plane": lambda folder: {"fluid": (rs.Box(cells=(17, 23, 1)),), "dim": 2},
-    "ball": lambda folder: {"fluid": (rs.Ball(radius=0.33),)},
-    "disc": lambda folder: {"fluid": (rs.Ball(radius=0.52),), "dim": 2},
-    "solid ball": lambda folder: {"solid": (rs.SolidBall(center=(0.03, 0.0, 0.0), radius=0.27),), "fluid": ()},
-    "torus": lambda folder: {
-        "solid": (rs.SolidTorus(center=(0.0,) * 3, radius=0.4, tube_radius=0.13, axis=(1.0, 2.0, 0.5)),), "fluid": (),
-    },
-    "tilted box": lambda folder: {
-        "solid": (rs.SolidMesh(file=box_mesh(folder), center=(0.0,) * 3, rotation=(20.0, 35.0, 10.0), density=1300.0),),
-        "fluid": (),
-    },
-    "box between cells": lambda folder: {
-        "solid": (rs.SolidBox(lower=(0.0,) * 3, upper=(0.42, 0.33, 0.27)),),
-        "fluid": (rs.Ball(center=(2.0,) * 3, radius=0.3),),
-    },
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", PARTS)
-def test_levels_keep_the_mass(name, tmp_path):
-    given = {"spacing": 0.05, "support_radius": 0.13, "dim": 3, "effects": (LIQUID,)} | PARTS[name](tmp_path)
-    if "solid" in given:
-        given["effects"] = (LIQUID, rs.ShapeMatching())
-    scene = scene_of(**given)
-    start = make_plan(scene).state
-    sizes, masses, speeds = set(), [], []
-    for factor in (0.7, 1.0, 1.4, 1.83):
-        plan = make_plan(refined(scene, factor))
-        state, first = plan.state, 0
-        sizes.add(state.sizes)
-        masses.append([])
-        for size in state.sizes:
-            own = slice(first, first + size)
-            masses[-1].append(state.mass[own].sum())
-            assert np.ptp(state.mass[own]) <= 1e-12 * state.mass[0]
-            first += size
-        middle = np.average(state.position, axis=0, weights=state.mass)
-        speeds.append(np.abs(middle - np.average(start.position, axis=0, weights=start.mass)).max())
-    assert (len(sizes), np.array(masses)) == (4, pytest.approx(np.array([masses[1]] * 4), rel=1e-12))
-    assert max(speeds) < 0.04
-    again = refined(refined(scene, 1.4), 1.3)
-    assert make_plan(again).state.mass.sum() == pytest.approx(start.mass.sum(), rel=1e-12)
-
-
 def test_a_box_keeps_its_edges_and_its_density():
     """Between levels, and where another number of cells is written for the same edges."""
     scene = scene_of(fluid=(rs.Box(lower=(0.1, 0.0, 0.0), cells=(30, 41, 1)),), dtype="float64")
