@@ -217,29 +217,6 @@ def test_tests_and_scripts_that_a_page_names_are_there(page):
 
 
 # Numbers have a command
-PAGE = """# A page
-
-About 12 % and 3 are {0}.
-
-## One
-
-{1}
-
-| a | 0.25 |
-
-### Two
-
-E13 in figure 12 of 2023 is `0.5`, $0.5$ and <!-- {{x}} -->0.75<!-- . -->; 1,000 m.
-"""
-
-
-@pytest.mark.parametrize(("words", "having", "lines"), [
-    (("told", "`refsim` and `0.3 s`."), 1, 3), (("told", "```sh\nrefsim advise front\n```"), 2, 2),
-    (("told", "Measured by `refsim\nadvise front`."), 3, 1), (("told. Measured by `nox -s laws`", "None."), 4, 0),
-])  # fmt: skip
-def test_a_number_has_the_command_of_its_section_and_of_what_contains_it(words, having, lines):
-    every, found, without = counted(PAGE.format(*words))
-    assert (every, found, len(without)) == (4, having, lines)
 
 
 def test_the_numbers_on_the_pages_have_commands():

@@ -18,7 +18,7 @@ from refsim.engine.stepping import check_extremes
 from refsim.heat import enthalpy_of, temperature_at
 from refsim.mpm import LARGEST_VOLUME, LEAST_VOLUME
 from refsim.sph import DensityBounds
-from refsim.surface_tension.cohesion import capillary_limit
+from refsim.surface_tension.cohesion import capillary_limit, compression
 from refsim.surface_tension.normal_difference_2014 import stiffest_wave
 
 H, SPACING = 0.21, 0.1
@@ -40,6 +40,20 @@ def near(value, relative=1e-12):
 
 def fields(**values):
     return lambda name: np.array(values[name])
+
+
+def test_steps_beside_solids():
+    """As the liquid's, with the lightest substance."""
+    light = SimpleNamespace(bodies=(SimpleNamespace(density=500.0), SimpleNamespace(density=2000.0)))
+    found = rs.TwoWayCoupling().step_limits(grid(solids=light), named(LIQUID))
+    assert found["acoustic"] == (near(0.4 * 0.21), 13.0, 1.0, 0.0, 0.0)
+    assert found["viscous"] == (near(0.105**2 * 500 / 0.7 / 8), 1.0, 0.0, 0.0, 0.0)
+    assert set(rs.TwoWayCoupling().step_limits(grid(), named(LIQUID))) == {"acoustic"}
+    thin = rs.WeaklyCompressible(sound_speed=13.0, density="summation")
+    assert set(rs.TwoWayCoupling().step_limits(grid(solids=light), named(thin))) == {"acoustic"}
+    mesh = rs.MeshBoundary(file="none", viscosity=0.6)
+    assert mesh.step_limits(grid(), named(LIQUID)) == {"wall friction": (near(0.105**2 * 900 / 0.6 / 8), 1, 0, 0, 0)}
+    assert rs.MeshBoundary(file="none").step_limits(grid(), named(LIQUID)) == {}
 
 
 # Reports
@@ -111,29 +125,6 @@ def test_steps_of_the_grid_liquids_surface():
 
 
 # Initial values
-
-
-def test_start_of_the_grid_liquid():
-    three = InitialState(np.zeros((3, 3)), np.zeros((3, 3)), np.ones(3), (3,))
-    found = rs.MpmLiquid(bulk_modulus=1.0, initial_ratio=0.9).initial(grid(), three, {})
-    assert (set(found), found["volume_ratio"].tolist()) == ({"volume_ratio", "step_extremes"}, [0.9] * 3)
-    assert found["step_extremes"].tolist() == [0.9, 0.9, 0.0, 0.0]
-    for dim in (2, 3):
-        liquid = rs.MpmLiquid(bulk_modulus=1.0, initial_ratio=0.9, volume="gradient", literal=("M13",))
-        found = liquid.initial(grid(dim), three, {})
-        side = 0.9 ** (1 / dim)
-        assert found["deformation"] == near(np.tile(np.diag([side, side, side if dim == 3 else 1.0]).ravel(), (3, 1)))
-        assert found["affine"].tolist() == np.tile(np.diag([1.0, 1.0, float(dim == 3)]).ravel(), (3, 1)).tolist()
-    edge = (2**20 - 18) * 0.2  # cells of two spacings
-    for reach, out in ((edge * (1 - 1e-9), False), (edge * (1 + 1e-9), True), (-edge * (1 + 1e-9), True)):
-        place = np.zeros((3, 3))
-        place[1, 2] = reach
-        state = InitialState(place, place, np.ones(3), (3,))
-        if out:
-            with pytest.raises(rs.InputError, match="particle 1 is outside the background grid"):
-                rs.MpmLiquid(bulk_modulus=1.0).initial(grid(), state, {})
-        else:
-            rs.MpmLiquid(bulk_modulus=1.0).initial(grid(), state, {})
 
 
 def test_start_of_enthalpy_and_temperature():
@@ -238,3 +229,35 @@ def test_verdicts_on_particles_of_a_grid_liquid():
     assert (reason(0.2, 3.0, 4.001, 0.0625), reason(0.2, 3.0, 4.0, 0.0626)) == ("volume_jump", "outrun")
     assert "0.502 cells" in liquid.verdict(grid(), {"step_extremes": np.array([1, 1, 0, 0.063])}, 0.125)[1]
     assert "0.75 of itself" in liquid.verdict(grid(), {"step_extremes": np.array([1, 1, 6, 0])}, 0.125)[1]
+
+
+def test_verdicts_on_cohesion_that_compresses():
+    """s = 1 + Pi s^2 at rho0 c^2 (s - 1) = P_int s^2; no solution beyond Pi = 1/4."""
+    for number in (0.0, 0.1, 0.24, 0.25):
+        s = compression(number)
+        assert s == near(1 + number * s * s)
+    assert compression(0.1) < 2
+    assert math.isnan(compression(0.2500001))
+    tait = rs.WeaklyCompressible(sound_speed=13.0, rest_density=900.0, state="tait", density="summation")
+    free = rs.BeckerTeschner2007(kappa=1.0, balance_pressure=False)
+    held = rs.BeckerTeschner2007(kappa=1.0)
+    push = free.internal_pressure(grid(), named(LIQUID))
+    assert push > 0
+    assert free.collapse_number(grid(), named(LIQUID)) == near(push / (900 * 169))
+    assert free.collapse_number(grid(), named(tait)) == 0.0
+    assert free.collapse_number(grid(), named(LIQUID, rs.ImplicitPressure())) == 0.0
+    assert held.collapse_number(grid(), named(LIQUID)) == 0.0
+    assert (free.balanced_pressure(grid(), named(LIQUID)), held.balanced_pressure(grid(), named(LIQUID))) == (0.0, push)
+    idle = rs.BeckerTeschner2007(kappa=0.0, balance_pressure=False)
+    assert idle.collapse_number(grid(), named(LIQUID)) == 0.0
+    assert rs.BeckerTeschner2007(kappa=0.0).balanced_pressure(grid(), named(LIQUID)) == 0.0
+    for share, stops in ((0.249, False), (0.251, True)):
+        liquid = rs.WeaklyCompressible(
+            sound_speed=math.sqrt(push / (900 * share)), rest_density=900.0, density="summation"
+        )
+        if stops:
+            words = f"{2 * math.sqrt(push / 900):.4g} m/s"
+            with pytest.raises(rs.InputError, match=words):
+                free.check_collapse(grid(), named(liquid))
+        else:
+            free.check_collapse(grid(), named(liquid))

@@ -31,39 +31,27 @@ FROZEN = {"melting_point": 0.0, "temperature": -5.0}
 SHAPE = rs.ShapeMatching()
 LIMP = rs.ShapeMatching(stiffness=0.0, damping=0.0)
 
+HEAT = ("temperature", "heat_capacity")  # of which the report's ledger is made; other effects melt by them
+
+
+def zeroed(effect):
+    """The effect with all coefficients that it names at zero, without a filter, which acts whatever they are."""
+    zeros = {n: value for n in effect.scales if (value := getattr(effect, n)) is not None}
+    zeros = {n: (0.0,) * 3 if isinstance(value, tuple) else type(value)(0) for n, value in zeros.items()}
+    filters = {"filter_density"} & {*effect.__struct_fields__}
+    return msgspec.structs.replace(effect, **zeros, **dict.fromkeys(filters, False))
+
+
 # (effect with zeros, the rest of the scene, fields that stay as its own state)
 IDENTITIES = {
-    "gravity": [(NOTHING, (LIQUID,), ()), (NOTHING, (MPM,), ()), (NOTHING, (), ())],
-    # temperatures and what the report's ledger of heat is made of; other effects melt by them
-    "heat_conduction": [(rs.HeatConduction(conductivity=0.0), (LIQUID,), ("temperature", "heat_capacity")),
-        (rs.HeatConduction(conductivity=0.0), (), ("temperature", "heat_capacity")),
-        (rs.HeatConduction(conductivity=(0.0,), scheme="explicit"), (LIQUID,), ("temperature", "heat_capacity")),
-        (rs.HeatConduction(conductivity=0.0, latent_heat=3e5, held=(0,), **FROZEN), (LIQUID,),
-        ("temperature", "heat_capacity", "enthalpy", "melting_point", "latent_heat", "reservoir"))],
+    name: [(zeroed(effect), (MPM,) if name == "surface_energy" else (LIQUID,), ())]
+    for name, effect in pairs.EFFECTS.items() if effect.scales
+} | {
+    "heat_conduction": [(rs.HeatConduction(conductivity=0.0), (LIQUID,), HEAT),
+        (rs.HeatConduction(conductivity=(0.0,), latent_heat=3e5, held=(0,), **FROZEN), (),
+        (*HEAT, "enthalpy", "melting_point", "latent_heat", "reservoir"))],
     # which particles are solid, and which of them are at a surface, is what coupling and melting need
     "shape_matching": [(LIMP, (LIQUID,), ("phase", "place", "direct"))],
-    "surface_energy": [(rs.SurfaceEnergy(surface_tension=0.0), (MPM,), ()),
-        (rs.SurfaceEnergy(surface_tension=0.0, embedding="none", enclose_volume=True), (MPM,), ()),
-        (rs.SurfaceEnergy(surface_tension=0.0, contact_angle=60.0), (MPM, rs.MpmWalls(**TANK)), ())],
-    "akinci_2013": [(rs.Akinci2013(surface_tension=0.0), (LIQUID,), ()),
-        (rs.Akinci2013(gamma=0.0, area_acceleration=0.0, adhesion=0.0), (LIQUID, rs.BoxWalls(**TANK)), ()),
-        (rs.Akinci2013(gamma=0.0, literal=("gamma",)), (LIQUID,), ())],
-    "becker_teschner_2007": [(rs.BeckerTeschner2007(surface_tension=0.0), (LIQUID,), ()),
-        (rs.BeckerTeschner2007(kappa=0.0), (LIQUID,), ())],
-    "tartakovsky_meakin_2005": [(rs.TartakovskyMeakin2005(surface_tension=0.0), (LIQUID,), ()),
-        (rs.TartakovskyMeakin2005(strength=0.0), (LIQUID,), ())],
-    # its density filter is a switch, and acts whatever the tension is
-    "dong_2016": [(rs.Dong2016(surface_tension=0.0, filter_density=False), (LIQUID,), ()),
-        (rs.Dong2016(stiffness=0.0, correction=0.0, filter_density=False), (LIQUID,), ())],
-    "he_2014": [(rs.He2014(), (LIQUID,), ()), (rs.He2014(surface_tension=0.0, air_pressure=0.0), (LIQUID,), ()),
-        (rs.He2014(kappa=0.0), (LIQUID,), ())],
-    "jiang_zhu_2023": [(rs.JiangZhu2023(surface_tension=0.0), (LIQUID,), ()),
-        (rs.JiangZhu2023(gamma=0.0, pair_mode="either", area_ratio=0.5), (LIQUID,), ()),
-        (rs.JiangZhu2023(gamma=0.0, pair_mode="soft", area_term="color", area_acceleration=1.0), (LIQUID,), ()),
-        (rs.JiangZhu2023(surface_tension=0.0, density_correction=False), (LIQUID, rs.SurfaceDetection()), ())],
-    "csf_wang_2019": [(rs.CsfWang2019(surface_tension=0.0), (LIQUID,), ())],
-    "normal_difference_2014": [(rs.NormalDifference2014(area_acceleration=0.0), (LIQUID,), ())],
-    "particle_shifting": [(rs.ParticleShifting(strength=0.0), (LIQUID,), ())],
     "box_walls": [(rs.BoxWalls(open_faces=FACES, **TANK), (LIQUID, PULL), ())],
     "mpm_walls": [(rs.MpmWalls(open_faces=FACES, **TANK), (MPM, PULL), ())],
 }  # fmt: skip

@@ -71,29 +71,6 @@ def test_an_error_is_wrapped_between_words(capfd, monkeypatch):
     assert " ".join(told.split()).startswith("refsim: scene file a_scene_file_that_is_not_there.toml does not exist; ")
 
 
-def test_a_bar_is_one_line_and_words_stand_above_it(capfd, monkeypatch):
-    on_a_terminal(monkeypatch)
-    monkeypatch.setattr(terminal, "RENEWED", 0.0)
-    outer, inner = terminal.Bar(4, 1), terminal.Bar(2)
-    outer.to(2, "x" * 100)
-    inner.to(1, "inner")
-    terminal.say("[b]a note[/b]")
-    inner.close()
-    outer.to(3, "outer")
-    outer.close()
-    outer.close()
-    told = capfd.readouterr().err
-    assert "\x1b[2K" in told  # a line was renewed
-    shown = re.sub(r"\x1b\[\?25[hl]|\x1b\[\d*[AK]", "", told)
-    lines = [[state.rstrip() for state in line.split("\r") if state.strip()] for line in shown.splitlines()]
-    lines = [line for line in lines if line]
-    assert "[b]a note[/b]" in [state for line in lines for state in line]
-    assert all(len(state) <= 80 for line in lines for state in line)
-    assert any("left: inner" in state and " 50%" in state for line in lines for state in line)
-    assert lines[-1][-1].endswith("left: outer")
-    assert " 75%" in lines[-1][-1]
-
-
 def test_a_bar_in_a_pipe_is_lines_of_text(capfd, monkeypatch):
     monkeypatch.setattr(terminal, "TOLD", 0.0)
     bar = terminal.Bar(2)

@@ -2,7 +2,6 @@
 
 import importlib.util
 import json
-import pathlib
 import shutil
 
 import numpy as np
@@ -10,10 +9,8 @@ import pytest
 
 import refsim as rs
 from refsim import make_plan, open_run, simulate
-from refsim.core import extras
 from refsim.io.checkpoint import read_checkpoint
 from refsim.io.frames import ORIGIN, ParticleWriter, read_particles
-from refsim.scene.files import scene_to_dict
 
 GRID = np.stack(np.meshgrid(np.arange(4) * 0.01, np.arange(5) * 0.01), -1).reshape(-1, 2)
 
@@ -68,30 +65,6 @@ def test_frames_by_number_and_time_are_those_of_the_file(folder):
     assert [run.at(time).number for time in (0.0, 1.9e-4, 2.1e-4, 4e-4, run.times[-1])] == [0, 0, 1, 1, 5]
 
 
-def test_only_the_field_that_is_used_is_read(folder, tmp_path):
-    copy = shutil.copytree(folder / "particles", tmp_path / "particles")
-    frame = open_run(tmp_path)[2]
-    density = frame["density"]
-    shutil.rmtree(copy)
-    assert frame["density"] is density
-    with pytest.raises(rs.InputError, match="changed while it was read"):
-        frame["velocity"]
-
-
-def test_a_damaged_frame_is_told_when_it_is_read(folder, tmp_path):
-    """The others can be read; without the check the changed number is given."""
-    shutil.copytree(folder / "particles", tmp_path / "particles")
-    file = tmp_path / "particles" / "000002.vtp"
-    content = bytearray(file.read_bytes())
-    content[-50] ^= 1
-    file.write_bytes(content)
-    run = open_run(tmp_path)
-    assert np.array_equal(run[1]["density"], open_run(folder)[1]["density"])
-    with pytest.raises(rs.InputError, match=r"000002\.vtp is damaged .*digest"):
-        run[2]["density"]
-    assert len(open_run(tmp_path, check=False)[2]["density"]) == len(run[2])
-
-
 def test_units_and_meanings_stand_in_the_file(folder):
     plan, run = make_plan(scene()), open_run(folder)
     assert run.fields.keys() == plan.particle_fields.keys()
@@ -102,16 +75,6 @@ def test_units_and_meanings_stand_in_the_file(folder):
     saved = read_checkpoint(folder / "particles" / "origin.h5", ORIGIN)
     assert json.loads(saved.attributes["units"])["density"] == "kg/m^2"
     assert "[effects.gravity]" in saved.attributes["scene"]
-
-
-def same_start(first, second):
-    first, second = make_plan(first), make_plan(second)
-    assert all(
-        np.array_equal(getattr(first.state, n), getattr(second.state, n)) for n in ("position", "velocity", "mass")
-    )
-    one, other = scene_to_dict(first.scene), scene_to_dict(second.scene)
-    assert one.keys() == other.keys()
-    assert {**one, "fluid": 0, "solid": 0} == {**other, "fluid": 0, "solid": 0}
 
 
 def test_ledger_and_report_are_those_of_the_run(folder):
@@ -163,18 +126,6 @@ def test_sorted_rows_are_the_same_particle_in_every_frame(tmp_path):
         assert (by_identity.position.tolist(), by_identity.time) == ([[i, i + k, 0] for i in range(n)], frame.time)
 
 
-def test_a_resumed_run_states_its_own_end(folder, tmp_path):
-    from refsim import Simulation
-
-    copy = shutil.copytree(folder, tmp_path / "run")
-    assert open_run(copy).scene.end_time == 2e-3
-    longer = Simulation.resume(copy, scene=scene(end_time=3e-3, name="longer"))
-    simulate(longer, output=copy, every=4e-4)
-    run = open_run(copy)
-    assert ((run.scene.end_time, run.scene.name), run.times[-1]) == ((3e-3, "longer"), pytest.approx(3e-3))
-    same_start(run.scene, scene(end_time=3e-3, name="longer"))
-
-
 def test_errors_say_what_and_where(folder, tmp_path):
     run = open_run(folder)
     with pytest.raises(rs.InputError, match="no field 'densty'; did you mean density"):
@@ -194,16 +145,6 @@ def test_errors_say_what_and_where(folder, tmp_path):
     (tmp_path / "report.json").write_text("{")
     with pytest.raises(rs.InputError, match="is damaged"):
         len(alone.ledger)
-
-
-def test_a_missing_extra_is_named(folder, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "pandas", None)
-    with pytest.raises(rs.InputError, match="needs the package pandas, which is not installed; run pip install pandas"):
-        open_run(folder).ledger.to_pandas()
-    listed = (pathlib.Path(__file__).parents[2] / "setup.cfg").read_text().partition("[options.extras_require]")[2]
-    for package, name in extras.EXTRAS.values():
-        section = listed.partition(f"\n{name} =\n")[2].partition(" =\n")[0]
-        assert f"    {package}>=" in section
 
 
 @needs("pandas")
