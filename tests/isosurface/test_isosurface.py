@@ -118,30 +118,6 @@ def test_vertices_are_those_of_scikit_image(function):
         assert area(mesh) == pytest.approx(h**2 * measure.mesh_surface_area(vertices, faces), rel=1e-3)
 
 
-def test_a_narrow_band_gives_the_surface_of_the_whole_grid_which_ends_where_nothing_is_known():
-    nodes = box(14, 3)
-    value = ball(0.09 * nodes)
-    whole = extract(CPU, nodes, value, 0.09, 3)
-    near = np.random.default_rng(0).permutation(np.flatnonzero(abs(value) < 0.2))
-    band = extract(CPU, nodes[near], value[near], 0.09, 3)
-    assert len(near) < 0.4 * len(nodes)
-    assert np.array_equal(np.sort(whole.vertices, axis=0), np.sort(band.vertices, axis=0))
-    assert closed(band)
-    unknown = value.copy()
-    unknown[np.setdiff1d(np.arange(len(nodes)), near)] = np.nan
-    again = extract(CPU, nodes, unknown, 0.09, 3)
-    assert np.array_equal(band.vertices, again.vertices)
-    assert np.array_equal(band.facets, again.facets)
-    nodes = box(10, 3)
-    value = ball(0.13 * nodes)
-    half = nodes[:, 0] >= 0
-    mesh = extract(CPU, nodes[half], value[half], 0.13, 3)
-    found = sides(mesh)
-    open_edges = [e for e in found if e[::-1] not in found]
-    assert open_edges
-    assert all(mesh.vertices[v, 0] == 0 for edge in open_edges for v in edge)
-
-
 @pytest.mark.parametrize("values", [np.zeros(0), np.ones(5)], ids=["no nodes", "all outside"])
 def test_nothing_inside_gives_an_empty_mesh(values):
     mesh = extract(CPU, box(2, 3)[: len(values)], values, 0.1, 3)

@@ -128,26 +128,6 @@ def test_list_in_a_periodic_box(cuda, lengths, dim):
     assert search.log.missed_neighbours == 0
 
 
-def test_a_periodic_channel_runs_as_the_references_do(cuda):
-    """Particles leave the box and stay neighbours; a thin skin has the lists built and audited anew."""
-    walls = rs.BoxWalls(
-        lower=(0, 0, 0), upper=(9, 0.4, 0), open_faces=("-x", "+x"), viscosity=20.0, moving_faces=("+y",),
-        velocity=(1.0, 0.0, 0.0),
-    )  # fmt: skip
-    scene = rs.Scene(
-        dim=2, dtype="float64", spacing=0.1, support_radius=0.21, skin=0.02, period=(0.6, 0.0, 0.0),
-        fluid=(rs.Box(cells=(6, 4, 1), velocity=(8.0, 0.0, 0.0)),),
-        effects=(
-            rs.WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=20.0, clamp_pressure=False, density="summation"),
-            rs.Gravity(acceleration=(1.0, 0.0, 0.0)), rs.HeatConduction(temperature=20.0, scheme="one_sided"), walls,
-        ),
-    )  # fmt: skip
-    oracle, run = both(scene, 12)
-    assert run.search.log.rebuilds > 3
-    assert run.field("position")[:, 0].max() > 0.6
-    assert_alike(run, oracle, "position", "velocity", tolerance=1e-10)
-
-
 def test_particle_at_no_place_has_no_neighbours_and_hides_none(cuda):
     position = cloud(30, 3)
     position[11, 1] = np.nan
@@ -649,23 +629,6 @@ def test_forces_launched_before_the_host_looks_give_the_same_bits():
     assert False in known
     for name in ("position", "velocity", "density", "acceleration"):
         assert np.array_equal(ahead.field(name), behind.field(name)), name
-
-
-def test_a_profiled_run_is_the_same_run_and_names_every_pass():
-    """The passes are launched one by one in the place of one graph: their seconds are apart, the bits are the same."""
-    plain, profiled = (
-        rs.Simulation(dam_break("float32"), "cuda"), rs.Simulation(dam_break("float32"), "cuda", profile=True),
-    )  # fmt: skip
-    for run in (plain, profiled):
-        advanced(run, 3)
-    for name in plain.fields:
-        assert np.array_equal(plain.field(name), profiled.field(name)), name
-    assert "step" in plain.timings.stages
-    assert not profiled.stepper.recorded.whole
-    own = {"sph.extremes", "sph.kick_drift", "choose_step", "send_clock"}
-    assert {*profiled.plan.launches(), *own} <= profiled.timings.launches.keys()
-    assert "step" not in profiled.timings.launches
-    assert {profiled.timings.launches[name] for name in own} == {3}
 
 
 PLANE = {"dim": 2, "spacing": 0.1, "support_radius": 0.3}

@@ -789,30 +789,6 @@ def test_every_member_is_the_papers(name, dim):
     assert not bad
 
 
-BY_PRECISION = {  # what float32 takes where rounding decides: 64 roundings, and the floors of the solvers
-    "smallest_normal": lambda value: 64 * 2.0**-23 * (value / 1e-12), "inertia_floor": lambda value: 1e-5,
-    "precision": lambda value: 0.05 * 2.0**-23, "eps": lambda value: 2.0**-23,
-    "least_mass": lambda value: 1e-12 * value / 1e-24,
-}  # fmt: skip
-ROUNDED = {"lower", "upper", "distance"}  # of the band, and the next number outwards
-
-
-@pytest.mark.parametrize("name, dim", setups())
-def test_single_precision_rounds_what_double_precision_takes(name, dim):
-    single, double = (given(name, dim, dtype) for dtype in ("float32", "float64"))
-    assert set(single) == set(double)
-    for key, group in single.items():
-        for member, value, exact in zip(group._fields, group, double[key]) if is_group(group) else ():
-            if member in BY_PRECISION:
-                exact = BY_PRECISION[member](exact)
-            same = np.allclose(
-                np.asarray(value, float), np.asarray(exact, float), rtol=2e-6, atol=1e-6 * (member in ROUNDED)
-            )
-            assert same, f"{key}.{member}"
-            wide = member in ("inverse_cell", "inverse_spacing") or member.startswith("origin_") or key == "boxes"
-            assert wide or np.asarray(value).dtype != np.float64, f"{key}.{member} is in float64"
-
-
 # Groups that no effect hands out, made by functions of the host
 @pytest.mark.parametrize("dim", [2, 3])
 def test_the_surface_of_material_points(dim):

@@ -5,10 +5,6 @@ import pytest
 
 import refsim as rs
 from refsim import make_plan
-from refsim.core.operation import REGISTRY
-from refsim.melting import MeltingRule
-from refsim.scene.solids import lattice_of
-from refsim.shape_matching.phases import FLUID, SURFACE
 from tests.running import advanced
 
 LIQUID = rs.WeaklyCompressible(sound_speed=40.0, dynamic_viscosity=50.0, state="tait", density="summation")
@@ -34,75 +30,6 @@ def scene(solid=(BODY,), highest=5.0, slope=0.0, melting=None, **options):
 
 
 # Which particles melt
-def fresh_tables(phase, place, lattice, width, program="cpu"):
-    """direct, region and region_count of nodes of which none has melted."""
-    nodes = len(lattice.key)
-    direct, region = np.empty((nodes, 27), np.int32), np.empty((nodes, (2 * width + 1) ** 3), np.int32)
-    count = np.empty(nodes, np.int32)
-    REGISTRY["shape_matching.direct_neighbours"].program(program)(phase, place, lattice, direct)
-    REGISTRY["shape_matching.regions"].program(program)(direct, None, lattice, region, count)
-    return direct, region, count, lattice
-
-
-def melting_round(identity, place, temperature, phase, direct, region, count, lattice):
-    """One round of melting at 0 deg C on the tables, in place; returns the flags of melted nodes."""
-    nodes = len(direct)
-    melted, number, rebuild = np.empty(nodes, np.int32), np.empty(1, np.int32), np.empty(nodes, np.int32)
-    ones = np.ones(len(phase))
-    rule = MeltingRule(np.int32(0), 1000.0, 1.0, 0.6, 4186.0)
-    REGISTRY["melting.melt"].program("cpu")(
-        identity, temperature, None, 0 * ones, None, rule, melted, ones, ones.copy(), None, None, phase, number
-    )
-    REGISTRY["melting.detach"].program("cpu")(melted, number, region, direct, rebuild)
-    REGISTRY["shape_matching.regions"].program("cpu")(direct, rebuild, lattice, region, count)
-    REGISTRY["shape_matching.classify"].program("cpu")(identity, direct, phase)
-    assert number[0] == melted.sum()
-    return melted
-
-
-@pytest.mark.parametrize("width", [1, 2, 3])
-def test_regions_equal_a_search_after_every_round(width):
-    """200 rounds in which random particles melt anywhere; the reference is a breadth-first search."""
-    random = np.random.default_rng(width)
-    cells = np.stack(np.meshgrid(*[np.arange(6)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    lattice = lattice_of([cells[:120], cells[120:]])  # two bodies that touch
-    nodes = len(cells)
-    identity = np.arange(nodes, dtype=np.int32)
-    phase = np.full(nodes, SURFACE, np.int32)
-    direct, region, count, lattice = fresh_tables(phase, identity, lattice, width)
-    smaller = 0
-    for round_ in range(200):
-        solid = np.flatnonzero(phase != FLUID)
-        chosen = random.choice(solid, min(len(solid), 1 + round_ % 2), replace=False)
-        temperature = np.full(nodes, -1.0)
-        temperature[chosen] = 1.0
-        phase[solid] = SURFACE  # so that any may melt, not only what lies outside
-        melting_round(identity, identity, temperature, phase, direct, region, count, lattice)
-        expected = members_by_search(phase != FLUID, lattice, width)
-        for s in range(nodes):
-            found = region[s][region[s] >= 0]
-            assert (set(found.tolist()), count[s]) == (expected[s], len(found))
-            smaller += len(found) < (2 * width + 1) ** 3
-    assert (phase == FLUID).all() or round_ == 199
-    assert smaller
-
-
-def members_by_search(solid, lattice, width):
-    """Members of every region: a breadth-first search over cells, with dictionaries and sets."""
-    place = {(b, *cell): s for s, (b, cell) in enumerate(zip(lattice.body.tolist(), lattice.cell.tolist())) if solid[s]}
-    steps = [(a, b, e) for a in (-1, 0, 1) for b in (-1, 0, 1) for e in (-1, 0, 1)]
-    near = {
-        s: [place[c] for a, b, e in steps if (c := (body, x + a, y + b, z + e)) in place]
-        for (body, x, y, z), s in place.items()
-    }
-    members = []
-    for s in range(len(solid)):
-        found = front = {s} if solid[s] else set()
-        for _ in range(width):
-            front = {j for m in front for j in near[m]} - found
-            found = found | front
-        members.append(found)
-    return members
 
 
 # Bookkeeping

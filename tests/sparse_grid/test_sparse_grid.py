@@ -2,13 +2,10 @@
 
 import numpy as np
 import pytest
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from refsim.backends.arrays import Backend
 from refsim.sparse_grid import SparseGrid, nodes
 from refsim.sparse_grid.reference import node_table
-from refsim.surface_energy.components import components
 
 CELL = 0.1
 COUNT = 9000  # several chunks
@@ -41,28 +38,3 @@ def test_points_are_sorted_as_by_numpy(dim, kind, dtype):
         np.testing.assert_array_equal(listed.cell, expected)
         np.testing.assert_array_equal(listed.point, np.argsort(expected, kind="stable"))
         np.testing.assert_array_equal(np.diff(listed.first), np.bincount(expected, minlength=nodes(blocks)))
-
-
-@pytest.mark.parametrize("share", [0.3, 0.6, 0.97, 1.0])
-@pytest.mark.parametrize("dim", [2, 3])
-def test_components_are_those_of_a_graph(dim, share):
-    """Nodes inside at random; the blocks of the first half are full."""
-    blocks = SparseGrid(Backend("cpu"), dim, "float64", CELL).cover(places("random", dim, "float64")[:300], 1, 2)
-    count, place = nodes(blocks), node_table(blocks)
-    state = (np.random.default_rng(1).random(count) < share).astype(np.uint8)
-    state[: count // 2] = 1
-    number = {tuple(at): i for i, at in enumerate(place.tolist())}
-    pairs = [
-        (i, other)
-        for i, at in enumerate(place.tolist())
-        for axis in range(dim)
-        if (other := number.get(tuple(x + (c == axis) for c, x in enumerate(at)))) is not None
-        and state[i] == 1 == state[other]
-    ]
-    first, second = np.array(pairs).T
-    _, part = connected_components(coo_array((np.ones(len(pairs)), (first, second)), shape=(count, count)), False)
-    lowest = np.full(part.max() + 1, count)
-    np.minimum.at(lowest, part, np.arange(count))
-    label = np.empty(count, np.int32)
-    components(blocks, state, label)
-    np.testing.assert_array_equal(label, np.where(state == 1, lowest[part], -1))

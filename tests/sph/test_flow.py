@@ -78,6 +78,12 @@ def test_a_tension_too_large_for_its_sound_speed_is_noted(model, dim):
     assert not stiff_notes(drop(effect(100 * limit), rs.ImplicitPressure(), dim=dim))
 
 
+def test_terms_that_hold_no_drop_together_say_so():
+    for effect in (rs.NormalDifference2014(area_acceleration=1e-6), rs.Akinci2013(gamma=0.0, area_acceleration=1e-6)):
+        assert any("alone holds no drop together" in note for note in make_plan(drop(effect)).notes)
+    assert not make_plan(drop(rs.NormalDifference2014(area_acceleration=0.0))).notes[1:]  # the viscosity's
+
+
 # In the run
 def test_a_crushed_liquid_is_noted_and_stops_by_name():
     walls, crushed = rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.25, 3.0, 0.0)), (rs.Box(cells=(5, 20, 1)),)

@@ -141,26 +141,6 @@ def plan_of(*effects, dim=2):
     return make_plan(scene)
 
 
-def test_released_pressure_acts_before_the_forces():
-    """S keeps no pressure, the rest all of theirs; the force is summed from what is left."""
-    position = (disc(5.2) - CENTER) * 0.8  # pressed, so that every particle has a pressure
-    plain, free = (detect(position, crowded=True, **{key: True}) for key in ("each_step", "release_pressure"))
-    launches = free.plan.launches()
-    order = [launches.index(f"s{name}") for name in ("ph.state", "urface_detection.release_pressure", "ph.pressure")]
-    assert order == sorted(order)
-    marked = plain.field("surface").astype(bool)
-    assert 0 < marked.sum() < len(marked)
-    assert plain.field("pressure")[marked].max() > 0
-    np.testing.assert_array_equal(free.field("pressure"), np.where(marked, 0, plain.field("pressure")))
-    assert np.abs(free.field("acceleration") - plain.field("acceleration")).max() > 0
-
-
-def test_the_list_reaches_twice_as_far_for_the_full_radius():
-    assert plan_of(SurfaceDetection()).list_radius == pytest.approx(2.6)
-    assert plan_of(SurfaceDetection(scan_radius="full")).list_radius == pytest.approx(5.2)
-    assert plan_of(SurfaceDetection(scan_radius="full", method="number_density")).list_radius == pytest.approx(2.6)
-
-
 @pytest.mark.parametrize(("settings", "words"), rows(__file__, "bad_settings"))
 def test_bad_settings_get_one_sentence(settings, words):
     with pytest.raises(InputError, match=r"^surface_detection: ") as caught:

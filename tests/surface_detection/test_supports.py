@@ -86,22 +86,6 @@ def test_plan_says_the_range_in_which_the_detector_is_right(method, low, high):
         assert f"finds the surface at support radii of {low:g} to {high:g} spacings; at {ratio:.3g} it" in note
 
 
-def test_given_limits_that_fail_on_the_lattice_are_noted():
-    place = block(3)[0]
-    for ratio, settings, words in (
-        (3.5, {"method": "number_density", "threshold": 0.98}, "also marks the second layer of a lattice, which has"),
-        (2.6, {"method": "number_density", "threshold": 0.7}, "is below the 0.789 of a lattice's outermost layer"),
-        (2.0, {"threshold": 0.5, "asymmetry": 0.9}, "is below the 0.876 of a lattice's outermost layer"),
-    ):  # fmt: skip
-        (note,) = said(scene(3, ratio, place, **settings))
-        assert words in note
-        found = detected(3, ratio, place, **settings)
-        wrong = found[block(3)[1] == 1] if "second" in words else ~found[block(3)[1] == 0]
-        assert wrong.any()
-    assert not said(scene(3, 2.6, place, method="number_density", threshold=0.9))
-    assert not said(scene(3, 2.6, place, threshold=0.5))
-
-
 @pytest.mark.parametrize("dim, ratio", CASES)
 def test_between_walls_the_open_face_is_the_surface(dim, ratio):
     """Walls rise four spacings above the liquid. From 2.6 spacings on they stand in the fans of the particles beside

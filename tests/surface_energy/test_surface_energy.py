@@ -34,31 +34,6 @@ def reconstructed(place, dim=3, dtype="float64", h=H, number=None, **parameters)
 
 
 # The surface
-@pytest.mark.parametrize("dim", [2, 3])
-def test_vertices_stand_on_the_union_of_spheres(dim):
-    """Each is r away from a particle; only a sphere that contains neither end of an edge may cover it (thesis M33)."""
-    place = ball(4, dim=dim)
-    _, surface = reconstructed(place, dim)
-    distance = np.linalg.norm(surface.mesh.vertices[:, None] / H - place[None], axis=-1).min(1)
-    assert distance.max() < dim**0.5 + 1e-9
-    assert distance.min() > dim**0.5 - (0.063 if dim == 3 else 0.051) - 0.01
-    assert (distance > dim**0.5 - 1e-9).mean() > 0.9
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_poisson_disk_samples_keep_their_distance_and_leave_no_gap(dim):
-    made, surface = reconstructed(ball(5, dim=dim), dim, quadrature="poisson", inset=-1.0)
-    place = surface.samples.position / H
-    distance = np.linalg.norm(place[:, None] - place[None], axis=-1) + 9 * np.eye(len(place))
-    assert distance.min() >= 0.5
-    assert distance.min(1).max() < 1.1  # in a wider gap another disk would fit
-    _, exact = reconstructed(ball(5, dim=dim), dim, inset=-1.0)
-    assert surface.samples.area.sum() == pytest.approx(exact.samples.area.sum(), rel=1e-5)
-    assert np.ptp(surface.samples.area) == 0
-    again = made.surface((H * ball(5, dim=dim)), step=1)
-    assert not np.array_equal(again.samples.position[:20], surface.samples.position[:20])
-    redrawn = made.surface((H * ball(5, dim=dim)), step=0)
-    assert np.array_equal(redrawn.samples.position, surface.samples.position)
 
 
 @pytest.mark.parametrize("jitter", [0.25, 0.0])
@@ -148,28 +123,6 @@ def test_force_is_the_slope_of_the_surface_energy():
 
 
 # Limits
-def test_small_components_have_no_tension_and_near_drops_one_surface():
-    """A drop, a pair and a lone particle: only the last two are components of fewer than 27 particles."""
-    drop = ball(3)
-    place = np.vstack([drop, [[9.0, 0, 0], [9.4, 0.1, 0], [-9.0, 1, 2]]])
-    made, surface = reconstructed(place, inset=0.25)
-    assert list(surface.component_size[[0, -3, -2, -1]]) == [len(drop), 2, 2, 1]
-    idle = surface.samples.nearest >= len(drop)
-    assert idle.any()
-    assert not surface.samples.area[idle].any()
-    assert (surface.samples.area[~idle] > 0).all()
-    _, all_kept = reconstructed(place, inset=0.25, smallest=1)
-    assert all_kept.samples.area[idle].sum() > 0
-    force = made.force(surface.samples, surface.blocks)
-    far = np.abs(node_table(surface.blocks)[:, 0]) > 7
-    assert not force[far].any()
-    disc = ball(4, dim=2)
-    sizes = []
-    for gap in (2.5, 4.5):
-        place = np.vstack([disc, disc + [8 + gap, 0, 0]])
-        _, surface = reconstructed(place, 2)
-        sizes.append(surface.component_size[0])
-    assert sizes == [2 * len(disc), len(disc)]
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -237,24 +190,6 @@ def test_run_of_the_references_is_the_cpus(dim, parameters):
         assert value.shape == other.shape
         assert np.abs(value - other).max() < 1e-12 * np.abs(value).max()
     assert np.abs(runs[0].field("velocity")).max() > 1e-4  # m/s: the tension moves it
-
-
-def test_a_lattice_moves_alike_on_both_backends():
-    """The CPU sorts the particles, and rounding differs; of equally near particles both take the lowest number.
-
-    1e-4 of the largest velocity is far above float32's rounding; another particle of a tie is 1e-2.
-    """
-    lattice = np.pad(np.argwhere(np.ones((6, 6))) + 0.5, ((0, 0), (0, 1)))
-    place = 0.1 * np.random.default_rng(3).permutation(lattice)
-    runs = []
-    for backend in ("numpy", "cpu"):
-        made = shaken_block(2, contact_angle=60.0).with_(dtype="float32", fluid=(Cloud(position=place),))
-        runs.append(Simulation(made, backend))
-        runs[-1].step()
-    oracle, own = (simulation.shared["surface"] for simulation in runs)
-    assert np.array_equal(oracle.sample_nearest, runs[1].host("identity")[own.sample_nearest])
-    a, b = (simulation.field("velocity") for simulation in runs)
-    assert np.abs(a - b).max() < 1e-4 * np.abs(a).max()
 
 
 def test_references_stop_where_the_grid_ends():

@@ -105,32 +105,6 @@ def test_what_no_measured_drop_had_is_noted(support, stiffness, said):
     assert said in "".join(found)
 
 
-def nominal_notes(effect, dim=3, density="continuity", **given):
-    """Notes on a nominal tension in a liquid whose particles are shifted."""
-    box = rs.Box(cells=(4, 4, 4 if dim == 3 else 1))
-    liquid = rs.WeaklyCompressible(rest_density=1.0, sound_speed=10.0, dynamic_viscosity=0.1, density=density, **given)
-    effects = (liquid, effect, rs.ParticleShifting())
-    scene = rs.Scene(dim=dim, spacing=1.0, support_radius=2.6, fluid=(box,), effects=effects)
-    return [note for note in make_plan(scene).notes if "surface_tension is nominal" in note]
-
-
-def test_a_nominal_tension_is_noted():
-    """With what was measured, where it was; not where drops have it, nor for a coefficient."""
-    nominal, axial = (rs.Akinci2013(surface_tension=1.0, area_direction=way) for way in ("normals", "axial"))
-    for effect, dim, said in (
-        (nominal, 3, None), (rs.CsfWang2019(surface_tension=1.0), 3, None),
-        (nominal, 2, "0.6 to 0.9 of it by their pressure jump, 0.8 to 2.2 by their frequency"),
-        (axial, 3, "no drops of this liquid were measured with it"),
-    ):  # fmt: skip
-        found = nominal_notes(effect, dim)
-        assert len(found) == (said is not None)
-        assert (said or "") in "".join(found)
-    assert len(nominal_notes(rs.Akinci2013(surface_tension=1.0), kernels="mueller")) == 1
-    assert nominal_notes(rs.Akinci2013(gamma=1.0)) == []
-    (summed,) = nominal_notes(axial, density="summation")
-    assert "calibrate has the coefficient where drops of a summed density were measured" in summed
-
-
 def test_what_a_note_says_of_a_model_s_drops_is_what_was_measured():
     """Rows of `python -m validation measure tension`: least and most by jump and by frequency."""
     stored = json.loads((DATA / "tension.json").read_text()).values()

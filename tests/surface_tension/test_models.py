@@ -1,8 +1,5 @@
 """Surface-tension models beside Jiang & Zhu's: shapes of their forces, momenta, internal pressure, printed readings."""
 
-import math
-
-import msgspec
 import numpy as np
 import pytest
 
@@ -10,17 +7,9 @@ import refsim as rs
 from refsim import make_plan
 from refsim.core.effect import Discretisation
 from refsim.study.panels.virial import pair_virials
-from refsim.surface_tension.cohesion import compression
 from tests.running import rows
 
 COHESIVE = (rs.JiangZhu2023, rs.Akinci2013, rs.Dong2016, rs.BeckerTeschner2007, rs.TartakovskyMeakin2005)
-cohesive = pytest.mark.parametrize("model", COHESIVE, ids=lambda model: model.name)
-
-
-def setting(dim=3, h=2.7, sound_speed=100.0, count=100):
-    """(grid, others) with rho0 = 1 and d = 1."""
-    fluid = rs.WeaklyCompressible(rest_density=1.0, sound_speed=sound_speed, density="summation")
-    return Discretisation(dim, "float64", 1.0, h, count), {fluid.name: fluid}
 
 
 def notes_with(plan, words):
@@ -66,35 +55,6 @@ def test_what_a_model_does_to_drops_is_noted():
     ):
         assert notes_with(notes(effect), "gather in pairs")
         assert [note for note in notes(without).notes if "brakes free rotation" not in note] == []
-
-
-@cohesive
-def test_collapse_is_refused_and_strain_is_noted(model):
-    """A note from 5 % compression on; beyond P_int = rho0 c^2/4 no density balances the cohesion, and it is refused."""
-    grid, others = setting()
-    effect = model(surface_tension=1.0, balance_pressure=False)
-    pressure = effect.internal_pressure(grid, others)
-    assert pressure > 0
-
-    def at(number):
-        fluid = msgspec.structs.replace(others["weakly_compressible"], sound_speed=math.sqrt(pressure / number))
-        cube = rs.Box(cells=(4, 4, 4))
-        return make_plan(rs.Scene(spacing=1.0, support_radius=2.7, fluid=(cube,), effects=(fluid, effect)))
-
-    assert notes_with(at(0.04), "compresses the bulk") == []
-    (note,) = notes_with(at(0.2), "compresses the bulk")
-    assert model.name in note
-    assert f"{100 * (compression(0.2) - 1):.0f} %" in note
-    with pytest.raises(rs.InputError, match="would collapse the liquid; give weakly_compressible a sound_speed above"):
-        at(0.2501)
-    balanced = make_plan(
-        rs.Scene(
-            spacing=1.0, support_radius=2.7, fluid=(rs.Box(cells=(4, 4, 4)),),
-            effects=(others["weakly_compressible"], model(surface_tension=1e5)),
-        )
-    )  # fmt: skip
-    assert notes_with(balanced, "compresses the bulk") == []
-    assert balanced.shared["fluid"].internal_pressure == pytest.approx(1e5 * pressure, rel=1e-5)
 
 
 @pytest.mark.parametrize(("name", "parameters", "words"), rows(__file__, "bad_models"))
