@@ -7,9 +7,9 @@ import pytest
 
 from refsim.__main__ import main
 from refsim.commands import study
-from refsim.scene.files import load_scene, parse_scene
+from refsim.scene.files import load_scene
 from refsim.study import advice
-from refsim.study.panels import abouts, panel
+from refsim.study.panels import panel
 from refsim.study.panels.scenes import scene_of
 from tests.running import python, rows
 
@@ -45,27 +45,6 @@ def test_an_answer_and_its_scene(folder, capsys):
     assert text.endswith("refsim run droplet.toml --observable panel:droplet --backend cuda\n")
     assert "on NVIDIA H" in text
     assert "others" not in text  # which are measured on a CPU
-
-
-def test_one_scene_has_one_price(folder, capsys):
-    """That of its whole run: whatever is asked, a scene that is written stands beside the same seconds."""
-    for name in abouts():
-        prices = {}
-        for error in (0.3, 0.1, 0.05, 0.02, 0.01, 0.003, 0.001):
-            for kind in advice.KINDS[:2]:
-                found = advice.cheapest(panel(name), error, kind)
-                if found is not None:
-                    assert advice.most(panel(name), found[1]) <= error
-                    told = advice.data_of(panel(name), error, kind, found)["answer"]["seconds"]
-                    assert prices.setdefault(found[1].key, told) == told
-                assert advice.text_of(panel(name), error, kind, found)
-    for error in ("0.3", "0.01"):
-        assert advise("droplet", "--error", error, "--json", "--overwrite") == 0
-        told = json.loads(capsys.readouterr().out)["answer"]
-        run = panel("droplet").points[told["key"]]
-        scene = parse_scene((folder / "droplet.toml").read_text(), "it")
-        assert told["seconds"] == advice.price(run)
-        assert scene.end_time == 0.9
 
 
 def test_an_answer_takes_two_seconds_of_the_processor(folder):

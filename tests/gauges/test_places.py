@@ -1,6 +1,5 @@
-"""Where gauges read: lines, patches, heights, shares of the space that walls leave, and pressures that are noted."""
+"""The share of the space that walls leave around a gauge, and pressures that are noted."""
 
-import itertools
 import math
 from types import SimpleNamespace
 
@@ -8,54 +7,10 @@ import numpy as np
 import pytest
 
 from refsim import Gauge, Gravity, WeaklyCompressible
-from refsim.core.effect import Discretisation
 from refsim.core.period import period_group
 from refsim.engine.gauges import Gauges
-from refsim.gauges.places import crossing, line, patch
 from refsim.smoothing import smoothing
 from refsim.smoothing.reference import kernel_value
-
-GRIDS = [Discretisation(dim, "float64", 0.1, 0.26, 0, 0.0, None) for dim in (2, 3)]
-
-
-@pytest.mark.parametrize("grid", GRIDS)
-def test_a_line_has_four_points_a_spacing_and_a_patch_one(grid):
-    rng = np.random.default_rng(grid.dim)
-    for trial in range(30):
-        low, axis = rng.uniform(-2, 2, 3), trial % grid.dim
-        high = low + rng.choice([0.012, 0.053, 0.104, 0.217, 0.433, 1.01], 3)
-        ends = low.copy()
-        ends[axis] = high[axis]
-        found = line("a", (None, tuple(low), tuple(ends)), grid)
-        length = high[axis] - low[axis]
-        count = next(n for n in itertools.count(2) if length / (n - 1) <= 0.025 * (1 + 1e-9))
-        assert (len(found.place), found.axis, found.area) == (count, axis, 0.0)
-        assert found.place[:, axis] == pytest.approx(low[axis] + length * np.arange(count) / (count - 1))
-        across, upper = (axis + 1) % grid.dim, high.copy()
-        upper[across] = low[across]
-        found = patch("a", (None, tuple(low), tuple(upper)), grid)
-        sides = [high[a] - low[a] for a in range(grid.dim) if a != across]
-        cells = [next(n for n in itertools.count(1) if side / n <= 0.1 * (1 + 1e-8)) for side in sides]
-        assert (len(found.place), found.axis) == (math.prod(cells), across)
-        assert found.area * len(found.place) == pytest.approx(math.prod(sides))
-        assert (found.place[:, across] == low[across]).all()
-        assert found.place.mean(0)[: grid.dim] == pytest.approx(((low + upper) / 2)[: grid.dim])
-        if grid.dim == 2:
-            assert not found.place[:, 2].any()
-
-
-def test_the_highest_crossing_lies_between_two_points():
-    height = np.array([0.0, 1.0, 3.0, 4.0])
-    for fill in itertools.product((0.1, 0.5, 0.9), repeat=4):
-        full = [k for k in range(4) if fill[k] >= 0.5]
-        if not full:
-            expected = 0.0
-        elif full[-1] == 3:
-            expected = 4.0
-        else:
-            k = full[-1]
-            expected = np.interp(-0.5, [-fill[k], -fill[k + 1]], height[[k, k + 1]])
-        assert crossing(height, np.array(fill)) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("lengths", [(0.0, 0.0, 0.0), (1.5, 0.0, 0.0)])

@@ -1,9 +1,8 @@
 """Observables against other programs, and what is said of those that are not there."""
 
-import msgspec
 import pytest
 
-from refsim import Box, Gauge, Gravity, InputError, Scene, Simulation, WeaklyCompressible, make_plan
+from refsim import Box, Gravity, InputError, Scene, Simulation, WeaklyCompressible, make_plan
 from refsim.engine.conserved_totals import conserved_totals
 from refsim.study.observables import observable_of
 from tests.running import rows
@@ -75,23 +74,3 @@ def test_own_functions(simulation, tmp_path):
 def test_what_is_not_there_gets_a_sentence(simulation, name, words):
     with pytest.raises(InputError, match=words):
         observable_of(name, make_plan(simulation.plan.scene))
-
-
-def test_a_gauge_is_an_observable(simulation):
-    scene = msgspec.structs.replace(
-        simulation.plan.scene, gauge=(Gauge(name="middle", kind="pressure", at=(0.04, 0.03, 0.0)),)
-    )
-    run = Simulation(scene, "numpy")
-    read = observable_of("gauge:middle", run.plan), observable_of("gauge:middle@mean", run.plan)
-    for _ in range(3):
-        run.step()
-    series = run.gauge("middle")["pressure"]
-    assert len(series) > 1
-    assert [each(run) for each in read] == [series[-1], series.mean()]
-    assert read[0].unit == "Pa"
-    for name, words in (
-        ("gauge:midle", "did you mean middle"),
-        ("gauge:middle@end", "write one of gauge:middle.pressure"),
-    ):
-        with pytest.raises(InputError, match=words):
-            observable_of(name, run.plan)

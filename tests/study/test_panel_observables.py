@@ -24,47 +24,6 @@ def standing(**given):
     return SimpleNamespace(field=lambda name: fields[name].copy(), evaluate=lambda: None, plan=plan, **given)
 
 
-def test_drops_are_round_in_all_directions_and_vortices_decay_as_one_wave():
-    position = RANDOM.normal(size=(150, 3)) * [1.0, 0.8, 0.6]
-    x, reach = position - position.mean(0), []
-    for k in range(200):
-        z, angle = 1 - (2 * k + 1) / 200, math.pi * (3 - math.sqrt(5)) * k
-        axis = np.array([math.sqrt(1 - z * z) * math.cos(angle), math.sqrt(1 - z * z) * math.sin(angle), z])
-        near = [math.dist(p, (0, 0, 0)) for p in x if p @ axis > math.cos(math.radians(10)) * math.dist(p, (0, 0, 0))]
-        reach.append(max(near, default=0.0))
-    known = np.std(reach) / np.mean(reach)
-    assert observables.droplet(standing(fields={"position": position})) == pytest.approx(known, rel=1e-12)
-    position, time = np.pad(RANDOM.uniform(0, 1, (60, 2)), ((0, 0), (0, 1))), 0.3
-    x, y = 2 * np.pi * position[:, :2].T
-    speed = np.column_stack([np.sin(x) * np.cos(y), np.cos(x) * np.sin(y), 0 * x]) * math.exp(
-        -8 * np.pi**2 / 100 * time
-    )
-    acceleration = RANDOM.normal(size=(60, 3))
-    fields = {"position": position, "velocity": speed - 0.05 * acceleration, "acceleration": acceleration}
-    assert observables.vortex_decay(standing(fields=fields, previous_length=0.1, time=time)) == pytest.approx(
-        1, rel=1e-9
-    )
-
-
-def test_bodies_have_their_height_rate_and_temperatures():
-    """200 particles of 0.001 m^3, 8 of them the box, half wet: 0.196 m^3 on 2.56 m^2, in edges of 0.8 m."""
-    solids = SimpleNamespace(lattice=SimpleNamespace(key=range(8)))
-    plan = {"grid": SimpleNamespace(solids=solids, spacing=0.1, count=200)}
-    position = np.concatenate([np.tile([1.0, 2.0, 0.5], (8, 1)), np.full((192, 3), 9.0)])
-    found = observables.coupling(standing(plan=plan, fields={"position": position}))
-    assert found == pytest.approx((0.5 - 0.196 / 2.56) / 0.8, rel=1e-12)
-    position, mass = RANDOM.normal(size=(30, 3)), RANDOM.uniform(1, 3, 30)
-    x = position - np.average(position, axis=0, weights=mass)
-    velocity = 5.0 * np.column_stack([-x[:, 1], x[:, 0], 0 * x[:, 0]]) + [1.0, 2.0, 3.0]
-    fields = {"position": position, "velocity": velocity, "mass": mass}
-    assert observables.spinning_body(standing(fields=fields)) == pytest.approx(5.0 / (2 * np.pi), rel=1e-12)
-    x, off = np.linspace(0.1, 3.9, 20), RANDOM.normal(size=20)
-    exact = 50 + 50 * np.cos(np.pi * x / 4) * math.exp(-(np.pi**2) / 16 * 0.7)
-    fields = {"position": np.column_stack([x, x + 1, x + 2]), "temperature": exact + off}
-    found = observables.heat(standing(fields=fields, time=0.7))
-    assert found == pytest.approx(math.sqrt((off**2).mean()), rel=1e-9)
-
-
 def test_forces_and_fronts_are_shares_and_kept_values_the_last_ones(monkeypatch):
     asked = []
     monkeypatch.setattr(
@@ -95,21 +54,6 @@ def test_the_pressure_in_balls_is_that_of_the_parts_of_lines_in_them(dim, monkey
         within = [(((x[a] + along * (x[b] - x[a])) ** 2).sum(1) < radius**2).mean() for a, b in pairs]
         expected.append(sum(part * one for part, one in zip(within, virials)) / (dim * volume))
     assert virial.inner_pressure(run, (0.5, 0.9, 1.6)) == pytest.approx(sum(expected) / 3, rel=1e-3)
-
-
-def test_the_melted_depth_counts_shares_of_particles():
-    """Of ice two particles wide, 6 with half, none, all, more than all of their heat: 0.5 + 1 + 1 of layers of 4."""
-    fields = {"enthalpy": [9.0, 9, 50, -5, 100, 300, 0, 0], "latent_heat": [100.0] * 8}
-    grid = SimpleNamespace(spacing=0.1, period=(0.0, 0.2, 0.2))
-    run = standing(plan={"grid": grid, "state": SimpleNamespace(sizes=[2, 6])}, fields=fields)
-    assert observables.melt_front(run) == pytest.approx(2.5 * 0.1 / 4 + 0.05)
-    assert observables.melting(run) == pytest.approx(1 - 2.5 / 6)
-    times = np.array([0.1, 0.2, 0.5, 0.8])
-    values = 2 * 0.42877773257020996 * np.sqrt(times) * [2.0, 1.01, 0.97, 1.02]
-    assert observables.melt_front.reduce(times, list(values)) == pytest.approx(3.0)
-    assert observables.melt_front.times(SimpleNamespace(step=0.1, end_time=0.5)) == pytest.approx(
-        [0.1, 0.2, 0.3, 0.4, 0.5]
-    )
 
 
 @pytest.mark.parametrize("name", ["cuda", "cpu"])
@@ -206,29 +150,11 @@ def test_discs_of_mpm_have_laplaces_pressure_and_rayleighs_frequency():
     assert observables.deformation(x + 3, 3) == pytest.approx((along - both) / (along + both))
 
 
-def test_the_frequency_of_a_damped_cosine_is_that_without_damping_over_rayleighs():
-    time = np.linspace(0, 2, 101)
-    value = 0.3 * np.exp(-0.8 * time) * np.cos(9.0 * time + 0.2) + 0.05
-    found = observables.damped_cosine(time, value, 8.6)
-    assert found["frequency"] == pytest.approx(math.hypot(9.0, 0.8), rel=1e-6)
-    assert (found["damping"], found["amplitude"]) == (pytest.approx(0.8, rel=1e-5), pytest.approx(0.3, rel=1e-5))
-    assert found["misfit"] < 1e-8
-    assert found["error"] < 1e-6
-    pairs = [(float(v), 8.6) for v in value]
-    assert observables.mpm_frequency.reduce(time, pairs) == pytest.approx(math.hypot(9.0, 0.8) / 8.6, rel=1e-6)
-    size, flat, omega, damping = 3.0, 0.75, 0.4, 0.02
-    times = np.linspace(0, 2.25 * 2 * math.pi / omega, 55)
-    moments = 0.01 + 1e-5 * times + 0.1 * np.exp(-damping * times) * np.sin(omega * times + 0.7)
-    values = [(float(m), (size, flat) if k == 0 else None) for k, m in enumerate(moments)]
-    known = math.sqrt((omega**2 + damping**2) * size**3 / 6 / flat)
-    assert observables.surface_tension_frequency.reduce(times, values) == pytest.approx(known, rel=1e-6)
-    found = drops.fit_oscillation(times, moments, 0.43)
-    assert found == (pytest.approx(omega), pytest.approx(damping), pytest.approx(0, abs=1e-6), pytest.approx(0.1))
+def test_a_drop_swings_by_its_second_moment():
     position = RANDOM.normal(size=(9, 3))
     x = ((position - position.mean(0)) ** 2).mean(0)
     run = standing(fields={"position": position}, steps=4)
     assert observables.surface_tension_frequency(run) == (pytest.approx((x[0] - x[1]) / x.sum()), None)
-    assert drops.second_moment(run, 3) == pytest.approx((x[0] + x[1] - 2 * x[2]) / x.sum())
 
 
 def test_a_drop_is_measured_against_its_models_flat_surface(monkeypatch):
@@ -248,46 +174,6 @@ def test_a_drop_is_measured_against_its_models_flat_surface(monkeypatch):
     pressure, size, flat = observables.surface_tension_jump(run)
     assert (pressure, size, flat) == (pytest.approx(3.0 * np.linspace(0.4, 0.7, 7).sum()), 3.0, 0.75)
     assert observables.surface_tension_jump.reduce(None, [(1.0, 2.0, 4.0), (3.0, 2.0, 4.0)]) == 1.0
-
-
-@pytest.mark.parametrize("angle", [35.0, 90.0, 150.0])
-def test_a_cap_has_its_angle(angle):
-    """A disc of radius 40 whose centre lies 40 cos(angle) below the plane, in cells of 1."""
-    x, y = np.meshgrid(np.arange(-45, 45) + 0.5, np.arange(0, 90) + 0.5)
-    inside = x**2 + (y + 40 * math.cos(math.radians(angle))) ** 2 < 1600
-    place = np.column_stack([x[inside], y[inside], 0 * x[inside]])
-    run = standing(fields={"position": place, "density": np.ones(len(place))})
-    assert observables.contact_angle(run) == pytest.approx(angle, abs=0.7)
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_caps_have_their_centres_of_mass(dim):
-    """By quadrature over the angle: a half of a disc has 4/(3 pi) R, a half of a ball 3/8 R."""
-    half = {2: 4 / (3 * math.pi) / math.sqrt(math.pi / 2), 3: 0.375 / (2 * math.pi / 3) ** (1 / 3)}[dim]
-    assert drops.angle_by_lift(half, dim) == pytest.approx(90, abs=0.01)
-    angles, lifts = drops._lifts(dim)
-    assert (len(angles), angles[0], angles[-1]) == (353, 2.0, 178.0)
-    high, across = math.radians(2) ** 2 / 2, math.radians(2)  # of a flat cap, a parabola
-    flat = {2: 0.4 * high / math.sqrt(4 / 3 * across * high), 3: high / 3 / (math.pi / 2 * across**2 * high) ** (1 / 3)}
-    assert lifts[0] == pytest.approx(flat[dim], rel=1e-3)
-    whole = {2: 1 / math.sqrt(math.pi), 3: 1 / (4 * math.pi / 3) ** (1 / 3)}[dim]
-    assert lifts[-1] == pytest.approx(whole, rel=1e-3)
-    assert [drops.cap_volume(math.pi, d) for d in (2, 3)] == pytest.approx([math.pi, 4 * math.pi / 3])
-    assert [drops.radius_of(drops.cap_volume(math.pi, d), d) for d in (2, 3)] == pytest.approx([1, 1])
-
-
-def test_numbers_follow_from_readings_and_a_drop_from_its_middle():
-    position = np.array([[0.0, 0, 0], [0.5, 0, 0], [-0.5, 0, 0], [1.0, 0, 0], [-1.0, 0, 0]])
-    fields = {"position": position, "density": [3.0, 2.0, 4.0, 9.0, 9.0], "mass": [6.0] * 5}
-    run = standing(fields=fields, plan={"grid": SimpleNamespace(dim=2)})
-    assert drops.inside(run, 1.0) == (3.0, pytest.approx(math.sqrt(10 / math.pi)))
-    times = observables.FALL * np.linspace(0.95, 3.05, 43)
-    assert observables.front.reduce(times, list(3 * times / observables.FALL)) == pytest.approx(6.0)
-    assert pytest.approx(math.sqrt(0.5 / (2 * 9.81))) == observables.FALL
-    assert observables.droplet.reduce(None, [9.0, 1, 1, 1, 1, 3, 2]) == 3.0
-    assert observables.droplet.reduce(None, [9.0, 1, 1, 4, 1, 3, 2]) == 3.0
-    assert math.isnan(observables.droplet.reduce(None, [1.0, 1, math.nan]))
-    assert observables.coupling.reduce(None, [1.0, 2.0]) == 1.5
 
 
 TIMES = {  # readings, the first and the last, of a scene that ends at 6

@@ -16,7 +16,7 @@ from refsim.study.panels import FOLDER, OWN, Machine, Panel, PanelSpec, Point, a
 from refsim.study.panels import measured as measuring
 from refsim.study.panels.measured import measured, merged
 from refsim.study.panels.scenes import packaged, packed, scene_of
-from refsim.study.runs import Reading, Setting, measure
+from refsim.study.runs import Setting, measure
 from tests.running import rows
 
 
@@ -187,17 +187,6 @@ def test_a_drop_that_was_stirred_is_measured_from_its_packaged_scene():
     assert row["steps"] > 10
     with zipfile.ZipFile(str(FOLDER / f"{of.name}.zip")) as stored:
         assert set(stored.namelist()) == {packed(point) for point in of.points.values()}
-
-
-def test_what_cannot_be_measured_is_said(monkeypatch):
-    of = panel("front")
-    with pytest.raises(InputError, match="has no setting 'd11'"):
-        measured(of, ["d11"])
-    failing = Reading(math.nan, 1.0, 1.0, 0, 5, 3, 0.1, failed="collapsed.")
-    monkeypatch.setattr(measuring, "measure", lambda *given, **more: failing)
-    found = measured(of, ["d10"])
-    assert found.points["d10"].failed == "collapsed."
-    assert "d = L/10, float32: collapsed." in measuring.text(of, found)
 
 
 # Observables that watch a run

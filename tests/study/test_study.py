@@ -1,11 +1,7 @@
 """Studies whose answer is known, studies that fail in part, and studies that go on."""
 
 import json
-import math
-import shutil
 import sys
-import threading
-import time
 import types
 
 import msgspec
@@ -16,8 +12,6 @@ import refsim
 import refsim as rs
 from refsim import make_plan
 from refsim.__main__ import main
-from refsim.core.locks import in_turn
-from refsim.scene.refine import refined
 from refsim.study import runs
 from refsim.study.observables import observable_of
 from tests.running import rows
@@ -81,58 +75,6 @@ def test_an_error_beyond_the_runs_is_continued(order):
     half = found.cheapest(0.005)
     assert half.spacing == pytest.approx(advice.spacing / 2 ** (1 / order))
     assert "estimated" in found.text()
-
-
-def test_float64_is_advised_only_where_rounding_is_seen():
-    """The same values but for the precision's: 1e-6 of it is below the uncertainty, 30 % above."""
-    for rounding, advised in ((1e-6, "float32"), (0.3, "float64")):
-
-        def value(simulation, rounding=rounding):
-            exact = 5.0 + 0.1 * (simulation.plan.grid.spacing / 0.01) ** 2
-            return exact * (1 + rounding * (simulation.plan.grid.dtype == "float32"))
-
-        found = studied(value, knobs=("spacing", "precision"), error=0.1)
-        assert found.cheapest().dtype == advised
-
-
-def test_levels_that_work_are_kept_and_what_does_not_converge_is_said():
-    found = studied(lambda simulation: math.sin(simulation.count), error=0.01)
-    assert not found.convergence.asymptotic
-    assert "not in the asymptotic range" in found.text()
-    assert found.cheapest() is None
-    assert "cannot be said from these runs: the smallest bound is" in found.text()
-
-    def breaks(simulation):
-        if simulation.plan.grid.spacing < 0.008:
-            raise rs.RunStopped("diverged", "In step 7 a particle moves with 1e9 m/s.")
-        return 1.0 + simulation.plan.grid.spacing
-
-    found = studied(breaks)
-    assert [bool(r.failed) for _, r in found.runs] == [False, False, True]
-    assert "a particle moves with 1e9 m/s" in found.text()
-    assert "fewer than three levels" in found.text()
-    assert found.convergence.value == 1.01
-    assert found.rows()[2]["value"] is None
-
-
-def falling(end_time):
-    return block(
-        fluid=(rs.Box(cells=(2, 2, 1)),), end_time=end_time, dtype="float64", support_radius=0.015, step=0.0004,
-        effects=(rs.WeaklyCompressible(sound_speed=2.0, density="summation"), rs.Gravity(acceleration=(0.0, -9.81,
-        0.0))),
-    )  # fmt: skip
-
-
-def test_the_time_of_an_event():
-    """The time at which a free fall has gone 1 mm."""
-    ball = falling(0.1)
-    found = studied("field:position.y@mean", scene=ball, knobs=(), reaches=0.009)
-    assert found.base.value == pytest.approx(math.sqrt(2 * 0.001 / 9.81), rel=1e-4)
-    assert found.base.time < 0.02
-    assert found.unit == "s"
-    never = studied("field:position.y@mean", scene=ball, knobs=(), reaches=3.0)
-    assert "did not reach 3 by the end" in never.text()
-    assert never.convergence is None
 
 
 def test_each_other_setting_is_changed_alone():
@@ -236,40 +178,6 @@ def test_a_file_of_the_scene_that_changes_during_a_run_leaves_no_result(tmp_path
     assert not list((tmp_path / "out").glob("*.json"))
 
 
-def test_a_run_that_another_process_computes_is_waited_for(tmp_path, monkeypatch):
-    """A study that comes second takes the result of the first, and does not run it again."""
-    first = studied("front", folder=tmp_path / "first", knobs=())
-    (file,) = (tmp_path / "first").glob("*.json")
-    held = threading.Event()
-
-    def other():
-        with in_turn(tmp_path / "second" / f"{file.name}.lock"):
-            held.set()
-            time.sleep(0.3)
-            shutil.copy(file, tmp_path / "second" / file.name)
-
-    process = threading.Thread(target=other)
-    process.start()
-    held.wait()
-    monkeypatch.setattr(sys.modules["refsim.study"], "measure", lambda *arguments: pytest.fail("it is run again"))
-    assert studied("front", folder=tmp_path / "second", knobs=()).runs[0][1] == first.runs[0][1]
-    process.join()
-
-
-def test_a_key_follows_what_changes_a_number():
-    plan = refsim.make_plan(block())
-    one, other = observable_of("front", plan), observable_of("front:-x", plan)
-    base = runs.Setting("spacing", "a", 1.0, block(), "numpy")
-    titled = runs.Setting("step", "b", 1.0, block(name="other title"), "numpy")
-    keys = [
-        runs.key_of(base, one, None, None), runs.key_of(base, other, None, None), runs.key_of(base, one, 0.5, None),
-        runs.key_of(base, one, None, 1),
-        runs.key_of(runs.Setting("spacing", "a", 1.0, block(), "cpu"), one, None, None),
-        runs.key_of(runs.Setting("spacing", "a", 1.0, refined(block(), 2), "numpy"), one, None, None),
-    ]  # fmt: skip
-    assert (len(set(keys)), runs.key_of(titled, one, None, None)) == (len(keys), keys[0])
-
-
 @pytest.mark.parametrize("more, words", rows(__file__, "bad_studies"))
 def test_bad_input_gets_a_sentence(more, words):
     with pytest.raises(rs.InputError, match=words):
@@ -315,13 +223,6 @@ def test_bad_input_of_the_command(file, capsys):
     assert "it has no other spacing" in capsys.readouterr().err
     assert run("--observable", "front", "--knobs", "precision", "--quiet") == 0
     assert capsys.readouterr().err == ""
-
-
-def test_a_run_that_fails_at_every_level_is_exit_code_3(file, capsys):
-    fast = SCENE.replace("cells = [6, 12, 1]", "cells = [6, 12, 1]\nvelocity = [1e4, 0.0, 0.0]")
-    (file / "tank.toml").write_text(fast)
-    assert run("--observable", "front", "--knobs", "spacing", "--quiet") == 3
-    assert "no spacing gave a value" in capsys.readouterr().out
 
 
 def test_seconds_that_do_not_settle_are_said(monkeypatch):
