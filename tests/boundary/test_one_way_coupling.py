@@ -8,11 +8,8 @@ import trimesh
 
 import refsim
 from refsim import Box, InputError, MeshBoundary, Scene, Simulation, WeaklyCompressible, make_plan
-from refsim.boundary.one_way_coupling import layer_factors
 from refsim.engine.checkpoints import load_checkpoint
 from refsim.scene.files import load_scene, scene_to_toml
-from refsim.smoothing import smoothing
-from refsim.smoothing.reference import kernel_value
 from tests.running import rows
 
 SPACING, SUPPORT = 0.01, 0.027
@@ -45,40 +42,6 @@ def test_the_calibrated_factor_gives_the_first_layer_the_rest_density(plate):
     assert abs(errors["calibrated"]) < 0.01
     assert abs(errors["single"]) < 0.02
     assert 0.12 < errors["printed"] < 0.20
-
-
-@pytest.mark.parametrize("layers", [1, 2, 3])
-def test_layers_fill_what_the_lattice_lacks(layers):
-    """Sums over lattices and, at a million distances, over planes: what the docstring of the factors says."""
-    kernel, d, radius = smoothing("cubic_spline", SUPPORT, 3), SPACING, 0.4 * SPACING
-    axis = np.arange(-3, 4)
-    x, y, z = np.meshgrid(axis, axis, axis)
-    terms = kernel_value(d * np.sqrt(x**2 + y**2 + z**2), kernel)
-
-    def of_plane(away):
-        rho = SUPPORT * (np.arange(10**6) + 0.5) / 10**6
-        return (2 * np.pi * rho * kernel_value(np.hypot(rho, away), kernel)).sum() * SUPPORT / 10**6
-
-    planes = [of_plane(k * d) for k in range(layers + 1)]
-    volume = (1 - terms[z >= 0].sum() / terms.sum()) / sum(planes[1:])  # of a layer, by its area
-    one, other = np.meshgrid(np.arange(-6, 7), np.arange(-6, 7))
-    own = kernel_value(2 * radius * np.sqrt(one**2 + one * other + other**2), kernel).sum()
-    expected = [
-        volume * (2 * np.sqrt(3) * radius**2 * own + sum(planes[abs(k - m)] for m in range(layers) if m != k))
-        for k in range(layers)
-    ]
-    assert layer_factors("cubic_spline", SUPPORT, d, radius, layers) == pytest.approx(expected, rel=1e-6)
-
-
-def test_layers_below_the_surface_are_a_spacing_apart(plate):
-    """And all boundary particles of a wall have about the same volume, as if the liquid filled the solid."""
-    walls = make_plan(scene(LIQUID, MeshBoundary(file=plate))).walls
-    middle = np.abs(walls.position[:, :2]).max(1) < 0.04
-    z, volume = walls.position[:, 2], walls.volume
-    upper = [middle & (np.abs(z - height) < 1e-4) for height in (0.03, 0.03 - SPACING)]
-    assert all(layer.sum() > 50 for layer in upper)
-    assert not (middle & (z > 0.001) & ~upper[0] & ~upper[1]).any()
-    assert abs(volume[upper[0]].mean() / volume[upper[1]].mean() - 1) < 0.05
 
 
 def test_a_mesh_is_looked_for_beside_the_scene_file_and_in_the_folder_of_a_run(plate, tmp_path, monkeypatch):

@@ -10,15 +10,14 @@ import pytest
 import refsim
 from refsim import BoxWalls, InputError
 from refsim.backends.arrays import choose
-from refsim.boundary import one_way_coupling, sampling
+from refsim.boundary import sampling
 from refsim.boundary import signed_distance as distances
-from refsim.boundary.adami_2012 import no_slip
 from refsim.boundary.akinci_2012 import box_layers, calibrated_factor, lattice_layers, wall_kernel_sums
 from refsim.boundary.one_way_coupling.placing import cell_edges, flat_faces, placed_solid
 from refsim.boundary.sampling import facet_counts
 from refsim.core.effect import Discretisation
 from refsim.scene import overlaps, solids
-from refsim.scene.surface_mesh import SurfaceMesh, placed_mesh, surface_mesh
+from refsim.scene.surface_mesh import placed_mesh, surface_mesh
 from tests.boundary import damaged_meshes
 from tests.recorded import numbers
 from tests.running import rows
@@ -188,28 +187,6 @@ def test_signed_distances_that_are_not_possible_say_so_in_numbers(spacing, band,
     recorded({"words": str(caught.value)})
 
 
-def test_what_counts_as_unclear_and_across_is_as_ever(recorded):
-    vertices, faces = BOX
-    meeting = np.arange(12) == 3
-    marked = SurfaceMesh(vertices - 0.5, faces, np.zeros(3), meeting=meeting)
-    assert distances.unclear_features(SurfaceMesh(vertices - 0.5, faces, np.zeros(3))) is None
-    edge = overlaps.edge_numbers(faces)[0]
-    across = distances._across(edge)
-    for t in range(12):
-        for c in range(3):
-            assert {t, across[t, c]} == set(np.flatnonzero((edge == edge[t, c]).any(1)))
-    recorded({"meeting": distances.unclear_features(marked), "open": distances.unclear_features(
-        SurfaceMesh(vertices - 0.5, faces[1:], np.zeros(3)))})  # fmt: skip
-
-
-def test_angles_of_needles_are_numbers():
-    """Sides along each other, whose product rounding puts beyond 1."""
-    way, along = np.random.default_rng(1).normal(size=(200, 1, 3)), np.array([[0.0], [1.0], [3.0]])
-    vertices, faces = (along * way).reshape(-1, 3), np.arange(600).reshape(-1, 3)
-    table = distances.triangle_table(SurfaceMesh(vertices, faces, np.zeros(3)), "float64")
-    assert np.isfinite(table.normal).all()
-
-
 @pytest.mark.parametrize("radius", [0.01, 1.0, 20.0])
 def test_corners_that_the_isosurface_lacks_are_counted_in_radii(radius, monkeypatch):
     away = np.array([0.5, 1.7, 1.9, 5.0]) * radius
@@ -220,22 +197,6 @@ def test_corners_that_the_isosurface_lacks_are_counted_in_radii(radius, monkeypa
     )
     monkeypatch.setattr(sampling, "replace", lambda band, field: types.SimpleNamespace(at=lambda v: (away, None)))
     assert sampling._corners_cut_off(band, np.zeros((1, 3)), radius) == 2
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_strengths_at_walls_are_as_ever(dim, recorded):
-    """Of friction on whole cells and on layers, and of layers of boundary particles in space."""
-    found = {}
-    for reach in (1.3, 2.05, 2.6):
-        for central in (True, False):
-            for volumes in ((), (0.9,), (1.1, 0.4)):
-                given = (reach, dim, central, volumes)
-                found[f"{given}"] = no_slip.holding_share(*given), no_slip.holding_rate(*given)
-        for layers in (1, 3) if dim == 3 else ():
-            shape, given = ("wendland_c2", "cubic_spline")[layers // 2], (reach * 0.1, 0.1, layers)
-            depth = one_way_coupling.layer_depth(shape, *given)
-            found[f"{reach} {layers}"] = depth, one_way_coupling.layer_factors(shape, *given[:2], 0.04, layers)
-    recorded(found)
 
 
 @pytest.mark.parametrize("given, attempts, chosen, said", [
