@@ -24,7 +24,6 @@ from tests.running import python, rows
 ROOT = pathlib.Path(__file__).parents[2]
 SCENE = rows(__file__, "scene")
 MESH = '[[solid]]\nshape = "mesh"\nfile = "{}"\ncenter = [0.0, 0.0, 0.0]\n[effects.shape_matching]\n'
-CLOUD = 'shape = "cloud"\nposition = {}\n'
 
 
 @pytest.fixture
@@ -47,7 +46,6 @@ def one_sentence(err):
 
 # -- mistakes
 BOX = 'shape = "box"\ncells = [6, 10, 1]'
-SIZES = "spacing = 0.01\nsupport_radius = 0.02"
 BAD = rows(__file__, "bad_scenes") | {
     "effect that an effect needs": (SCENE[SCENE.index("[effects.w") : SCENE.index("[effects.g")], "", "needs effect"),
     "400 digits": ("spacing = 0.01", "spacing = 1" + "0" * 400, "spacing = 1000000000"),

@@ -164,17 +164,6 @@ def test_parts_of_the_ladder_that_are_not_there_are_bad_input():
 
 
 # Judging
-def test_programs_may_return_or_write_and_name_what_they_want():
-    def written(acceleration, field, unused=3):
-        acceleration += field
-
-    def returned(**given):
-        return np.broadcast_to(given["field"], given["acceleration"].shape).copy()
-
-    for program in (written, returned):
-        found = judged(program, steps=("T1", "T2", "T7"))
-        assert len(found) > 20
-        assert all(o.passed for o in found), program
 
 
 # What a program may not touch

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from refsim import contract
-from refsim.__main__ import main
 from refsim.contract import Target, describe
 from refsim.contract.answers import parameters
 from refsim.contract.bounds import oracle
@@ -30,16 +29,6 @@ def test_everything_that_an_operation_takes_is_described():
         assert len(told) == len(set(map(str, told))) == len(operation.variants), name
 
 
-def test_integers_are_told_by_name(capsys):
-    assert main(["contract", "jiang_zhu_2023.tension", "--arguments"]) == 0
-    out = capsys.readouterr().out
-    assert "0 poly6, 1 spiky, 2 cubic_spline, 3 wendland_c2" in out
-    assert "of PAIR_MODES: 0 soft, 1 all, 2 one_sided, 3 either, 4 both" in out
-    assert "variant 0: with cohesion; without surface_weight, surface, area_normal, area, axial; pairs.mode = 1" in out
-    assert main(["contract", "sph.density", "--arguments"]) == 0
-    assert "variant 0: without number_density, asymmetry, walls, period\n" in capsys.readouterr().out
-
-
 def test_the_stub_runs_and_says_what_is_missing():
     for number, (name, operation) in enumerate(REGISTRY.items()):
         module = types.ModuleType("mine")
@@ -53,16 +42,6 @@ def test_the_stub_runs_and_says_what_is_missing():
         assert failed, name
         for o in failed:
             assert MISSING.search(o.words).group(2) in operation.outputs, (name, o.words)
-
-
-def test_the_command_prints_the_stub(capsys):
-    names = ["sph.density", "sph.momentum"]
-    assert main(["contract", "--template", *names]) == 0
-    assert capsys.readouterr().out.rstrip("\n") == describe.template(names).rstrip("\n")
-    assert main(["contract", "--template", "sph.densty"]) == 2
-    assert "did you mean sph.density?" in capsys.readouterr().err
-    assert main(["contract", "--template"]) == 2
-    assert "name an operation" in capsys.readouterr().err
 
 
 cases.discover()

@@ -137,19 +137,6 @@ def test_arrays_of_other_libraries_are_given_and_taken():
     assert contract.to_numpy([1.0]) is None
 
 
-def test_arrays_in_groups_are_converted():
-    def density(position, neighbours, walls, smoothing, density):
-        kinds.update(map(type, (position, *neighbours, walls.position, density)))
-        assert isinstance(smoothing.support_radius, np.float64)
-        density.values[:] = 0
-
-    kinds = set()
-    programs = contract.Programs({"sph.density": density}, dtypes=("float64",), convert=OfDlpack)
-    outcomes = list(contract.trials(programs, "sph.density", variants=(1,), steps=("T1",)))
-    assert kinds == {OfDlpack}
-    assert all(o.words == "your program does not write number_density, asymmetry" for o in outcomes)
-
-
 def test_the_only_wanted_output_is_returned_as_an_array_also_beside_optional_ones():
     def density(position, mass, smoothing):
         given = {}

@@ -77,33 +77,3 @@ def test_declarations_of_other_operations_compile(name, tmp_path):
 def test_an_operation_that_is_not_there_is_bad_input():
     with pytest.raises(InputError, match=r"there is no operation sph.densty"):
         native.library("a.so", ["sph.densty"])
-
-
-@pytest.mark.parametrize("name", ["sph.density", "sph.momentum", "heat.chebyshev"])
-def test_a_module_declares_every_argument_once(name):
-    """With its intent, its shape reversed, and a type for each group of numbers; comments and lines are short."""
-    operation = REGISTRY[name]
-    text = native.module(operation)
-    before, _, routine = text.partition("  interface\n")
-    for argument, (row, members) in native.parts(operation).items():
-        declared = [
-            line.strip()
-            for line in routine.splitlines()
-            if line.strip().endswith((f":: {argument}",)) or f":: {argument}(" in line
-        ]
-        assert len(declared) == 1, argument
-        (line,) = declared
-        assert (", optional" in line) == row.optional or not (members or native.split(row.kind)[1])
-        if members:
-            assert line.startswith(f"type(refsim_{argument}), intent(in)")
-            own = before.partition(f"type, bind(c) :: refsim_{argument}\n")[2].partition("  end type")[0]
-            lines = [one for one in own.splitlines() if "!" not in one]
-            assert [one.split(":: ")[1] for one in lines] == [m.name.partition(".")[2] for m in members] + ["rows"]
-            assert ["c_ptr" in one for one in lines[:-1]] == [bool(native.split(m.kind)[1]) for m in members]
-        elif shape := native.split(row.kind)[1]:
-            assert f"intent({'in' if row.role == 'in' else 'inout'})" in line
-            assert line.endswith(f"({', '.join(shape[::-1])})")
-        else:
-            assert ", value ::" in line
-    assert max(map(len, text.splitlines())) <= 140
-    assert all(len(line.partition("! ")[2]) <= 130 for line in text.splitlines())

@@ -6,10 +6,8 @@ import math
 import re
 
 import numpy as np
-import pytest
 
 from refsim import contract
-from refsim.contract import answers
 from refsim.contract.apart import LibraryDescription, Request
 from refsim.contract.inputs import Inputs
 from refsim.contract.parameters import groups_of, shape_acts
@@ -53,15 +51,6 @@ def test_a_standard_heat_code_passes():
     assert not failures(STANDARD, "heat.explicit", steps=("T1", "T2", "T5", "T7", "T9", "T10"))
 
 
-def test_readings_as_printed_are_judged_unless_they_are_declared_away():
-    declared = contract.Programs({"heat.explicit": heat}, dtypes=("float64",), without=STANDARD.without, name="heat")
-    failed = failures(declared, "heat.explicit", steps=("T2", "T10"))
-    assert any("printed_readings" in words for words in failed)
-    assert any("conduction.harmonic" in words for words in failed)
-    left_out = {o.not_judged for o in contract.trials(STANDARD, "heat.explicit", steps=("T2",))}
-    assert "a reading as printed" in left_out
-
-
 def test_a_flag_that_is_printed_otherwise_is_a_reading():
     """By the comment behind it: an erratum, or what is printed. Of no group a member is named that it has not."""
     cases.discover()
@@ -81,57 +70,6 @@ def test_a_flag_that_is_printed_otherwise_is_a_reading():
     assert len(flags) > 15
 
 
-def test_a_group_that_is_there_for_a_reading_alone_is_left_out():
-    operation, declared = REGISTRY["mpm.particle_to_grid"], contract.Programs(readings=False)
-    variants = [variant for variant in operation.variants if variant.get("kernel_gradient", "") is not None]
-    assert {declared.unsupported(operation, variant) for variant in variants} == {"with kernel_gradient"}
-    assert {contract.Programs().unsupported(operation, variant) for variant in variants} == {""}
-
-
-# r = h
-@pytest.mark.parametrize("squared", [False, True])
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_pairs_within_rounding_of_the_support_radius_may_count_or_not(dtype, squared):
-    """Akinci's area term K_ij (n_i - n_j) is not zero at r = h; whether a pair is nearer is decided in `dtype`."""
-    operation = REGISTRY["akinci_2013.tension"]
-    reference = operation.program("numpy")
-
-    def tension(**given):
-        acceleration = given.pop("acceleration")
-        position, h = given["position"], given["smoothing"].support_radius
-        apart = position[:, None] - position[None]
-        square = (apart * apart).sum(2)
-        near = square < h * h if squared else np.sqrt(square) < h
-        taken = [given.get(name) for name in operation.arguments("numpy")]
-        for i in range(len(position)):  # each row over the particles that are near by this program's own test
-            moved = np.where(near[i][:, None], position, position[i] + 10 * h)
-            taken[0] = moved
-            (own,), _ = reference(*taken, rows=np.array([i]))["acceleration"]
-            acceleration[i] += own.astype(dtype)
-
-    programs = contract.Programs({"akinci_2013.tension": tension}, dtypes=(dtype,), name="by_distance")
-    for case in ("thin_sheet", "lattice_3d"):
-        steps = contract.ladder(programs, "akinci_2013.tension", (dtype,), (0, 1), ("T2",))
-        for step in (s for s in steps if s.trial and s.trial.name == case):
-            assert step.perform().passed, str(step.perform())
-
-
-# NaN
-def beside_walls(position, mass, walls, smoothing, density):
-    cubic(position, mass, smoothing, density)
-
-
-def over_lists(position, mass, neighbours, smoothing, density):
-    cubic(position, mass, smoothing, density)
-
-
-def test_a_nan_may_meet_the_zero_of_the_kernel_in_programs_over_all_pairs():
-    for program, passed in ((cubic, True), (beside_walls, True), (over_lists, False)):
-        programs = dataclasses.replace(OWN, programs={"sph.density": program})
-        outcomes = [o for o in contract.trials(programs, "sph.density", steps=("T9",)) if not o.not_judged]
-        assert [o.passed for o in outcomes] == [passed] * 2
-
-
 # What was not judged
 def cubic(position, mass, smoothing, density):
     h, dim = float(smoothing.support_radius), int(smoothing.dim)
@@ -141,23 +79,10 @@ def cubic(position, mass, smoothing, density):
     density[:] = (scale * w * mass[None]).sum(1)
 
 
-def in_the_plane(position, mass, smoothing, density):
-    """With a branch that looks at x and y alone."""
-    cubic(position[:, : int(smoothing.dim)], mass, smoothing, density)
-
-
 OWN = contract.Programs(
     {"sph.density": cubic}, kernels=("cubic_spline",), dtypes=("float64",), walls=False, name="cubic",
     without=("number_density", "asymmetry", "period"),
 )  # fmt: skip
-
-
-def test_a_branch_for_the_plane_meets_places_in_the_plane_alone():
-    """T10 changes the dimension, too."""
-    programs = dataclasses.replace(OWN, programs={"sph.density": in_the_plane})
-    outcomes = [o for o in contract.trials(programs, "sph.density", steps=("T2", "T10")) if not o.not_judged]
-    assert not [str(o) for o in outcomes if not o.passed]
-    assert [o.trial for o in outcomes if ".dim" in o.trial] == ["another smoothing.dim in the plane"]
 
 
 def test_what_is_declared_and_met_no_trial_is_a_gap():
@@ -200,26 +125,6 @@ def test_what_takes_too_long_is_said_by_number_and_size():
         assert ('failures="0"' in tests) is holds
         assert ("sph.density is not tried with 70,000 particles (1 trial): a call would take" in words) is (not most)
         assert ("Not judged, as declared (trials or whole variants): above 3,000 particles (1)" in words) is bool(most)
-
-
-@pytest.mark.parametrize("power, tried", [(1.0, True), (2.0, False)])
-def test_seconds_of_many_particles_follow_from_two_sizes(power, tried, monkeypatch):
-    """Of the processor: 1 s with 3,000 particles is 23 s or 544 s with 70,000; sleeping counts nothing."""
-    spent = []
-    monkeypatch.setattr(answers.Seconds, "now", lambda: answers.Seconds(0.0, math.fsum(spent)))
-
-    def density(position, density):
-        spent.append((len(position) / 3000) ** power)
-        density[:] = 1
-
-    programs = dataclasses.replace(OWN, programs={"sph.density": density})
-    (step,) = (
-        s for s in contract.ladder(programs, "sph.density", variants=(0,), steps=("T3",)) if s.name == answers.MANY
-    )
-    assert answers.seconds_of_many(step.target) == pytest.approx((70 / 3) ** power)
-    spent.clear()
-    monkeypatch.setattr(answers, "MOST_SECONDS", 100.0)
-    assert step.perform().untried is not tried
 
 
 def test_closed_forms_are_there_for_every_kernel():

@@ -133,17 +133,6 @@ def test_a_slip_is_found(other, tmp_path, capsys):
     )  # fmt: skip
 
 
-def test_a_scene_without_another_spacing_is_judged_by_chaos(tmp_path, capsys):
-    scene = tmp_path / "prime.toml"
-    scene.write_text(SCENE.replace("cells = [6, 8, 1]", "cells = [5, 7, 1]"))
-    folder = written(tmp_path / "run", run_of(scene)[:3])
-    code, found, _ = judged(capsys, scene, folder)
-    assert code == 0
-    assert "its boxes have no spacing near 0.03 m" in found["coarser"]
-    main(["contract", "--run", str(scene), folder, "--backend", "numpy"])
-    assert "There is no coarser run: " in capsys.readouterr().out
-
-
 def test_vtk_files_are_read(other, tmp_path):
     if importlib.util.find_spec("pyvista") is None:
         pytest.skip("pyvista is not installed")
@@ -213,16 +202,6 @@ def test_npz_files_of_pysph_are_read(other, tmp_path):
     np.savez(tmp_path / "dam_3.npz", particles={"fluid": pathlib.Path("x")}, solver_data={"t": 0.0})
     with pytest.raises(InputError, match="which is no plain data"):
         trajectory(tmp_path)
-
-
-@pytest.mark.parametrize("asked", ["0.0300172", "0.030017216"])
-def test_a_time_as_printed_finds_the_only_frame(asked, other, tmp_path, capsys):
-    """Of a frame at 0.03001722 s; a time that lies farther away is told with all its digits."""
-    scene, frames = other
-    folder = written(tmp_path / "run", [{"time": 0.03001722, "position": frames[-1]["position"]}])
-    judged(capsys, scene, folder, "--at", asked)
-    assert main(["contract", "--run", str(scene), folder, "--at", "0.0300175"]) == 2
-    assert "has no frame at 0.0300175 s; the nearest is at 0.03001722 s" in capsys.readouterr().err
 
 
 BAD = {
