@@ -112,18 +112,6 @@ class WallNodes(NamedTuple):
     rules: Any  # (6,) int32: see RULES
 
 
-class Mirrors(NamedTuple):
-    """The faces of `WallNodes` mirror the liquid: they have a contact angle."""
-
-    on: Any  # 1: the walls mirror the liquid
-
-
-class Contact(NamedTuple):
-    """Force of a wall at the edge of the wetted area."""
-
-    pull: Any  # k cos(contact angle) [N/m; N in the plane]
-
-
 class MpmLiquid(
     Effect, KnowsParticleMass, LimitsMassRatio, NeedsCellOrder, HoldsOtherMemory, RunMonitor, HasErrata, JudgesStart,
     frozen=True, kw_only=True,
@@ -240,9 +228,8 @@ class MpmLiquid(
         from refsim.mpm.memory import blocks_at, grid_bytes  # after this module
 
         blocks = blocks_at(position, grid.dim, grid.dtype, self.cell(grid), backend)
-        tension, surface = self.step(others).tension, surface_of(others)
-        hosted = surface is not None and surface.host_in_step
-        size = grid_bytes(blocks, grid.count, grid.dim, grid.dtype, backend, tension, hosted=hosted)
+        tension = self.step(others).tension
+        size = grid_bytes(blocks, grid.count, grid.dim, grid.dtype, backend, tension)
         return {"background_grid": size}
 
     def step(self, others: Others) -> Step:
@@ -252,7 +239,6 @@ class MpmLiquid(
         tension = surface is not None and not idle
         return Step(
             reading=None if surface is None else surface.embedding, tension=tension,
-            contact=tension and surface is not None and surface.wets(others) and surface.contact_pull() != 0,
             viscous=self.dynamic_viscosity > 0 and not idle,
             deforms=self.volume != "ratio", accelerated=_others_push(self, others) and not idle,
             listed=any(e.list_radius(_ANY) > 0 for e in others.values()),
@@ -288,7 +274,6 @@ class MpmLiquid(
         acceleration, surface = acceleration_of(others), surface_of(others)
         walls = next((effect for effect in others.values() if isinstance(effect, MpmWalls)), None)
         idle = "M7" in printed  # (4.12) to (4.14) with v^n: what makes v^(n+1) of it reaches no particle
-        wet = surface is not None and surface.wets(others) and not idle
         share = 0.0 if idle else 1.0
         pull = any(acceleration) and not idle
         return {
@@ -303,8 +288,6 @@ class MpmLiquid(
             "planes": walls.nodes(
                 grid, self.cell(grid),
             ) if walls is not None and walls.stand(grid) and not idle else None,
-            "mirrors": Mirrors(np.int32(1)) if wet else None,
-            "contact": None if surface is None or not wet else Contact(grid.real(surface.contact_pull())),
             "embedding": Embedding(np.int32(0 if surface is None else READINGS.index(surface.embedding))),
             "kernel_gradient": KernelGradient(np.int32(1)) if "M6" in printed else None,
             "viscous_stress": ViscousStress(grid.real(self._viscous_factor(grid))),

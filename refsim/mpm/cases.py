@@ -25,12 +25,10 @@ from refsim.mpm import (
     OPEN,
     READINGS,
     RULES,
-    Contact,
     Counting,
     Embedding,
     KernelGradient,
     Liquid,
-    Mirrors,
     MpmLiquid,
     MpmWalls,
     ViscousStress,
@@ -38,10 +36,7 @@ from refsim.mpm import (
     operations,
 )  # fmt: skip
 from refsim.mpm.grid import SLACK, Background, MpmGrid
-from refsim.mpm.limits import IMAGED_ROWS
-from refsim.sparse_grid import PointList
 from refsim.sparse_grid.reference import node_table
-from refsim.surface_energy import Tension, surface_term
 
 cases.example(MpmLiquid(bulk_modulus=1e4), brings="affine cell step_extremes volume_ratio")
 cases.example(MpmWalls(lower=(-0.2, 0.0, -0.2), upper=(0.8, 0.8, 0.8)))
@@ -98,22 +93,6 @@ as_printed, corrected = cases.other("embedding", reading=2), cases.other("embedd
 groups(step_extremes=lambda case, grid: np.zeros(4, grid.dtype))
 
 
-@groups("contact", "mirrors")
-def _contact(case, grid):
-    """0.07 N/m at 60 degrees."""
-    return {"contact": Contact(grid.real(0.035)), "mirrors": Mirrors(np.int32(1))}
-
-
-@derived("sample_line")
-def _sample_line(inputs, name):
-    """Lines of about a cell on one sample of three."""
-    case, random = inputs.case, inputs.case.random(name)
-    count = len(inputs["sample_position"])
-    values = case.spacing ** (case.dim - 2) * random.normal(size=(count, 3)) * (np.arange(count) % 3 == 0)[:, None]
-    values[:, case.dim :] = 0
-    return values.astype(inputs.dtype)
-
-
 def wall_nodes(*values) -> WallNodes:
     return WallNodes(*(np.array(row, np.int32) for row in values))
 
@@ -145,7 +124,6 @@ VARIATIONS[Background] = Variation(
 )
 VARIATIONS[Embedding] = Variation(other={"reading": lambda reading: reading + 1})
 VARIATIONS[KernelGradient] = Variation(held={"on": "the group's presence is the reading"})
-VARIATIONS[Mirrors] = Variation(held={"on": "the group's presence is the reading"})
 cases.codes(Embedding, reading={name: number for number, name in enumerate(READINGS)})
 cases.codes(WallNodes, rules=RULES)
 cases.readings(embedding="reading", liquid="linear_stress unit_volume timeless", kernel_gradient="")
@@ -404,7 +382,7 @@ def _walls(field, planes, samples=None):
     mass = np.where(table[:, 2] == 1, 2.0, 0.0)
     momentum = np.broadcast_to([2.0, -4.0, 1.0], (grid.nodes, 3)).copy()
     inputs = {"grid": grid, "background": background, "timestep": STEPS, "node_mass": mass, "node_momentum": momentum}
-    inputs |= {"node_pull": None, "field": field, "planes": planes, "mirrors": None}
+    inputs |= {"node_pull": None, "field": field, "planes": planes}
     return case, inputs, table, mass > 0
 
 
@@ -431,45 +409,6 @@ def walls_on_nodes():
     v = np.where(heavy[:, None], [1.0, -2.0, 0.0], 0.0)
     v[table[:, 1] <= 1, 1] = 0
     v[table[:, 0] <= 0] = 0
-    return Exact(case, inputs, {"node_velocity": v})
-
-
-@closed_form("mpm.grid_update")
-def mirrored_nodes():
-    """Slip at x <= 1, nodes of 2 and 1 kg opposite each other, (2, -4, 1) m/s: the pair has (4 - 2)/3 m/s along x."""
-    far = 1 << 30
-    planes = wall_nodes([1, -far, -far], [far, far, far], [2, 0, 0, 0, 0, 0])
-    case, inputs, table, heavy = _walls(None, planes)
-    mass = np.where(heavy, np.where(table[:, 0] == 0, 1.0, 2.0), 0.0)
-    inputs |= {"mirrors": Mirrors(1), "node_mass": mass}
-    inputs["node_momentum"] = np.where(table[:, :1] == 0, [2.0, -4.0, 1.0], [4.0, -8.0, 2.0])
-    v = np.where(heavy[:, None], [2.0, -4.0, 1.0], 0.0)
-    v[(table[:, 0] == 1) & heavy] = [0.0, -4.0, 1.0]
-    v[(table[:, 0] == 2) & heavy] = [2 / 3, -4.0, 1.0]
-    v[(table[:, 0] == 0) & heavy] = [-2 / 3, -4.0, 1.0]
-    return Exact(case, inputs, {"node_velocity": v})
-
-
-@closed_form("mpm.grid_update")
-def a_corner_of_mirrors():
-    """Slip at x <= 5, sticky at y <= 2, nodes of 2 x 2 kg, half of it behind each wall, all with (2, -4, 1) m/s.
-
-    A node and its image in x have a third of the velocity along x; a node and its image in y a third of it all, and on
-    that wall none. Nodes behind move as their images do, nodes farther behind x than three rows do not move. The other
-    planes have no rule and no meaning.
-    """
-    planes = wall_nodes([5, 2, 0], [7, 0, 2], [2, 0, 1, 0, 0, 0])
-    case, inputs, table, _ = _walls(None, planes, np.array([[18.0, 2.0, 2.0]]))  # nodes 0 to 15 along x
-    x, y = table[:, 0], table[:, 1]
-    mass, flow = np.where(x < 5, 1.0, 2.0) * np.where(y < 2, 1.0, 2.0), np.array([2.0, -4.0, 1.0])
-    inputs |= {"mirrors": Mirrors(1), "node_mass": mass, "node_momentum": mass[:, None] * flow}
-    from_x, from_y = np.abs(x - 5), np.abs(y - 2)
-    v = flow * np.where(from_y <= 2, 1 / 3, 1.0)[:, None]  # three rows behind y there are no nodes
-    v[from_x <= 3, 0] /= 3
-    v[x < 5, 0] *= -1
-    v[y < 2] *= -1
-    v[x == 5, 0] = 0
-    v[(y == 2) | (x < 2)] = 0
     return Exact(case, inputs, {"node_velocity": v})
 
 
@@ -504,31 +443,6 @@ def one_wall_on_nodes(face: int, rule: int) -> Exact:
     elif rule == RULES["slip"] or into:
         v[side <= 0, axis] = 0
     return Exact(case, inputs, {"node_velocity": v})
-
-
-@closed_form("mpm.grid_update", over=FACES_AND_RULES)
-def one_mirror_on_nodes(face: int, rule: int) -> Exact:
-    """Nodes of 2 kg on a mirror and before it and of 1 kg behind it, all with (2, -4, 1) m/s.
-
-    A pair has (2 - 1)/3 of the velocity across, and all of it along a slip wall, a third along a sticky one. The node
-    behind has the opposite across, and along a sticky wall as well. On the mirror it is 0 across; on a sticky one, all.
-    Farther behind it than images reach, nodes do not move.
-    """
-    planes, axis, side = _one_wall(face, rule)
-    case, inputs, _, _ = _walls(None, planes)
-    near, buried = np.abs(side) <= 1, side < -IMAGED_ROWS
-    mass = np.where(near, np.where(side < 0, 1.0, 2.0), np.where(buried, 1.0, 0.0))
-    flow = np.array([2.0, -4.0, 1.0])
-    inputs |= {"mirrors": Mirrors(1), "node_mass": mass, "node_momentum": mass[:, None] * flow}
-    along = 1 / 3 if rule == RULES["sticky"] else 1.0
-    share = np.full((len(side), 3), along)
-    share[:, axis] = 1 / 3
-    share[side < 0, axis] *= -1
-    if rule == RULES["sticky"]:
-        share[np.ix_(side < 0, np.arange(3) != axis)] *= -1
-        share[side == 0] = 0
-    share[side == 0, axis] = 0
-    return Exact(case, inputs, {"node_velocity": np.where(near[:, None], share * flow, 0.0)})
 
 
 def _moving(dim):
@@ -612,21 +526,3 @@ def counted_alone():
     }  # fmt: skip
     q = np.array([1.5 * 6 / 4 * (19 / 32) ** 2])
     return Exact(case, inputs, {"crowding": q, "greatest_crowding": q})
-
-
-@closed_form("mpm.contact", over=(np.array([[-2.0, 0.0, 0.0]]), np.eye(3)))
-def edges_on_a_node(lines: np.ndarray):
-    """Edges of the wetted area with these lines [m] at the node (2, 2, 2) m, k cos(theta) = 1/2 N/m.
-
-    A line of 2 m along -x: 1/8, 3/4, 1/8 of -1 N along each axis. Lines of 1 m along x, y and z: of 1/2 N along each.
-    """
-    case, grid, _ = alone(3)
-    place, inverse = np.repeat(case.position, len(lines), axis=0), 0.5
-    cell = operations.cells(place, np.zeros((0, 3)), np.zeros((0, 3)), grid)["cell"][0].astype(np.int32)
-    first = np.searchsorted(cell, np.arange(grid.nodes + 1)).astype(np.int32)
-    inputs = {
-        "sample_position": place, "sample_line": lines, "blocks": grid.blocks,
-        "spline_cells": PointList(first, np.arange(len(lines), dtype=np.int32), cell),
-        "surface_term": surface_term(Tension(surface_tension=1.0), 3, "float64", 1 / inverse), "contact": Contact(0.5),
-    }  # fmt: skip
-    return Exact(case, inputs, {"node_force": 0.5 * weight_of(grid)[:, None] * lines.sum(0)})

@@ -7,7 +7,7 @@ import math
 
 from refsim.backends.compile import formula
 from refsim.backends.tuples import entrywise
-from refsim.mpm.limits import FARTHEST, IMAGED_ROWS
+from refsim.mpm.limits import FARTHEST
 
 STICKY, SLIP, SEPARATING = 1, 2, 3
 CLUSTER, CORRECTED = 1, 3  # readings of the embedding; 0 is none, 2 the thesis's
@@ -91,72 +91,3 @@ def inverse_spread(xx, xy, xz, yy, yz, zz):
     c = xy * yz - xz * yy
     det = xx * a + xy * b + xz * c
     return a / det, b / det, c / det, (xx * zz - xz * xz) / det, (xy * xz - xx * yz) / det, (xx * yy - xy * xy) / det
-
-
-# Mirrors of an axis, at nodes `low` and `high`, each there if its rule is not 0
-
-
-@entrywise
-def canonical(j, low, high, low_rule, high_rule):
-    """The node a on the liquid's side of the mirrors of which j is an image, dimensionless: a = 2 low - j below,
-    2 high - j above, else j."""
-    if low_rule > 0 and j < low:
-        return 2 * low - j
-    if high_rule > 0 and j > high:
-        return 2 * high - j
-    return j
-
-
-@entrywise
-def within_rows(j, low, high, low_rule, high_rule):
-    """Whether node j (dimensionless) is in the imaged rows behind a wall, or in their images."""
-    return (low_rule > 0 and j <= low + IMAGED_ROWS) or (high_rule > 0 and j >= high - IMAGED_ROWS)
-
-
-@entrywise
-def buried(j, low, high, low_rule, high_rule):
-    """Whether node j (dimensionless) is farther behind a wall than the liquid reaches, so that m_j = 0."""
-    return (low_rule > 0 and j < low - IMAGED_ROWS) or (high_rule > 0 and j > high + IMAGED_ROWS)
-
-
-@entrywise
-def image(j, which, low, high, low_rule, high_rule):
-    """Image i = 2 low - j (1) or 2 high - j (2) of node j, j itself (0), dimensionless; NOWHERE if there is none.
-
-    Points reach at most IMAGED_ROWS rows behind a mirror, and a node on it is its own image.
-    """
-    if which == 0:
-        return j
-    if which == 1 and low_rule > 0 and 0 < j - low <= IMAGED_ROWS:
-        return 2 * low - j
-    if which == 2 and high_rule > 0 and 0 < high - j <= IMAGED_ROWS:
-        return 2 * high - j
-    return NOWHERE
-
-
-@entrywise
-def mirror_of(a, j, low):
-    """Which mirror, as for `image`, makes node j of node `a` on the liquid's side, dimensionless; 0 if j = a."""
-    if a == j:
-        return 0
-    return 1 if j < low else 2
-
-
-@entrywise
-def on_mirror(j, low, high, low_rule, high_rule):
-    """(whether node j is on a sticky face, v = 0; whether it is on any, n.v = 0 [m/s])."""
-    below, above = low_rule > 0 and j == low, high_rule > 0 and j == high
-    return (below and low_rule == STICKY) or (above and high_rule == STICKY), below or above
-
-
-@entrywise
-def reflection(which, low_rule, high_rule):
-    """Signs of v' = (-v_n, +-v_t), the image of a velocity in a face (dimensionless), `which` as for `image`.
-
-    Slip and separating: -1, 1, since liquid that wets a wall leaves it at the edge only. Sticky: -1, -1, so that the
-    velocity on the face is zero.
-    """
-    if which == 0:
-        return 1, 1
-    rule = low_rule if which == 1 else high_rule
-    return -1, -1 if rule == STICKY else 1

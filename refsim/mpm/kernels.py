@@ -5,8 +5,7 @@ from refsim.backends.tuples import added, difference, nine, over, product, put, 
 from refsim.mpm import formulas
 from refsim.mpm.groups import Nodes
 from refsim.mpm.limits import FARTHEST
-from refsim.sparse_grid.formulas import block_key, find_node, node_coordinates, step_node
-from refsim.surface_energy.formulas import place_over, spline_weight
+from refsim.sparse_grid.formulas import block_key, node_coordinates
 
 # Cells and stencils
 
@@ -146,18 +145,14 @@ def embed_samples(i, position, samples, cell_size, carriers, carrier_first, clus
 
 
 @kernel
-def update_nodes(n, nodes, field, planes, mirrors, background, timestep, blocks, node_velocity):
+def update_nodes(n, nodes, field, planes, background, timestep, blocks, node_velocity):
     """(4.19) and the walls: v_j [m/s]."""
-    if mirrors is not None:
-        v = mirrored_update(n, nodes, field, planes, background, timestep, blocks)
-    else:
-        v = node_update(n, nodes, field, planes, background, timestep, blocks)
-    put(node_velocity, n, v)
+    put(node_velocity, n, node_update(n, nodes, field, planes, background, timestep, blocks))
 
 
-def grid_update(nodes: Nodes, field, planes, mirrors, background, timestep, grid, node_velocity):
+def grid_update(nodes: Nodes, field, planes, background, timestep, grid, node_velocity):
     """(4.19) v_j = ((mv)_j + dt f_j)/m_j + dt g [m/s], and the walls."""
-    update_nodes(nodes, field, planes, mirrors, background, timestep, grid.blocks, node_velocity)
+    update_nodes(nodes, field, planes, background, timestep, grid.blocks, node_velocity)
 
 
 @formula
@@ -212,79 +207,3 @@ def at_walls(j, v, planes):
         zero = type(v[0])(0)
         return zero, zero, zero
     return formulas.wall_velocity(v, j, low, high, below, above)
-
-
-@formula
-def mirrored_update(node, nodes, field, planes, background, timestep, blocks):
-    """(4.19) at walls that mirror the liquid [m/s]: masses, momenta and forces of a node's images are added to its own.
-
-    The velocity is that of the node on the liquid's side; a node behind the wall moves as its image.
-    """
-    j = node_coordinates(blocks, node)
-    low, high, below, above = faces_of(planes)
-    if not any_of(formulas.within_rows(j, low, high, below, above)):
-        return node_update(node, nodes, field, None, background, timestep, blocks)
-    real = type(background.least_mass)
-    rest = real(0), real(0), real(0)
-    if any_of(formulas.buried(j, low, high, below, above)):
-        return rest
-    canonical = formulas.canonical(j, low, high, below, above)
-    mass, momentum = real(0), rest
-    for kz in range(3):
-        for ky in range(3):
-            for kx in range(3):
-                which = kx, ky, kz
-                ix, iy, iz = formulas.image(canonical, which, low, high, below, above)
-                if ix == formulas.NOWHERE or iy == formulas.NOWHERE or iz == formulas.NOWHERE:
-                    continue
-                n = find_node(blocks, ix, iy, iz)
-                if n < 0:
-                    continue
-                sx, sy, sz = signs(which, below, above)
-                mass += nodes.node_mass[n]
-                px, py, pz = pushed(n, nodes.node_momentum, nodes.node_pull, timestep[1])
-                momentum = added(momentum, (real(sx) * px, real(sy) * py, real(sz) * pz))
-    if not mass > background.least_mass:
-        return rest
-    vx, vy, vz = accelerated(momentum, mass, field, timestep[1])
-    (stuck_x, rests_x), (stuck_y, rests_y), (stuck_z, rests_z) = formulas.on_mirror(canonical, low, high, below, above)
-    if stuck_x or stuck_y or stuck_z:
-        return rest
-    vx = real(0) if rests_x else vx
-    vy = real(0) if rests_y else vy
-    vz = real(0) if rests_z else vz
-    sx, sy, sz = signs(formulas.mirror_of(canonical, j, low), below, above)
-    return real(sx) * vx, real(sy) * vy, real(sz) * vz
-
-
-@formula
-def signs(which, below, above):
-    """Signs of the components of a velocity after a mirror of each axis: 0 none, 1 the lower, 2 the upper one."""
-    (xn, xt), (yn, yt), (zn, zt) = formulas.reflection(which, below, above)
-    return xn * yt * zt, xt * yn * zt, xt * yt * zn
-
-
-@kernel
-def contact(i, sample_position, sample_line, spline_cells, blocks, surface_term, contact, node_force):
-    """Young's force k cos(theta) sum_s B_i(x_s) l_s [N], added to that on node i; l_s: outward normals of the edge of
-    the wetted area, in the wall, times length."""
-    real = type(surface_term.cell_size)
-    total = real(0), real(0), real(0)
-    space = blocks.neighbour.shape[1] == 27
-    for kz in range(3 if space else 1):
-        for ky in range(3):
-            for kx in range(3):
-                cell = step_node(blocks, i, -kx, -ky, -kz)
-                if cell < 0:
-                    continue
-                for k in range(spline_cells.first[cell], spline_cells.first[cell + 1]):
-                    s = spline_cells.point[k]
-                    line = three(sample_line, s)
-                    if line[0] == real(0) and line[1] == real(0) and line[2] == real(0):
-                        continue
-                    fx, fy, fz = place_over(sample_position, s, node_coordinates(blocks, cell), surface_term)
-                    weight = spline_weight(fx, kx) * spline_weight(fy, ky)
-                    if space:
-                        weight *= spline_weight(fz, kz)
-                    total = added(total, scaled(line, weight))
-    put(node_force, i, added(three(node_force, i), scaled(total, contact.pull)))

@@ -2,4 +2,3 @@
 
 FARTHEST = (1 << 20) - 16  # cells from the origin up to which there are blocks
 DEEP = 2  # a block around which all blocks are complete
-IMAGED_ROWS = 3  # of nodes behind a mirror that the liquid may reach

@@ -27,13 +27,11 @@ def blocks_at(position: np.ndarray, dim: int, dtype: str, cell_size: float, back
 
 def grid_bytes(
     blocks: int, particles: int, dim: int, dtype: str, backend: str, tension: bool = False, sets: Iterable[int] = (),
-    hosted: bool = False,
 ) -> int:  # fmt: skip
     """Bytes of the background grid after a step, with so many `blocks` since its first one.
 
     tension  whether a surface pulls at the nodes
     sets     points in each set beside the particles: embedded points, samples
-    hosted   the host sorts, which looks at the surface
     """
     real, nodes = np.dtype(dtype).itemsize, NODES * blocks
     reach = {2: 10**2, 3: 6**3}[dim]  # nodes that the particles of a block reach
@@ -46,8 +44,6 @@ def grid_bytes(
     lists = sum(4 * (bins + count) for count in (particles, *sets)) + sum(4 * count for count in sets)
     if not on_device:
         return tables + arrays + lists
-    if hosted:
-        return tables + arrays + lists + with_room(blocks) * 5 * real
     counts = 4 * (nodes + -(-nodes // TILE) + 1)  # of each cell, of tiles of cells, of all
     sorting = sum(counts + 8 * count for count in (particles, *sets)) + 4 * with_room(particles)
     return tables + arrays + lists + sorting + with_room(blocks) * 5 * real

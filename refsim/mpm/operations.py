@@ -7,7 +7,7 @@ by the rounding of the particle's position in its cell.
 import numpy as np
 
 from refsim.core.operation import operations, without
-from refsim.core.terms import Terms, certain, trace, where
+from refsim.core.terms import Terms, certain, trace
 from refsim.mpm import reference as ref
 from refsim.neighbours.sums import Fields, Pairs
 from refsim.sparse_grid.reference import Lookup, node_table
@@ -239,26 +239,6 @@ def carriers_to_grid(
     )  # fmt: skip
 
 
-@operation(
-    "k_wall = -k cos(theta) at the edge of the wetted area (Young)", adds="node_force", tolerance=8.0,
-    reason="splines, products and sum", cases="",
-)  # fmt: skip
-def contact(sample_position, sample_line, spline_cells, blocks, surface_term, contact):
-    """f_j = k cos(theta) sum_s B_j(x_s) l_s [N], added to the force on node j."""
-    nodes, u = node_table(blocks), _f(sample_position) * float(surface_term.inverse_cell)
-    dim, edge = 3 if blocks.neighbour.shape[1] == 27 else 2, Fields(line=_f(sample_line))
-    force = Terms(np.zeros((len(nodes), 3)), rank=1)
-    # a difference in float64 has the rounding error of the position in float64
-    far = np.abs(u).max(1, initial=0) * _rounding(sample_position)
-    for s in np.flatnonzero((edge.line.value != 0).any(1)):
-        apart = u[s, :dim] - nodes[:, :dim]
-        # at the edge of its spline rounding decides whether a node has a share
-        loose = (np.abs(apart) < 1.5 + 1e-3).all(1) * (1 + far[s])
-        js = Fields(weight=Terms(spline(apart).prod(1), loose))
-        force = force + ref.wetting_force(None, edge.at([s]), js, float(contact.pull))
-    return {"node_force": force}
-
-
 # On the nodes
 
 
@@ -268,53 +248,19 @@ def _faces(planes):
     return [(c, int((planes.lower, planes.upper)[s][c]), 1 - 2 * s, int(planes.rules[2 * c + s])) for c, s in sides]
 
 
-class Images:
-    """Nodes behind mirrors as images of nodes before them.
-
-    sign  of the velocity from there to the node (n, 3): a sticky face reverses all of it, others what is across
-    none  components that are zero (n, 3)
-    """
-
-    def __init__(self, planes, blocks):
-        j = node_table(blocks)
-        place, self.sign, self.there = j.copy(), np.ones(j.shape), np.ones(len(j), dtype=bool)
-        for c, plane, inward, rule in _faces(planes):
-            image, depth = ref.mirrored(j[:, c], plane, inward)
-            place[depth > 0, c] = image[depth > 0]
-            self.sign[depth > 0] *= np.where((rule == ref.STICKY) | (np.arange(3) == c), -1, 1)
-            self.there &= depth <= ref.ROWS_BEHIND
-        self.none = np.zeros(place.shape, dtype=bool)
-        for c, plane, _, rule in _faces(planes):
-            self.none[place[:, c] == plane] |= (rule == ref.STICKY) | (np.arange(3) == c)
-        self.group = np.unique(place, axis=0, return_inverse=True)[1].ravel()
-
-    def added(self, values):
-        """A node's values and those of its images."""
-        row = np.argsort(np.where(self.there, self.group, len(self.group)), kind="stable")[: self.there.sum()]
-        sums = Pairs(Fields(), self.group.max(initial=-1) + 1, Fields(own=values), self.group[row], row)
-        return sums(lambda i, j, ij: j.own).at(self.group)
-
-
 @operation(
-    "(4.11), (4.19), and the walls", outputs="node_velocity", optional="node_pull field planes mirrors",
-    variants=("node_pull field planes mirrors", "mirrors", {"planes": "wide_domain"}),
-    reason="one rounding in each of quotient, product and sum, the sum of a node and its images",
+    "(4.11), (4.19), and the walls", outputs="node_velocity", optional="node_pull field planes",
+    variants=("node_pull field planes", {"planes": "wide_domain"}),
+    reason="one rounding in each of quotient, product and sum",
 )  # fmt: skip
-def grid_update(node_mass, node_momentum, node_pull, field, planes, mirrors, background, timestep, grid):
-    """v_j after forces and walls [m/s]. With mirrors a node behind a wall moves as the image of that before it."""
-    nothing, sign = np.zeros_like(_f(node_momentum)), 1.0
+def grid_update(node_mass, node_momentum, node_pull, field, planes, background, timestep, grid):
+    """v_j after forces and walls [m/s]."""
+    nothing = np.zeros_like(_f(node_momentum))
     j = Fields(mass=node_mass, momentum=node_momentum, force=nothing if node_pull is None else node_pull)
-    if mirrors is not None:
-        images = Images(planes, grid.blocks)
-        sign = Terms(images.sign, rank=1)
-        mass = where(Terms(images.there), images.added(j.mass), 0.0)
-        j = Fields(mass=mass, momentum=images.added(sign * j.momentum), force=images.added(sign * j.force))
     gravity = Terms(nothing if field is None else _f(field)[None], rank=1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        v = sign * ref.node_velocity(j, float(timestep[1]), float(background.least_mass), gravity)
-    if mirrors is not None:
-        v.value[images.none] = 0.0
-    elif planes is not None:
+        v = ref.node_velocity(j, float(timestep[1]), float(background.least_mass), gravity)
+    if planes is not None:
         _hold(v.value, planes, node_table(grid.blocks))
     return {"node_velocity": v}
 

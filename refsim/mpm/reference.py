@@ -10,7 +10,6 @@ import numpy as np
 from refsim.core.terms import determinant, outer, trace, transposed, where
 
 STICKY, SLIP, SEPARATING = 1, 2, 3
-ROWS_BEHIND = 3  # of nodes behind a mirror that the liquid may reach
 
 
 # The grid
@@ -69,11 +68,6 @@ def stress_force(j, p, jp):
 def printed_stress_force(j, p, jp):
     """(4.17) as printed: f_j = -sum_p K_p grad B_j(x_p) [N]."""
     return -(p.stress * jp.slope)
-
-
-def wetting_force(j, s, js, pull):
-    """Young: k_wall = -k cos(theta), f_j = k cos(theta) sum_s B_j(x_s) l_s [N], l_s [m^(d-2)] at the wetted edge."""
-    return pull * js.weight * s.line
 
 
 # On the nodes

@@ -21,7 +21,6 @@ class Step:
 
     reading       of the embedded points ("none", "cluster", ...); None without a surface
     tension       the surface's tension acts on the grid
-    contact       and so does the walls' pull at the edge of the wetted area
     viscous       there is viscosity
     deforms       the deformation gradient F is followed, not J alone
     accelerated   other effects accelerate the particles
@@ -30,7 +29,6 @@ class Step:
 
     reading: str | None
     tension: bool
-    contact: bool
     viscous: bool
     deforms: bool
     accelerated: bool
@@ -60,11 +58,13 @@ class Step:
             reads = ("position", "volume_ratio", "cell", "node_momentum")
             yield self._pass("mpm.count", reads, ("greatest_crowding", "crowding"))
 
-        # Forces on the grid: tension of the surface, (4.18), and pull of the walls at the edge of the wetted area
+        # Force on the grid: tension of the surface, (4.18)
         if self.tension:
-            yield self._force("surface_energy.surface_force", writes=pull)
-        if self.contact:
-            yield self._force("mpm.contact", updates=pull, line="surface.sample_line")
+            held: dict[str, str | None] = {f"sample_{part}": f"surface.sample_{part}" for part in SURFACE_PARTS}
+            held |= {"surface_term": "surface.term", "spline_cells": "grid.sample_cells", "blocks": "grid.blocks"}
+            held |= {"node_force": "grid.node_pull"}
+            reads = ("cell", "samples")
+            yield Pass("surface_energy.surface_force", reads, writes=pull, names=held, stage="motion")
         yield self._pass("mpm.grid_update", ("node_momentum", *pull), ("node_velocity",))
 
         # Grid to particles: velocity, affine field, J or F, and the new position
@@ -105,12 +105,3 @@ class Step:
         stage: Literal["begin", "motion"] = "motion",
     ) -> Pass:  # fmt: skip
         return Pass(operation, reads, writes, updates, names=self._names(), stage=stage)
-
-    def _force(
-        self, operation: str, writes: tuple[str, ...] = (), updates: tuple[str, ...] = (), line: str | None = None
-    ) -> Pass:
-        """A force of the surface's samples on the nodes; `line` names those at the edge of a wetted area."""
-        names: dict[str, str | None] = {f"sample_{part}": f"surface.sample_{part}" for part in SURFACE_PARTS}
-        names |= {"surface_term": "surface.term", "spline_cells": "grid.sample_cells", "blocks": "grid.blocks"}
-        names |= {"node_force": "grid.node_pull"} | ({} if line is None else {"sample_line": line})
-        return Pass(operation, ("cell", "samples"), writes, updates, names=names, stage="motion")

@@ -16,7 +16,7 @@ from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.operation import REGISTRY, Procedure, enter
 from refsim.surface_energy import Tension
-from refsim.surface_energy.run_surface import GATHERED, Face, SurfaceOfRun
+from refsim.surface_energy.run_surface import GATHERED, SurfaceOfRun
 
 if TYPE_CHECKING:
     from refsim.core.effect import InitialState
@@ -53,8 +53,6 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, RunMonitor, frozen=True, kw_only=
 
     embedding         how points are embedded for the samples: "cluster" (default), "thesis", "gradient_corrected" or
                       "none"
-    contact_angle     of the liquid on the walls of `mpm_walls` [degrees], which then mirror it; 180 leaves the surface
-                      along walls as it is
     capillary_number  share b of sqrt(rho h^3/(2 pi k)) that the step may have; the limit of stability is 0.75
     """
 
@@ -64,13 +62,7 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, RunMonitor, frozen=True, kw_only=
     needed: ClassVar[tuple[str, ...]] = ("mpm_liquid",)
 
     embedding: Literal["none", "cluster", "thesis", "gradient_corrected"] = "cluster"
-    contact_angle: float = 180.0
     capillary_number: Positive = 0.3
-
-    @property
-    def host_in_step(self) -> bool:  # type: ignore[override]
-        """Whether the host is needed beside the reconstruction: it mirrors particles."""
-        return self.acts() and self.contact_angle != 180
 
     @property
     def host_passes(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -82,7 +74,7 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, RunMonitor, frozen=True, kw_only=
         return ("greatest_crowding",) if self.acts() else ()
 
     def acts(self) -> bool:
-        """Whether there is tension; else nothing is reconstructed, embedded or mirrored."""
+        """Whether there is tension; else nothing is reconstructed or embedded."""
         return self.surface_tension > 0
 
     def other_memory(self) -> str:
@@ -90,19 +82,11 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, RunMonitor, frozen=True, kw_only=
 
     def check(self, grid: Discretisation, others: Others) -> None:
         self.check_parameters(grid.dim)
-        if not 0 <= self.contact_angle <= 180:
-            raise InputError(
-                f"{self.name}: contact_angle = {self.contact_angle} is not possible; give 0 to 180 degrees."
-            )
         foreign = self.embedding in ("thesis", "gradient_corrected")
         if foreign and self.surface_tension > 0 and self.inset_distance() is None and not grid.step:
             raise InputError(
                 f"{self.name}: embedding = {self.embedding!r} with the surface at r is stable with no step; give"
                 " the scene a step of its own to see how it ends, or take an inset or the cluster."
-            )
-        if self.contact_angle != 180 and "mpm_walls" not in others:
-            raise InputError(
-                f"{self.name}: contact_angle = {self.contact_angle} needs a wall; add mpm_walls or leave it out."
             )
 
     def initial(self, grid: Discretisation, state: "InitialState", others: Others) -> Mapping[str, np.ndarray]:
@@ -137,40 +121,12 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, RunMonitor, frozen=True, kw_only=
             launched = [Pass("surface_energy.reconstruct_enclosing", reads, ("samples",), stage="motion")]
         return tuple(launched)
 
-    def wets(self, others: Others) -> bool:
-        """Whether walls have a contact angle."""
-        return self.contact_angle != 180 and "mpm_walls" in others
-
-    def contact_pull(self) -> float:
-        """k cos(theta) [N/m; N in the plane]: what a wall pulls at the edge of the wetted area (Young)."""
-        share = math.cos(math.radians(self.contact_angle)) if self.contact_angle != 90 else 0.0
-        return share * self.surface_tension
-
-    def _faces(self, grid: Discretisation, others: Others) -> tuple[Face, ...]:
-        """The walls with a contact angle, as planes of nodes."""
-        if not self.wets(others):
-            return ()
-        real = np.dtype(grid.dtype).type
-        cell = _liquid(others).cell(grid)
-        walls: Any = others["mpm_walls"]
-        nodes = walls.nodes(grid, cell)
-        made = []
-        for axis in range(grid.dim):
-            for side, node in enumerate((nodes.lower[axis], nodes.upper[axis])):
-                if nodes.rules[2 * axis + side]:
-                    made.append(Face(axis, real(cell) * real(node), 1 - 2 * side))
-        return tuple(made)
-
     def shares(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         if not self.acts():
             return {}
         cell = _liquid(others).cell(grid)
         full, density = (cell / grid.spacing) ** grid.dim, _liquid(others).rest_density
-        faces = self._faces(grid, others)
-        made = SurfaceOfRun(
-            self, grid.dim, grid.dtype, cell, grid.count, full, density, faces, self.contact_pull() != 0
-        )
-        return {"surface": made}
+        return {"surface": SurfaceOfRun(self, grid.dim, grid.dtype, cell, grid.count, full, density)}
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         """Readings that are there to compare with, and were seen to be unstable (docs/stability.md)."""

@@ -47,9 +47,9 @@ def scene(*effects, **options):
 
 SCENES = {name: pairs.scene(name, name, "float32") for name in pairs.EFFECTS} | {  # and with options
     "whole volume": scene(MPM_FULL),
-    "contact": scene(
-        rs.SurfaceEnergy(surface_tension=0.5, contact_angle=60.0, embedding="none", iterations=2), MPM,
-        rs.MpmWalls(lower=(-5.0, -5.0, -0.2), upper=(5.0, 5.0, 5.0)),  # images in one wall alone
+    "nothing embedded": scene(
+        rs.SurfaceEnergy(surface_tension=0.5, embedding="none", iterations=2), MPM,
+        rs.MpmWalls(lower=(-5.0, -5.0, -0.2), upper=(5.0, 5.0, 5.0)),
     ),
     "shifting": scene(ADVANCED, GRAVITY, HOLDING, rs.ParticleShifting()),
     "advanced tension": scene(ADVANCED, TENSION),

@@ -91,7 +91,7 @@ def scenes(kind, at, ball=None):
         above = rs.MeshBoundary(file=ball, center=center, size=6 * D, viscosity=0.1)
         return jittered(at + [0.4, 7, 0.3], 3, effects=(LIQUID, PULL, above))
     if kind == "mpm":
-        tension = rs.SurfaceEnergy(surface_tension=1.0, contact_angle=60.0)
+        tension = rs.SurfaceEnergy(surface_tension=1.0)
         liquid = rs.MpmLiquid(bulk_modulus=1000 * C**2)
         box = rs.MpmWalls(lower=low, upper=tuple((at + 6) * D))
         return jittered(at - [0, 2, 0], 2, effects=(liquid, PULL, box, tension))

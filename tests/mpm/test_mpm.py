@@ -1,6 +1,4 @@
-"""Runs of MPM: the grid's memory, walls, contact angles, stops, bad input."""
-
-import math
+"""Runs of MPM: the grid's memory, walls, stops, bad input."""
 
 import numpy as np
 import pytest
@@ -53,44 +51,7 @@ def test_a_wall_between_nodes_is_told_where_it_acts():
     ]
 
 
-def test_contact_angle_of_180_is_no_contact():
-    """Nothing is launched for it, nor for 90 degrees; below 180 only the free surface bounds the liquid."""
-    walls = rs.MpmWalls(lower=(0, 0, 0), upper=(2, 2, 0))
-    box = (rs.Box(lower=(0.4, 0.0, 0.0), cells=(8, 8, 1)),)
-    areas = {}
-    for angle in (180.0, 90.0, 0.0):
-        surface = rs.SurfaceEnergy(surface_tension=1.0, contact_angle=angle)
-        run = rs.Simulation(scene(rs.MpmLiquid(bulk_modulus=1e4), walls, surface, dim=2, fluid=box), "numpy")
-        assert ("mpm.contact" in run.plan.launches()) == (angle == 0.0)
-        run.step()
-        areas[angle] = run.shared["surface"].sample_area.sum()
-    assert 0.5 < areas[180.0] - areas[90.0] < 1.2
-    assert areas[90.0] == areas[0.0]
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_wall_pulls_at_the_edge_of_the_wetted_area(dim):
-    """The lines of the edge close, span the wetted area, and pull it apart below 90 degrees; the free surface ends on
-    the wall."""
-    place = ellipsoid(4.0, dim, seed=1)
-    walls = {"lower": (-9.0, 0.0, -9.0), "upper": (9.0, 9.0, 9.0), "rule": "slip"}
-    run = rs.Simulation(drop_scene(place[place[:, 1] > 0], dim, tension={"contact_angle": 60.0}, walls=walls), "cpu")
-    run.step()
-    h, held = 1 / (64 if dim == 2 else 32), run.shared["surface"]
-    edge = (held.sample_line != 0).any(1)
-    line, at = held.sample_line[edge] / h ** (dim - 2), held.sample_position[edge] / h
-    assert (held.sample_area[edge] == 0).all()
-    assert (at[:, 1] == 0).all()
-    assert np.abs(line.sum(0)).max() < 1e-9
-    area = (line * at).sum() / (dim - 1)
-    assert area == pytest.approx(8.0 if dim == 2 else 16 * math.pi, rel=0.1)
-    assert held.sample_position[~edge][:, 1].min() < 0.5 * h
-    assert run.plan.effects["surface_energy"].contact_pull() == pytest.approx(0.5)
-
-
 BAD = {
-    "contact_angle = 190": lambda: (LIQUID, rs.SurfaceEnergy(surface_tension=1.0, contact_angle=190.0)),
-    "needs a wall": lambda: (LIQUID, rs.SurfaceEnergy(surface_tension=1.0, contact_angle=60.0)),
     "do not resolve": lambda: (LIQUID, rs.SurfaceEnergy(surface_tension=1.0, smallest=200)),
     "do not resolve the body": lambda: (
         rs.MpmLiquid(bulk_modulus=1e5, cell_size=2.0), rs.SurfaceEnergy(surface_tension=1.0),

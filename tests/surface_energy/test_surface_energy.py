@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import lstsq
 
-from refsim import Cloud, MpmLiquid, MpmWalls, Scene, Simulation, SurfaceEnergy
+from refsim import Cloud, MpmLiquid, Scene, Simulation, SurfaceEnergy
 from refsim.backends.arrays import Backend, on_threads
 from refsim.core.errors import InputError, RunStopped
 from refsim.sparse_grid.reference import node_table
@@ -149,15 +149,14 @@ def test_bad_parameters_are_told(parameters, words):
 
 
 def shaken_block(dim, **parameters):
-    """64 shaken particles of an MPM liquid under tension, in float64; on a floor where there is a contact angle."""
+    """64 shaken particles of an MPM liquid under tension, in float64."""
     cells = (8, 8) if dim == 2 else (4, 4, 4)
     lattice = np.stack(np.meshgrid(*(np.arange(n) + 0.5 for n in cells), indexing="ij"), axis=-1).reshape(-1, dim)
     place = 0.1 * lattice + np.random.default_rng(3).uniform(-0.01, 0.01, lattice.shape)
-    walls = (MpmWalls(lower=(-1.0, 0.0, -1.0), upper=(2.0, 2.0, 2.0)),) if "contact_angle" in parameters else ()
     return Scene(
         dim=dim, spacing=0.1, support_radius=0.21, dtype="float64", step=2e-4,
         fluid=(Cloud(position=np.pad(place, ((0, 0), (0, 3 - dim)))),),
-        effects=(MpmLiquid(bulk_modulus=1e3), SurfaceEnergy(surface_tension=50.0, **parameters), *walls),
+        effects=(MpmLiquid(bulk_modulus=1e3), SurfaceEnergy(surface_tension=50.0, **parameters)),
     )  # fmt: skip
 
 

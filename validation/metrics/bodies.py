@@ -1,4 +1,4 @@
-"""What is measured of a body of MPM liquid with a surface: shape, pressure, ledgers, frequency, contact angle."""
+"""What is measured of a body of MPM liquid with a surface: shape, pressure, ledgers, frequency."""
 
 from __future__ import annotations
 
@@ -17,15 +17,10 @@ from validation.running import note
 Array = NDArray[np.float64]
 
 
-def mesh_size(
-    vertices: Array, facets: NDArray[np.integer], dim: int, origin: Array | None = None
-) -> tuple[float, float]:
-    """(area, volume) of a closed mesh with outward facets; length and area in the plane.
-
-    origin  (3,) a place in the plane that closes a mesh which ends on one
-    """
+def mesh_size(vertices: Array, facets: NDArray[np.integer], dim: int) -> tuple[float, float]:
+    """(area, volume) of a closed mesh with outward facets; length and area in the plane."""
     corner = np.asarray(vertices, dtype=float)[facets]
-    corner = corner - (corner[0, 0] if origin is None else origin)
+    corner = corner - corner[0, 0]
     if dim == 2:
         a, b = corner[:, 0], corner[:, 1]
         return float(np.linalg.norm(b - a, axis=1).sum()), float(abs((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()) / 2)
@@ -70,8 +65,6 @@ class Ledger:
         self.h, self.modulus = liquid.cell(run.plan.grid), liquid.bulk_modulus
         surface = run.plan.effects["surface_energy"]
         self.tension = surface.surface_tension
-        self.wet = surface.wets(run.plan.effects)  # on a floor at y = 0
-        self.pull = surface.contact_pull()
         self.mass = run.field("mass").astype(float)
         self.volume = float(self.mass.sum() / liquid.rest_density)
         flat = self.dim == 2
@@ -90,17 +83,12 @@ class Ledger:
         surface = surface_of(run)
         there = run.backend
         mesh = surface.inset_mesh
-        floor = np.zeros(3) if self.wet else None
-        area, volume = mesh_size(there.host(mesh.vertices), there.host(mesh.facets), dim, floor)
+        area, volume = mesh_size(there.host(mesh.vertices), there.host(mesh.facets), dim)
         self.fastest = max(self.fastest, float(np.sqrt((v**2).sum(1).max())))
         v0 = self.volume / len(x)
         kinetic = 0.5 * float((mass * (v**2).sum(1)).sum())
         bulk = 0.5 * self.modulus * v0 * float(((ratio - 1) ** 2).sum())
         pulled = self.tension * float(there.host(surface.samples.area).sum(dtype=float))
-        if self.wet:  # k A - k cos(theta) A_wet; by the divergence theorem the edge's lines give (d - 1) A_wet
-            held = run.shared["surface"]
-            place, line = there.host(held.sample_position), there.host(held.sample_line)
-            pulled -= self.pull * float((place * line).sum(dtype=float)) / (dim - 1)
         # volume-weighted: the plain mean of lambda (1 - J) is too large by lambda times the variance of J
         pressure = -self.modulus * float(((ratio - 1) * ratio).sum() / ratio.sum())
         row = {
@@ -150,24 +138,6 @@ def turning(mass: Array, state: tuple[Array, ...], spread: Array, centre: Array)
     moment = affine.reshape(-1, 3, 3) @ spread
     vector = np.stack([moment[:, c - 1, c - 2] - moment[:, c - 2, c - 1] for c in range(3)], axis=1)
     return (mass[:, None] * (np.cross(position - centre, velocity) + vector)).sum(0)
-
-
-def contact(position: Array, floor: float, h: float, dim: int) -> dict[str, float]:
-    """Ball (circle) through the free surface of a drop on a floor, and its angle with the floor [degrees].
-
-    position  (s, dim) of surface samples [m], y upwards; those nearer to the floor than 1.5 cells, where the
-              reconstruction rounds the edge, are left out
-    """
-    points = position[position[:, 1] > floor + 1.5 * h][:, :dim]
-    if len(points) < 8:
-        return dict.fromkeys(("angle", "radius", "roughness"), float("nan"))
-    matrix = np.column_stack([2 * points, np.ones(len(points))])
-    coefficients, *_ = np.linalg.lstsq(matrix, (points**2).sum(1), rcond=None)
-    centre = coefficients[:dim]
-    radius = math.sqrt(coefficients[dim] + float(centre @ centre))
-    away = np.linalg.norm(points - centre, axis=1)
-    angle = math.degrees(math.acos(min(1.0, max(-1.0, (floor - centre[1]) / radius))))
-    return {"angle": angle, "radius": radius / h, "roughness": float(away.std() / radius)}
 
 
 def late(series: Mapping[str, Sequence[float]], share: float = 0.25) -> dict[str, dict[str, float]]:

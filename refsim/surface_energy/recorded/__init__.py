@@ -3,8 +3,8 @@
 A run's surface is one recorded graph: the host launches it as a whole, learns how many vertices and facets there are
 while the device goes on, and waits once at the end. If a capacity is exceeded, or a particle stands in no block, the
 host enlarges the arrays and records the graph again. The stages are the programs "cuda" of the operations whose outputs
-they compute (`refsim.surface_energy.kernels_cuda`). A surface that is not reused, because images of particles in walls
-come and go or because its arrays are kept, is made by the same stages, launched one by one.
+they compute (`refsim.surface_energy.kernels_cuda`). A surface that is not reused, because its arrays
+are kept, is made by the same stages, launched one by one.
 """
 
 from collections.abc import Callable
@@ -98,11 +98,6 @@ class DeviceReconstruction(Reconstruction):
         if self.reused and graph is not None and samples is graph.samples and blocks is graph.blocks:
             return graph.force()
         return super().force(samples, blocks)
-
-    def sample_counts(self, nearest: Any, count: int) -> Any:
-        xp, to_xp, from_xp = self.backend.array_library()
-        particle = to_xp(nearest)
-        return from_xp(xp.bincount(particle[particle >= 0], minlength=count).astype(np.int32))
 
     def most_in_a_cell(self, surface: Surface) -> int:
         return surface.most_in_a_cell or 0

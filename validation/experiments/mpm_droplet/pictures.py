@@ -73,15 +73,9 @@ def facets_of(frame: Mapping[str, Any]) -> np.ndarray:
     return unpacked(frame["facets"], "int32", frame["corners"])
 
 
-def upright(vertices: Any) -> np.ndarray:
-    """Places with y upwards, turned so that z is upwards for the viewer."""
-    v = floats(vertices)
-    return np.stack([v[:, 0], -v[:, 2], v[:, 1]], axis=1)
-
-
-def shaded(axes: Any, frame: Mapping[str, Any], extent: float, turn: bool = False, middle: Any = None) -> None:
+def shaded(axes: Any, frame: Mapping[str, Any], extent: float, middle: Any = None) -> None:
     """A lit surface, its middle (or the given one) in the middle of the panel."""
-    v = upright(vertices_of(frame)) if turn else vertices_of(frame)
+    v = vertices_of(frame)
     v = v - (v.mean(0) if middle is None else middle)
     drawing.show_image(axes, drawing.surface_picture(v, facets_of(frame), WATER, VIEW, extent, 420), extent)
 
@@ -107,7 +101,7 @@ ENERGIES = ("energy", "surface", "kinetic", "bulk")
 # Runs whose surfaces are shown over time
 SURFACES = {  # the left half of the picture, then the right one
     "square_cluster": "square, 20 h", "rest_2d_11_default": "disc, R = 11 h", "collision_2d": "two discs, R = 8 h",
-    "cube": "cube, 10 h", "floor_2d_60": "floor, 60 degrees", "floor_2d_120": "floor, 120 degrees",
+    "cube": "cube, 10 h",
 }  # fmt: skip
 
 
@@ -123,7 +117,7 @@ def surfaces_data(results: Results) -> dict[str, Any]:
     for key, label in SURFACES.items():
         values = results[key].values
         times = values["shown"]
-        rows.append({"words": label, "floor": key.startswith("floor"), "space": "vertices_0" in results[key].arrays
+        rows.append({"words": label, "space": "vertices_0" in results[key].arrays
                      and results[key].arrays["facets_0"].shape[1] == 3, "times": times,
                      "frames": frames_of(results[key], len(times))})  # fmt: skip
     return {"title": "Reconstructed surfaces over time", "rows": rows}
@@ -139,7 +133,7 @@ def surfaces_picture(data: Mapping[str, Any]) -> Any:
         axes.set_axis_off()
     for side, half in enumerate(halves):
         for line, row in zip(panels[:, side * count : (side + 1) * count], half):
-            places = [upright(vertices_of(f)) if row["floor"] else vertices_of(f) for f in row["frames"]]
+            places = [vertices_of(f) for f in row["frames"]]
             if row["space"]:  # seen from any side
                 extent = 1.02 * max(np.linalg.norm(p - middle_of(p), axis=1).max() for p in places)
             else:
@@ -147,14 +141,12 @@ def surfaces_picture(data: Mapping[str, Any]) -> Any:
             for k, (axes, frame, place) in enumerate(zip(line, row["frames"], places)):
                 middle = middle_of(place)
                 if row["space"]:
-                    shaded(axes, frame, extent, turn=row["floor"], middle=middle)
+                    shaded(axes, frame, extent, middle=middle)
                 else:
                     outline(axes, frame, BLUE)
                     middle = middle_of(vertices_of(frame))
                     axes.set(xlim=(middle[0] - extent, middle[0] + extent))
                     axes.set(ylim=(middle[1] - extent, middle[1] + extent), aspect="equal")
-                    if row["floor"]:
-                        axes.axhline(0.0, color=GREY, linewidth=0.8)
                 label = f"{row['times'][k]:.3g} s"
                 drawing.plain_title(axes, f"{row['words']}: {label}" if k == 0 else label, fontsize=8)
     return figure

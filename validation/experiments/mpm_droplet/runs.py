@@ -26,7 +26,6 @@ from validation.metrics.bodies import (
     FreeLedger,
     Ledger,
     Turning,
-    contact,
     late,
     surface_of,
 )
@@ -214,31 +213,6 @@ def collision(
     ledger, turning = followed[0], followed[0].series["angular"]
     scale = float(ledger.mass.sum()) * ledger.fastest * ledger.radius
     return result_of(run, followed, shown, angular=max(abs(a - turning[0]) for a in turning) / scale)
-
-
-def on_floor(
-    context: Context, backend: str, dim: int, radius: float, angle: float, until: float, liquid: Mapping[str, Any],
-    shown: Sequence[float] = (),
-) -> Result:  # fmt: skip
-    """Half a disc or ball on a slipping floor takes its contact angle: circle through its free surface over time."""
-    place, walls = drops.half_on_floor(radius, dim)
-    scene = drops.drop_scene(place, dim, tension={"contact_angle": float(angle)}, liquid=dict(liquid), walls=walls)
-    run = context.simulation(scene, backend)
-    h, times = CELLS[dim], []
-    fits: list[dict[str, float]] = []
-
-    def look(run: Simulation) -> None:
-        if run.steps % 10 == 0:
-            fits.append(contact(run.backend.host(surface_of(run).samples.position).astype(float), 0.0, h, dim))
-            times.append(run.time)
-
-    followed = follow(context, run, until, 60, shown, look)
-    late = fits[len(fits) // 2 :]
-    made = {name: float(np.mean([f[name] for f in late])) for name in late[0]}
-    spread = float(np.std([f["angle"] for f in late]))
-    return result_of(
-        run, followed, shown, asked=angle, time=times, angles=[f["angle"] for f in fits], **made, spread=spread
-    )
 
 
 def sheet(
@@ -728,7 +702,6 @@ DAMPED = {"dynamic_viscosity": 0.05}
 RESTS = (  # dim, radius [cells], inset; panels hold other discs, and those that swing
     (2, 5.5, "default"), (2, 11.0, "default"), (3, 6.0, "default"), (3, 6.0, "enclosing"),
 )  # fmt: skip
-ANGLES = (60, 90, 120)
 # Blocks beside Taichi on a GPU: cells along an axis, order of the particles in memory, turns
 PEER_BLOCKS = ((64, "lattice", 3), (64, "cells", 3), (64, "random", 3), (128, "lattice", 2), (128, "random", 1),
                (128, "cells", 1))  # fmt: skip
@@ -765,12 +738,6 @@ def bodies(options: Options) -> list[RunSpec]:
     add("collision_2d", collision, 15.0, dim=2, radius=8.0, speed=1.0, until=0.3, shown=[0.0, 0.05, 0.15, 0.3])
     add("collision_3d", collision, 60.0, dim=3, radius=5.0, speed=1.0, until=0.2, step=2e-4,
         shown=[0.0, 0.02, 0.05, 0.1, 0.15, 0.2])  # fmt: skip
-    for angle in ANGLES:
-        add(f"floor_2d_{angle}", on_floor, 20.0, dim=2, radius=11.0, angle=angle, until=0.8, liquid=DAMPED,
-            shown=[0.0, 0.1, 0.2, 0.8])  # fmt: skip
-        add(f"floor_3d_{angle}", on_floor, 60.0, dim=3, radius=6.0, angle=angle, until=0.5,
-            shown=[0.0, 0.1, 0.2, 0.5],
-            liquid=DAMPED)  # fmt: skip
     add("sheet", sheet, 10.0, length=40.0, thick=1.0, tension=0.1, until=0.07, shown=[0.0, 0.02, 0.04, 0.06])
     for printed in ERRATA:
         for dim, size, until in ((2, 12.0, 0.15), (3, 6.0, 0.06)):
@@ -778,7 +745,6 @@ def bodies(options: Options) -> list[RunSpec]:
             add(key, erratum, 6.0, printed=printed, dim=dim, size=size, until=until)
     add("small_box", rounding, 4.0, True, shape="box", size=5.0, until=0.02, tension=ENCLOSING, liquid=RESTFUL)
     add("small_rest", at_rest, 1.0, True, dim=2, radius=5.5, until=0.05)
-    add("small_floor", on_floor, 2.0, True, dim=2, radius=5.5, angle=60, until=0.05, liquid=DAMPED)
     return made
 
 
@@ -854,13 +820,11 @@ def check_bodies(results: Results, check: Checks) -> None:
         check.run(results, key, {name if shown.get(name) else rule: name for rule, name in rules.items()}, key)
     for inset in ("default", "enclosing"):
         check.run(results, f"rest_3d_6_{inset}", {"laplace_3d": lambda v: abs(v["pressure"] - 1)}, inset)
-    for key in (k for k in results if k.startswith("floor_")):
-        check.run(results, key, {"contact_angle": lambda v: abs(v["angle"] - v["asked"])}, key.removeprefix("floor_"))
     check.run(results, "sheet", {"sheet_speed": lambda v: abs(v["speed"] / v["culick"] - 1)})
 
 
 EXPERIMENT = Experiment(
     name="mpm_droplet",
-    title="transfers of MPM, drops that round off, rest, meet and stand on floors, speed beside Taichi",
+    title="transfers of MPM, drops that round off, rest and meet, speed beside Taichi",
     runs=planned, checks=checks,
 )  # fmt: skip

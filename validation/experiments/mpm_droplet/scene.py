@@ -67,13 +67,6 @@ def pair(radius: float, dim: int, speed: float = 1.0) -> tuple[Array, Array]:
     return np.vstack([single - shift, single + shift]), velocity
 
 
-def half_on_floor(radius: float, dim: int) -> tuple[Array, dict[str, Any]]:
-    """Places [cells] of half a disc or ball on a slipping floor, and the walls around it."""
-    place, far = ellipsoid(radius, dim, seed=1), float(math.ceil(4 * radius))
-    walls = {"lower": (-far, 0.0, -far), "upper": (far, far, far), "rule": "slip"}
-    return place[place[:, 1] > 0], walls
-
-
 def box(sides: Sequence[float], seed: int | None = None, per: int = 2) -> Array:
     """A lattice block of the given sides [cells], `per` particles along a cell, its middle near the origin; turned off
     the axes by `seed`."""
