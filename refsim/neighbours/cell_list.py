@@ -61,11 +61,11 @@ def build_chunk(chunk, queries, sources, radius, dim, exclude_self, period, peri
     at = share * chunk
     near = np.empty((3, 512), query.dtype)  # positions of the sources in the cells around the query's
     names = np.empty(512, np.int32)
-    mark = np.zeros(512, np.uint8)
+    mark = np.empty(512, np.uint8)
     rows_around = 3 * layers
     if periodic is not None:
         rows_around = 6 * layers
-    low_cell = np.zeros(18, np.int64)
+    low_cell = np.empty(18, np.int64)
     current = np.int64(-1)
     candidates = 0
     kept = np.int64(0)
@@ -101,7 +101,7 @@ def build_chunk(chunk, queries, sources, radius, dim, exclude_self, period, peri
                         longer[m] = names[m]
                         for c in range(3):
                             wider[c, m] = near[c, m]
-                    near, names, mark = wider, longer, np.zeros(WORD * ((grown + WORD - 1) // WORD), np.uint8)
+                    near, names, mark = wider, longer, np.empty(WORD * ((grown + WORD - 1) // WORD), np.uint8)
                 if exclude_self and least <= current and current <= most:
                     kept = candidates - low  # this row of cells holds the query itself
                 for m in range(size):

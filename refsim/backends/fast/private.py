@@ -34,6 +34,13 @@ FEATURES = {
         ),
         "kernels run as plain loops, which take longer to compile and to run (see docs/guarantees.md)",
     ),
+    "bodies": Feature(
+        (
+            "numba.core.cpu:CPUContext", "numba._dynfunc:make_function", "numba.core.cpu:CPUContext.get_executable",
+            "numba.core.codegen:CPUCodeLibrary._finalize_final_module",
+        ),
+        "kernels take an eighth longer to compile",
+    ),
     "cache": Feature(
         (
             "numba.core.caching:Cache._index_key", "numba.core.caching:IndexDataCacheFile._load_index",

@@ -5,6 +5,7 @@ from typing import Any
 import numba
 from llvmlite import binding
 
+from refsim.backends.fast.bodies import bodies_alone
 from refsim.backends.fast.private import names
 
 _compiling = 0  # compilations in progress: a kernel compiles the functions that it calls
@@ -30,7 +31,8 @@ def set_vectors(dispatcher: Any, packed: bool) -> None:
                 numba.config.SLP_VECTORIZE = 1
             binding.set_option("refsim", "-force-vector-interleave=1")
             numba.get_num_threads()  # loads what `over_rows` calls
-            return compile_plainly(signature)
+            with bodies_alone():
+                return compile_plainly(signature)
         finally:
             numba.config.SLP_VECTORIZE = before
             _compiling -= 1
