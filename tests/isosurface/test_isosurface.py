@@ -58,16 +58,6 @@ def area(mesh):
     return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
 
 
-def test_circle_runs_against_the_clock():
-    mesh = meshed(ball, 14, 0.08, 2)
-    a, b = (mesh.vertices[mesh.facets[:, k]] for k in range(2))
-    assert set(collections.Counter(mesh.facets[:, 0]).values()) == {1}
-    assert sorted(mesh.facets[:, 0]) == sorted(mesh.facets[:, 1]) == list(range(len(mesh.vertices)))
-    assert np.linalg.norm(b - a, axis=1).sum() == pytest.approx(2 * np.pi, rel=2e-3)
-    assert 0.5 * np.cross(a, b)[:, 2].sum() == pytest.approx(np.pi, rel=4e-3)
-    assert not mesh.vertices[:, 2].any()
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_surface_of_noise_is_closed_whatever_the_states(seed):
     mesh = meshed(lambda x: noise(x, seed), 8, 0.1, 3)

@@ -13,14 +13,12 @@ import sys
 import tomllib
 import types as python_types
 
-import numba
 import numpy as np
 import pytest
 
 from refsim.backends import arrays as backend
 from refsim.backends import runtime
 from refsim.backends.scratch import Scratch
-from refsim.commands.printed import printed
 from refsim.contract.inputs import Inputs, with_variant
 from refsim.core import cases
 from refsim.core.operation import REGISTRY, backend_of
@@ -346,13 +344,3 @@ def test_absent_argument_travels_as_a_null_pointer(compiler):
 
     assert _AbsentArgument().prepare_args(types.none, None, stream=0, retr=[]) == (types.CPointer(types.void), 0)
     assert _AbsentArgument().prepare_args(types.int32, 7, stream=0, retr=[]) == (types.int32, 7)
-
-
-@pytest.mark.parametrize("name", ["sph.density", "sph.momentum", "shape_matching.match", "surface_detection.fan_scan"])
-def test_a_printed_file_compiles(name, compiler):
-    cases.discover()
-    space = {"__name__": "copied"}
-    exec(compile(printed(REGISTRY[name], "cuda"), name, "exec"), space)
-    kernel, given = space[REGISTRY[name].function], space["example"]()
-    ptx, _ = compiler.compile_ptx(kernel.py_func, tuple(map(numba.typeof, given)), cc=CAPABILITY)
-    assert ".visible .entry" in ptx

@@ -66,17 +66,6 @@ def test_motions_without_what_they_move_are_refused():
         planned(tank(motion=(across,), walls={"moving_faces": ("-y",), "viscosity": 1.0}))
 
 
-def test_lone_particles_feel_gravity_of_the_moment():
-    scene = msgspec.structs.replace(
-        tank(motion=(SWAY,)), fluid=(Box(cells=(1, 1, 1), lower=(0.4, 0.5, 0.0)),), step=1e-3
-    )
-    simulation = run_to(Simulation(scene, "numpy"), 0.04)
-    wanted = [-SWAY.at(simulation.time).acceleration, -G, 0.0]
-    assert simulation.field("acceleration")[0] == pytest.approx(wanted, rel=1e-12)
-    kicks = [-SWAY.at(1e-3 * k).acceleration * (1e-3 if k else 5e-4) for k in range(simulation.steps)]
-    assert simulation.field("velocity")[0, 0] == pytest.approx(sum(kicks), rel=1e-9)
-
-
 def test_a_free_particle_flies_straight_as_a_turning_tank_sees_it():
     """Its place in the tank is that in the world, turned back; all fictitious accelerations together."""
     angle = "0.3*sin(4*t) + 0.2*t"

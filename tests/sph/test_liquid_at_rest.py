@@ -7,7 +7,6 @@ import pytest
 
 import refsim as rs
 from refsim import make_plan, simulate
-from refsim.commands.plan import describe_plan
 from tests.running import advanced
 
 G, DENSITY, DEPTH = 9.81, 1000.0, 1.0
@@ -42,27 +41,6 @@ def test_walls_above_the_surface_leave_a_tank_in_space_at_rest(kernels, ratio):
     simulation = rs.Simulation(tank(4, ratio, 3, kernels=kernels, restoring=0.01), "numpy")
     speed = np.linalg.norm(advanced(simulation, 8).field("velocity"), axis=1).mean()
     assert speed < 0.015 * G * simulation.time
-
-
-def test_a_liquid_that_fills_a_closed_box_has_no_surface_without_being_told():
-    """Between planes and between periods, named or joined; not under air, in an open box, or where it is named."""
-    lower, period = (0.0, 0.0, 0.0), (0.8, 0.8, 0.0)
-    for beside, given, expected in (
-        ((rs.BoxWalls(lower=lower, upper=(0.8, 0.8, 0.0)),), {}, "none"), ((), {"period": period}, "none"),
-        ((rs.ParticleShifting(strength=1.0),), {"period": period}, "none"), ((), {"period": (0.8, 0.0, 0.0)}, None),
-        ((rs.ParticleShifting(surface="detected"),), {"period": period}, "detected"),
-        ((rs.BoxWalls(lower=lower, upper=(0.8, 0.9, 0.0)),), {}, None), ((), {}, None),
-    ):  # fmt: skip
-        scene = rs.Scene(
-            dim=2, spacing=0.1, support_radius=0.26, fluid=(rs.Box(cells=(8, 8, 1)),),
-            effects=(rs.WeaklyCompressible(sound_speed=20.0), *beside), **given,
-        )  # fmt: skip
-        plan = make_plan(scene)
-        assert plan.effects["particle_shifting"].surface == expected
-        assert plan.effects["weakly_compressible"].restoring == (0.0 if expected == "none" else 0.003)
-        assert ("filling" in plan.fields) == (expected != "none")
-        words = [w for w in describe_plan(plan, "cpu")["defaults"] if "fills its closed box" in w]
-        assert len(words) == (expected == "none")
 
 
 def without_walls(**changes):

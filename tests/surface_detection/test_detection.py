@@ -65,25 +65,6 @@ def test_ring_of_a_disc_is_found_exactly_at_any_angle(method, angle):
     np.testing.assert_array_equal(surface(position, method=method), truth)
 
 
-@pytest.mark.parametrize("dim", [2, 3])
-def test_a_pressed_surface_is_lopsided_though_it_is_as_dense_as_the_bulk(dim):
-    """A lattice pressed until its faces are as dense as the bulk: J(12) sees no surface, the first moment does."""
-    cells = (16, 16, 1) if dim == 2 else (10, 10, 10)
-    position = lattice(Box(cells=cells), dim=dim)
-    pressed = (position - position.mean(0)) * 0.85
-    simulation = detect(np.vstack([position, pressed + [60.0, 0, 0]]), dim=dim, crowded=True)
-    found, delta = simulation.field("surface").astype(bool), simulation.field("number_density")
-    count = len(position)
-    edge = (np.abs(pressed) > np.abs(pressed).max(0) - 1e-9)[:, :dim].sum(1)
-    faces = edge == 1  # edges and corners are sparse in any case
-    rest = simulation.plan.effects["weakly_compressible"].rest_number_density(simulation.plan.grid)
-    assert delta[count:][faces].min() > 0.98 * rest
-    np.testing.assert_array_equal(found[:count], found[count:])
-    np.testing.assert_array_equal(found[count:], edge > 0)
-    printed = surface(pressed, dim=dim, literal=("E23",), crowded=True)
-    assert not printed[faces].any()
-
-
 def test_a_missing_particle_makes_no_surface_but_a_hole_does():
     block = lattice(Box(cells=(21, 21, 1))) - [10.5, 10.5, 0]
     inner = np.abs(block[:, :2]).max(1) < 8

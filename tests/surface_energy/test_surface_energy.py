@@ -125,20 +125,6 @@ def test_force_is_the_slope_of_the_surface_energy():
 # Limits
 
 
-@pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("quadrature", ["facets", "poisson"])
-@pytest.mark.parametrize("count", [0, 1])
-def test_nothing_and_one_particle(dim, quadrature, count):
-    place = np.full((count, 3), 0.37)
-    place[:, dim:] = 0
-    made, surface = reconstructed(place, dim, "float32", quadrature=quadrature, smallest=1)
-    assert (len(surface.samples.area) > 0) == (count > 0)
-    force = made.force(surface.samples, surface.blocks)
-    assert np.isfinite(force).all()
-    assert np.isfinite(surface.samples.normal).all()
-    assert (surface.samples.nearest == 0).all()
-
-
 # Readings and bad input
 
 
