@@ -41,7 +41,7 @@ def borne_pressure(pressure, density, fluid):
 
 @formula
 def film_pressure(both, least):
-    """Sum of the pressures of a film's sides [Pa]: under tension it breaks, but where liquid near it is, too."""
+    """p_i + p_j >= s_i + s_j [Pa] of a film's sides: under tension it breaks, but where liquid near it is, too."""
     return least if both < least else both
 
 

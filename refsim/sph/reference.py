@@ -67,17 +67,17 @@ def filling(i, j, ij):
 
 
 def filling_of_liquid(i, j, ij):
-    """The same sum over liquid."""
+    """l = -sum_j V_j x_ij.grad W_ij over liquid alone; dimensionless."""
     return j.liquid * filling(i, j, ij)
 
 
 def filling_of_solids(i, j, ij):
-    """The same sum over solids."""
+    """b = -sum_j V_j x_ij.grad W_ij over solids alone; dimensionless."""
     return (1 - j.liquid) * filling(i, j, ij)
 
 
 def of_what_is_left(filled, held):
-    """The liquid's share of the space that walls and solids leave; dimensionless."""
+    """s = l/(1 - b), the liquid's share of the space that walls and solids leave; dimensionless."""
     return filled / maximum(1 - held, 0.1)
 
 

@@ -204,8 +204,8 @@ def spread(
     i, lane, position, velocity, followed_velocity, phase, told_wet, told_pressure, told_suction, neighbours,
     smoothing, fluid, lean, delay, wet, suction, pressure,
 ):  # fmt: skip
-    """What `extrapolation` tells, of a solid's particle without liquid in reach, by a film from those that had some in
-    the step before; 0 without any."""
+    """What `extrapolation` tells [-, Pa], of a solid's particle without liquid in reach, by a film from those that had
+    some in the step before; 0 without any."""
     zero = type(smoothing.support_radius)(0)
     if phase[i] == FLUID or wet[i] > zero:
         return

@@ -128,8 +128,8 @@ def spread(
     position, velocity, followed_velocity, phase, told_wet, told_pressure, told_suction, smoothing, fluid, lean, delay,
     wet, suction, pressure, rows=None,
 ):  # fmt: skip
-    """What `extrapolation` tells, of solids' particles k with wet_k = 0: a film too thin for particles carries the
-    pressure between bodies in contact.
+    """What `extrapolation` tells [-, Pa], of solids' particles k with wet_k = 0: a film too thin for particles carries
+    the pressure between bodies in contact.
 
     It comes from solids' particles s that were wet in the step before, a quarter of whose wetness is passed on.
     """

@@ -99,7 +99,7 @@ def film_pressure(k, s, ks):
 
 
 def suction(k, s, ks):
-    """The same mean of the least pressure of a film; the sum [Pa/m^dim]."""
+    """s_k = sum_s W_ks w_s s_s / sum_s W_ks w_s, the least pressure of a film; the first sum [Pa/m^dim]."""
     return weight_of_film(k, s, ks) * s.suction
 
 

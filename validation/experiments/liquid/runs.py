@@ -223,7 +223,7 @@ def pushed(simulation: Simulation) -> NDArray:
     given: dict[str, Any] = {n: simulation.field(n) for n in ("position", "density", "pressure", "wall_pressure")}
     given |= {"walls": plan.walls, "smoothing": plan.shared["gradient_smoothing"], "period": None}
     given["fluid"] = plan.shared["fluid"]
-    given |= {n: simulation.field(n) if n in plan.fields else None for n in CORRECTION}
+    given |= {n: simulation.field(n) if n in plan.fields else None for n in (*CORRECTION, "phase", "suction")}
     push, _ = operation.program("numpy")(*(given[name] for name in operation.arguments("numpy")))["acceleration"]
     return simulation.field("mass") @ push
 
