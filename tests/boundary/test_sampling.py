@@ -1,7 +1,5 @@
 """Boundary particles on meshes: number, evenness, repeatability, refused input."""
 
-import math
-
 import numpy as np
 import pytest
 import trimesh
@@ -10,7 +8,7 @@ from scipy.spatial import cKDTree
 from refsim.backends.arrays import on_threads
 from refsim.boundary import sampling
 from refsim.boundary.mesh import surface_mesh
-from refsim.boundary.sampling import HEXAGONAL, facet_counts, isosurface, sample
+from refsim.boundary.sampling import isosurface, sample
 from refsim.boundary.signed_distance import signed_distance
 from refsim.core.errors import InputError
 from tests.running import rows
@@ -68,18 +66,6 @@ def test_all_facets_beneath_a_surface_have_their_particles(monkeypatch):
         sampling, "facet_counts", lambda area, *_: facets.append(len(area)) or np.arange(1, len(area) + 1, dtype="i4")
     )
     assert len(sampling.sample_beneath(BOX, 0.2, 0.1, 0.2)) == facets[0] > 0
-
-
-def test_count_follows_the_area():
-    """The running sum keeps the total for any size of triangles; separate counts, as printed (patent E25), give 0."""
-    area = np.full(1000, 0.3)
-    radius = math.sqrt(HEXAGONAL / math.pi)
-    assert facet_counts(area, HEXAGONAL, radius)[-1] == 300
-    assert facet_counts(area, HEXAGONAL, radius, separately=True)[-1] == 0
-    assert np.diff(facet_counts(area, HEXAGONAL, radius)).max() == 1
-    assert facet_counts(np.array([0.4975, 0.0, 0.505]), math.pi, 1.0).tolist() == [0, 0, 1]  # from a half on
-    with pytest.raises(InputError, match="E25"):
-        sample(BALL, 0.08, literal=("E25",))
 
 
 @pytest.mark.parametrize("options, words", rows(__file__, "bad_samples"))

@@ -2,15 +2,12 @@
 
 import collections
 import itertools
-import math
 import types
 
 import numpy as np
 import pytest
 
-from refsim.boundary.adami_2012 import LEAST_SHARE
-from refsim.boundary.one_way_coupling import placing
-from refsim.boundary.one_way_coupling.placing import PlacedSolid, cell_edges
+from refsim.boundary.one_way_coupling.placing import PlacedSolid
 from refsim.scene import overlaps, surface_mesh
 from tests.boundary.test_recorded_boundary import BOX, divided
 
@@ -123,29 +120,3 @@ def test_a_body_fills_shares_of_boxes():
             assert share[k] == pytest.approx(part, abs=1e-12)
             assert centre[k] == pytest.approx(middle, abs=1e-12)
     assert ((share > 0) & (share < 1)).sum() > 20
-
-
-@pytest.mark.parametrize("layers", [1, 2, 9])
-def test_cells_of_a_body_are_those_of_the_lattice_so_many_deep(layers, monkeypatch):
-    """Deep as the nearest cell outside is far, or cut by the surface; cells of two sizes along x."""
-    monkeypatch.setattr(
-        placing, "flat_faces", lambda corners, spacing: [np.array([0.13, 0.9]), np.zeros(0), np.zeros(0)]
-    )
-    d, corners = 0.1, solid().mesh.vertices + solid().mesh.origin
-    low, high = np.floor(corners.min(0) / d) - 2, np.ceil(corners.max(0) / d) + 2
-    planes = (np.array([0.13, 0.9]), np.zeros(0), np.zeros(0))
-    edges = [cell_edges(planes[a], low[a] * d, high[a] * d, d) for a in range(3)]
-    middles = [(e[1:] + e[:-1]) / 2 for e in edges]
-    index = np.array(list(itertools.product(*(range(len(m)) for m in middles))))
-    place = np.array([[middles[a][i[a]] for a in range(3)] for i in index])
-    size = np.array([[edges[a][i[a] + 1] - edges[a][i[a]] for a in range(3)] for i in index])
-    inside, expected = egg(place) < 0, []
-    outside = index[~inside]
-    for i, point, own, within in zip(index, place, size, inside):
-        near = abs(egg(point[None])[0]) < 0.5 * 3**0.5 * own.max()
-        if near or (within and math.dist(i, outside[((outside - i) ** 2).sum(1).argmin()]) <= layers):
-            part, middle = share_of(point, own)
-            if part > LEAST_SHARE:
-                expected.append((part * own.prod() / d**3, *middle))
-    share, centre = solid().cells(d, layers)
-    assert np.column_stack([share, centre]) == pytest.approx(np.array(expected))

@@ -47,6 +47,7 @@ def test_an_answer_and_its_scene(folder, capsys):
     assert "others" not in text  # which are measured on a CPU
 
 
+@pytest.mark.slow
 def test_an_answer_takes_two_seconds_of_the_processor(folder):
     """Of a drop whose scene was stirred for seconds, in a process of its own; the first one may compile modules."""
     spent = []
@@ -80,10 +81,10 @@ ANSWERS = {  # errors that are wanted of observables: each has an answer
     "droplet": 0.005, "contact_angle": 1 / 30, "melt_front": 0.01, "melting": 0.01, "spinning_body": 0.01,
     "mpm_pressure": 0.01, "mpm_frequency": 0.05,
 }  # fmt: skip
-QUICK = ("implicit_pressure", "spinning_body")
 
 
-@pytest.mark.parametrize("name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in ANSWERS])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ANSWERS)
 def test_the_run_of_an_answer_s_scene_has_its_error(folder, capsys, name):
     """Within the error that was asked for, by the command that the answer names."""
     wanted = ANSWERS[name]

@@ -11,8 +11,7 @@ from refsim.contract import Target
 from refsim.contract.answers import CLOUDS
 from refsim.contract.bounds import Bounds, edge_terms, oracle
 from refsim.contract.properties import CONSERVED, TOTALS, Usual, by_ranks, descriptions, force_bound, on_grid
-from refsim.contract.trajectories import Snapshot
-from refsim.contract.whole_runs import Measure, compare, measures, sensitivities
+from refsim.contract.whole_runs import compare, sensitivities
 from refsim.core.operation import REGISTRY
 from refsim.scene.files import parse_scene
 
@@ -114,39 +113,6 @@ def test_bounds_are_as_ever(operation, variant, recorded):
 
 DAM = pathlib.Path(__file__).with_name("dam_break.toml").read_text()
 SCENE = DAM.replace("cells = [6, 8, 1]", "cells = [5, 6, 1]\nvelocity = [0.3, 0.1, 0.0]")
-
-
-def test_measures_of_a_snapshot_are_sums_over_particles():
-    rng = np.random.default_rng(3)
-    x, v, m, g = rng.normal(size=(7, 3)), rng.normal(size=(7, 3)), rng.uniform(1, 2, 7), np.array([1.0, -9.0, 2.0])
-    for dim in (2, 3):
-        for mass in (m, None):
-            w = np.ones(7) if mass is None else m
-            found = measures(Snapshot(0.1, x, v, mass), dim, g)
-            centre = [sum(w[i] * x[i, c] for i in range(7)) / sum(w) for c in range(dim)]
-            expected = {"particles": 7, "mass": sum(w)}
-            for c, axis in enumerate("xyz"[:dim]):
-                expected[f"centre {axis}"] = centre[c]
-                expected[f"spread {axis}"] = (sum(w[i] * (x[i, c] - centre[c]) ** 2 for i in range(7)) / sum(w)) ** 0.5
-                expected[f"largest {axis}"], expected[f"smallest {axis}"] = max(x[:, c]), min(x[:, c])
-                expected[f"momentum {axis}"] = sum(w[i] * v[i, c] for i in range(7))
-            expected["potential energy"] = -sum(w[i] * x[i] @ g for i in range(7))
-            expected["kinetic energy"] = sum(0.5 * w[i] * v[i] @ v[i] for i in range(7))
-            assert {name: value for name, (value, _) in found.items()} == pytest.approx(expected)
-            assert found["mass"][1] == ("kg" if dim == 3 else "kg/m")
-    assert measures(Snapshot(0.1, x, None, m), 2, None).keys() == expected.keys() - {
-        "potential energy", "kinetic energy", "momentum x", "momentum y", "momentum z", "centre z", "spread z",
-        "largest z", "smallest z",
-    }  # fmt: skip
-
-
-def test_a_measure_holds_by_either_band():
-    cases = ((1.9, 1.0, 0.0, "FAILS"), (1.9, 0.5, 1.5, "within resolution"), (1.9, 1.5, 0.1, "holds"))
-    for theirs, chaos, resolution, verdict in cases:
-        one = Measure("a", "m", 0.1, theirs, (0.0, 1.0, 0.4), chaos, resolution)
-        assert (one.difference, one.allowed) == pytest.approx((1.4, max(chaos, resolution)))
-        assert (one.verdict, one.holds) == (verdict, verdict != "FAILS")
-    assert Measure("a", "m", 0.1, 1.5, (0.0, 1.0), 1.0).verdict == "holds"
 
 
 def test_a_comparison_of_runs_is_as_ever(tmp_path, recorded):

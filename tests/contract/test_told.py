@@ -129,21 +129,6 @@ def test_a_frame_is_asked_for_within_half_the_widest_gap(monkeypatch):
             whole_runs.compare(scene, "folder", at=at)
 
 
-def test_chaos_decides_until_it_spreads_as_much_as_happens(monkeypatch):
-    """Of one that moves by 4 at all, by runs that are 0, 0, 0, 1 and 2 apart."""
-    times, scene = (0.0, 1.0, 2.0, 3.0, 4.0), parse_scene(SCENE, "scene.toml")
-    for name, value in {
-        "trajectory": [Snapshot(t, np.zeros((1, 3))) for t in times], "_gravity": 0.0, "_with_mass": None,
-        "Simulation": types.SimpleNamespace(field=lambda name: np.ones(1)), "measures": {"centre x": (10.0, "m")},
-    }.items():  # fmt: skip
-        monkeypatch.setattr(whole_runs, name, lambda *_, value=value: value)
-    spread = {None: 0, whole_runs.SEEDS[0]: 1, whole_runs.SEEDS[1]: -1}
-    made = lambda _, seed, times, *__, **___: [{"centre x": 10 + t + spread[seed] * max(t - 2, 0) / 2} for t in times]  # noqa: E731
-    monkeypatch.setattr(whole_runs, "run_of", made)
-    found = whole_runs.compare(scene, "folder", chaos_only=True, within=3.0)
-    assert found.decides == (3.0, "centre x")
-
-
 def test_a_component_that_a_frame_lacks_is_zero():
     arrays = {"x": np.array([1.0, 2.0]), "z": np.array([3.0, 4.0])}
     assert trajectories._columns(arrays, "xyz").tolist() == [[1, 0, 3], [2, 0, 4]]

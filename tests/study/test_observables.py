@@ -40,20 +40,6 @@ def test_front_and_energy_are_those_of_the_report_and_a_lonely_point_has_none(si
         value(simulation, "field:density@5,5")
 
 
-def test_fields_at_a_point(simulation):
-    """A field that is the same everywhere has that value; a linear one that of the point, within the lattice."""
-    block = simulation.field("position")[:48]
-    middle = ",".join(f"{x:.12g}" for x in block[:, :2].mean(0))
-    assert value(simulation, f"field:mass@{middle}") == pytest.approx(simulation.field("mass")[0], rel=1e-12)
-    assert value(simulation, f"field:position.x@{middle}") == pytest.approx(block[:, 0].mean(), rel=1e-9)
-    simulation.evaluate()
-    density = simulation.field("density")
-    for word, expected in (("mean", density.mean()), ("max", density.max()), ("min", density.min())):
-        assert value(simulation, f"field:density@{word}") == pytest.approx(expected, rel=1e-12)
-    speed = simulation.field("velocity")[:, 1]
-    assert value(simulation, "field:velocity.y@mean") == pytest.approx(speed.mean(), rel=1e-12)
-
-
 def test_own_functions(simulation, tmp_path):
     assert observable_of(lambda s: s.count / 2, simulation.plan)(simulation) == 26
     file = tmp_path / "own.py"

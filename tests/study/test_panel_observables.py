@@ -1,11 +1,8 @@
 """Observables of the panels on particles of which the value is known, and the scenes of their settings."""
 
-import json
 import math
-import pathlib
 from types import SimpleNamespace
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -13,7 +10,6 @@ from refsim.study.panels import FOLDER, drops, observables, panel, virial
 from refsim.study.panels.scene_factories import SCENE_FACTORIES
 from refsim.study.panels.scenes import scene_of
 
-STORED = pathlib.Path(__file__).with_name("panel_scenes.json")
 RANDOM = np.random.default_rng(5)
 
 
@@ -194,27 +190,6 @@ def test_observables_are_read_at_their_times(name):
 
 
 # Scenes
-def same(value, other):
-    words = isinstance(value, str)  # which names of methods are, or files
-    return words or (type(value) is type(other) and not isinstance(value, np.ndarray) and value == other)
-
-
-def told(thing):
-    """The numbers that a scene states, to 9 digits, of arrays their shape, means and spreads; defaults are left out."""
-    if isinstance(thing, msgspec.Struct):
-        given = {field.name: (getattr(thing, field.name), field.default) for field in msgspec.structs.fields(thing)}
-        return {type(thing).__name__: {n: told(v) for n, (v, usual) in given.items() if not same(v, usual)}}
-    if isinstance(thing, np.ndarray):
-        part = thing.reshape(len(thing), -1).astype(float)
-        weights = np.cos(np.arange(len(part)))  # the order counts
-        return [list(thing.shape), *(told(v.tolist()) for v in (part.mean(0), part.std(0), weights @ part))]
-    if isinstance(thing, (tuple, list)):
-        return [told(one) for one in thing]
-    if isinstance(thing, float):
-        return float(f"{thing:.9g}") if abs(thing) > 1e-12 else 0.0
-    return thing
-
-
 def chosen(of):
     """The base and a setting of each other kind: with the fewest particles among those with the same names of knobs."""
     own, kinds = [p for p in of.points.values() if p.program == "refsim" and not p.gpu], {}
@@ -224,12 +199,7 @@ def chosen(of):
 
 
 @pytest.mark.parametrize("name", SCENE_FACTORIES)
-def test_scenes_of_settings_are_those_that_were_measured(name):
-    """Whoever changes one measures its panel anew; `panel_scenes.json` is then made by this file as a program."""
+def test_scenes_of_settings_are_those_that_were_measured(name, recorded):
+    """Whoever changes one measures its panel anew."""
     of = panel(name)
-    assert {key: told(scene_of(of, point)) for key, point in chosen(of).items()} == json.loads(STORED.read_text())[name]
-
-
-if __name__ == "__main__":
-    scenes = {n: {k: told(scene_of(panel(n), p)) for k, p in chosen(panel(n)).items()} for n in SCENE_FACTORIES}
-    STORED.write_text("{\n" + ",\n".join(f'"{n}": {json.dumps(s)}' for n, s in scenes.items()) + "\n}\n")
+    recorded({key: scene_of(of, point) for key, point in chosen(of).items()})

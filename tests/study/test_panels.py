@@ -1,6 +1,5 @@
 """Panels: the rules that choose a setting, packaged scenes and observables, and what was measured of them."""
 
-import math
 import sys
 import zipfile
 
@@ -53,22 +52,6 @@ def test_the_cheapest_within_the_error_is_advised():
     assert {kind: [(e, p.key) for e, p in settings(of, kind)] for kind in advice.KINDS} == {
         "cpu": [(0.04, "ours")], "gpu": [(0.04, "cuda_ours")], "peer": [(0.01, "theirs")],
     }  # fmt: skip
-
-
-@pytest.mark.parametrize("knob", ["spacing", "step"])
-@pytest.mark.parametrize("other", [{}, {"backend": "cuda"}, {"dtype": "float64"}])
-def test_an_error_is_the_largest_of_a_setting_and_of_all_finer_ones(knob, other):
-    """A lucky one at a coarse spacing or step: the next one tells, wherever it ran; so does one that stops."""
-    lucky = point("lucky", 0.0001, 1.0, knobs={knob: 0.2})
-    for found in ({"error": 0.02}, {"failed": "diverged", "error": None}):
-        finer = msgspec.structs.replace(point("finer", 0.02, 5.0, knobs={knob: 0.1, **other}), **found)
-        best = point("best", 0.004, 9.0, knobs={knob: 0.05})
-        of = made(lucky, finer, best)
-        assert most(of, lucky) == (math.inf if finer.failed else 0.02)
-        assert key(cheapest(of, 0.01)) == "best"
-        assert key(cheapest(of, 0.05)) == ("best" if finer.failed else "lucky")
-        unlike = made(lucky, msgspec.structs.replace(finer, knobs=finer.knobs | {"way": "other"}), best)
-        assert most(unlike, lucky) == 0.004
 
 
 def test_errors_are_taken_from_the_converged_value_and_scattered_seconds_told():

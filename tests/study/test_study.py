@@ -4,8 +4,6 @@ import json
 import sys
 import types
 
-import msgspec
-import numpy as np
 import pytest
 
 import refsim
@@ -59,22 +57,6 @@ def test_a_known_order_gives_value_error_and_cheapest_setting(order):
     assert advice.measured
     assert advice.spacing in allowed
     assert advice.seconds == min(r.seconds for s, r in found.of("spacing") if s.scene.spacing in allowed)
-
-
-@pytest.mark.parametrize("order", [1, 2])
-def test_an_error_beyond_the_runs_is_continued(order):
-    found = studied(manufactured(order), error=0.01)
-    advice = found.cheapest()
-    assert not advice.measured
-    assert 1.25 * (advice.spacing / 0.01) ** order / 5 == pytest.approx(0.01)
-    finest = max(found.of("spacing"), key=lambda pair: pair[0].factor)
-    factor = finest[0].scene.spacing / advice.spacing
-    assert advice.bytes == pytest.approx(finest[1].bytes * factor**2)
-    least = finest[1].seconds * factor**2  # at equal bounds, rounding decides
-    assert least * (1 - 1e-9) <= advice.seconds <= finest[1].seconds * factor**4 * (1 + 1e-9)
-    half = found.cheapest(0.005)
-    assert half.spacing == pytest.approx(advice.spacing / 2 ** (1 / order))
-    assert "estimated" in found.text()
 
 
 def test_each_other_setting_is_changed_alone():
@@ -163,19 +145,6 @@ def test_what_is_left_is_told_by_the_work_and_the_seconds_of_finished_runs(monke
         "2 of 3: run of 2.0; about 21 s of steps left",
         "3 of 3: run of 5.0; about 20 s of steps left",
     ]
-
-
-def test_a_file_of_the_scene_that_changes_during_a_run_leaves_no_result(tmp_path):
-    np.save(tmp_path / "cloud.npy", 0.01 * np.indices((4, 4)).reshape(2, -1).T)
-    scene = msgspec.structs.replace(block(), fluid=(rs.Cloud(file=str(tmp_path / "cloud.npy")),))
-
-    def observable(simulation):
-        np.save(tmp_path / "cloud.npy", 0.01 * np.indices((4, 3)).reshape(2, -1).T)
-        return 1.0
-
-    with pytest.raises(rs.InputError, match="a file that it reads has changed since the call; call it again"):
-        refsim.study(scene, observable, backend="numpy", knobs=(), folder=tmp_path / "out")
-    assert not list((tmp_path / "out").glob("*.json"))
 
 
 @pytest.mark.parametrize("more, words", rows(__file__, "bad_studies"))

@@ -1,15 +1,12 @@
-"""The main job: what it runs, how it ends, and the page that it writes."""
+"""The main job: what it runs."""
 
 from __future__ import annotations
 
 import importlib.util
 from pathlib import Path
 
-import pytest
-
 from validation.experiment import Options, discover
 
-pytestmark = pytest.mark.usefixtures("coarse_pictures")
 SCRIPT = Path(__file__).resolve().parents[2] / "scripts" / "reproduce.py"
 
 
@@ -20,7 +17,6 @@ def load_script():
     return module
 
 
-# What it runs
 def test_main_job_is_made_of_runs_that_are_there():
     script, known = load_script(), discover()
     for group in script.MAIN:
