@@ -19,7 +19,6 @@ from refsim.core.effect import Discretisation
 from refsim.scene import overlaps, solids
 from refsim.scene.surface_mesh import placed_mesh, surface_mesh
 from tests.boundary import damaged_meshes
-from tests.recorded import numbers
 from tests.running import rows
 
 CUBE = pathlib.Path(refsim.__file__).parent / "examples" / "cube.obj"
@@ -197,41 +196,6 @@ def test_corners_that_the_isosurface_lacks_are_counted_in_radii(radius, monkeypa
     )
     monkeypatch.setattr(sampling, "replace", lambda band, field: types.SimpleNamespace(at=lambda v: (away, None)))
     assert sampling._corners_cut_off(band, np.zeros((1, 3)), radius) == 2
-
-
-@pytest.mark.parametrize("given, attempts, chosen, said", [
-    (None, [(1.0, 0)], 0, []), (None, [(0.94, 0), (1.06, 0), (0.951, 0)], 2, [3]),
-    (None, [(1.049, 5), (1.0, 0)], 1, [1.5]),
-    (None, [(1.0, 4), (1.0, 3), (0.9, 0), (1.0, 2), (1.0, 7)], 4, [12, 7]), (0.02, [(1.0, 3)], 0, [3]),
-    (None, [(0.8, 0)] * 5, None, [20, 0.0125]), (0.3, [(1.06, 0)], None, [-6, 0.3]), (9.0, [(0.5, 0)], None, [50, 0.5]),
-])  # fmt: skip
-def test_the_first_grid_is_taken_that_keeps_area_and_corners(given, attempts, chosen, said, monkeypatch):
-    """Of radius 0.1 on a mesh of 2 m and area 7; each attempt with the share of the area that is there, and corners."""
-    tried, notes, left = [], [], list(attempts)
-    monkeypatch.setattr(sampling, "signed_distance", lambda mesh, h, band, *_: tried.append((h, band)) or len(tried))
-    monkeypatch.setattr(sampling, "isosurface", lambda band: (np.zeros((1, 3)), np.zeros((4, 3))))
-    monkeypatch.setattr(sampling, "_corners_cut_off", lambda *_: attempts[len(tried) - 1][1])
-
-    def areas(corner, facets, area):
-        area[:] = 7 * left.pop(0)[0] / 4
-
-    programs = {"sampling.areas": types.SimpleNamespace(program=lambda backend: areas)}
-    monkeypatch.setattr(sampling, "REGISTRY", programs)
-    mesh = types.SimpleNamespace(extent=np.array([1.0, 2.0, 0.1]), area=7.0, source="a mesh")
-    if chosen is None:
-        with pytest.raises(InputError) as caught:
-            sampling._surface(mesh, 0.1, given, choose("numpy"), "float64", notes)
-        words = str(caught.value)
-        assert numbers(words) == pytest.approx(said)
-        assert len(tried) == len(attempts)
-        return
-    band, _, _, area = sampling._surface(mesh, 0.1, given, choose("numpy"), "float64", notes)
-    assert band == chosen + 1 == len(tried)
-    assert area.sum() == pytest.approx(7 * attempts[chosen][0])
-    assert [number for note in notes for number in numbers(note)] == pytest.approx(said)
-    expected = [0.15, 0.1, 0.05, 0.025, 0.0125] if given is None else [given]
-    assert [h for h, _ in tried] == pytest.approx(expected[: len(tried)])
-    assert [band for _, band in tried] == pytest.approx([distances.LEAST_BAND * h for h, _ in tried])
 
 
 # Walls of boxes

@@ -10,7 +10,7 @@ from refsim import simulate
 from refsim.contract import Target
 from refsim.contract.answers import CLOUDS
 from refsim.contract.bounds import Bounds, edge_terms, oracle
-from refsim.contract.properties import CONSERVED, TOTALS, Usual, by_ranks, descriptions, force_bound, on_grid
+from refsim.contract.properties import CONSERVED, TOTALS, Usual, descriptions, force_bound, on_grid
 from refsim.contract.whole_runs import compare, sensitivities
 from refsim.core.operation import REGISTRY
 from refsim.scene.files import parse_scene
@@ -38,33 +38,6 @@ def test_other_descriptions_of_a_cloud_are_as_ever(dim, variant, recorded):
         inputs, back = other()
         found[name] = told(inputs), back(np.arange(3.0 * len(inputs["position"])).reshape(-1, 3))
     recorded(found)
-
-
-@pytest.mark.parametrize("ranks", [2, 4])
-@pytest.mark.parametrize("variant", [0, 2])
-def test_ranks_get_their_share_and_what_is_within_reach(variant, ranks, monkeypatch):
-    """Each particle once, in slices along x; behind them all others within the list's reach, across a border too."""
-    target = target_of("sph.momentum", variant)
-    usual, given = Usual(target, CLOUDS[3]), []
-
-    def launch(target, inputs, *arguments, owned=None, **named):
-        given.append((inputs["position"], owned))
-        return kept(target, inputs, *arguments, owned=owned, **named)
-
-    assert by_ranks(usual, ranks).error <= 1
-    kept = Target.launch
-    monkeypatch.setattr(Target, "launch", launch)
-    assert by_ranks(usual, ranks).passed
-    x, period = usual.inputs["position"], usual.inputs["period"]
-    reach = usual.inputs.case.list_radius * (1 + usual.inputs.case.skin)
-    assert np.array_equal(np.concatenate([p[:owned] for p, owned in given]), x[np.argsort(x[:, 0], kind="stable")])
-    assert len(given) == ranks
-    lengths = np.inf if period is None else np.where(np.array(period[:3]) > 0, period[:3], np.inf)
-    for places, owned in given:
-        d = np.abs(places[:owned, None] - x)
-        near = (np.sqrt((np.minimum(d, lengths - d) ** 2).sum(2)) < reach).any(0)
-        own, ghosts = ({tuple(place) for place in part} for part in (places[:owned], places[owned:]))
-        assert ghosts == {tuple(place) for place in x[near]} - own
 
 
 @pytest.mark.parametrize("dim", [2, 3])

@@ -37,20 +37,6 @@ def test_columns_of_a_gpu_hold_what_rows_do(radius):
     assert (rows.count == (distance < radius).sum(1)).all()
 
 
-def test_lists_reach_a_skin_beyond_the_support_radius(monkeypatch):
-    reach, backend = [], types.SimpleNamespace(asarray=list)
-    for name in ("with_list", "liquid_with_list", "period_of"):
-        monkeypatch.setattr(inputs, name, lambda *_: None)
-    monkeypatch.setattr(inputs, "listed", lambda _, source, radius, *more: reach.append((source, radius)))
-    made = type("Made", (dict,), {"case": types.SimpleNamespace(list_radius=2.0, skin=0.25)})
-    made = made(position=[1], walls=types.SimpleNamespace(position=[2], volume=[3]))
-    inputs.all_pairs(made, backend)
-    inputs.value_of(types.SimpleNamespace(outputs=()), "liquid_near_walls", made, None, None, backend)
-    assert reach == [([1], 2.5), ([2], 2.5), ([1], 2.5)]
-    made.dtype, made.replaced, made.dropped = "float32", dict, {}.get
-    assert [part.shape for part in inputs.without_walls(made)["walls"]] == [(0, 3), (0,)]
-
-
 def test_what_a_program_left_is_known_and_the_default_kernel_is_that_of_runs():
     for dtype in ("float32", "int32", "uint32"):
         values = np.array([inputs.unset(np.dtype(dtype)), 3], dtype)

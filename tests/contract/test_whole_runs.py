@@ -10,7 +10,7 @@ import struct
 import numpy as np
 import pytest
 
-from refsim import Box, BoxWalls, Gravity, Scene, WeaklyCompressible, simulate
+from refsim import Box, BoxWalls, Gravity, Scene, WeaklyCompressible
 from refsim.__main__ import main
 from refsim.contract.trajectories import trajectory
 from refsim.contract.whole_runs import Comparison, untouched
@@ -94,16 +94,6 @@ def test_what_a_run_does_not_touch_is_named():
     known = found | {"weakly_compressible.viscosity": 0.1}
     near = compared._replace(curves={"largest x": [0.97], "smallest y": [0.01]}, still=[])
     assert untouched(scene, near, known) == []
-
-
-def test_what_is_zero_by_symmetry_does_not_end_what_chaos_decides(tmp_path, capsys):
-    """The momentum of a free block is rounding from the first step on."""
-    (tmp_path / "scene.toml").write_text(SCENE.partition("[effects.gravity]")[0])
-    scene = load_scene(tmp_path / "scene.toml")
-    simulate(scene, 0.005, backend="numpy", output=tmp_path / "own", every=0.001, progress=False)
-    _, found, measures = judged(capsys, tmp_path / "scene.toml", str(tmp_path / "own"), "--chaos-only")
-    assert abs(measures["momentum x"]["theirs"]) < 1e-9
-    assert found["decides_until"] == found["time"]
 
 
 def test_a_slip_is_found(other, tmp_path, capsys):
