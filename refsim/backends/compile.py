@@ -35,7 +35,8 @@ SIMULATED_THREADS = 8  # each is a Python thread
 choose_layer()
 TOLD = type("Told", (event.Listener,), {"on_start": Compiling.begin, "on_end": Compiling.end})
 event.register("numba:compiler_lock", TOLD())
-gc.set_threshold(max(50_000, gc.get_threshold()[0]))  # of the many objects that Numba makes few are garbage
+if 0 < gc.get_threshold()[0] < 50_000:  # 0 is never
+    gc.set_threshold(50_000)  # of the many objects that Numba makes few are garbage
 atexit.register(gc.freeze)  # or Python looks for cycles among all that Numba holds, for 0.2 s, only to end
 ANY_ORDER = {"reassoc", "contract", "arcp", "nsz"}
 COMPILE_OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # C never calls them
