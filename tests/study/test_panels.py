@@ -13,7 +13,7 @@ from refsim.study.advice import cheapest, duration, least, most, settings
 from refsim.study.observables import observable_of
 from refsim.study.panels import FOLDER, OWN, Machine, Panel, PanelSpec, Point, abouts, as_text, panel, parse
 from refsim.study.panels import measured as measuring
-from refsim.study.panels.measured import measured, merged
+from refsim.study.panels.measured import measured, merged, reading_of
 from refsim.study.panels.scenes import packaged, packed, scene_of
 from refsim.study.runs import Setting, measure
 from tests.running import rows
@@ -94,7 +94,10 @@ def test_a_panel_is_its_toml_and_its_observable(tmp_path, monkeypatch):
         new = panel("spinning_body")
         assert list(abouts()) == ["spinning_body"]
         assert (cheapest(new, 0.5), least(new), new.places) == (None, None, ())
-        known = merged(new, measured(new, ["n4_w2_s200"], readings=1))
+        point, knobs = new.points["n4_w2_s200"], {"backend": "numpy"}  # which compiles nothing
+        here = msgspec.structs.replace(point, knobs=point.knobs | knobs)
+        read = lambda point, number: reading_of(new, here, scene_of(new, point, number))  # noqa: E731
+        known = merged(new, measured(new, [point.key], readings=1, read=read))
         assert key(cheapest(known, 0.01)) == "n4_w2_s200"
         assert [p.key for p in parse(as_text(known)).points.values() if p.place >= 0] == ["n4_w2_s200"]
     finally:
@@ -111,21 +114,13 @@ def test_another_file_is_refused_with_a_sentence(text):
 
 
 # Packaged scenes
-LONG = {  # left to the nights: scenes that take 10 s to make, settings that take 5 s to run
+LONG = {  # left to the nights: scenes that take 10 s to make, readings that take 5 s
     "mpm_pressure", "tank_pressure", "contact_angle", "droplet", "implicit_pressure", "coupling", "detection_3d",
     "melt_front", "detection_2d", "spinning_body",
 }  # fmt: skip
-AGAIN = {  # melting has theirs by day
-    ("heat", "runge_kutta_legendre_8"), ("heat", "implicit_8"), ("front", "d10"), ("vortex_decay", "n50_h3.2"),
-    ("wall_force", "n8"),
-}  # fmt: skip
 
 
-def at_night(given, name):
-    return pytest.param(*given, marks=[pytest.mark.slow] if name in LONG or given in AGAIN else [])
-
-
-@pytest.mark.parametrize("name", [at_night((n,), n) for n in abouts()])
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in LONG)) for n in abouts()])
 def test_settings_of_a_packaged_panel_have_scenes(name):
     """With the particles and, on the same fields, the bytes that were measured."""
     of = panel(name)
@@ -143,9 +138,10 @@ def test_settings_of_a_packaged_panel_have_scenes(name):
 STORED = {(name, setting): tolerance for name, setting, tolerance in rows(__file__, "stored")}
 
 
-@pytest.mark.parametrize(("name", "setting"), [at_night(given, given[0]) for given in STORED])
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "setting"), STORED)
 def test_a_packaged_study_gives_the_stored_value(name, setting):
-    """At night in several readings, whose starts may differ; by day in one, whose start is always the same."""
+    """Those that take long in several readings, whose starts may differ."""
     of = panel(name)
     found = measured(of, [setting], readings=advice.READINGS if name in LONG else 1)
     (row,) = measuring.rows(of, found)
@@ -190,9 +186,9 @@ def test_an_observable_is_read_at_its_moments_and_reduced():
         return sum(values)
 
     read = observable_of(watching(lambda scene: [0.08, 0.02], reduce), plan)
-    found = measure(Setting("spacing", "", 1.0, scene, "cpu"), read, threads=1, repeats=1)
+    found = measure(Setting("spacing", "", 1.0, scene, "numpy"), read, repeats=1)
     assert (found.value, seen["times"]) == (pytest.approx(0.1), pytest.approx([0.02, 0.08], abs=1e-12))
     assert found.time >= scene.end_time
     assert found.steps >= 20
     broken_times = observable_of(watching(lambda scene: 1 / 0, reduce), plan)
-    assert "cannot be read (ZeroDivisionError" in measure(Setting("", "", 1.0, scene, "cpu"), broken_times).failed
+    assert "cannot be read (ZeroDivisionError" in measure(Setting("", "", 1.0, scene, "numpy"), broken_times).failed
