@@ -37,5 +37,5 @@ def in_space(tmp_path_factory):
 
 
 def run(scene, folder, every):
-    simulate(scene, output=folder, every=every)
+    simulate(scene, output=folder, every=every, backend="numpy")
     return folder
