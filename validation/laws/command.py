@@ -133,8 +133,8 @@ def judged(name: str, law: Callable[..., Any], scene: Drawn, backend: str, refus
                 return "not applied", Found(math.nan, math.nan)
             if found.value <= found.bound:
                 return "held", found
-            words = EXCUSES.get(name, ())
-            said = any(word in note for note in make_plan(found.scene or scene.scene).notes for word in words)
+            notes = make_plan(found.scene or scene.scene).notes
+            said = any(word in note for note in notes for word in EXCUSES.get(name, ()))
             return ("noted" if said else "broken"), found
         except (InputError, RunStopped) as error:
             stopped = isinstance(error, RunStopped)

@@ -95,8 +95,7 @@ def apart(a: np.ndarray, b: np.ndarray) -> float:
 def fields_apart(
     a: Simulation, b: Simulation, rows: Any = EACH, axes: Any = None, factors: Unit = ONE, kept: bool = False
 ) -> float:
-    """Largest difference of two runs' fields [their sizes], or of what is `kept` from step to step: of `rows`, of the
-    lengths of vectors with other `axes`, of b in units smaller by `factors`."""
+    """Largest difference of `rows` of two runs' fields [their sizes], or of `kept` ones; `axes`: lengths of vectors."""
     off = 0.0
     for name, field in a.plan.fields.items():
         counted = field.dtype == "real" and field.rows is None and (field.state or not kept)
@@ -272,10 +271,9 @@ def sway_as_formula(drawn: Drawn, backend: str) -> Found | None:
     if of_kind(drawn.scene, Gravity) is None or (liquid := of_kind(drawn.scene, WeaklyCompressible)) is None:
         return None
     size, period = 0.1 * drawn.scene.spacing, 100 * drawn.scene.spacing / liquid.sound_speed
-    ways: Any = ({"kind": "sway", "amplitude": size, "period": period},
-                 {"kind": "formula", "formula": f"{size!r} * sin(2*pi*t/{period!r})"})  # fmt: skip
-    motions = [Motion(of="gravity", direction=(1.0, 1.0, 0.0), **way) for way in ways]
-    a, b = (made(msgspec.structs.replace(drawn.scene, motion=(motion,)), backend) for motion in motions)
+    way, formula = {"of": "gravity", "direction": (1.0, 1.0, 0.0)}, f"{size!r} * sin(2*pi*t/{period!r})"
+    sways = Motion(kind="sway", amplitude=size, period=period, **way), Motion(kind="formula", formula=formula, **way)
+    a, b = (made(msgspec.structs.replace(drawn.scene, motion=(sway,)), backend) for sway in sways)
     return Found(runs_apart(a, b), ROUNDING, "a sway by numbers and by a formula")
 
 

@@ -41,8 +41,7 @@ def unit(words: str, dim: int = 3) -> Unit:
     """Powers of "W/(m K)"; in 2D, where masses are those of a metre of depth, those behind "; " of "kg; kg/m in 2D"."""
     space, _, plane = words.partition(";")
     chosen = plane if plane and dim == 2 and not space.startswith(("kg/m^3", "Pa s")) else space
-    total = np.zeros(4)
-    sign, inside = 1, False
+    total, sign, inside = np.zeros(4), 1, False
     for symbol, power in re.findall(r"([A-Za-z]+|[/()])(?:\^(-?\d+))?", chosen.replace("deg C", "C").split(" in ")[0]):
         if symbol in SYMBOLS:
             total += sign * int(power or 1) * np.array(SYMBOLS[symbol])
