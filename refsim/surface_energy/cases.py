@@ -76,7 +76,6 @@ def reconstruction(name: str, dtype: str) -> dict:
         "offsets", "interior_position", "interior_number", "cells", "blocks", "surface_term", "sample_position",
         "sample_cells",
     )  # fmt: skip
-    arrays["sample_count"] = np.zeros(case.count, np.int32)
     arrays["fit_cells"] = listed(case, arrays["fit_position"], dtype, 0.5)
     arrays |= work_out("fit_weights", "fit_position", "fit_cells", "blocks", "surface_term")
     arrays["active"] = np.flatnonzero(arrays["node_weight"]).astype(np.int32)
@@ -99,7 +98,7 @@ def reconstruction(name: str, dtype: str) -> dict:
 @groups(
     "interior_position", "interior_number", "cells", "sample_position", "sample_area", "facet_normal",
     "area_before", "dice", "candidate_facet", "candidate_position", "candidate_cells", "accepted", "sample_cells",
-    "nearest", "offset_direction", "fit_position", "sample_count", "fit_cells", "fit_splines", "node_weight", "active",
+    "nearest", "offset_direction", "fit_position", "fit_cells", "fit_splines", "node_weight", "active",
     "residual", "coefficients", "query_position", "outward", "spline_cells", "surface_value", "surface_gradient",
     "sample_normal", "vertex_normal", "inset_position", "node_force", "node_label", "component_size",
 )  # fmt: skip
@@ -344,14 +343,6 @@ def sample_beside_three_particles():
     }  # fmt: skip
     answer = {"nearest": np.flatnonzero(order == 1), "offset_direction": np.tile([0.0, 1.0, 0.0], (len(order), 1))}
     return Exact(case, inputs, answer)
-
-
-@closed_form("surface_energy.sample_counts", over=(((), (0, 0)), ((2, 0, 2), (1, 0, 2))))
-def samples_of_particles(nearest, count):
-    case, _, inputs = lone(3)
-    inputs["interior_position"] = np.array([[1.0, 1.0, 1.0], [0.5, 1.0, 1.0], [1.0, 2.5, 1.0]])[: len(count)]
-    inputs |= {"nearest": np.array(nearest, np.int32), "sample_count": np.zeros(len(count), np.int32)}
-    return Exact(case, inputs, {"sample_count": np.array(count)})
 
 
 def spline_at(j: np.ndarray) -> np.ndarray:

@@ -88,11 +88,6 @@ def shorten_labels(b, inside, node_label):
                 node_label[i] = lowest(node_label, i)
 
 
-def sample_counts(nearest, sample_count):
-    """C_p (dimensionless): samples of each particle."""
-    sample_count[:] = np.bincount(nearest[nearest >= 0], minlength=len(sample_count))
-
-
 def component_sizes(cells, node_label, component_size):
     """Number (dimensionless) of particles in the component of each particle."""
     members = np.zeros(len(node_label), np.int32)

@@ -27,7 +27,7 @@ def arrays(blocks, real, particles=0, vertices=0, facets=0):
     made = np.zeros(COUNTS, np.int32)
     made[VERTICES], made[MADE] = vertices, facets
     a["counts"] = device.as_numba(device.cupy_or_numpy().asarray(made))
-    for name in ("held_points", "members", "node_label", "first", "sample_count", "vertex_edge", "facets"):
+    for name in ("held_points", "members", "node_label", "first", "vertex_edge", "facets"):
         device.fill(a[name], 0)
     for name in ("vertex_centre", "nearest"):  # where a search begins
         device.fill(a[name], -1)
@@ -136,19 +136,6 @@ def offsets(
         a["fit_position"] = fit_position
     stages.place_points(a, interior_position, interior_number, blocks, surface_term)
     stages.place_samples(a, interior_position, interior_number, blocks, surface_term, np.int32(0))
-
-
-def sample_counts(nearest, interior_position, blocks, surface_term, sample_count):
-    """Samples of each particle, counted where samples stand on their particles."""
-    own = device.as_cupy(nearest)
-    own = device.as_numba(own[own >= 0])
-    position = device.empty((own.shape[0], 3), interior_position.dtype)
-    device.gather(interior_position, own, position)
-    a = sorted_particles(interior_position, blocks, surface_term, own.shape[0], own.shape[0])
-    device.fill(sample_count, 0)
-    _points_as_facets(a, position)
-    a |= {"sample_count": sample_count}
-    stages.place_samples(a, interior_position, a["number"], blocks, surface_term, np.int32(0))
 
 
 def _sorted_points(fit_position, fit_cells, blocks, term):

@@ -215,16 +215,6 @@ def offsets(interior_position, interior_number, cells, blocks, surface_term, sam
 
 
 @operation(
-    "C_p of section 4.3.1", outputs="sample_count", exact="sample_count", tolerance=0.0, reason="integers",
-    programs=_COUNTED,
-)  # fmt: skip
-def sample_counts(nearest, sample_count):
-    """Samples of each particle, dimensionless."""
-    value = ref.sample_count(np.asarray(nearest), np.arange(len(sample_count)))
-    return {"sample_count": (value, np.full(len(value), np.inf))}
-
-
-@operation(
     "(3.7)", outputs="fit_splines node_weight", entrywise=True, tolerance=8.0,
     reason="three splines of three roundings each, products, sum and quotient", programs=_ON_GPU,
 )  # fmt: skip

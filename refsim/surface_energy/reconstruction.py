@@ -69,9 +69,8 @@ class Reconstruction:
                 "inset", self._inset, liquid, mesh, coefficients, place, area, normal, facet, volume
             )
         size, area = self._stage("components", self._components, blocks, cells, nearest, area)
-        count = self.sample_counts(nearest, position.shape[0])
         return Surface(
-            Samples(place, normal, area, nearest, count), mesh, inset_mesh, size, blocks, cells, coefficients,
+            Samples(place, normal, area, nearest), mesh, inset_mesh, size, blocks, cells, coefficients,
             facet_normal, away, fit_position[: place.shape[0]], dict(self._seconds),
         )  # fmt: skip
 
@@ -86,12 +85,6 @@ class Reconstruction:
         bases = self.grid.by_cell(samples.position, blocks, 0.5)
         self._run("surface_force", samples.position, samples.area, samples.normal, bases, blocks, self.term, force)
         return force
-
-    def sample_counts(self, nearest: Any, count: int) -> Any:
-        """Samples of which each of `count` particles is the nearest, int32."""
-        counts = self._empty(count, np.int32)
-        self._run("sample_counts", nearest, counts)
-        return counts
 
     def most_in_a_cell(self, surface: Surface) -> int:
         """Largest number of particles in one cell."""

@@ -72,11 +72,6 @@ def second_point(x, n, epsilon):
     return x + epsilon * n
 
 
-def sample_count(nearest, p):
-    """C_p = number of samples s with p_s = p, dimensionless."""
-    return (nearest[None, :] == p[:, None]).sum(1)
-
-
 def spline(u):
     """B(u) = 3/4 - u^2 (|u| < 1/2), 1/2 (3/2 - |u|)^2 (|u| < 3/2), else 0; dimensionless."""
     u = np.abs(u)

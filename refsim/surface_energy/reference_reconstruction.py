@@ -90,7 +90,7 @@ class ReferenceReconstruction:
         tense = np.array([p >= 0 and size[p] >= self.tension.least_component(self.dim) for p in nearest], bool)
         area = np.where(tense, area, 0)
 
-        samples = Samples(place, normal, area, nearest, self.sample_counts(nearest, len(position)))
+        samples = Samples(place, normal, area, nearest)
         return Surface(
             samples, mesh, inset_mesh, size, blocks, cells, coefficients, facet_normal, away, fitted_place,
             most_in_a_cell=int(np.bincount(cells.cell).max(initial=0)), unfound=bool((nearest < 0).any()),
@@ -100,10 +100,6 @@ class ReferenceReconstruction:
         """Force of the surface's tension on the nodes of `blocks` (nodes, 3) [N], (4.18*)."""
         pull = operations.surface_force(samples.position, samples.area, samples.normal, None, blocks, self.term)
         return self._of(pull)[0]
-
-    def sample_counts(self, nearest: Any, count: int) -> Any:
-        """Samples of which each of `count` particles is the nearest, int32."""
-        return self._of(operations.sample_counts(nearest, np.empty(count)))[0]
 
     def most_in_a_cell(self, surface: Surface) -> int:
         """Largest number of particles in one cell."""

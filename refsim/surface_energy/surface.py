@@ -14,7 +14,6 @@ class Samples(NamedTuple):
     normal: Any  # (s, 3), unit, outward
     area: Any  # (s,) [m^(dim-1)], 0 on components without tension
     nearest: Any  # (s,) int32, nearest interior particle
-    count: Any  # (particles,) int32, samples of which each particle is the nearest
 
 
 class Liquid(NamedTuple):

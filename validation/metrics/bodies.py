@@ -172,7 +172,8 @@ class FreeLedger:
             "energy": kinetic + bulk + (tension.surface_tension if tension else 0.0) * area,
             "extent": float(np.ptp(x, axis=0).max()), "size": float(np.linalg.norm(x - centre, axis=1).max()),
             "mass": float(m.sum()), "steps": run.steps,
-            "samples": float(surface.latest.samples.count.max()) if area == area else 0.0,
+            "samples": float(np.unique(run.backend.host(surface.latest.samples.nearest), return_counts=True)[1].max())
+            if area == area else 0.0,
         })  # fmt: skip
 
     def last(self, name: str) -> float:

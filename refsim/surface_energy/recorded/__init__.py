@@ -178,9 +178,8 @@ class SurfaceGraph:
             return None
         names = ("sample_position", "sample_normal", "sample_area", "nearest")
         place, normal, area, nearest = (view(name, facets) for name in names)  # `position` belongs to the graphs
-        self.samples = Samples(place, normal, area, nearest, a["sample_count"])
-        place, normal, area, nearest = (a[name] for name in names)
-        padded = Samples(place, normal, area, nearest, a["sample_count"])
+        self.samples = Samples(place, normal, area, nearest)
+        padded = Samples(*(a[name] for name in names))
         cells = stages.listed(a)
         later = {
             "mesh": lambda: Mesh(view("vertex_position", vertices), view("facets", facets)),

@@ -22,7 +22,7 @@ COUNTS = 10
 
 
 @cuda_kernel(rows_of="held")
-def clear(held, held_points, members, sample_count, first, counts):
+def clear(held, held_points, members, first, counts):
     """Sets to 0 everything that is counted, and the first place."""
     i = cuda.grid(1)
     if i < held.shape[0]:
@@ -33,8 +33,6 @@ def clear(held, held_points, members, sample_count, first, counts):
             counts[i] = 0
         if i == 0:
             first[0] = 0
-        for p in range(i, sample_count.shape[0], held.shape[0]):
-            sample_count[p] = 0
 
 
 @formula

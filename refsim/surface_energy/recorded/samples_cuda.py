@@ -62,7 +62,6 @@ class Samples(NamedTuple):
     sample_normal: Any
     sample_position: Any
     sample_area: Any
-    sample_count: Any
 
 
 class FitPoints(NamedTuple):
@@ -351,7 +350,6 @@ def place_samples(spheres, blocks, surface_term, vertex_edge, inset_position, fa
             if p < 0:
                 counts[UNFOUND] = 1
             else:
-                cuda.atomic.add(samples.sample_count, p, 1)
                 label = components.node_label[spheres.cells.cell[p]]
                 has_tension = label >= 0 and components.members[label] >= components.least
             put(samples.sample_position, s, x)

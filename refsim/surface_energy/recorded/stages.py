@@ -36,7 +36,7 @@ def work_arrays(
         "reached": ((27, 2 * f + 1), real), "change": ((27, 2 * f + 1), real), "pulls": ((81, f + 1), real),
         "rows": (force_cuda.ROWS * f, np.uint8), "sample_normal": ((f, 3), real), "vertex_normal": ((v, 3), real),
         "inset_position": ((v, 3), real), "sample_position": ((f, 3), real), "sample_area": (f, real), "nearest": f,
-        "sample_count": n, "either": (f + v, np.uint8), "total": b, "one": 1,
+        "either": (f + v, np.uint8), "total": b, "one": 1,
         "totals": device.tiles(count) + 1, "counts": cells_cuda.COUNTS,
         "held_samples": count, "samples_first": count, "sample_point": f, "node_force": ((count, 3), real),
     }  # fmt: skip
@@ -60,7 +60,7 @@ def named(kind: Any, a: Arrays) -> Any:
 def sort_particles(a: Arrays, position: Any, blocks: Any, term: Any, sure: Any) -> None:
     """Particles by cell, by counting; counters are set to 0."""
     counts, first = a["counts"], a["first"]
-    cells_cuda.clear(a["held"], a["held_points"], a["members"], a["sample_count"], first, counts)
+    cells_cuda.clear(a["held"], a["held_points"], a["members"], first, counts)
     cells_cuda.count_particles(position, term, blocks, sure, a["held"], a["place"], a["cell"], counts)
     device.RunningSum(a["held"], first[1:], a["totals"])()
     by_cell = a["unsorted"], a["placed"]
