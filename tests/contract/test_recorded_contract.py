@@ -11,7 +11,7 @@ from refsim.contract import Target
 from refsim.contract.answers import CLOUDS
 from refsim.contract.bounds import Bounds, edge_terms, oracle
 from refsim.contract.properties import CONSERVED, TOTALS, Usual, descriptions, force_bound, on_grid
-from refsim.contract.whole_runs import compare, sensitivities
+from refsim.contract.whole_runs import Measure, compare, sensitivities
 from refsim.core.operation import REGISTRY
 from refsim.scene.files import parse_scene
 
@@ -108,3 +108,12 @@ def test_a_comparison_of_runs_is_as_ever(tmp_path, recorded):
     every = list(sensitivities(scene, compare(scene, tmp_path / "out", backend="numpy", allowed=bands), "numpy"))
     found["noticed"] = [s.error for s in every]
     recorded(found)
+
+
+def test_a_measure_holds_by_either_band():
+    cases = ((1.9, 1.0, 0.0, "FAILS"), (1.9, 0.5, 1.5, "within resolution"), (1.9, 1.5, 0.1, "holds"))
+    for theirs, chaos, resolution, verdict in cases:
+        one = Measure("a", "m", 0.1, theirs, (0.0, 1.0, 0.4), chaos, resolution)
+        assert (one.difference, one.allowed) == pytest.approx((1.4, max(chaos, resolution)))
+        assert (one.verdict, one.holds) == (verdict, verdict != "FAILS")
+    assert Measure("a", "m", 0.1, 1.5, (0.0, 1.0), 1.0).verdict == "holds"

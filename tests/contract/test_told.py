@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from refsim import InputError
-from refsim.contract import Programs, answers, drawn, inputs, properties, trajectories, whole_runs
+from refsim.contract import Programs, Target, answers, drawn, inputs, properties, trajectories, whole_runs
 from refsim.contract.answers import seconds_of_many
 from refsim.contract.apart import LibraryDescription, Request
 from refsim.contract.report import junit, report, text, verdict
@@ -88,6 +88,8 @@ def test_seeds_take_turns_with_numbers_beyond_16_bits(monkeypatch):
     monkeypatch.setattr(drawn, "many", lambda target, name: name)
     found = [drawn._many(types.SimpleNamespace(seed=seed)) for seed in (0, 1, 2, 3, 4, 5, 6, None)]
     assert found == [f"many_{2**16 + d}" for d in (-1, -1, 0, 0, 1, 1, -1, -1)]
+    made = drawn.cases.CASES[f"many_{2**16}"]()
+    assert (made.dim, made.position.shape) == (3, (2**16, 3))
 
 
 @pytest.mark.parametrize("most, taken", [(None, 1), (1, 1), (9, 1), (0, 0), (-1, 0), (True, 0), (2.0, 0)])
@@ -259,3 +261,12 @@ def test_reports_of_drawn_outcomes_are_as_ever(recorded):
         found[f"{number}"] = data["holds"], told, "\n".join(lines), junit(data, outcomes).decode()
         found[f"{number} lines"] = [len(line.split()) for line in lines][:40]
     recorded(found)
+
+
+def test_a_wrong_answer_has_words_beyond_its_bound():
+    target = Target(REGISTRY["sph.density"], "numpy")
+    for error, words in ((0.5, "density of particle 2"), (1.0, "density of particle 2"), (1.5, "bad: density")):
+        outcome = properties._told(target, {"density": np.array([0.0, 0.1, error])}, "bad")
+        assert isinstance(outcome, Outcome)
+        assert outcome.words.startswith(words)
+        assert (outcome.passed, outcome.error) == (error <= 1, error)

@@ -219,3 +219,13 @@ def test_bad_input_gets_one_sentence(name, other, tmp_path, capsys):
     err = capsys.readouterr().err
     assert said in err
     assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize("asked", ["0.0300172", "0.030017216"])
+def test_a_time_as_printed_finds_the_only_frame(asked, other, tmp_path, capsys):
+    """Of a frame at 0.03001722 s; a time that lies farther away is told with all its digits."""
+    scene, frames = other
+    folder = written(tmp_path / "run", [{"time": 0.03001722, "position": frames[-1]["position"]}])
+    judged(capsys, scene, folder, "--at", asked)
+    assert main(["contract", "--run", str(scene), folder, "--at", "0.0300175"]) == 2
+    assert "has no frame at 0.0300175 s; the nearest is at 0.03001722 s" in capsys.readouterr().err

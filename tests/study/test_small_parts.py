@@ -1,16 +1,21 @@
 """Small parts of studies, and of what a run says."""
 
 import math
+import re
+import sys
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from refsim import InputError, study
 from refsim.engine import progress
 from refsim.engine.timings import Timings
 from refsim.study import runs
 from refsim.study.convergence import _doubt
+from refsim.study.panels import measured
 from tests.running import rows
+from tests.study.test_cost import tank
 
 
 @pytest.mark.parametrize("seconds, said", [(0.9, 0), (1.1, 1), (1.9, 1)])
@@ -66,3 +71,19 @@ def test_bytes_of_arrays_are_counted_once():
 @pytest.mark.parametrize("values, words", rows(__file__, "values_without_order"))
 def test_values_without_an_order_alternate_or_do_not_shrink(values, words):
     assert words in _doubt((1.0, 2.0, 4.0), values, math.nan)
+
+
+@pytest.mark.parametrize("levels, given, finer", [(1, None, 0), (2, None, 1), (3, None, 1), (5, None, 2), (5, 4, 4)])
+def test_half_of_the_levels_are_finer(levels, given, finer, monkeypatch):
+    def asked(scene, *more):
+        raise InputError(f"{more}")
+
+    monkeypatch.setattr(sys.modules["refsim.study"], "spaced", asked)  # refsim.study is a function, too
+    with pytest.raises(InputError, match=re.escape(f"({levels}, {finer}, 1.25)")):
+        study(tank(), "front", levels=levels, finer=given, ratio=1.25, backend="numpy")
+
+
+def test_what_is_measured_is_told_of_its_machine(monkeypatch):
+    monkeypatch.setattr(measured, "machine", lambda: "a processor, 8 cores")
+    found = measured._here("numpy")
+    assert (found.machine, found.threads, found.device) == ("a processor", 1, "")
