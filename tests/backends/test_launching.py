@@ -6,6 +6,7 @@ No GPU is needed: the dispatcher, the driver's stream and `cuda.core` are replac
 import pathlib
 import sys
 import types
+import warnings
 
 import numpy as np
 import pytest
@@ -86,6 +87,27 @@ def test_a_compiled_kernel_is_launched_directly(kernel):
     assert second[:3] == ("compiled", "core stream", ((1, 1, 1), (kernel.threads, 1, 1)))
     assert numbers(second[3]) == [2.5, 0, 0, 4, 4, 4096, 4, 4]
     assert not private.lost()
+
+
+@pytest.mark.parametrize("remove", [
+    lambda patch, kernel: patch.delattr("numba.cuda.cudadrv.driver._to_core_stream"),
+    lambda patch, kernel: patch.delattr(kernel.dispatcher.compiled, "_codelibrary"),
+    lambda patch, kernel: patch.setitem(sys.modules, "numba.cuda.typing.typeof", None),
+    lambda patch, kernel: patch.setitem(sys.modules, "cuda.core", None),
+])  # fmt: skip
+def test_without_the_private_names_the_public_launch_is_taken_and_said_once(kernel, monkeypatch, remove):
+    remove(monkeypatch, kernel)
+    array = FakeArray()
+    with pytest.warns(UserWarning, match="launched through Numba's public call"):
+        kernel(np.float32(2.5), array)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        kernel(np.float32(3.5), array)
+        assert launching.direct_launch(kernel.dispatcher, (np.float32(1), array)) is None  # another kernel
+    where = (1, kernel.threads, "stream")
+    assert kernel.calls == [("public", where, (np.float32(x), array)) for x in (2.5, 3.5)]
+    assert private.lost()["launch"].startswith("This version of Numba lacks ")
+    private.names.cache_clear()
 
 
 def test_doctor_says_why_launches_are_slower(monkeypatch):

@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import pathlib
 import shutil
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 import refsim as rs
 from refsim import make_plan, open_run, simulate
+from refsim.core import extras
 from refsim.io.checkpoint import read_checkpoint
 from refsim.io.frames import ORIGIN, ParticleWriter, read_particles
 
@@ -145,6 +147,16 @@ def test_errors_say_what_and_where(folder, tmp_path):
     (tmp_path / "report.json").write_text("{")
     with pytest.raises(rs.InputError, match="is damaged"):
         len(alone.ledger)
+
+
+def test_a_missing_extra_is_named(folder, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "pandas", None)
+    with pytest.raises(rs.InputError, match="needs the package pandas, which is not installed; run pip install pandas"):
+        open_run(folder).ledger.to_pandas()
+    listed = (pathlib.Path(__file__).parents[2] / "setup.cfg").read_text().partition("[options.extras_require]")[2]
+    for package, name in extras.EXTRAS.values():
+        section = listed.partition(f"\n{name} =\n")[2].partition(" =\n")[0]
+        assert f"    {package}>=" in section
 
 
 @needs("pandas")
