@@ -33,6 +33,32 @@ def reconstructed(place, dim=3, dtype="float64", h=H, number=None, **parameters)
     return made, made.surface((h * place).astype(dtype), number=number)
 
 
+def test_inset_brings_the_surface_back_to_the_liquid():
+    _, far = reconstructed(ball(9), inset=-1.0)
+    _, near = reconstructed(ball(9))
+    radius = [np.linalg.norm(s.samples.position, axis=1).mean() / H for s in (far, near)]
+    assert 10.3 < radius[0] < 10.7
+    assert 8.85 < radius[1] < 9.2
+    assert near.samples.area.sum() == pytest.approx(4 * np.pi * (9 * H) ** 2, rel=0.04)
+    assert np.array_equal(far.mesh.vertices, near.mesh.vertices)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_poisson_disk_samples_keep_their_distance_and_leave_no_gap(dim):
+    made, surface = reconstructed(ball(5, dim=dim), dim, quadrature="poisson", inset=-1.0)
+    place = surface.samples.position / H
+    distance = np.linalg.norm(place[:, None] - place[None], axis=-1) + 9 * np.eye(len(place))
+    assert distance.min() >= 0.5
+    assert distance.min(1).max() < 1.1  # in a wider gap another disk would fit
+    _, exact = reconstructed(ball(5, dim=dim), dim, inset=-1.0)
+    assert surface.samples.area.sum() == pytest.approx(exact.samples.area.sum(), rel=1e-5)
+    assert np.ptp(surface.samples.area) == 0
+    again = made.surface((H * ball(5, dim=dim)), step=1)
+    assert not np.array_equal(again.samples.position[:20], surface.samples.position[:20])
+    redrawn = made.surface((H * ball(5, dim=dim)), step=0)
+    assert np.array_equal(redrawn.samples.position, surface.samples.position)
+
+
 # The surface
 
 
