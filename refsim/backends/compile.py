@@ -31,6 +31,7 @@ from refsim.backends.threads import choose_layer
 from refsim.core.clock import Compiling
 
 THREADS_PER_BLOCK = 128
+RESIDENT_THREADS = 2048  # that a multiprocessor runs at a time, or fewer
 SIMULATED_THREADS = 8  # each is a Python thread
 choose_layer()
 TOLD = type("Told", (event.Listener,), {"on_start": Compiling.begin, "on_end": Compiling.end})
@@ -117,16 +118,18 @@ class CudaKernel:
     A thread takes a row (with `lanes` so many threads: a number, or as many as share a column of the list of that name,
     True for `neighbours`), or, with `block_for_each_row`, a block, of `threads` threads where the kernel counts on
     their number. `registers` is the largest number for each thread: with fewer registers more threads run at a time,
-    and some values are kept in local memory.
+    and some values are kept in local memory. With `looping` there are no more threads than run at a time, and the
+    kernel takes its rows in a loop.
     """
 
     def __init__(
         self, function: Callable, *, fastmath: bool = False, rows_of: str | None = None,
         lanes: bool | str | int = False, block_for_each_row: bool = False, threads: int | None = None,
-        registers: int | None = None,
+        registers: int | None = None, looping: bool = False,
     ) -> None:  # fmt: skip
         names = list(inspect.signature(function).parameters)
         self.function, self.fastmath, self.block_for_each_row = function, fastmath, block_for_each_row
+        self.looping = looping
         if isinstance(lanes, bool):
             lanes = "neighbours" if lanes else 1
         self.lanes = 1 if isinstance(lanes, str) else lanes
@@ -153,6 +156,8 @@ class CudaKernel:
             rows *= len(arguments[self.list_at].lanes)
         if rows:
             blocks = rows if self.block_for_each_row else (rows + self.threads - 1) // self.threads
+            if self.looping:
+                blocks = min(blocks, multiprocessors() * (RESIDENT_THREADS // self.threads))
             kinds = None if self.launches is None else kinds_of(arguments)
             if kinds is None:
                 self.dispatcher[blocks, self.threads, stream()](*arguments)
@@ -165,6 +170,12 @@ class CudaKernel:
                     self.launches = None
                 else:
                     self.launches[kinds] = launch
+
+
+@functools.cache
+def multiprocessors() -> int:
+    """Number of the device's multiprocessors; one in the simulator."""
+    return 1 if simulated() else _load_cuda().get_current_device().MULTIPROCESSOR_COUNT
 
 
 class _AbsentArgument:

@@ -29,9 +29,8 @@ def {name}({given}, {into}):
 """
 CUDA = """\
 def {name}({given}, {into}):
-    i = cuda.grid(1)
     {zeros}
-    if i < {rows}.shape[0]:
+    {own_rows}
         {values} = body(i, {given})
         {reduced}
     # The numbers only grow: one that is read too early costs a reduction of this block and nothing else.
@@ -58,13 +57,15 @@ class Reduction(Kernel):
     into  the programs' last argument, an array of the reduced numbers, which the body does not take
     how   "largest" (of numbers of 0 or more; a GPU leaves out NaN) or "count" (of flags) for each number in turn
     rows  argument with as many rows as there are, or "group.member"
+
+    With `looping` a thread of a GPU takes several rows, whose maxima then cost fewer atomics; not for counts.
     """
 
-    def __init__(self, function: Callable, *, into: str, how: str, rows: str) -> None:
+    def __init__(self, function: Callable, *, into: str, how: str, rows: str, looping: bool = False) -> None:
         super().__init__(function)
         self.into, self.how, self.body_arguments = into, how.split(), self.arguments
         self.arguments, self.rows = [*self.body_arguments, into], into
-        self.options["cuda"]["rows_of"] = rows
+        self.options["cuda"] |= {"rows_of": rows, "looping": looping}
         signature = inspect.signature(function)
         last = inspect.Parameter(into, inspect.Parameter.POSITIONAL_OR_KEYWORD)
         self._signature = signature.replace(parameters=[*list(signature.parameters.values())[1:], last])
@@ -77,15 +78,18 @@ class Reduction(Kernel):
         step = {"largest": "max(s{k}, t{k})" if on_cpu else "t{k} if t{k} > s{k} else s{k}"}
         step["count"] = "s{k} + t{k}" if on_cpu else "t{k}"
         last = dict.fromkeys(zero, "{into}[chunk, {k}] = s{k}") if on_cpu else {"largest": LARGEST, "count": COUNT}
+        rows = self.options["cuda"]["rows_of"]
+        one_row = ["i = cuda.grid(1)", f"if i < {rows}.shape[0]:"]
+        several = [f"for i in range(cuda.grid(1), {rows}.shape[0], cuda.gridsize(1)):"]
         lines = {
+            "own_rows": several if self.options["cuda"]["looping"] else one_row,
             "zeros": [f"s{k} = {zero[kind]}" for k, kind in kinds],
             "reduced": [f"s{k} = {step[kind].format(k=k)}" for k, kind in kinds],
             "written": [line for k, kind in kinds for line in last[kind].format(k=k, into=into).splitlines()],
         }
         return filled_in(
             CPU if on_cpu else CUDA, lines, name=self.__name__, given=", ".join(self.body_arguments), into=into,
-            rows=self.options["cuda"]["rows_of"],
-            values=", ".join(f"t{k}" for k, _ in kinds),
+            rows=rows, values=", ".join(f"t{k}" for k, _ in kinds),
             grown=" or ".join(f"s{k}" if kind == "count" else f"s{k} > {into}[{k}]" for k, kind in kinds),
         )  # fmt: skip
 

@@ -248,7 +248,7 @@ class DeviceStepper:
         """All that a step launches, in order, and what each launch touches."""
         s, plan, backend = self.state, self.state.plan, self.state.backend.name
         forces = [(name, call, p) for (name, rare, call), (_, p) in zip(s.force_calls, s.force_passes) if not rare]
-        fields = frozenset({"acceleration", "extremes", "displacement"})
+        fields = frozenset({"acceleration", *(call.func.into for call in self._reductions())})  # type: ignore[attr-defined]
         motion = [(name, _cleared(call)) for name, call in s.motion_calls]
         steps: list[tuple[str, Callable[[], None], Accesses | None]] = [
             *((*call, accesses(p, backend)) for call, (_, p) in zip(s.begin_calls, plan.begin)),
@@ -266,9 +266,13 @@ class DeviceStepper:
         s.scratch.unchanged(True)  # in what is launched behind this, up to the motion
         if self.pushed:
             self.device.fill(s.fields["acceleration"], 0)
-        reduced = [(s.extremes_call, s.extremes), *((call, s.displacement) for _, call in s.motion_calls)]
-        for array in (array for call, array in reduced if _cleared(call) is not call):
-            self.device.fill(array, 0)
+        for call in self._reductions():
+            self.device.fill(call.args[-1], 0)  # type: ignore[attr-defined]
+
+    def _reductions(self) -> list[Callable[[], None]]:
+        """The calls that need zeros in what they reduce into, their last argument."""
+        calls = (self.state.extremes_call, *(call for _, call in self.state.motion_calls))
+        return [call for call in calls if _cleared(call) is not call]
 
     def _choose(self) -> None:
         s, scene = self.state, self.state.plan.scene
@@ -289,6 +293,6 @@ def _cleared(call: Callable[[], None]) -> Callable[[], None]:
     At the start of a step the zeros are written beside other launches, in front of a kernel they would delay it.
     """
     program = getattr(call, "func", None)
-    if getattr(program, "into", "") not in ("extremes", "displacement"):
+    if not hasattr(program, "cleared"):
         return call
     return partial(program.cleared, *call.args)  # type: ignore[attr-defined,union-attr]

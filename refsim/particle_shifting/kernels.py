@@ -104,7 +104,7 @@ def crowding_and_momentum(
     )  # fmt: skip
 
 
-@reduction(into="velocity_range", how="largest largest largest largest largest largest", rows="velocity")
+@reduction(into="velocity_range", how=" ".join(6 * ["largest"]), rows="velocity", looping=True)
 def velocity_range(i, velocity):
     """Velocity beyond that of the first particle [m/s]: along each axis, and against it."""
     x, y, z = difference(three(velocity, i), three(velocity, 0))

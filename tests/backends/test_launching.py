@@ -110,6 +110,15 @@ def test_without_the_private_names_the_public_launch_is_taken_and_said_once(kern
     private.names.cache_clear()
 
 
+def test_a_kernel_that_loops_has_no_more_threads_than_run_at_a_time(kernel, monkeypatch):
+    kernel.looping, kernel.launches = True, None
+    monkeypatch.setattr(FakeArray, "shape", (20 * kernel.threads,))
+    for multiprocessors in (1, 7):
+        monkeypatch.setattr(compiler, "multiprocessors", lambda count=multiprocessors: count)
+        kernel(np.float32(2.5), FakeArray())
+    assert [where[0] for _, where, _ in kernel.calls] == [16, 20]
+
+
 def test_doctor_says_why_launches_are_slower(monkeypatch):
     monkeypatch.setattr(doctor, "lost", lambda: {"launch": "Kernels are launched slowly."})
     monkeypatch.setattr(doctor, "unavailable", lambda name: None if name == "numpy" else "it is not tested")
