@@ -65,6 +65,11 @@ if simulated():
         cuda.syncthreads()
         return found
 
+    @cuda_formula
+    def count_up(counters, k):  # noqa: ANN001, ANN201
+        """counters[k] before this thread has added one to it."""
+        return cuda.atomic.add(counters, k, 1)
+
 else:
 
     @cuda_formula
@@ -115,6 +120,16 @@ else:
     def across_lanes(value, lane, lanes, step):  # noqa: ANN001, ANN201
         """What the thread holds whose lane differs by the bit `step`; all lanes of a row call it together."""
         return cuda.shfl_xor_sync(lanes_mask(lane, lanes), value, step)
+
+    @cuda_formula
+    def count_up(counters, k):  # noqa: ANN001, ANN201
+        """counters[k] before this thread has added one to it; threads of a warp with the same k add once together."""
+        same = cuda.match_any_sync(cuda.activemask(), np.int32(k))
+        first = cuda.ffs(same) - 1
+        before = np.int32(0)
+        if cuda.laneid == first:
+            before = np.int32(cuda.atomic.add(counters, k, np.int32(cuda.popc(same))))
+        return cuda.shfl_sync(same, before, first) + np.int32(cuda.popc(same & cuda.lanemask_lt()))
 
 
 if simulated():

@@ -7,7 +7,7 @@ vertices and facets are made, and the host sees why.
 import numpy as np
 
 from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
-from refsim.backends.primitives import set_four, sum_before
+from refsim.backends.primitives import count_up, set_four, sum_before
 from refsim.backends.tuples import three
 from refsim.sparse_grid.block_search_cuda import SUMMING, number
 from refsim.sparse_grid.formulas import cell_coordinate, find_node_near, node_coordinates
@@ -57,21 +57,19 @@ def count_particles(interior_position, surface_term, blocks, sure, held, place, 
         if found < 0 or sure[found >> 6] == 0:
             counts[MISSING] = 1
         if found >= 0:
-            place[i] = cuda.atomic.add(held, found, 1)
+            place[i] = count_up(held, found)
 
 
 @cuda_kernel(rows_of="cell")
-def place_particles(interior_position, surface_term, blocks, first, place, cell, counts, point, placed):
-    """Particles cell by cell, in any order within one: numbers, offsets [h] from the lowest node of the block; most.
+def place_particles(interior_position, surface_term, blocks, first, place, cell, point, placed):
+    """Particles cell by cell, in any order within one: numbers, and offsets [h] from the lowest node of the block.
 
     Offsets need no double precision: a search that stays within a few blocks takes their differences.
     """
     i = cuda.grid(1)
     if i < cell.shape[0] and cell[i] >= 0:
         c = number(cell[i])
-        at, held = number(first[c] + place[i]), first[c + 1] - first[c]
-        if held > counts[MOST]:
-            cuda.atomic.max(counts, MOST, held)
+        at = number(first[c] + place[i])
         point[at] = i
         lowest = node_coordinates(blocks, cell[i] & ~(CELLS - 1))
         x, y, z = formulas.place_over(interior_position, i, lowest, surface_term)

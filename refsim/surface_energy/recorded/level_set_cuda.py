@@ -14,6 +14,7 @@ from refsim.surface_energy.recorded.cells_cuda import (
     FACETS,
     MADE,
     MISSING,
+    MOST,
     VERTICES,
     block_start,
     local_place,
@@ -119,8 +120,9 @@ def mark_nodes(state, placed, first, blocks, surface_term):
 
 
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")
-def states_of_blocks(placed, cells, blocks, surface_term, node_state, node_label, total):
-    """Algorithm 1, lines 5 to 9, and first labels: the lowest node of each node's component within its block.
+def states_of_blocks(placed, cells, blocks, surface_term, node_state, node_label, counts, total):
+    """Algorithm 1, lines 5 to 9, and first labels: the lowest node of each node's component within its block; most
+    particles in a cell.
 
     Without `placed` the states are given, and only labels are written.
     """
@@ -130,6 +132,9 @@ def states_of_blocks(placed, cells, blocks, surface_term, node_state, node_label
     state = 0
     if placed is not None:
         if occupied_near(cells.first, blocks, b):
+            most = largest_of_block(cuda.shared.array(CELLS, np.int32), cells.first[i + 1] - cells.first[i])
+            if thread == 0 and most > counts[MOST]:
+                cuda.atomic.max(counts, MOST, most)
             mark_nodes(label, placed, cells.first, blocks, surface_term)
             state = label[thread]
             cuda.syncthreads()

@@ -64,13 +64,15 @@ def sort_particles(a: Arrays, position: Any, blocks: Any, term: Any, sure: Any) 
     cells_cuda.count_particles(position, term, blocks, sure, a["held"], a["place"], a["cell"], counts)
     device.RunningSum(a["held"], first[1:], a["totals"])()
     by_cell = a["unsorted"], a["placed"]
-    cells_cuda.place_particles(position, term, blocks, first, a["place"], a["cell"], counts, *by_cell)
+    cells_cuda.place_particles(position, term, blocks, first, a["place"], a["cell"], *by_cell)
 
 
 def mark_nodes(a: Arrays, blocks: Any, term: Any, given: bool = False) -> None:
     """States of nodes, unless they are `given`, and labels of inside nodes within each block."""
     placed = None if given else a["placed"]
-    level_set_cuda.states_of_blocks(placed, listed(a), blocks, term, a["node_state"], a["node_label"], a["total"])
+    level_set_cuda.states_of_blocks(
+        placed, listed(a), blocks, term, a["node_state"], a["node_label"], a["counts"], a["total"]
+    )
 
 
 def count_cuts(a: Arrays, blocks: Any, table: Any) -> None:
