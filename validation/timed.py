@@ -44,6 +44,7 @@ CUBES: dict[str, tuple[Any, ...]] = {
     "normal_difference": (THIN, refsim.NormalDifference2014(area_acceleration=0.1)),
     "continuity": (refsim.WeaklyCompressible(density="continuity", sound_speed=SOUND, dynamic_viscosity=1.0),),
     "shifting": (refsim.WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=1.0),),
+    "papers": (THIN,),
 }  # fmt: skip
 
 
