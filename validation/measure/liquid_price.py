@@ -18,7 +18,6 @@ from refsim.core.writing import write_file
 from refsim.surface_tension.akinci_2013 import Akinci2013
 from validation.reading import environment
 from validation.running import take_steps
-from validation.times import table
 
 CELLS, FIRST, LAST = 32, 14, 74
 SOUND = 10 * math.sqrt(9.81)  # of a tank 1 m deep [m/s]
@@ -76,25 +75,6 @@ def measured(threads: int, cells: int = CELLS, last: int = LAST) -> dict[str, di
     return medians
 
 
-def rows(stored: dict[str, Any]) -> list[str]:
-    """The table of the page; in brackets how many times the papers' liquid with the same support radius."""
-    lines: list[list[str]] = []
-    papers = ""
-    for name in TANKS:
-        papers = name if "papers'" in name else papers
-        cells = [name]
-        for stored_row in stored.values():
-            steps, others = stored_row["tanks"][name], stored_row["tanks"][papers]
-            over = "; ".join(f"{steps[kind] / others[kind]:.2f}" for kind in ("kept", "mean"))
-            cells.append(f"{1e3 * steps['kept']:.1f}" + f" ({over})" * (name != papers))
-        if name != papers or not lines:
-            lines.append(cells)
-    threads = [f"{count} thread{'s'[: int(count) > 1]}" for count in stored]
-    about = next(iter(stored.values()))
-    heading = ["step that keeps its list [ms] (over the papers'; of all steps)", *threads]
-    return [*table(heading, lines), "", f"CPU: {about['processor']}, {about['date']}."]
-
-
 def perform(given: argparse.Namespace) -> None:
     """The command."""
     stored: dict[str, Any] = json.loads(given.output.read_text(encoding="utf-8")) if given.output.exists() else {}
@@ -103,4 +83,8 @@ def perform(given: argparse.Namespace) -> None:
         kept = {name: about[name] for name in ("date", "processor", "commit")}
         stored[str(threads)] = {**kept, "tanks": measured(threads)}
         write_file(given.output, json.dumps(stored, indent=1) + "\n")
-    print(*rows(stored), sep="\n")
+        papers = ""
+        for name, steps in stored[str(threads)]["tanks"].items():
+            papers = name if "papers'" in name else papers
+            over = (steps[kind] / stored[str(threads)]["tanks"][papers][kind] for kind in ("kept", "mean"))
+            print(f"{name:<40} {1e3 * steps['kept']:6.1f} ms a step that keeps its list; over the papers'", *over)

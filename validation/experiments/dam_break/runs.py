@@ -245,11 +245,7 @@ def timed_detectors(
     context: Context, cloud: tuple, columns: int, tank: float, backend: str, repeats: int, threads: int | None
 ) -> dict[str, Any]:
     """Seconds of every detector on one cloud: the lower quartile of its readings, `repeats` at least and for SPAN at
-    least; the detectors take turns.
-
-    A reading is one evaluation, shorter than the time that an operating system gives a process at once. Beside ten
-    other processes on two cores, lower quartiles of 60 readings gave ratios within 3 % of each other, medians of 15
-    within a factor of ten, and longer readings, each of them interrupted, within a factor of two.
+    least; the detectors take turns. A reading is one evaluation, shorter than an operating system's share of time.
 
     whole    threshold, normals and scan, and what the detector adds to the density pass
     charged  the same with the pass that sums J(7) and J(8), without which no detector has a density or a normal
@@ -289,13 +285,8 @@ def _stages(simulation: Simulation) -> dict[str, float]:
 
 
 # What Jiang & Zhu 2023 claim of surface detection and of the density near a surface, measured on collapsing columns.
-#
-# Starts are jitters of the column's lattice; quick sizes have 800 particles, the published ones 3,200.
 
-
-SEEDS = (1, 2, 3, 4, 5)
-
-# Detection: precision and recall of every detector over the collapse.
+SEEDS = (1, 2, 3, 4, 5)  # jitters of the column's lattice
 
 
 def sized(
@@ -367,14 +358,11 @@ def interior_noise(simulation: Simulation) -> tuple[float, float]:
 
 
 def as_printed(scene: Scene) -> Scene:
-    """The scene with the liquid of J(9) and J(10): a linear equation of state without a clamp, half of the gradient."""
-    liquid = msgspec.structs.replace(
-        scene.effects[0],
-        literal=("paper",),
-        state="linear",
-        clamp_pressure=False,
-        density_bound=10.0,
-    )  # where pressures pull, single particles fall into each other
+    """The scene with the liquid of J(9) and J(10): a linear equation of state without a clamp, half of the gradient.
+
+    Where pressures pull, single particles fall into each other."""
+    changes: dict[str, Any] = {"literal": ("paper",), "state": "linear", "clamp_pressure": False, "density_bound": 10.0}
+    liquid = msgspec.structs.replace(scene.effects[0], **changes)
     return msgspec.structs.replace(scene, effects=(liquid, *scene.effects[1:]))
 
 
@@ -518,7 +506,6 @@ def _exact(measure: Measure) -> list[float]:
 
 # Hard cases of a collapsing column: detection beside walls and in a splash.
 
-
 COLUMNS = 40
 SPLASH = (0.8, 0.9, 1.0, 1.1, 1.2)  # s
 
@@ -581,11 +568,8 @@ def in_motion(trial: Trial, method: str, times: Sequence[float] = SPLASH, starts
     trial.show("least recall", min(recall))
 
 
-# Collapse of a liquid column: surface detection against the exact truth, its cost, the surge front.
-#
-# The column is L wide and 2 L high; walls are free slip; Tait equation of state. The paper does not say what its dam
-# break looks like (Jiang & Zhu E17b): the settings of `runs.py` are this project's, and stand in every result.
-
+# Collapse of a liquid column: surface detection against the exact truth, its cost, the surge front. The paper does not
+# say what its dam break looks like (Jiang & Zhu E17b): the settings are this project's, and stand in every result.
 
 FIGURE_FROM = 2000  # particles from which on figure 5 is judged; below, launches take a part of the time
 FIGURE_5 = tuple(f"detection_cost_{k + 1}" for k in range(len(COSTLY_QUICK)))  # it takes more where there are more

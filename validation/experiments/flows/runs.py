@@ -1,13 +1,15 @@
-"""Three flows of the literature with the liquid that rests (docs/solutions.md).
-
-A cavity with a moving lid, the pressure of a dam break at a wall, and a tank that sways. 2D, float64, Wendland C2,
-rho0 = 1000 kg/m^2; every option of the liquid is spelled out. Only the dam break is
-shifted, whose pressure at the wall is too high otherwise; the swaying water would swell.
+"""Flows of the literature with the liquid that rests (docs/solutions.md): a cavity with a moving lid and a tank that
+sways (2D, float64, Wendland C2, every option of the liquid spelled out, without shifts, by which swaying water would
+swell), and water that falls onto sensors (`falls.toml`).
 """
 
 from __future__ import annotations
 
+import itertools
 import math
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,14 +25,9 @@ from validation.running import Context, advance
 
 DENSITY, GRAVITY = 1000.0, 9.81  # kg/m^2, m/s^2
 ARTIFICIAL = 0.02  # alpha of the artificial viscosity that has the kinematic viscosity of water that falls or sways
+PAPERS = Path(__file__).resolve().parents[2] / "papers"
 REYNOLDS, SETTLED, MEAN = 100.0, 15.0, 1.0  # of the cavity; s until it is steady, s of the mean at the end
 
-# Zhou, De Kat & Buchner, 7th Int. Conf. Numer. Ship Hydrodyn. (1999): pressure over rho g H at the sensor, of t
-# sqrt(g/H) (digitised by the TrixiParticles project). The sensor of 90 mm is printed around 0.16 m; Adami, Hu & Adams
-# (2012), after Greco (2001), Marrone et al. (2011) and TrixiParticles compare a pressure 45 mm lower with these data
-COLUMN, TANK = (1.2, 0.6), (3.22, 1.8)  # m
-SENSOR, PRINTED = (0.07, 0.16), (0.115, 0.205)  # m over the floor, ends of the sensor: as compared, and as printed
-ARRIVAL, PLATEAU, PLATEAU_PRESSURE = 2.577, (3.2, 5.0), 0.547  # p = 0.3 rho g H; mean between these times
 EXTREMES = (
     (0.498, -0.0312), (1.163, 0.0754), (1.925, -0.0880), (2.574, 0.1421), (3.267, -0.0925), (4.040, 0.1093),
     (4.711, -0.0454), (5.295, 0.0126),
@@ -80,50 +77,64 @@ def cavity(context: Context, cells: int, support: float, backend: str) -> Result
     return Result(values, {"u": u, "v": v})
 
 
-def dam_break(context: Context, cells: int, support: float, backend: str) -> Result:
-    """A column of water, 0.6 m high with `cells` particles, falls and hits the wall 2.02 m away.
+FALLS: Mapping[str, Any] = tomllib.loads(Path(__file__).with_name("falls.toml").read_text(encoding="utf-8"))
 
-    arrival_off  of the time at which the sensor reads 0.3 rho g H, over the experiment's, off 1; pressure_off  of the
-    mean pressure while the water runs up and falls back, over the experiment's, off 1, printed_off  where the sensor
-    is printed to be
-    """
-    height = COLUMN[1]
-    spacing, sound = height / cells, 10 * math.sqrt(2 * GRAVITY * height)
-    viscosity = ARTIFICIAL * 0.5 * support * spacing * sound / 8
-    far = round(TANK[0] / spacing) * spacing
+
+def measured(fall: Mapping[str, Any]) -> dict[str, tuple[NDArray, NDArray]]:
+    """Times and pressures of each sensor of an experiment."""
+    rows = np.genfromtxt(PAPERS / fall["series"], delimiter=",", names=True, dtype=None, encoding="utf-8")
+    parts = {name: rows[rows["sensor"] == name] for name in fall["sensors"]}
+    return {name: (part["time"], part["pressure"]) for name, part in parts.items()}
+
+
+def read_sensor(fall: Mapping[str, Any], time: NDArray, pressure: NDArray) -> dict[str, float]:
+    """Time at which a sensor first reads 0.3 rho g H, and its mean in each span."""
+    after = int(np.argmax(pressure > 0.3))
+    arrival = float(np.interp(0.3, pressure[after - 1 : after + 1], time[after - 1 : after + 1]))
+    means = {
+        name: float(np.interp(np.linspace(low, high, 1001), time, pressure).mean())
+        for name, (low, high) in fall["spans"].items()
+    }
+    return {"arrival": arrival, **means}
+
+
+def impact(context: Context, kind: str, fall: Mapping[str, Any], cells: int, backend: str) -> Result:
+    """Water of `falls.toml`, `cells` particles high: arrivals and means of each sensor, `found` and `known` by its
+    experiment; the series hold means since the value before."""
+    length, height, *across = fall["column"]
+    unit, scale = math.sqrt(height / GRAVITY), DENSITY * GRAVITY * height
+    effects: list[Any] = [
+        refsim.WeaklyCompressible(
+            rest_density=DENSITY, sound_speed=10 * math.sqrt(2 * GRAVITY * height), artificial_viscosity=ARTIFICIAL,
+            **fall.get("liquid", {}),
+        ),
+        refsim.Gravity(acceleration=(0.0, -GRAVITY, 0.0)),
+        refsim.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(*fall["tank"], 0.0)[:3], open_faces=("+y",)),
+    ]  # fmt: skip
+    if "papers" in fall:
+        effects += [refsim.SurfaceDetection(), refsim.ParticleShifting(strength=2.2, surface="detected")]
+    if "block" in fall:
+        effects.append(refsim.MeshBoundary(file=str(Path(__file__).with_name(fall["block"]))))
+    gauges, dim = [], 2 + len(across)
+    for name, corners in fall["sensors"].items():
+        place: Any = dict(zip(("lower", "upper") if corners[1:] else ("at",), map(tuple, corners)))
+        gauges.append(refsim.Gauge(name=name, kind="pressure", every=0.02 * unit, instants=5, **place))
     scene = refsim.Scene(
-        name="dam_break", dim=2, dtype="float64", spacing=spacing, support_radius=support * spacing,
-        fluid=(refsim.Box(cells=(2 * cells, cells, 1)),),
-        gauge=tuple(
-            refsim.Gauge(name=name, kind="pressure", lower=(far, low, 0.0), upper=(far, high, 0.0), every=2e-3)
-            for name, (low, high) in (("sensor", SENSOR), ("printed", PRINTED))
-        ),
-        effects=(
-            _liquid(sound, viscosity, "inside"), refsim.Gravity(acceleration=(0.0, -GRAVITY, 0.0)),
-            refsim.BoxWalls(
-                lower=(0.0, 0.0, 0.0), upper=(far, TANK[1], 0.0), model="extrapolated", open_faces=("+y",),
-            ),
-            refsim.SurfaceDetection(), refsim.ParticleShifting(strength=2.2, surface="detected"),
-        ),
+        name=kind, dim=dim, spacing=height / cells, effects=tuple(effects), gauge=tuple(gauges),  # type: ignore[arg-type]
+        support_radius=fall.get("support", 2.6) * height / cells,
+        fluid=(refsim.Box(size=(length, height, *across, height / cells)[:3]),),
     )  # fmt: skip
     simulation = context.simulation(scene, backend)
-    unit = math.sqrt(height / GRAVITY)
-    advance(simulation, (np.linspace(0, 5.1, 52) * unit).tolist(), lambda simulation, wall: None, context)
-    time, scale = simulation.gauge("sensor").time / unit, DENSITY * GRAVITY * height
-    pressure, printed = (simulation.gauge(name)["pressure"] / scale for name in ("sensor", "printed"))
-    arrival = float(time[np.argmax(pressure > 0.3)])
-    values = {
-        "kind": "dam", "cells": cells, "support": support, "particles": simulation.count,
-        "arrival_off": abs(arrival / ARRIVAL - 1), "stops": simulation.stopped_at_walls,
-        "pressure_off": abs(_plateau(time, pressure) / PLATEAU_PRESSURE - 1),
-        "printed_off": abs(_plateau(time, printed) / PLATEAU_PRESSURE - 1),
-    }  # fmt: skip
-    return Result(values, {"time": time, "pressure": pressure})
-
-
-def _plateau(time: NDArray, pressure: NDArray) -> float:
-    """Mean pressure while the water runs up and falls back."""
-    return float(np.interp(np.linspace(*PLATEAU, 1001), time, pressure).mean())
+    advance(simulation, (np.linspace(0, fall["until"], 51) * unit).tolist(), lambda simulation, wall: None, context)
+    values: dict[str, Any] = {"kind": kind, "cells": cells, "particles": simulation.count, "steps": simulation.steps}
+    known = {name: read_sensor(fall, *series) for name, series in measured(fall).items()} if "series" in fall else {}
+    arrays: dict[str, NDArray] = {}
+    for name in fall["sensors"]:
+        gauge = simulation.gauge(name)
+        arrays |= {"time": gauge.time / unit, name: gauge["pressure_mean"] / scale}
+        found = read_sensor(fall, arrays["time"], arrays[name])
+        values[name] = {"found": found, "known": known.get(name, fall.get("known"))}
+    return Result(values, arrays)
 
 
 def sway(context: Context, cells: int, support: float, amplitude: float, until: float, backend: str) -> Result:
@@ -167,7 +178,7 @@ def sway(context: Context, cells: int, support: float, amplitude: float, until: 
     return Result(values, {"time": time, "level": level, "theory": theory})
 
 
-CAVITIES, DAMS, SWAYS = (25, 50), (20, 40, 80), ((12, SWAY), (25, SWAY), (12, 0.008), (25, 0.008))
+CAVITIES, SWAYS = (25, 50), ((12, SWAY), (25, SWAY), (12, 0.008), (25, 0.008))
 
 
 def planned(options: Options) -> list[RunSpec]:
@@ -176,9 +187,10 @@ def planned(options: Options) -> list[RunSpec]:
     for cells in CAVITIES:
         row: dict[str, Any] = {"cells": cells, "support": 3.2, "backend": "cpu"}
         made.append(RunSpec(f"cavity_{cells}", cavity, row, estimate=2e-3 * cells**3))
-    for cells in DAMS:
-        row = {"cells": cells, "support": 3.0, "backend": "cpu"}
-        made.append(RunSpec(f"dam_break_{cells}", dam_break, row, estimate=3e-4 * cells**3))
+    for kind, fall in FALLS.items():
+        for cells in fall["cells"]:
+            row = {"kind": kind, "fall": fall, "cells": cells, "backend": options.backend}
+            made.append(RunSpec(f"{kind}_{cells}", impact, row, 3e-4 * cells ** (2 * len(fall["column"]) - 1)))
     for cells, amplitude in SWAYS:
         row = {"cells": cells, "support": 3.2, "amplitude": amplitude, "until": 5.6, "backend": "cpu"}
         made.append(RunSpec(f"sway_{cells}_{1000 * amplitude:g}mm", sway, row, estimate=4e-3 * cells**3))
@@ -188,18 +200,31 @@ def planned(options: Options) -> list[RunSpec]:
 def checks(results: Results, check: Checks) -> None:
     """Bars hold at the finer spacing; the coarser one is shown."""
     for key, result in results.items():
-        row, fine = result.values, key.startswith(("cavity_50", "dam_break_80", "sway_25"))
-        names = [name for name in ("u_off", "v_off", "arrival_off", "pressure_off") if name in row]
+        row, fine = result.values, key.startswith(("cavity_50", "sway_25"))
+        if row["kind"] in FALLS:
+            _judge_fall(FALLS[row["kind"]], row, key, check)
+            continue
+        names = [name for name in ("u_off", "v_off") if name in row]
         if row["kind"] == "sway":
             names = ["nonlinear_off"] if row["amplitude"] == SWAY else ["linear_off"]
             if row["amplitude"] == SWAY and fine:
                 names += ["crests_off", "troughs_off", "theory_crests_off"]
         for name in names:
             check(name if fine else f"coarse_{name}", row[name], key, f"{row['cells']} cells")
-        if "printed_off" in row:
-            check("dam_printed_off", row["printed_off"], key, f"{row['cells']} cells")
+
+
+def _judge_fall(fall: Mapping[str, Any], row: Mapping[str, Any], key: str, check: Checks) -> None:
+    """Arrivals and means over the experiment's, and over those of a grid where they are known, off 1."""
+    coarse = "coarse_" * (row["cells"] < fall["cells"][-1])
+    for name, part in itertools.product(fall["sensors"], ("arrival", *fall["spans"])):
+        found, known = (row[name][which][part] for which in ("found", "known"))
+        where = (f"{key}.{name}.{part}", f"{row['cells']} cells, {name}, {part}")
+        missed = "_missed" * (not coarse and f"{name}.{part}" in fall["missed"])
+        check(f"{coarse}fall_{'arrival' if part == 'arrival' else 'mean'}{missed}", abs(found / known - 1), *where)
+        if part in fall.get("grid", {}).get(name, ()):
+            check(f"{coarse}fall_grid", abs(found / fall["grid"][name][part] - 1), *where)
 
 
 EXPERIMENT = Experiment(
-    "flows", "cavity, dam break at a wall and swaying tank with the liquid that rests", planned, checks
+    "flows", "cavity, swaying tank and water that falls onto sensors, with the liquid that rests", planned, checks
 )
