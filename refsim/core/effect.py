@@ -100,6 +100,7 @@ class Discretisation:
     period: Lengths = (0.0, 0.0, 0.0)  # lengths of the periodic box [m]; 0 along axes without a period
     period_lower: Lengths = (0.0, 0.0, 0.0)  # its lower corner [m]
     origin: Lengths = (0.0, 0.0, 0.0)  # place in the scene [m] to which all that passes take is relative
+    drop_radius: float = 0.0  # of a ball (disc) as large as the smallest body of liquid [m]; 0: not known
 
     def local(self, places: Any) -> Any:
         """Places (..., 3) [m] of the scene relative to the origin, in float64; as they are where it is zero."""

@@ -31,7 +31,8 @@ def placed(
     """
     solids = voxelised(scene.solid, empty) if scene.solid else None
     state = _initial_state(scene, empty, effects, solids)
-    grid = dataclasses.replace(empty, count=len(state.position), solids=solids)
+    radius = _drop_radius(state, 0 if solids is None else len(solids.bodies), empty)
+    grid = dataclasses.replace(empty, count=len(state.position), solids=solids, drop_radius=radius)
     cell = max((e.sorting_cell(grid) for e in effects_with(effects, NeedsCellOrder)), default=0.0)
     unit = cell if cell > 0 and solids is None else grid.spacing
     middle = unit * np.rint(0.5 * (state.position.min(0) + state.position.max(0)) / unit) + 0.0  # no -0
@@ -44,6 +45,21 @@ def placed(
         grid = dataclasses.replace(grid, origin=origin, period_lower=lower, solids=solids)
     check_coincident(grid.local(state.position), scene.dtype)
     return grid, state
+
+
+def _drop_radius(state: InitialState, bodies: int, grid: Discretisation) -> float:
+    """Radius of a ball (disc) as large as the smallest body of liquid [m]; parts whose boxes touch are one."""
+    from scipy.sparse.csgraph import connected_components
+
+    sizes = np.array([size for size in state.sizes[bodies:] if size])
+    if not len(sizes):
+        return 0.0
+    first = len(state.position) - np.cumsum(sizes[::-1])[::-1]
+    low, high = (bound.reduceat(state.position, first) for bound in (np.minimum, np.maximum))
+    touching = (low[:, None] <= high + 1.5 * grid.spacing).all(2)
+    whole = connected_components(touching & touching.T)[1]
+    volume = float(np.bincount(whole, sizes).min()) * grid.spacing**grid.dim
+    return math.sqrt(volume / math.pi) if grid.dim == 2 else (0.75 * volume / math.pi) ** (1 / 3)
 
 
 def _initial_state(

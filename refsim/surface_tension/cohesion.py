@@ -130,11 +130,22 @@ def compression(number: float) -> float:
     return 2 / (1 + math.sqrt(1 - 4 * number))
 
 
+def _between(table: tuple[tuple[float, tuple[tuple[float, float], ...]], ...], support: float, place: float) -> float:
+    """What drops have at h/d and at the logarithm of another place: linear between them, and that of the nearest."""
+    supports, lines = zip(*table, strict=True)
+    values = [np.interp(math.log(place), *np.array([(math.log(at), value) for at, value in line]).T) for line in lines]
+    return float(np.interp(support, supports, values))
+
+
 class MeasuredByDrops:
     """What a model has whose tension in the default liquid is that of measured drops."""
 
     name: ClassVar[str]
     measured: ClassVar[Measured] = {}  # where it has nothing, sigma is nominal
+    by_radius: ClassVar[Measured] = {}  # the same with R/d of drops in place of S, as a factor of the share
+    large: ClassVar[
+        Mapping[int, tuple[float, str]]
+    ] = {}  # by dimension: R/d up to which they have it, what larger have
     # by dimension, what drops of the default liquid have of a nominal sigma: by their pressure jump, their frequency
     shown: ClassVar[Mapping[int, tuple[str, str]]] = {}
     held: ClassVar[float] = 0.0  # least h/d at which drops have it within 5 %, by their jump and by their frequency
@@ -143,14 +154,19 @@ class MeasuredByDrops:
     def share_of_nominal(self, grid: Discretisation, others: Others) -> float:
         """Measured over nominal tension in the default liquid, whose particles are shifted; else 1.
 
-        Linear in h/d and log S between what was measured, and at the nearest beyond.
+        Linear in h/d, log S and log R/d between what was measured, R that of the scene's smallest body of liquid, and
+        at the nearest beyond.
         """
-        stiffness = self._measured_at(grid, others)
+        stiffness, dim = self._measured_at(grid, others), grid.dim
         if stiffness is None:
             return 1.0
-        supports, drops = zip(*self.measured[grid.dim], strict=True)
-        shares = [np.interp(math.log(stiffness), *np.array([(math.log(s), share) for s, share in d]).T) for d in drops]
-        return float(np.interp(grid.support_radius / grid.spacing, supports, shares))
+        support, radius = (length / grid.spacing for length in (grid.support_radius, grid.drop_radius))
+        share = _between(self.measured[dim], support, stiffness)
+        if not (radius and dim in self.by_radius):
+            return share
+        radii, tables = zip(*self.by_radius[dim], strict=True)
+        factors = [_between(table, support, stiffness) for table in tables]
+        return share * float(np.interp(math.log(radius), np.log(radii), factors))
 
     def _plain(self) -> Any:
         """The model with nothing but its tension given, as in the drops that were measured."""
@@ -198,6 +214,12 @@ class MeasuredByDrops:
             yield (
                 f"{begin} a support_radius of {reach} spacings; with {support:.3g} another tension acts{self.beyond}"
             )
+        radius, (small, large, others_have) = (
+            grid.drop_radius / grid.spacing,
+            self.radii.get(grid.dim, (0, math.inf, "")),
+        )
+        if radius and not 0.95 * small <= radius <= 1.05 * large:
+            yield f"{begin} a radius of {small:g} to {large:g} spacings, to 5 %; with {radius:.3g} {others_have}"
         least, most = (float(np.interp(support, supports, [d[k][0] for d in drops])) for k in (0, -1))
         if not least / 1.1 <= stiffness <= most * 1.1:
             yield (

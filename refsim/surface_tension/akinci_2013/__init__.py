@@ -89,6 +89,16 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
         (2.8, ((0.0055, 3.13), (0.0080, 2.997), (0.0100, 2.918), (0.0124, 2.833))),
         (3.0, ((0.0016, 4.48), (0.0041, 3.97), (0.0124, 3.48))),
     )}  # fmt: skip
+    by_radius: ClassVar[Mapping[int, tuple[tuple[float, tuple[Any, ...]], ...]]] = {3: (
+        (6.0, ((2.6, ((0.001, 0.937), (0.005, 0.969), (0.02, 0.995))), (3.0, ((0.005, 0.915),)))),
+        (8.0, ((2.6, ((0.001, 0.994), (0.005, 0.99), (0.02, 1.015))), (3.0, ((0.005, 0.991),)))),
+        (10.0, ((2.6, ((0.005, 1.0),)), (3.0, ((0.005, 1.011),)))),
+        (14.0, ((2.6, ((0.001, 1.02), (0.005, 1.003), (0.02, 0.963))), (3.0, ((0.005, 1.019),)))),
+        (20.0, ((2.6, ((0.005, 1.036), (0.02, 0.926))), (3.0, ((0.005, 1.032),)))),
+    )}  # fmt: skip
+    radii: ClassVar[Mapping[int, tuple[float, float, str]]] = {
+        3: (8.0, 12.0, "it is off by up to 0.07 (6 spacings), 0.06 (14) and 0.09 (20)")
+    }
     held: ClassVar[float] = 2.6  # with 2.3 they differ by 0.1
     beyond: ClassVar[str] = ", about 1.2 times as much at 3.2 spacings"
     shown: ClassVar[Mapping[int, tuple[str, str]]] = {2: ("0.6 to 0.9", "0.8 to 2.2")}

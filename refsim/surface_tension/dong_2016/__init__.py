@@ -90,6 +90,16 @@ class Dong2016(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=True)
         ),
         3: ((3.0, ((0.0015, 3.26), (0.0030, 3.08), (0.0052, 2.96), (0.0072, 2.81), (0.010, 2.53))),),
     }
+    by_radius: ClassVar[Mapping[int, tuple[tuple[float, tuple[Any, ...]], ...]]] = {
+        2: tuple((radius, ((3.9, ((0.009, factor),)),)) for radius, factor in
+                 ((8.0, 0.996), (14.0, 1.0), (20.0, 0.972))),
+        3: tuple((radius, ((3.0, ((0.004, factor),)),)) for radius, factor in
+                 ((6.0, 0.987), (8.0, 1.004), (12.0, 1.003), (20.0, 1.014))),
+    }  # fmt: skip
+    radii: ClassVar[Mapping[int, tuple[float, float, str]]] = {
+        2: (8.0, 20.0, "it is off by up to 0.27 (6 spacings)"),
+        3: (6.0, 12.0, "it is off by up to 0.06 (14 spacings) and 0.09 (20)"),
+    }
     with_spacing: ClassVar[tuple[str, ...]] = ("rest_distance",)
 
     surface_tension: NotNegative | None = None
