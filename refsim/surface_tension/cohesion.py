@@ -142,10 +142,10 @@ class MeasuredByDrops:
 
     name: ClassVar[str]
     measured: ClassVar[Measured] = {}  # where it has nothing, sigma is nominal
-    by_radius: ClassVar[Measured] = {}  # the same with R/d of drops in place of S, as a factor of the share
-    large: ClassVar[
-        Mapping[int, tuple[float, str]]
-    ] = {}  # by dimension: R/d up to which they have it, what larger have
+    # by dimension: at each R/d of drops, by h/d and S, their share over that of `measured`
+    by_radius: ClassVar[Mapping[int, tuple[tuple[float, tuple[Any, ...]], ...]]] = {}
+    # by dimension: least and largest R/d of drops that have it within 5 %, and what others have of it
+    radii: ClassVar[Mapping[int, tuple[float, float, str]]] = {}
     # by dimension, what drops of the default liquid have of a nominal sigma: by their pressure jump, their frequency
     shown: ClassVar[Mapping[int, tuple[str, str]]] = {}
     held: ClassVar[float] = 0.0  # least h/d at which drops have it within 5 %, by their jump and by their frequency
