@@ -57,6 +57,15 @@ def test_only_the_swept_correction_holds_a_plate_thinner_than_a_step(plate, spee
     assert through(bullets(plate, "none", speed), 30) > 0
 
 
+def test_marked_region_and_every_particle_give_the_same_bits(ball):
+    states = []
+    for every in (False, True):
+        simulation = bullets(ball, "swept", 0.8, every_particle=every)
+        advanced(simulation, 12)
+        states.append([simulation.field(name).tobytes() for name in ("position", "velocity", "corrections")])
+    assert states[0] == states[1]
+
+
 def test_rebound_is_a_hash_between_zero_and_its_maximum():
     values = rebound(np.arange(4000), np.zeros(4000, int), 0.1)
     assert values.min() >= 0

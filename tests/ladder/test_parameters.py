@@ -492,14 +492,14 @@ def around(beyond):
     return (beyond >= 2 * 0.06).all() and (beyond <= 9 * 0.06).all()
 
 
-def mesh(gravity=(0.0, 0.0, 0.0), swept=1, printed=0, pulls=True):
+def mesh(gravity=(0.0, 0.0, 0.0), swept=1, printed=0, everywhere=0, pulls=True):
     """Patent CN104318598A: patent P6 (friction, pressure extrapolated by gravity) and P8; the band at the surface."""
     h = 0.06
     return {
         "wall_gravity": dict(zip("xyz", gravity)) if pulls else None, "wall_viscosity": {"coefficient": 0.7},
         "adhesion": {"beta": 1.3, "amplitude": 1.3 * akinci(3, beta=1.0)["adhesion"]["amplitude"]},
         "penetration": {
-            "restitution": 0.3, "rebound": 0.2, "swept": swept, "printed": printed,
+            "restitution": 0.3, "rebound": 0.2, "swept": swept, "printed": printed, "everywhere": everywhere,
             "lower": lambda low, group: around(CENTER - BLOCK / 2 - low),
             "upper": lambda top, group: around(top - CENTER - BLOCK / 2),
         },
@@ -611,8 +611,8 @@ SETUPS = {
         literal=("E5", "E6", "E10")), WATER),
         lambda dim: detection(dim, 0.95, 0.95, 0.4, H, 1e-12 / H, 1, 1) | normal_term(dim, 1)),
     "jiang_zhu": ((jz(), WATER), lambda dim: jiang_zhu(dim, area=corrected_area(dim))),
-    "jiang_zhu, gamma": ((jz(surface_tension=None, gamma=0.02, area_ratio=0.03, pair_mode="soft"),
-        WATER), lambda dim: jiang_zhu(dim, 0.02, area=corrected_area(dim, 0.03), mode=0, soft=(0.3, 1.0))),
+    "jiang_zhu, gamma": ((jz(surface_tension=None, gamma=0.02, area_ratio=0.03, pair_mode="soft", soft_lower=0.2),
+        WATER), lambda dim: jiang_zhu(dim, 0.02, area=corrected_area(dim, 0.03), mode=0, soft=(0.2, 1.0))),
     # eps' of Akinci et al. 2013
     "jiang_zhu, J(18)": ((jz(area_term="color", area_direction="axial", pair_mode="either"), WATER),
         lambda dim: jiang_zhu(dim, mode=3, area=lambda gamma: (1, 1e-3 * gamma * RHO),
@@ -706,8 +706,8 @@ SETUPS = {
     "walls that hold": ((rs.BoxWalls(lower=WALLS[0], upper=WALLS[1], open_faces=("+y",), model="extrapolated",
         no_slip=True), water(viscosity="central")), lambda dim: box_walls(dim) | {"lean": dict.fromkeys("xyz", 0.0),
         "holding": {"coefficient": lambda k, group: holds(k, dim), "steepness": 3}}),
-    "mesh, other settings": ((block_of(literal=("E27",), correction="point"), WATER,
-        rs.Gravity(acceleration=(0.2, 0.4, -9.0))), lambda dim: mesh((0.2, 0.4, -9.0), 0, 1), (3,)),
+    "mesh, other settings": ((block_of(literal=("E27",), correction="point", every_particle=True), WATER,
+        rs.Gravity(acceleration=(0.2, 0.4, -9.0))), lambda dim: mesh((0.2, 0.4, -9.0), 0, 1, 1), (3,)),
 }  # fmt: skip
 
 

@@ -25,6 +25,7 @@ class Penetration(NamedTuple):
     rebound: float  # largest D_r
     swept: int  # test the whole path, not only the end of the step
     printed: int  # reflect also velocities that point out of the solid (patent E27)
+    everywhere: int  # interpolate a distance for every particle, not only in marked cells
     lower: Any  # (3,) corners of the box around all marked cells [m]
     upper: Any  # (3,) the box's other corner [m]
 
@@ -35,7 +36,7 @@ def correction_pass() -> Pass:
 
 
 def penetration_groups(
-    solid_field: Any, dtype: str, restitution: float, rebound: float, swept: bool, printed: bool
+    solid_field: Any, dtype: str, restitution: float, rebound: float, swept: bool, printed: bool, everywhere: bool
 ) -> dict[str, Any]:
     """Parameter groups of the pass, for `Effect.prepare`: the narrow band and the correction."""
     lower, upper = marked_box(solid_field)
@@ -46,7 +47,7 @@ def penetration_groups(
         band=real(solid_field.band),
     )
     group = Penetration(
-        real(restitution), real(rebound), int32(swept), int32(printed),
+        real(restitution), real(rebound), int32(swept), int32(printed), int32(everywhere),
         np.nextafter(lower.astype(dtype), real(-np.inf)), np.nextafter(upper.astype(dtype), real(np.inf)),
     )  # fmt: skip
     return {"solid_field": solid_field, "penetration": group}

@@ -22,14 +22,15 @@ LEFT = 128  # a push that leaves the particle less deep than h/LEFT is the last 
 
 
 @formula
-def marked_distance(x, solid_field):
+def marked_distance(x, solid_field, penetration):
     """(phi [m], its slope along x, y, z) at a point: interpolated in a marked cell, +-band and slope 0 in others."""
-    _, (jx, jy, jz) = place_in_field(x, solid_field)
-    if find_node(solid_field, jx, jy, jz) < 0:
-        far, flat = solid_field.band, type(x[0])(0)
-        if beyond_inside(solid_field, jx, jy, jz):
-            far = -far
-        return far, (flat, flat, flat)
+    if not penetration.everywhere:
+        _, (jx, jy, jz) = place_in_field(x, solid_field)
+        if find_node(solid_field, jx, jy, jz) < 0:
+            far, flat = solid_field.band, type(x[0])(0)
+            if beyond_inside(solid_field, jx, jy, jz):
+                far = -far
+            return far, (flat, flat, flat)
     return trilinear(x, solid_field)
 
 
@@ -67,7 +68,7 @@ def entry(x, path, solid_field, penetration):
     clearance = solid_field.spacing / real(CLEARANCE)
     t = first
     for _ in range(LONGEST):
-        d, _ = marked_distance(added(x, scaled(path, t)), solid_field)
+        d, _ = marked_distance(added(x, scaled(path, t)), solid_field, penetration)
         if d < real(0):
             return t
         if t >= last:
@@ -135,18 +136,18 @@ def kick_drift(
     if penetration.swept:
         begun = real(1)
         if not outside_box(start, penetration):
-            begun, _ = marked_distance(start, solid_field)
+            begun, _ = marked_distance(start, solid_field, penetration)
         if begun >= real(0):  # otherwise the particle is inside already, and only the end of its step counts
             path = difference(x, start)
             t = entry(start, path, solid_field, penetration)
             if t < real(1):
                 x = added(start, scaled(path, t))
                 corrected = True
-    if not outside_box(x, penetration):
+    if penetration.everywhere or not outside_box(x, penetration):
         share = rebound(identity[i], corrections[i], penetration)
         allowed = real(0)
         for push in range(PUSHES if penetration.swept else 1):
-            depth, n = marked_distance(x, solid_field)
+            depth, n = marked_distance(x, solid_field, penetration)
             steep = math.sqrt(dot(n, n))
             if not (depth < allowed and steep > real(0)):
                 break

@@ -101,15 +101,15 @@ class Sampled:
         value[n < 0] = self.beyond(j[n < 0])
         return value
 
-    def __call__(self, x):
+    def __call__(self, x, everywhere=False):
         """phi = `trilinear` (n,) [m] and d phi/dx (n, 3) at points (n, 3) [m].
 
-        Where the lowest corner is in no block, phi is +-band.
+        Where the lowest corner is in no block, phi is +-band, unless values are sought `everywhere`.
         """
         local = (np.asarray(x, dtype=float) - self.origin) / self.h
         j = np.clip(np.floor(np.nan_to_num(local, nan=-(2.0**20))), -(2**20), 2**20).astype(np.int64)
         phi, slope = np.zeros(len(j)), np.zeros((len(j), 3))
-        unmarked = self.node(j) < 0
+        unmarked = (self.node(j) < 0) & (not everywhere)
         phi[unmarked] = self.beyond(j[unmarked])
         corner = [self.nodes(j[~unmarked] + step) for step in CORNERS]
         phi[~unmarked], slope[~unmarked] = trilinear(corner, (local - np.floor(local))[~unmarked], self.h)

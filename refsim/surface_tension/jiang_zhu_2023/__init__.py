@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from refsim.core.capabilities import FollowsScene, HasErrata, Margin
 from refsim.core.checked import NotNegative, Positive, Printed
 from refsim.core.effect import Discretisation, Others, Pass
+from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.scalars import int32
 from refsim.smoothing.shapes import NORMALISATION, POLY6
@@ -46,7 +47,6 @@ from refsim.surface_tension.jiang_zhu_2023 import operations as operations
 from refsim.surface_tension.jiang_zhu_2023.modes import AREA_TERMS, PAIR_MODES
 
 CORRECTED_DENSITY = Field("corrected_density", "kg/m^3 (kg/m^2 in 2D)", "density rho* near the surface, J(14)")
-SOFT = (0.3, 1.0)  # |h grad c| up to which the soft surface weight is 0, and from which it is 1
 SURFACE_WEIGHT = Field("surface_weight", "-", "soft surface weight w, 0 in the bulk, 1 at the surface")
 
 ALPHA = {2: 0.75, 3: 0.6}  # of J(17); 0.6 in 2D is the printed reading (Jiang & Zhu E7)
@@ -171,6 +171,8 @@ class JiangZhu2023(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=T
                         the default liquid, which a surface leaves whole
     threshold           lambda of J(12), the near-surface set N of the density correction (and, by "E23", of S); left
                         out, that of the scene's surface detection, else the paper's 0.98
+    soft_lower          |h grad c| up to which the soft surface weight is 0
+    soft_upper          |h grad c| from which it is 1
     literal             readings of the paper: misprints "E4" (sign of J(16)), "E10" (V_j = m_j/rho_i in the normals),
                         "E5" (in the surface detection); its own choices "E7" (alpha = 0.6 in 2D), "E6" and "E23" (in
                         the surface detection); "paper" for its own choices, among them pairs by the surface set
@@ -201,6 +203,8 @@ class JiangZhu2023(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=T
     area_acceleration: NotNegative | None = None
     density_correction: bool | None = None
     threshold: Positive | None = None
+    soft_lower: NotNegative = 0.3
+    soft_upper: Positive = 1.0
     literal: Printed = ()
 
     def with_scene_defaults(self, others: Others) -> JiangZhu2023:
@@ -212,6 +216,11 @@ class JiangZhu2023(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=T
 
     def check(self, grid: Discretisation, others: Others) -> None:
         self.check_coefficients()
+        if self.soft_upper <= self.soft_lower:
+            raise InputError(
+                f"{self.name}: soft_upper = {self.soft_upper} is not above soft_lower = {self.soft_lower}; give"
+                " soft_lower < soft_upper (0.3 and 1.0 by default)."
+            )
         self.printed()
         if self._marked() or self._corrects():
             self._detection(others).check(grid, others)
@@ -297,7 +306,9 @@ class JiangZhu2023(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=T
         groups |= normal_term(fluid, grid, own_density="E10" in self.printed()) | axial_part(self.area_direction, grid)
         return groups | {
             "pairs": PairSelection(int32(PAIR_MODES[self.pair_mode])),
-            "soft": SoftThresholds(*map(real, (*SOFT, 1 / (SOFT[1] - SOFT[0])))),
+            "soft": SoftThresholds(
+                *map(real, (self.soft_lower, self.soft_upper, 1 / (self.soft_upper - self.soft_lower)))
+            ),
             "cohesion": Cohesion(*map(real, (gamma, self._alpha(dim), BETA, amplitude, INNER**-dim, 1 / INNER))),
             "area": area,
         }
