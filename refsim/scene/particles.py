@@ -49,16 +49,16 @@ def placed(
 
 def _drop_radius(state: InitialState, bodies: int, grid: Discretisation) -> float:
     """Radius of a ball (disc) as large as the smallest body of liquid [m]; parts whose boxes touch are one."""
-    from scipy.sparse.csgraph import connected_components
-
     sizes = np.array([size for size in state.sizes[bodies:] if size])
     if not len(sizes):
         return 0.0
     first = len(state.position) - np.cumsum(sizes[::-1])[::-1]
     low, high = (bound.reduceat(state.position, first) for bound in (np.minimum, np.maximum))
-    touching = (low[:, None] <= high + 1.5 * grid.spacing).all(2)
-    whole = connected_components(touching & touching.T)[1]
-    volume = float(np.bincount(whole, sizes).min()) * grid.spacing**grid.dim
+    near = (low[:, None] <= high + 1.5 * grid.spacing).all(2)
+    whole, before = np.arange(len(sizes)), None
+    while before is None or (whole != before).any():  # the lowest number spreads over parts that touch
+        before, whole = whole, np.where(near & near.T, whole, len(sizes)).min(1)
+    volume = min(sizes[whole == k].sum() for k in whole) * grid.spacing**grid.dim
     return math.sqrt(volume / math.pi) if grid.dim == 2 else (0.75 * volume / math.pi) ** (1 / 3)
 
 
