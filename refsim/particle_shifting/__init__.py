@@ -1,7 +1,7 @@
 """Particle shifting after Sun et al. 2017: displacements that keep the particles evenly spaced.
 
 Displacements beside dt v keep the linear momentum, since velocities stay, but neither angular momentum nor energy. Near
-a free surface only their tangential part acts; what is near it, and its normal, follow from sums that the step makes.
+a free surface only what is uneven within it acts; what is near it, and its normal, follow from sums of the step.
 """
 
 import dataclasses
@@ -17,6 +17,7 @@ from refsim.core.capabilities import (
     FollowsStart,
     HasPlanes,
     Joins,
+    PullsParticles,
     closed_box,
     effects_with,
     open_axis,
@@ -41,6 +42,9 @@ VELOCITY_RANGE = Field(
     rows=6,
 )  # fmt: skip
 LEAST_NORMAL = 0.05  # of h times the gradient of the filling, below which a surface has no direction
+# fillings between which what is uneven along the normal begins to act: not in the outermost layer of a lattice (0.69 to
+# 0.88), but in the next one (0.96 and more); beside a tension as its coefficients were measured
+OUTERMOST, BESIDE_TENSION = (0.9, 0.95), (0.97, 1.0)
 LEAST_FULL = 0.97  # share of a box that liquid without a surface fills at least
 PASSING_SHIFT = dataclasses.replace(SHIFT, state=False)  # that no later density takes
 
@@ -53,6 +57,8 @@ class Shifting(NamedTuple):
     largest: float  # of v_max dt
     least: float = 0.0  # gradient of the filling below which a surface has no direction [1/m]
     whole: float = 1.0  # factor of the filling: 1, or 1/delta0 of the number density [m^dim]
+    outer: float = 0.9  # filling up to which nothing along the normal is left
+    within: float = 0.95  # filling from which on all is
 
 
 def _within_meshes(others: Others) -> bool:
@@ -69,9 +75,10 @@ class ParticleShifting(Effect, CorrectsPositions, Joins, FollowsStart, frozen=Tr
     """Displacements down the gradient of the particles' concentration.
 
     strength  A, 0 for none; Sun et al. 2017 have 1, with which vortices at Re 50 to 200 decay too fast
-    surface   "detected": near a free surface, where less than 0.97 of the space is filled, only the tangential part
-              acts; "none": the liquid has no surface, and its continuity equation takes the shifts (Sun et al. 2019);
-              by default none where the liquid fills a box that periods or planes close, without solids and meshes
+    surface   "detected": near a free surface, where less than 0.97 of the space is filled, the gradient of the filling
+              does not count, and the outermost layer moves along the surface only; "none": the liquid has no surface,
+              and its continuity equation takes the shifts (Sun et al. 2019); by default none where the liquid fills a
+              box that periods or planes close, without solids and meshes
     """
 
     name: ClassVar[str] = "particle_shifting"
@@ -161,5 +168,6 @@ class ParticleShifting(Effect, CorrectsPositions, Joins, FollowsStart, frozen=Tr
         numbers = (
             self.strength * grid.support_radius, 1 / float(kernel_value(grid.spacing, kernel)), LARGEST_SHIFT,
             LEAST_NORMAL / grid.support_radius, 1.0 if liquid.advances() else 1 / liquid.rest_number_density(grid),
+            *(BESIDE_TENSION if effects_with(others, PullsParticles) else OUTERMOST),
         )  # fmt: skip
         return {"shifting": Shifting(*map(grid.real, numbers))}

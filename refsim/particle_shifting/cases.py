@@ -9,7 +9,7 @@ from refsim.smoothing.cases import for_each_kernel
 example(ParticleShifting(), brings="concentration_gradient filling_gradient number_density shift velocity_range")
 
 takes("particle_shifting.crowding", shifting="inverse_neighbour")
-takes("particle_shifting.shift", shifting="length largest least whole")
+takes("particle_shifting.shift", shifting="length largest least whole outer within")
 PAIR = at("shifted_pair", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
 
@@ -80,6 +80,14 @@ def along_the_surface():
     gradient = [[0.0, 3.0, 0.0], [0.0, -2.0, 0.0]]
     fields = {"filling": [0.9, 0.9], "filling_gradient": normal, "shifting": Shifting(0.5, 1.0, 1e9, 0.05)}
     return _shifted(gradient, [along, np.zeros(3)], **fields)
+
+
+@closed_form("particle_shifting.shift")
+def between_surface_and_inside():
+    """Half of the normal leaves the gradient at 0.985; all of it, and half of the rest along it, at 0.925."""
+    fields = {"filling": [0.985, 0.925], "filling_gradient": [[0.0, 2.0, 0.0]] * 2}
+    shift = -MOST * np.array([[1.0, 2.0, 0.0], [1.0, 0.5, 0.0]])
+    return _shifted([[1.0, 3.0, 0.0]] * 2, shift, shifting=Shifting(0.5, 1.0, 1e9, 0.05), **fields)
 
 
 @closed_form("particle_shifting.shift")

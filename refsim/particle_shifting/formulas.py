@@ -2,15 +2,15 @@
 
 from refsim.backends.compile import formula
 
-EMPTY, FULL = 0.97, 1.0  # filling up to which only a tangential shift is left, and from which on the whole one is
+THIN, FULL = 0.97, 1.0  # filling up to which nothing of its gradient is left, and from which on all is
 
 
 @formula
-def near_share(filling):
-    """f = (1 - s)/0.03 in 0 to 1 [-] of the filling s: how near a surface is; a lattice's outermost layer has s = 0.69
-    to 0.88."""
+def near_share(filling, empty, full):
+    """f = (full - s)/(full - empty) in 0 to 1 [-] of the filling s: how near a surface is; a lattice's outermost layer
+    has s = 0.69 to 0.88, the next one 0.96 and more."""
     real = type(filling)
-    share = (real(FULL) - filling) / real(FULL - EMPTY)
+    share = (real(full) - filling) / real(full - empty)
     if share < real(0):
         return real(0)
     return real(1) if share > real(1) else share  # NaN stays: a GPU's min and max drop it

@@ -7,7 +7,7 @@ from refsim.backends.reductions import reduction
 from refsim.backends.tuples import added, difference, dot, over, scaled, three
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, set_vector
-from refsim.particle_shifting.formulas import near_share, shifting_pair
+from refsim.particle_shifting.formulas import FULL, THIN, near_share, shifting_pair
 from refsim.smoothing.formulas import (
     gradient_factor,
     kernel_slope,
@@ -117,14 +117,15 @@ def shift(i, concentration_gradient, filling, filling_gradient, phase, shifting,
     zero, u = type(shifting.length)(0), velocity_range
     box = u[0] + u[3], u[1] + u[4], u[2] + u[5]
     longest = type(shifting.length)(0.5) * math.sqrt(dot(box, box)) * timestep[1]
-    s = scaled(three(concentration_gradient, i), -shifting.length * longest)
+    g = three(concentration_gradient, i)
     if filling is not None:
-        n = three(filling_gradient, i)
-        length = math.sqrt(dot(n, n))
-        across = s
+        n, filled = three(filling_gradient, i), filling[i] * shifting.whole
+        length, across = math.sqrt(dot(n, n)), difference(g, n)
         if not length < shifting.least:
-            across = scaled(n, dot(s, n) / (length * length))
-        s = difference(s, scaled(across, near_share(filling[i] * shifting.whole)))
+            across = scaled(n, dot(across, n) / (length * length))
+        g = difference(g, scaled(n, near_share(filled, THIN, FULL)))
+        g = difference(g, scaled(across, near_share(filled, shifting.outer, shifting.within)))
+    s = scaled(g, -shifting.length * longest)
     if phase is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
         if phase[i] != LIQUID_PHASE:
             s = zero, zero, zero

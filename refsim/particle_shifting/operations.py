@@ -65,9 +65,10 @@ def shift(concentration_gradient, filling, filling_gradient, phase, shifting, ve
     i = Fields(gradient=concentration_gradient, filling=filling, normal=filling_gradient, liquid=liquid).at(rows)
     along, against = np.asarray(velocity_range, dtype=float).reshape(2, 3)
     longest = float(ref.largest_speed(along, against) * float(timestep[1]))
-    s = ref.shift(i, float(shifting.length), longest)
+    g = i.gradient
     if filling is not None:
-        s = ref.beside_surface(i, s, float(shifting.least), float(shifting.whole))
+        g = ref.beside_surface(i, *(float(getattr(shifting, name)) for name in ("least", "whole", "outer", "within")))
+    s = ref.shift(g, float(shifting.length), longest)
     if phase is not None:
         s = where(i.liquid, s, 0.0)
     return {"shift": ref.bounded(s, float(shifting.largest) * longest)}

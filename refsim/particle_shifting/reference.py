@@ -20,17 +20,20 @@ def largest_speed(along, against):
     return np.linalg.norm(along + against) / 2
 
 
-def shift(i, length, longest):
+def shift(g, length, longest):
     """(7) s_i = -A 2 h_s v_max dt g_i [m], `length` = A 2 h_s, `longest` = v_max dt."""
-    return -length * longest * i.gradient
+    return -length * longest * g
 
 
-def beside_surface(i, s, least, whole):
-    """s_i -= f (s_i.n) n [m], or f s_i where n_i is shorter than `least`; f from 1 where 0.97 is filled to 0."""
-    n2 = i.normal @ i.normal
+def beside_surface(i, least, whole, outer, within):
+    """g_i - f n_i - f' (e.n) n/n^2 [1/m], e = g_i - n_i, or f' e where n_i is shorter than `least`; f from 1 where 0.97
+    is filled to 0 at 1, f' from 1 at `outer` to 0 at `within`."""
+    uneven = i.gradient - i.normal
     pointed = length(i.normal) >= least
-    across = where(pointed, (s @ i.normal) / where(pointed, n2, 1.0) * i.normal, s)
-    return s - clip((1 - whole * i.filling) / 0.03, 0, 1) * across
+    n2 = where(pointed, i.normal @ i.normal, 1.0)
+    across = where(pointed, (uneven @ i.normal) / n2 * i.normal, uneven)
+    near = clip((within - whole * i.filling) / (within - outer), 0, 1)
+    return i.gradient - clip((1 - whole * i.filling) / 0.03, 0, 1) * i.normal - near * across
 
 
 def bounded(s, most):

@@ -463,7 +463,7 @@ def shifting(dim, strength):
     """Sun et al. 2017 (7): A 2 h_s = A h; W(d); the longest shift is v_max dt/2; delta0 of the lattice."""
     neighbour = float(kernel("wendland_c2", D, dim))
     group = {"length": strength * H, "inverse_neighbour": 1 / neighbour, "largest": 0.5, "least": 0.05 / H}
-    return {"shifting": group | {"whole": 1 / rest_number_density(dim)}}
+    return {"shifting": group | {"whole": 1 / rest_number_density(dim), "outer": 0.9, "within": 0.95}}
 
 
 def surface_of_run(dim):
@@ -603,6 +603,8 @@ SETUPS = {
         "diffusion": {"coefficient": 0.025 * H * C, "stretch": RHO / C**2},
         "lean": {"x": 0.3, "y": -9.7, "z": 0.0}})),
     "shifting": ((rs.ParticleShifting(strength=1.5), WATER), lambda dim: shifting(dim, 1.5)),
+    "shifting beside a tension": ((rs.ParticleShifting(), WATER, rs.Akinci2013(gamma=1.0)),
+        lambda dim: {"shifting": shifting(dim, 2.2)["shifting"] | {"outer": 0.97, "within": 1.0}}),
     "shifting without surface": ((rs.ParticleShifting(surface="none"), WATER, rs.BoxWalls(lower=WALLS[0],
     upper=WALLS[1])),
         lambda dim: shifting(dim, 2.2)),

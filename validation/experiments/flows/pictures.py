@@ -48,4 +48,5 @@ def picture(data: Mapping[str, Any]) -> Any:
     return figure
 
 
-PICTURES = (Picture("impacts", data, picture),)
+SHOWN = tuple(f"{flow}_{cells}" for flow, fall in FALLS.items() if "series" in fall for cells in fall["cells"])
+PICTURES = (Picture("impacts", data, picture, needs=SHOWN),)
