@@ -67,7 +67,8 @@ def shift(concentration_gradient, filling, filling_gradient, phase, shifting, ve
     longest = float(ref.largest_speed(along, against) * float(timestep[1]))
     g = i.gradient
     if filling is not None:
-        g = ref.beside_surface(i, *(float(getattr(shifting, name)) for name in ("least", "whole", "outer", "within")))
+        outer, within = float(shifting.outer), float(shifting.within)
+        g = ref.beside_surface(i, float(shifting.least), float(shifting.whole), outer, within)
     s = ref.shift(g, float(shifting.length), longest)
     if phase is not None:
         s = where(i.liquid, s, 0.0)
