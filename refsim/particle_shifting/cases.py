@@ -16,7 +16,8 @@ PAIR = at("shifted_pair", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 groups(
     # some of the particles would go beyond the longest shift; W(d) is about that of a spacing
     shifting=lambda case, grid: Shifting(
-        *map(grid.real, (0.02 * case.support_radius, case.spacing**case.dim, 0.04, 1 / case.support_radius, 1.02))
+        *map(grid.real, (0.02 * case.support_radius, case.spacing**case.dim, 0.04)),
+        *map(grid.real, (1 / case.support_radius, 1.02, 0.9, 0.95)),
     )
 )
 

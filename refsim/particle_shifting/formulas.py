@@ -10,7 +10,7 @@ def near_share(filling, empty, full):
     """f = (full - s)/(full - empty) in 0 to 1 [-] of the filling s: how near a surface is; a lattice's outermost layer
     has s = 0.69 to 0.88, the next one 0.96 and more."""
     real = type(filling)
-    share = (real(full) - filling) / real(full - empty)
+    share = (real(full) - filling) / (real(full) - real(empty))
     if share < real(0):
         return real(0)
     return real(1) if share > real(1) else share  # NaN stays: a GPU's min and max drop it
