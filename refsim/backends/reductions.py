@@ -1,19 +1,18 @@
-"""Bodies that give numbers for each row, of which the largest or the count over all rows is wanted: `reduction`.
+"""Largest numbers and counts over all rows, of bodies that give them for each row (`reduction`), and running sums.
 
 On a CPU each chunk of the rows has its own; a GPU reduces in each block of threads, then by one atomic for each block.
 Neither maxima nor counts (up to 2^24 in float32) depend on the order of the blocks, so that results repeat bit for bit.
 """
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
-from refsim.backends.chunks import CHUNKS, limits
-from refsim.backends.compile import THREADS_PER_BLOCK, Kernel, marks, overloaded
-from refsim.backends.templates import filled_in
+from refsim.backends.compile import THREADS_PER_BLOCK, Kernel, formula, kernel, marks, overloaded
 
+CHUNKS = 64  # in which rows are summed, whatever the threads: a sum does not depend on them
 CPU = """\
 def of_chunk(chunk, {given}, {into}):
     begin, end = limits(chunk, {rows}.shape[0])
@@ -147,3 +146,53 @@ class Reduction(Kernel):
 
 
 reduction = marks(Reduction)
+
+
+@formula
+def limits(chunk: int, rows: int) -> tuple[int, int]:
+    """First row of a chunk, and the end."""
+    return chunk * rows // CHUNKS, (chunk + 1) * rows // CHUNKS
+
+
+def filled_in(template: str, lines: Mapping[str, list[str]], **words: str) -> str:
+    """The template with words in its lines, and with several lines, or none, in place of a line."""
+    text = []
+    for line in template.splitlines():
+        name = line.strip()[1:-1]
+        if line.strip() == f"{{{name}}}" and name in lines:
+            text += [line[: len(line) - len(line.lstrip())] + part for part in lines[name]]
+        else:
+            text.append(line.format(**words))
+    return "\n".join(text) + "\n"
+
+
+# Running sums: sums of chunks, sums before each chunk, sums within chunks
+
+
+@kernel(rows_of="totals")
+def sum_chunk(chunk: int, values: Any, totals: Any) -> None:
+    """totals[chunk] = sum of the values of a chunk."""
+    total = 0
+    begin, end = limits(chunk, values.shape[0])
+    for i in range(begin, end):
+        total += int(values[i])
+    totals[chunk] = total
+
+
+@kernel(rows_of="before")
+def write_chunk(chunk: int, values: Any, before: Any, sums: Any) -> None:
+    """sums[i + 1] = values[0] + ... + values[i]; `before` each chunk."""
+    total = before[chunk]
+    begin, end = limits(chunk, values.shape[0])
+    for i in range(begin, end):
+        total += int(values[i])
+        sums[i + 1] = total
+
+
+def running_sum(values: np.ndarray) -> np.ndarray:
+    """(n + 1,) int32: sum of the integers that stand before each place, and of all at the end."""
+    totals, sums = np.empty(CHUNKS, np.int32), np.empty(len(values) + 1, np.int32)
+    sum_chunk(values, totals)
+    write_chunk(values, np.cumsum(totals, dtype=np.int32) - totals, sums)
+    sums[0] = 0
+    return sums

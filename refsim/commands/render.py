@@ -41,7 +41,7 @@ def execute(options: argparse.Namespace) -> CommandResult:
     if options.film and options.output:
         raise InputError("--film and --output name two files; give one of them.")
     if options.gauges:
-        from refsim.render.gauges import plot_gauges
+        from refsim.render.plane import plot_gauges
 
         output = options.output or f"{os.path.basename(os.path.realpath(options.run))}_gauges.png"
         written = [plot_gauges(options.run, output, _numbers("size", options.size, "x", int))]

@@ -12,8 +12,7 @@ import numpy as np
 
 from refsim.contract.bounds import errors, oracle, takes_neighbours, undecided
 from refsim.contract.causes import judgement
-from refsim.contract.inputs import Inputs, with_variant
-from refsim.contract.parameters import acts, shape_acts, varied
+from refsim.contract.inputs import Inputs, acts, shape_acts, varied, with_variant
 from refsim.contract.target import Judged, NotJudged, Outcome, Target, Trial, worst
 from refsim.core import cases
 from refsim.core.clock import Seconds

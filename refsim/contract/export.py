@@ -18,8 +18,7 @@ import numpy as np
 from refsim.contract import describe
 from refsim.contract.answers import CLOUDS, DENSE, FEW, LARGE, exact_forms, exact_inputs, extended, sampled
 from refsim.contract.bounds import allowed, oracle, takes_neighbours
-from refsim.contract.inputs import Inputs, arguments_of_others, unset, without_walls
-from refsim.contract.parameters import shape_acts, varied, with_kernel
+from refsim.contract.inputs import Inputs, arguments_of_others, shape_acts, unset, varied, with_kernel, without_walls
 from refsim.contract.properties import (
     CONSERVED,
     TOTALS,

@@ -11,8 +11,8 @@ from typing import Any
 from refsim.contract.answers import extended, present
 from refsim.contract.apart import LibraryDescription, Request
 from refsim.contract.causes import first_cause
-from refsim.contract.ladder import STEPS
-from refsim.contract.parameters import shape_acts
+from refsim.contract.inputs import shape_acts
+from refsim.contract.programs import STEPS
 from refsim.contract.target import Outcome, told_values
 from refsim.core.operation import REGISTRY
 from refsim.core.tables import in_time, table

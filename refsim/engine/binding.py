@@ -2,14 +2,13 @@
 
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from refsim.backends.arrays import Backend
 from refsim.core.effect import Effect, Pass
 from refsim.core.errors import InputError
 from refsim.core.operation import PROCEDURES, REGISTRY, LiveAttribute, backend_of
-from refsim.scene.passes import ordered_passes
-from refsim.scene.plan import Plan
+from refsim.scene.plan import Plan, ordered_passes
 
 
 def fused(passes: Sequence[tuple[Effect, Pass]], backend: str) -> list[tuple[tuple[Effect, ...], Pass]]:
@@ -81,3 +80,50 @@ def bind_pass(p: Pass, backend: Backend, sources: Sequence[Mapping[str, Any]]) -
     if operation is None:
         return PROCEDURES[p.operation].bind(lookup)
     return backend.bind(operation, lookup, p.algorithm)
+
+
+# Passes side by side
+
+
+class Accesses(NamedTuple):
+    """Names of what a launch takes, and of what it changes of these; None if it may touch anything."""
+
+    taken: frozenset[str]
+    changed: frozenset[str]
+
+
+def accesses(p: Pass, backend: str) -> Accesses | None:
+    """What a pass touches on a backend, by the arguments of its program; the contract sees that it changes no other.
+
+    A procedure may touch anything. Scratch memory is changed by every program that takes it.
+    """
+    if p.operation in PROCEDURES:
+        return None
+    operation = REGISTRY[p.operation]
+    name = operation.chosen(backend, p.algorithm)
+    arguments, operation = operation.arguments(name), operation.as_computed_by(name)
+
+    def owners(names: Sequence[str]) -> set[str]:
+        fields = (p.names.get(argument, argument) for argument in (name.partition(".")[0] for name in names))
+        return {(name or "").partition(".")[0] for name in fields} - {""}
+
+    changed = owners((*operation.outputs, *operation.work)) | {*p.writes, *p.updates}
+    if "scratch" in arguments:
+        changed.add("scratch")
+    return Accesses(frozenset({*owners(arguments), *p.reads} | changed), frozenset(changed))
+
+
+def needed_before(launches: Sequence[Accesses | None]) -> list[tuple[int, ...]]:
+    """For each launch the earlier ones that must have ended; without those that these wait for themselves."""
+    result: list[tuple[int, ...]] = []
+    behind: list[set[int]] = []  # of each launch all that must have ended
+    for k, launch in enumerate(launches):
+        needed = {
+            j
+            for j, other in enumerate(launches[:k])
+            if launch is None or other is None or launch.changed & other.taken or launch.taken & other.changed
+        }
+        implied = set().union(*(behind[j] for j in needed))
+        behind.append(needed | implied)
+        result.append(tuple(sorted(needed - implied)))
+    return result

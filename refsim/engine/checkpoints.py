@@ -17,8 +17,7 @@ from refsim.core.versions import versions
 from refsim.engine.launching import bind, start
 from refsim.engine.neighbour_lists import rebuild, renumber
 from refsim.engine.state import State
-from refsim.io.checkpoint import KEPT, Checkpoint, whole_checkpoint
-from refsim.io.scenes import scene_from_checkpoint, scene_to_checkpoint
+from refsim.io.checkpoint import KEPT, Checkpoint, scene_from_checkpoint, scene_to_checkpoint, whole_checkpoint
 from refsim.scene.plan import Plan, make_plan
 
 OF_RUN = ("time", "steps", "previous_length", "first_length", "stopped_at_walls", "limiters")

@@ -36,8 +36,7 @@ from refsim.engine.progress import Progress
 from refsim.engine.simulation import Simulation
 from refsim.io.checkpoint import KEPT, previous_path
 from refsim.io.frames import OLDER, Frame, ParticleWriter, origin_of
-from refsim.io.results import PARTICLES, REPORT
-from refsim.io.series import GAUGES, write_series
+from refsim.io.results import GAUGES, PARTICLES, REPORT, write_series
 from refsim.scene.plan import Plan
 from refsim.scene.scene import Scene
 

@@ -14,7 +14,6 @@ from refsim.core.capabilities import FollowsSettings, HasPlanes, effects_with
 from refsim.core.checked import plainly, suggestion
 from refsim.core.errors import InputError
 from refsim.core.tables import Shown
-from refsim.engine.balance import Balances
 from refsim.engine.checkpoints import load_checkpoint, restore, snapshot
 from refsim.engine.counting import Counting
 from refsim.engine.gauges import Gauges
@@ -23,10 +22,9 @@ from refsim.engine.neighbour_lists import follow, sort_now_and_then
 from refsim.engine.state import State, StepResult
 from refsim.engine.stepping import DeviceStepper, advance, checked_extremes
 from refsim.engine.timings import Timings
-from refsim.engine.watching import watch
+from refsim.engine.watching import Balances, watch
 from refsim.gauges import GaugeSeries
-from refsim.io.checkpoint import Checkpoint, write_checkpoint
-from refsim.io.scenes import check_same_scene
+from refsim.io.checkpoint import Checkpoint, check_same_scene, write_checkpoint
 from refsim.scene.checks import check_coincident, check_values
 from refsim.scene.plan import Plan, make_plan
 from refsim.scene.scene import Scene

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from refsim.backends import arrays as backends
-from refsim.backends.arrays import Backend
-from refsim.backends.scratch import Scratch
+from refsim.backends.arrays import Backend, Scratch
 from refsim.core.capabilities import LimitsSpeed, effects_with
 from refsim.core.effect import Effect, Pass
 from refsim.engine.binding import fused

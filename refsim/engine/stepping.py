@@ -12,7 +12,7 @@ from refsim.core.capabilities import RunMonitor, effects_with
 from refsim.core.effect import Extremes, Pass
 from refsim.core.errors import RunStopped
 from refsim.engine import launching
-from refsim.engine.branches import Accesses, accesses, needed_before
+from refsim.engine.binding import Accesses, accesses, needed_before
 from refsim.engine.limits import StepOutcome, stable_steps
 from refsim.engine.neighbour_lists import look_ahead
 from refsim.engine.state import Calls, State

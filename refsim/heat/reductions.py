@@ -5,9 +5,9 @@ The neighbour list reaches further than the support radius: a CPU keeps a list o
 
 import numpy as np
 
-from refsim.backends.chunks import CHUNKS, limits
 from refsim.backends.compile import formula, kernel
 from refsim.backends.fast.staging import AT_A_TIME, buffer, gathered
+from refsim.backends.reductions import CHUNKS, limits
 from refsim.backends.tuples import three
 from refsim.heat.formulas import missing_factor
 from refsim.heat.kernels import capacity_of, scaled_distance, weight_at

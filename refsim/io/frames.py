@@ -23,8 +23,7 @@ from refsim.core.errors import InputError
 from refsim.core.fields import POSITION_RESIDUAL
 from refsim.core.locks import unlock
 from refsim.core.writing import Content, remove_stale_temporaries, replace_file, replace_files, writing
-from refsim.io.checkpoint import checkpoint_bytes, read_checkpoint
-from refsim.io.scenes import scene_to_checkpoint
+from refsim.io.checkpoint import checkpoint_bytes, read_checkpoint, scene_to_checkpoint
 from refsim.io.vtp import DTYPES, Head, head_of, read_arrays, read_head, vtp_bytes
 
 if TYPE_CHECKING:
@@ -49,7 +48,7 @@ class Origin:
     """What made the frames.
 
     scene     as TOML; "" where it is not known
-    arrays    what the scene took from files, by name (`refsim.io.scenes.scene_to_checkpoint`)
+    arrays    what the scene took from files, by name (`refsim.io.checkpoint.scene_to_checkpoint`)
     units     of the fields by name, that of "position" among them
     meanings  of the fields in words
     """

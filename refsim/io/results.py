@@ -1,10 +1,15 @@
-"""Results of a run in Python: frames, ledger, report and scene, from the folder that `refsim run` wrote."""
+"""Results of a run in Python: frames, ledger, report and scene, from the folder that `refsim run` wrote.
+
+The series that gauges measure lie in `gauges.hdf5`, replaced whole at every checkpoint. Behind the head of a checkpoint
+(`refsim.io.checkpoint`) it has the datasets `arrays/NAME.time` (k,) [s] and `arrays/NAME.values` (k, columns) of each
+gauge, and in `attributes` its kind, columns and units.
+"""
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, overload
 
@@ -19,10 +24,8 @@ from refsim.core.fields import Field
 from refsim.core.reading import open_regular
 from refsim.core.tables import Shown, Table
 from refsim.gauges import GaugeSeries
-from refsim.io.checkpoint import Checkpoint
+from refsim.io.checkpoint import Checkpoint, Unreadable, read_checkpoint, scene_from_checkpoint, write_checkpoint
 from refsim.io.frames import heads_of, read_origin
-from refsim.io.scenes import scene_from_checkpoint
-from refsim.io.series import GAUGES, read_series
 from refsim.io.vtp import read_arrays
 from refsim.scene.scene import Scene
 
@@ -258,3 +261,35 @@ def of_ledger(quantity: str, dim: int) -> tuple[str, str]:
     if effect is not None and issubclass(effect, KeepsLedger):
         unit, expected = effect.ledger_units.get(rest, ""), effect.ledger_expected.get(rest, "")
     return f"{unit} per m" if dim == 2 and unit and unit not in INTENSIVE else unit, expected
+
+
+# Series of gauges
+
+
+GAUGES, KIND = "gauges.hdf5", "file of gauges"
+
+
+def write_series(path: Path, series: Iterable[GaugeSeries]) -> None:
+    """Replace the file by one with these series. Raises InputError or RunStopped where the disk refuses."""
+    arrays, attributes = {}, {}
+    for one in series:
+        arrays[f"{one.name}.time"], arrays[f"{one.name}.values"] = one.time, one.values
+        attributes[one.name] = json.dumps({"kind": one.kind, "columns": one.columns, "units": one.units})
+    write_checkpoint(path, arrays, attributes, keep=1, what=KIND)
+
+
+def read_series(path: Path) -> dict[str, GaugeSeries]:
+    """The series in a file by name. Raises InputError where it is missing or damaged."""
+    try:
+        saved = read_checkpoint(path, KIND)
+    except Unreadable as error:
+        raise InputError(
+            f"{error.sentence}; a run of a scene with [[gauge]] writes it with its first checkpoint."
+        ) from None
+    series = {}
+    for name, text in saved.attributes.items():
+        attributes = json.loads(str(text))
+        columns, units = tuple(attributes["columns"]), tuple(attributes["units"])
+        values = saved.arrays[f"{name}.values"].reshape(-1, len(columns))
+        series[name] = GaugeSeries(name, attributes["kind"], saved.arrays[f"{name}.time"], values, columns, units)
+    return series

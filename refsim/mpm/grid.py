@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from refsim.backends.arrays import Backend
-from refsim.backends.scratch import Scratch
+from refsim.backends.arrays import Backend, Scratch
 from refsim.core.errors import RunStopped
 from refsim.core.operation import REGISTRY
 from refsim.mpm.groups import SETS, Bins, Places

@@ -5,8 +5,8 @@ Points are taken in chunks; within a chunk the block of the point before is trie
 
 import numpy as np
 
-from refsim.backends.chunks import CHUNKS, limits
 from refsim.backends.compile import formula, kernel
+from refsim.backends.reductions import CHUNKS, limits
 from refsim.mpm.formulas import base_coordinate
 from refsim.mpm.kernels import point_key
 from refsim.mpm.limits import FARTHEST

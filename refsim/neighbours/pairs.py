@@ -40,7 +40,7 @@ from numba import types
 
 from refsim.backends.compile import formula, overloaded
 from refsim.backends.fast import staging
-from refsim.backends.templates import filled_in
+from refsim.backends.reductions import filled_in
 from refsim.backends.written import NONE
 from refsim.neighbours.formulas import to_nearest_image
 from refsim.neighbours.pair_functions import (

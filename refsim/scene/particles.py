@@ -11,9 +11,8 @@ from refsim.core.capabilities import KnowsParticleMass, NeedsCellOrder, effects_
 from refsim.core.effect import Discretisation, Effect, InitialState, Nodes
 from refsim.core.errors import InputError
 from refsim.scene.checks import check_coincident, check_particles, resolved
-from refsim.scene.filling import filled
 from refsim.scene.scene import Scene
-from refsim.scene.shapes import Ball, Box, FluidMesh, Vector, as_floats
+from refsim.scene.shapes import Ball, Box, FluidMesh, Vector, as_floats, filled
 from refsim.scene.solids import countable, moved, voxelised
 
 WIDEST_SHARE = 3.0  # factor by which a part's mass may differ from that of its lattice: bodies of a few cells

@@ -7,7 +7,7 @@ import shutil
 import pytest
 
 from refsim.backends import cache
-from refsim.backends.cache_files import refuse_foreign
+from refsim.backends.cache import refuse_foreign
 from refsim.commands import doctor
 from refsim.core.errors import InputError
 from tests.backends.launched import launch

@@ -82,6 +82,6 @@ def test_running_sums_of_all_threads_are_numpys(count):
 def test_running_sums_of_bytes_pass_256_where_kernels_are_python():
     """A sum of NumPy's bytes stays a byte, which Numba's does not."""
     script = (
-        "import numpy as np; from refsim.backends.sums import running_sum as s; print(s(np.full(200, 200, 'u1'))[-1])"
+        'import numpy as n; from refsim.backends.reductions import *; print(running_sum(n.full(200, 200, "B"))[-1])'
     )
     assert python("-c", script, NUMBA_DISABLE_JIT="1", PYTHONWARNINGS="error").stdout.strip() == "40000"

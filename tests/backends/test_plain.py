@@ -7,7 +7,7 @@ import numpy as np
 
 from refsim.backends.plain import PlainKernel
 from refsim.backends.written import kind_of
-from refsim.commands.printed import printed
+from refsim.commands.show import printed
 from refsim.core.operation import REGISTRY
 from refsim.sph.kernels import gravity
 from tests.running import python

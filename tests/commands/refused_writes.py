@@ -34,7 +34,7 @@ import refsim
 from refsim.__main__ import main as refsim_main
 from refsim.contract import Target
 from refsim.contract.export import write_replay
-from refsim.contract.ladder import climbing
+from refsim.contract.programs import climbing
 from refsim.core import writing
 from refsim.core.operation import REGISTRY
 from refsim.io.vtp import read_arrays, read_head

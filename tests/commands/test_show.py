@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from refsim.__main__ import main
-from refsim.commands.printed import kernel_of, printed
-from refsim.commands.show import describe
+from refsim.commands.show import describe, kernel_of, printed
 from refsim.core import cases
 from refsim.core.operation import REGISTRY
 from tests.running import rows

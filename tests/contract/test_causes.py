@@ -17,8 +17,7 @@ from refsim.contract import drawn as drawn_inputs
 from refsim.contract.causes import Diagnosis, first_cause
 from refsim.contract.drawn import _judged as judged_on
 from refsim.contract.drawn import draw, with_room
-from refsim.contract.guards import Guards
-from refsim.contract.target import Outcome
+from refsim.contract.target import Guards, Outcome
 from refsim.core.operation import REGISTRY
 from refsim.neighbours.rows import NeighbourRows
 from tests.contract import faulty

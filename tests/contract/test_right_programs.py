@@ -9,8 +9,7 @@ import numpy as np
 
 from refsim import contract
 from refsim.contract.apart import LibraryDescription, Request
-from refsim.contract.inputs import Inputs
-from refsim.contract.parameters import groups_of, shape_acts
+from refsim.contract.inputs import Inputs, groups_of, shape_acts
 from refsim.contract.report import gaps, junit, report, text
 from refsim.core import cases
 from refsim.core.operation import REGISTRY

@@ -7,7 +7,7 @@ import pytest
 from refsim import make_plan
 from refsim.backends import device, runtime
 from refsim.core.effect import Pass
-from refsim.engine.branches import Accesses, accesses, needed_before
+from refsim.engine.binding import Accesses, accesses, needed_before
 from validation.experiments.melting.scene import scene_of
 
 

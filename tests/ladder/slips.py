@@ -31,7 +31,7 @@ from refsim.backends.fast import rows
 from refsim.contract import Target
 from refsim.contract.answers import on_case
 from refsim.contract.bounds import takes_neighbours
-from refsim.contract.ladder import climbing
+from refsim.contract.programs import climbing
 from refsim.core import cases
 from refsim.core.errors import RunStopped
 from refsim.core.operation import REGISTRY

@@ -13,7 +13,7 @@ import refsim as rs
 from refsim import contract, neighbours, sparse_grid
 from refsim.backends import arrays as backend
 from refsim.backends import runtime
-from refsim.commands.printed import printed
+from refsim.commands.show import printed
 from refsim.core.operation import REGISTRY, backend_of
 from refsim.core.period import period_group
 from refsim.neighbours.reference import neighbour_list, pair_blocks

@@ -18,7 +18,7 @@ import pytest
 
 from refsim.backends import arrays as backend
 from refsim.backends import runtime
-from refsim.backends.scratch import Scratch
+from refsim.backends.arrays import Scratch
 from refsim.contract.inputs import Inputs, with_variant
 from refsim.core import cases
 from refsim.core.operation import REGISTRY, backend_of
@@ -139,7 +139,7 @@ def launches(monkeypatch, program, arguments):
 
 def support_launches(dtype):
     """Launches of the kernels of searches and array moves, with the types that the searches hand them."""
-    from refsim.backends import device, sums
+    from refsim.backends import device, reductions
     from refsim.core.period import period_group
     from refsim.core.walls import Bounds
     from refsim.mpm import sorting_cuda as mpm_sorting
@@ -181,8 +181,8 @@ def support_launches(dtype):
         (cell_order.count_cells, (keys, *4 * (integers,))), (cell_order.fill_buckets, 6 * (integers,)),
         (cell_order.order_buckets, (*5 * (integers,), keys)), (device.add_up_tiles, (integers, integers)),
         (device.add_up_before, (integers, integers)), (device.add_up_within, (integers, integers, integers)),
-        (sums.sum_chunk.on("cuda"), (integers, integers)),
-        (sums.write_chunk.on("cuda"), (integers, integers, integers)),
+        (reductions.sum_chunk.on("cuda"), (integers, integers)),
+        (reductions.write_chunk.on("cuda"), (integers, integers, integers)),
         (cell_boxes.near_cells, (keys, integers, None, n, integers)),
         (cell_boxes.near_cells, (keys, integers, keys, n, integers)),
         (cell_boxes.cell_boxes, (vectors, vectors, vectors, scalars, integers, integers, scalars, vectors, vectors)),

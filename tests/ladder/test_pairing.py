@@ -10,7 +10,7 @@ import pytest
 
 from refsim import contract
 from refsim.backends.arrays import choose, unavailable
-from refsim.contract import parameters
+from refsim.contract import inputs as contract_inputs
 from refsim.contract.answers import typed
 from refsim.core import cases
 from refsim.core.operation import REGISTRY, backend_of, without
@@ -160,14 +160,14 @@ def test_every_member_acts_somewhere_or_is_held_with_a_reason():
     acting, all_members = set(), set()
     for operation in REGISTRY.values():
         inputs = contract.Inputs(cases.CASES["few"](), "float64")
-        kernel = parameters.kernel_of(operation, inputs)
-        for name, group in parameters.groups_of(operation, inputs).items():
+        kernel = contract_inputs.kernel_of(operation, inputs)
+        for name, group in contract_inputs.groups_of(operation, inputs).items():
             rule = cases.VARIATIONS.get(type(group), cases.Variation())
             assert all(rule.held.values())
             free = {m for m, value in zip(group._fields, group) if np.ndim(value) == 0} - rule.held.keys()
             free -= rule.follow(group, inputs, kernel).keys()
             all_members |= {(type(group), member) for member in free}
-            acting |= {(type(group), m) for m in free if parameters.acts(operation, name, m, inputs)}
+            acting |= {(type(group), m) for m in free if contract_inputs.acts(operation, name, m, inputs)}
     idle = {(kind.__name__, member) for kind, member in all_members - acting}
     # How many passes iisph.solve makes may depend on a rounding: the case makes two, whatever is left.
     assert idle == {("Implicit", "tolerance"), ("Implicit", "least"), ("Penetration", "everywhere")}

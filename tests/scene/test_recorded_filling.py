@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from refsim.core.effect import Discretisation
-from refsim.scene import filling
-from refsim.scene.filling import AROUND, PARTS, Room, room_in, room_of_block
+from refsim.scene.shapes import AROUND, PARTS, Room, filled, room_in, room_of_block
 
 D = 0.2
 
@@ -27,9 +26,9 @@ def test_what_fills_a_room_is_as_ever(recorded):
             cell[:, 2] -= 0.5 * (dim == 2)
             solids = types.SimpleNamespace(lattice=types.SimpleNamespace(cell=cell))
             grid = Discretisation(dim, "float64", D, 0.52, 0, 0.0, None, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-            found[f"{dim} {shift}"] = np.sort(filling.filled(room, grid, {}, solids), axis=0)
+            found[f"{dim} {shift}"] = np.sort(filled(room, grid, {}, solids), axis=0)
             inside = room_in(room, D, ball) if dim == 3 else room
-            found[f"{dim} {shift} ball"] = np.sort(filling.filled(inside, grid, {}, solids), axis=0)
+            found[f"{dim} {shift} ball"] = np.sort(filled(inside, grid, {}, solids), axis=0)
     recorded(found)
 
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from refsim.study.panels import FOLDER, drops, observables, panel, virial
+from refsim.study.panels import FOLDER, drops, observables, panel
 from refsim.study.panels.scene_factories import SCENE_FACTORIES
 from refsim.study.panels.scenes import scene_of
 
@@ -41,7 +41,7 @@ def test_the_pressure_in_balls_is_that_of_the_parts_of_lines_in_them(dim, monkey
     position, h = random.normal(size=(40, 3)) * [1, 1, dim == 3] + 7.0 * (np.arange(3) < dim), 0.9
     pairs = np.array([(a, b) for a in range(40) for b in range(40) if 0 < math.dist(position[a], position[b]) < h])
     virials = random.normal(size=len(pairs))
-    monkeypatch.setattr(virial, "pair_virials", lambda run: (*pairs.T, virials))
+    monkeypatch.setattr(drops, "pair_virials", lambda run: (*pairs.T, virials))
     run = standing(fields={"position": position}, plan={"grid": SimpleNamespace(dim=dim, support_radius=h)})
     x, along = position - sum(position) / 40, np.linspace(0.0, 1.0, 10001)[:, None]
     expected = []
@@ -49,7 +49,7 @@ def test_the_pressure_in_balls_is_that_of_the_parts_of_lines_in_them(dim, monkey
         volume = math.pi * radius**2 * (4 * radius / 3 if dim == 3 else 1)
         within = [(((x[a] + along * (x[b] - x[a])) ** 2).sum(1) < radius**2).mean() for a, b in pairs]
         expected.append(sum(part * one for part, one in zip(within, virials)) / (dim * volume))
-    assert virial.inner_pressure(run, (0.5, 0.9, 1.6)) == pytest.approx(sum(expected) / 3, rel=1e-3)
+    assert drops.inner_pressure(run, (0.5, 0.9, 1.6)) == pytest.approx(sum(expected) / 3, rel=1e-3)
 
 
 @pytest.mark.parametrize("name", ["cuda", "cpu"])
@@ -93,9 +93,9 @@ def test_pressures_of_iisph_act_by_both_masses_and_those_of_a_cube_over_its_bott
     plan = SimpleNamespace(
         grid=SimpleNamespace(support_radius=6.0), effects={"iisph": 1}, shared={"gradient_smoothing": 0}
     )
-    monkeypatch.setattr(virial, "_accelerations", lambda run, i, j: np.array([[1.0, 0, 0], [0, 2, 0]]))
-    monkeypatch.setattr(virial, "kernel_slope", lambda r, smoothing: -r)
-    i, j, half = virial.pair_virials(SimpleNamespace(plan=plan, field=given.get))
+    monkeypatch.setattr(drops, "_accelerations", lambda run, i, j: np.array([[1.0, 0, 0], [0, 2, 0]]))
+    monkeypatch.setattr(drops, "kernel_slope", lambda r, smoothing: -r)
+    i, j, half = drops.pair_virials(SimpleNamespace(plan=plan, field=given.get))
     both = 2 * 7 * (8 / 4 + 5) * 25
     assert (i.tolist(), j.tolist(), half.tolist()) == ([0, 1], [1, 0], [(-2 * 3 + both) / 2, (7 * 2 * 4 + both) / 2])
     resting = SimpleNamespace(pressure=lambda y: 100 * y)

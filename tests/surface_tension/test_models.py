@@ -6,7 +6,7 @@ import pytest
 import refsim as rs
 from refsim import make_plan
 from refsim.core.effect import Discretisation
-from refsim.study.panels.virial import pair_virials
+from refsim.study.panels.drops import pair_virials
 from tests.running import rows
 
 COHESIVE = (rs.JiangZhu2023, rs.Akinci2013, rs.Dong2016, rs.BeckerTeschner2007, rs.TartakovskyMeakin2005)

@@ -31,9 +31,9 @@ from refsim.study.panels.drops import (
     SNAPSHOTS,
     THIN,
     fit_oscillation,
+    inner_pressure,
     inside,
 )
-from refsim.study.panels.virial import inner_pressure
 from refsim.surface_tension.calibration import BASE, BESIDE, SETTINGS
 from validation.measure.stirring import (
     AVERAGED,

@@ -12,8 +12,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import erf, erfcx
 
-from refsim.backends.arrays import choose
-from refsim.backends.scratch import Scratch
+from refsim.backends.arrays import Scratch, choose
 from refsim.core.effect import Discretisation
 from refsim.core.operation import REGISTRY
 from refsim.core.period import period_group

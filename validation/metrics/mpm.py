@@ -12,8 +12,7 @@ from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import spsolve
 
 from refsim import Box, MpmLiquid, Scene
-from refsim.backends.arrays import Backend
-from refsim.backends.scratch import Scratch
+from refsim.backends.arrays import Backend, Scratch
 from refsim.core.operation import REGISTRY
 from refsim.mpm import READINGS, Embedding, Liquid
 from refsim.mpm.grid import MpmGrid

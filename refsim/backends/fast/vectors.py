@@ -1,11 +1,13 @@
-"""How a kernel's loops become vectors: settings of the compiler while it compiles."""
+"""Settings of the compiler while it compiles: how loops become vectors, and what a kernel takes from its bodies."""
 
+import contextlib
+import functools
+from collections.abc import Iterator
 from typing import Any
 
 import numba
 from llvmlite import binding
 
-from refsim.backends.fast.bodies import bodies_alone
 from refsim.backends.fast.private import names
 
 _compiling = 0  # compilations in progress: a kernel compiles the functions that it calls
@@ -40,3 +42,27 @@ def set_vectors(dispatcher: Any, packed: bool) -> None:
                 binding.set_option("refsim", "-force-vector-interleave=0")  # the compiler's own choice
 
     dispatcher.compile = compile_so
+
+
+@contextlib.contextmanager
+def bodies_alone() -> Iterator[None]:
+    """Within it Numba makes machine code of what Python or C calls, and of nothing that compiled code alone calls."""
+    private: Any = names("bodies")
+    if private is None:
+        yield
+        return
+    executable = private.CPUContext.get_executable
+
+    def get_executable(self: Any, code: Any, described: Any, environment: Any) -> Any:
+        wrappers = described.llvm_cpython_wrapper_name, described.llvm_cfunc_wrapper_name
+        if code._finalized or any(function.name in wrappers for function in code._final_module.functions):
+            return executable(self, code, described, environment)
+        code._finalize_final_module = functools.partial(setattr, code, "_finalized", True)
+        code.finalize()
+        return private.make_function(described.lookup_module(), described.qualname, "", 0, environment, (code,))
+
+    private.CPUContext.get_executable = get_executable
+    try:
+        yield
+    finally:
+        private.CPUContext.get_executable = executable
