@@ -21,7 +21,7 @@ Vector = tuple[float, float, float]
 WIDEST = 1.1  # spacings between the particles of a box
 
 
-PARTS = 4  # of a cell's edge, where a surface cuts the cell
+COLUMNS, DEEP = 16, 4  # of points in a cell that a surface cuts, so that planes across an axis meet them one by one
 AROUND = 0.75  # spacings from a cell's centre, along each axis, of points that show whether a surface may cut it
 LEAST = 1e-3  # share of a cell that counts
 SAME = 0.25  # share of a cell up to which a body overlaps a part whose surface it has
@@ -57,7 +57,9 @@ def room_in(room: Room, spacing: float, inside: Callable[[np.ndarray], np.ndarra
     around = (np.indices((3, 3, 3)).reshape(3, -1).T - 1) * (AROUND * spacing)
     held = inside((room.place[:, None] + around).reshape(-1, 3)).reshape(len(room.place), -1)
     share, centre = held.all(1).astype(float), room.place.copy()
-    fine = ((np.indices((PARTS,) * 3).reshape(3, -1).T + 0.5) / PARTS - 0.5) * spacing
+    column, deep = np.indices((COLUMNS, DEEP)).reshape(2, -1)
+    across = (np.stack([column, 5 * column % COLUMNS, 13 * column % COLUMNS]) + 0.5) / COLUMNS
+    fine = np.stack([*across[:2], (deep + across[2]) / DEEP], 1) * spacing - 0.5 * spacing
     cut = np.flatnonzero(held.any(1) & ~held.all(1))
     for few in np.array_split(cut, 1 + len(cut) // 4096):
         within = inside((room.place[few, None] + fine).reshape(-1, 3)).reshape(len(few), -1)
