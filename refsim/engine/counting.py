@@ -47,6 +47,9 @@ class Counting:
 
     greatest  the difference farthest from 0 so far; None before the first look
     latest    what the latest look has found
+    before    difference of the look before, None without one: a gap of a few spacings through which liquid falls on
+              liquid counts as liquid that lacks particles, and is gone at the next look
+    again     step of a look in between, after one that found a difference
     """
 
     def __init__(self, run: State) -> None:
@@ -54,10 +57,13 @@ class Counting:
         self.every = EVERY * (min(SELDOM, 1 + run.plan.grid.count // 512) if run.backend.name == "cuda" else 1)
         self.greatest: float | None = None
         self.latest: Counted | None = None
+        self.before: float | None = None
+        self.again = 0
 
     def after_step(self, run: State) -> None:
-        """Look where it is due. Raises RunStopped where told and counted density are far apart."""
-        if self.acts and run.steps % self.every == 0:
+        """Look where it is due. Raises RunStopped where told and counted density are far apart at two looks in turn."""
+        if self.acts and (run.steps % self.every == 0 or run.steps == self.again):
+            self.before = self.before or 0.0
             note = self.judged(run)
             if self.latest is not None and abs(self.latest.difference) > abs(self.greatest or 0.0):
                 self.greatest = self.latest.difference
@@ -70,7 +76,11 @@ class Counting:
             return ""
         with run.timings.of_host("counting"):
             counts = self.latest = counted(run)
-        if counts is None or not abs(counts.difference) > NOTED:
+        now = 0.0 if counts is None else counts.difference
+        before, self.before = now if self.before is None else self.before, now
+        lasting = min(abs(before), abs(now)) if before * now > 0 else 0.0
+        self.again = run.steps + EVERY if abs(now) > NOTED else 0
+        if counts is None or lasting <= NOTED:
             return ""
         side = "above" if counts.difference > 0 else "below"
         message = (
@@ -78,7 +88,7 @@ class Counting:
             f" kg/m^{run.plan.grid.dim} is counted inside the liquid, {abs(counts.difference):.1%} {side} the advanced"
             " one: volumes and levels are off by as much; "
         )
-        if abs(counts.difference) > LARGEST:
+        if lasting > LARGEST:
             raise RunStopped("miscounted", f"{message}add particle_shifting, or set density = 'summation'.")
         return f"{message}restoring brings both together, particle_shifting keeps the particles even"
 

@@ -7,7 +7,7 @@ import pytest
 
 from refsim import BoxWalls, Cloud, Gravity, Scene, Simulation, WeaklyCompressible, simulate
 from refsim.engine import counting
-from refsim.engine.counting import NOTED, counted
+from refsim.engine.counting import NOTED, Counted, counted
 
 D, SOUND = 0.05, 20.0
 
@@ -70,9 +70,21 @@ def test_a_difference_is_noted_once_and_reported(often, tmp_path):
     report = simulate(simulation, output=tmp_path / "run")
     (note,) = (words for words in report.notes if "is counted inside the liquid" in words)
     assert "below the advanced one" in note
-    assert "step 4 " in note
+    assert "step 5 " in note
     stored = json.loads((tmp_path / "run" / "report.json").read_text())["density"]
     assert stored == report.density
     assert stored["difference"] == pytest.approx(stored["counted"] / stored["told"] - 1)
     assert -0.07 < stored["greatest_difference"] < -NOTED
     assert "is counted" not in str(simulate(block(), backend="numpy").notes)
+
+
+def test_what_is_gone_at_the_next_look_is_not_told(often, monkeypatch):
+    """A gap of four spacings through which a block falls on a pool counts as liquid that lacks a third."""
+    found = iter([-0.3, 0.0, -0.03, -0.3])
+    monkeypatch.setattr(counting, "counted", lambda run: Counted(1e3, 1e3, next(found), 0.0, 0.0, 100))
+    simulation = Simulation(block(n=4), "numpy")
+    told = []
+    for _ in range(16):
+        simulation.step()
+        told.append(any("is counted inside" in note for note in simulation.notes))
+    assert told.index(True) == 15
