@@ -52,9 +52,6 @@ def test_steps_beside_solids():
     assert rs.MeshBoundary(file="none").step_limits(grid(), named(LIQUID)) == {}
 
 
-# Reports
-
-
 # Step limits
 
 
@@ -147,9 +144,6 @@ def test_start_of_latent_heat():
 
     found = frozen.initial(grid(count=4), four, {"heat_conduction": frozen, "heater": Heater()})
     assert found["temperature_range"].tolist() == [-1e30, 1e30]
-
-
-# Ledgers
 
 
 # Parameter groups

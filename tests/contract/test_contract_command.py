@@ -144,9 +144,6 @@ def test_parts_of_the_ladder_that_are_not_there_are_bad_input():
         judged(lambda field: None, dtypes=("float32",))
 
 
-# Judging
-
-
 # What a program may not touch
 def ended(program):
     """Outcomes of T2 by trial."""

@@ -121,6 +121,3 @@ def test_nothing_inside_gives_an_empty_mesh(values):
 def test_bad_input_is_told(coordinates, values, h, words):
     with pytest.raises(InputError, match=words):
         extract(CPU, coordinates, values, h, 3)
-
-
-# The sparse grid

@@ -29,9 +29,6 @@ def scene(solid=(BODY,), highest=5.0, slope=0.0, melting=None, **options):
     return made(tuple((highest - slope * x).tolist()))
 
 
-# Which particles melt
-
-
 # Bookkeeping
 @pytest.mark.parametrize(("bookkeeping", "change"), [("immiscible", 0.0), ("water", 83.0)])
 def test_mass_and_rest_density_of_the_melt(bookkeeping, change):

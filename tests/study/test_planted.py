@@ -157,9 +157,3 @@ def test_the_digest_of_the_sources_covers_a_line_of_each_package(tmp_path):
         module.write_text(before)
     (copy / "study" / "observables.py").write_text("")
     assert digest(copy) != whole
-
-
-# What is read
-
-
-# What a prediction is for

@@ -148,9 +148,6 @@ def test_force_is_the_slope_of_the_surface_energy():
     assert work == pytest.approx(-2.0 * slope, rel=2e-3)
 
 
-# Limits
-
-
 # Readings and bad input
 
 

@@ -37,9 +37,3 @@ def test_full_leaves_no_run_out():
     assert [part.name for part in groups[0]] == list(script.MAIN[0])
     there = {part.name: [run.key for run in part.runs] for parts in groups for part in parts}
     assert there == {name: [run.key for run in each.runs(options)] for name, each in known.items()}
-
-
-# How it ends
-
-
-# The page
