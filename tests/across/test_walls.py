@@ -68,10 +68,3 @@ def test_adhesion_acts_at_walls_of_every_kind(walls, acts, plate):
     given = (rs.MeshBoundary(file=plate) if wall is None else wall for wall in walls)
     launched = make_plan(scene((LIQUID, rs.Akinci2013(gamma=0.1, adhesion=2.0), *given))).launches()
     assert launched.count("akinci_2013.adhesion") == acts
-
-
-def test_two_effects_cannot_take_the_same_place(plate):
-    """Both of their pressure forces would act."""
-    for pair in ((DONG, rs.ImplicitPressure()), (rs.TwoWayCoupling(), rs.ShapeMatching(), rs.ImplicitPressure())):
-        with pytest.raises(rs.InputError, match="take the place of 'sph"):
-            make_plan(scene((LIQUID, *pair)))

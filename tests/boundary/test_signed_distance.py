@@ -119,12 +119,3 @@ def test_what_cannot_be_repaired_is_refused(given, words):
     with pytest.raises(InputError, match=words) as caught:
         surface_mesh(*given)
     assert str(caught.value).count(". ") == 0
-
-
-@pytest.mark.parametrize(
-    "spacing, band, words", [(-1.0, None, "positive"), (0.1, 0.1, "too narrow"), (1e-7, None, "larger spacing")],
-    ids=["negative", "narrow", "tiny"],
-)  # fmt: skip
-def test_impossible_grids_are_refused(spacing, band, words):
-    with pytest.raises(InputError, match=words):
-        signed_distance(meshed(BOX), spacing, band)

@@ -57,23 +57,6 @@ def test_a_solid_beside_a_mesh_has_the_lift_of_archimedes(tmp_path):
     assert found == pytest.approx([0.0, 0.0, 1.0], abs=0.005)
 
 
-BROAD = ([((0, 0, 0), (7, 7, 3))], [((1, 0, 0), (7, 6, 2)), ((0, 0, 2), (7, 7, 2))])
-
-
-@pytest.mark.parametrize("bodies", BROAD, ids=("in a corner", "on each other"))
-def test_broad_bodies_have_the_lift_of_archimedes(bodies):
-    """Their lift was 0.95 where walls and bodies beneath reach neither liquid nor solids that do."""
-    for found in lifts(bodies, rs.Simulation(at_rest(bodies, (9, 9, 7)), "numpy")):
-        assert found == pytest.approx([0.0, 0.0, 1.0], abs=0.003)
-
-
-def test_a_body_that_floats_at_a_wall_is_not_drawn_to_it():
-    """The pull was 0.12 of the water that the whole body displaces."""
-    bodies = [((0, 2, 5), (3, 3, 3))]
-    (found,) = lifts(bodies, rs.Simulation(at_rest(bodies, (7, 7, 6)), "numpy"))
-    assert found == pytest.approx([0.0, 0.0, 1 / 3], abs=0.006)
-
-
 def test_a_film_bears_the_tension_of_the_liquid_around_it():
     """10 kPa less, so that all pressures are below zero, do not lift a body off floor and wall."""
     bodies = [((0, 2, 0), (2, 2, 2))]
