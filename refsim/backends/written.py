@@ -634,6 +634,9 @@ def literal(value: Any) -> str:
 
 def class_text(kind: type) -> str:
     """A named tuple with what its source says of its members."""
+    if kind.__doc__ == f"{kind.__name__}({', '.join(kind._fields)})":  # type: ignore[attr-defined]
+        members = [f"    {name}: object" for name in kind._fields]  # type: ignore[attr-defined]
+        return "\n".join([f"class {kind.__name__}(NamedTuple):", *members])
     (tree,) = ast.parse(inspect.getsource(kind)).body
     assert isinstance(tree, ast.ClassDef)
     lines = inspect.getsource(kind).splitlines()

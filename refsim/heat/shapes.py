@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections import namedtuple
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -52,66 +53,21 @@ class Conduction(NamedTuple):
     dim: int
 
 
-class ExchangeRows(NamedTuple):
-    """The pairs within h on the CPU: of i those from start[i], count[i] of them."""
-
-    start: Any  # (n,) int64
-    count: Any  # (n,) int32
-    entries: Any  # (capacity,) int32: j
-    weight: Any  # (capacity,): dt G_ij [J/K]
-
-
-class ExchangeColumns(NamedTuple):
-    """The same on the GPU for all pairs of the neighbour list: the k-th of i is entries[k * n + i]."""
-
-    count: Any
-    entries: Any
-    weight: Any  # 0 beyond h
-    lanes: Any
-
-
-class Substance(NamedTuple):
-    """What turns the particles' enthalpies into temperatures."""
-
-    heat_capacity: Any
-    melting_point: Any
-    latent_heat: Any
-
-
-class Tensors(NamedTuple):
-    """A symmetric matrix of each particle."""
-
-    x: Any  # (n, 3) xx, xy, xz
-    rest: Any  # (n, 3) yy, yz, zz
-
-
-class Places(NamedTuple):
-    """What the moments of the pairs follow from, beside their list."""
-
-    position: Any
-    volume: Any
-    reservoir: Any
-    conduction: Any
-    period: Any
-
-
-class StageState(NamedTuple):
-    """Values that a stage reads, and the flow and change that it keeps for later ones."""
-
-    start: Any
-    now: Any
-    temperature: Any
-    flow_start: Any
-    change: Any
-
-
-class Stage(NamedTuple):
-    """One stage y' = y + before (y_before - y) + start (y_start - y) + (flow Q(y) + flow_start Q(y_start)) dt/C."""
-
-    before: float
-    start: float
-    flow: float
-    flow_start: float
+# The pairs within h on the CPU: of i those from start[i] (n,) int64, count[i] (n,) int32 of them; entries (capacity,)
+# int32: j, and weight (capacity,): dt G_ij [J/K]
+ExchangeRows = namedtuple("ExchangeRows", "start count entries weight")
+# The same on the GPU for all pairs of the neighbour list, of weight 0 beyond h: the k-th of i is entries[k * n + i]
+ExchangeColumns = namedtuple("ExchangeColumns", "count entries weight lanes")
+# What turns the particles' enthalpies into temperatures
+Substance = namedtuple("Substance", "heat_capacity melting_point latent_heat")
+# A symmetric matrix of each particle: (n, 3) xx, xy, xz, and (n, 3) yy, yz, zz
+Tensors = namedtuple("Tensors", "x rest")
+# What the moments of the pairs follow from, beside their list
+Places = namedtuple("Places", "position volume reservoir conduction period")
+# Values that a stage reads, and the flow and change that it keeps for later ones
+StageState = namedtuple("StageState", "start now temperature flow_start change")
+# One stage y' = y + before (y_before - y) + start (y_start - y) + (flow Q(y) + flow_start Q(y_start)) dt/C
+Stage = namedtuple("Stage", "before start flow flow_start")
 
 
 @functools.lru_cache(maxsize=64)

@@ -1,6 +1,6 @@
 """What one particle and one node do in melting."""
 
-from typing import Any, NamedTuple
+from collections import namedtuple
 
 from refsim.backends.compile import formula, kernel
 from refsim.backends.reductions import reduction
@@ -11,24 +11,10 @@ from refsim.shape_matching.phases import EMPTY, FLUID, SURFACE
 LANES = 1 if simulated() else 8  # CUDA threads that share a node; the simulator has no shuffles
 
 
-class Heated(NamedTuple):
-    """What decides whether particles melt; without latent heat enthalpies and latent heats are None."""
-
-    identity: Any
-    temperature: Any
-    enthalpy: Any
-    melting_point: Any
-    latent_heat: Any
-
-
-class Molten(NamedTuple):
-    """What melting changes of a particle; conductivity and heat capacity may be None."""
-
-    mass: Any
-    rest_density: Any
-    conductivity: Any
-    heat_capacity: Any
-    phase: Any
+# What decides whether particles melt; without latent heat enthalpies and latent heats are None
+Heated = namedtuple("Heated", "identity temperature enthalpy melting_point latent_heat")
+# What melting changes of a particle; conductivity and heat capacity may be None
+Molten = namedtuple("Molten", "mass rest_density conductivity heat_capacity phase")
 
 
 @reduction(into="melted_count", how="count", rows="molten.phase")

@@ -1,19 +1,14 @@
 """Embedded points of the surface's samples, sorted by owner, on a CPU."""
 
-from typing import Any, NamedTuple
+from collections import namedtuple
 
 import numpy as np
 
 from refsim.mpm.groups import Owned
 from refsim.mpm.kernels import embed_samples
 
-
-class Samples(NamedTuple):
-    """Samples of the surface, sorted by owner."""
-
-    position: Any  # (s, 3) [m]
-    order: Any  # (s,) numbers by owner
-    first: Any  # (n + 1,) place of the first of each owner
+# Samples of the surface (s, 3) [m], their numbers (s,) by owner, and the place (n + 1,) of the first of each owner
+Samples = namedtuple("Samples", "position order first")
 
 
 def by_owner(sample_owner, count):

@@ -8,9 +8,10 @@ Reference: all pairs (`refsim.neighbours.reference`).
 from __future__ import annotations
 
 import math
+from collections import namedtuple
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -35,20 +36,10 @@ class SearchLog:
     list_bytes: int = 0
 
 
-class Particles(NamedTuple):
-    """What moves the particles: positions now and when the list was built [m], velocities [m/s], (kick, step) [s]."""
-
-    position: Any
-    build_position: Any
-    velocity: Any
-    timestep: Any
-
-
-class AuditedRows(NamedTuple):
-    """Rows of the list: one out of each share of them, another one after every build."""
-
-    share: int
-    number: int
+# What moves the particles: positions now and when the list was built [m], velocities [m/s], (kick, step) [s]
+Particles = namedtuple("Particles", "position build_position velocity timestep")
+# Rows of the list: one out of each share of them, another one after every build
+AuditedRows = namedtuple("AuditedRows", "share number")
 
 
 @dataclass

@@ -9,8 +9,9 @@ compiled for one shape of the smoothing kernel.
 from __future__ import annotations
 
 import inspect
+from collections import namedtuple
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 from refsim.backends import device
 from refsim.backends.compile import Kernel, cuda, cuda_kernel
@@ -18,14 +19,8 @@ from refsim.backends.primitives import set_four
 from refsim.neighbours.pair_functions import Layout, fields_of, kind_of, layout
 from refsim.smoothing.shapes import Smoothing
 
-
-class PackedColumns(NamedTuple):
-    """NeighbourColumns with the neighbours' fields as rows of four numbers, in the order of `layout`."""
-
-    count: Any  # (n,) int32
-    entries: Any  # (capacity * n,) uint32
-    lanes: Any  # its length: threads that share a column
-    rows: Any  # tuple of (n, 4) arrays
+# NeighbourColumns with the neighbours' fields as `rows`: a tuple of (n, 4) arrays, in the order of `layout`
+PackedColumns = namedtuple("PackedColumns", "count entries lanes rows")
 
 
 def packed_program(body: Kernel, pair: Callable) -> Callable:

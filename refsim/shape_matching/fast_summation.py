@@ -10,7 +10,7 @@ of large sums would add to the momentum, because a body that keeps its shape rou
 For a CPU, where a thread sums one number over all boxes.
 """
 
-from typing import Any, NamedTuple
+from collections import namedtuple
 
 import numpy as np
 
@@ -19,33 +19,12 @@ from refsim.shape_matching import kernels
 from refsim.shape_matching.formulas import turned
 from refsim.shape_matching.phases import EMPTY
 
-
-class Goals(NamedTuple):
-    """Regions as the pull takes them."""
-
-    region: Any
-    region_count: Any
-    region_anchor: Any
-    rotation: Any
-
-
-class Members(NamedTuple):
-    """Regions as their motion takes them."""
-
-    region_share: Any
-    region: Any
-    region_count: Any
-    region_center: Any
-
-
-class Motions(NamedTuple):
-    """Regions as the damping takes them."""
-
-    region: Any
-    region_count: Any
-    region_center: Any
-    region_velocity: Any
-    region_spin: Any
+# Regions as the pull takes them
+Goals = namedtuple("Goals", "region region_count region_anchor rotation")
+# Regions as their motion takes them
+Members = namedtuple("Members", "region_share region region_count region_center")
+# Regions as the damping takes them
+Motions = namedtuple("Motions", "region region_count region_center region_velocity region_spin")
 
 
 def match(solid_position, region_share, region, region_count, boxes, matching, region_center, region_anchor, rotation):

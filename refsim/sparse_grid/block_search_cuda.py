@@ -1,6 +1,6 @@
 """Blocks and lists of points on a CUDA device; a counting sort makes the lists."""
 
-from typing import Any, NamedTuple
+from collections import namedtuple
 
 import numpy as np
 
@@ -77,15 +77,9 @@ def sort_cells(cell, first, unsorted, point):
         point[at] = i
 
 
-class Lists(NamedTuple):
-    """Points by bin, as `PointList`, and scratch memory in which they are made without the host, int32."""
-
-    first: Any
-    point: Any
-    held: Any  # (bins,) points of each
-    place: Any  # (points,) place of each in its bin
-    unsorted: Any  # (points,) the points of each bin, in any order
-    totals: Any
+# Points by bin, as `PointList`, and scratch memory in which they are made without the host, int32: the points held of
+# each bin, the place of each point in its bin, and the points of each bin in any order
+Lists = namedtuple("Lists", "first point held place unsorted totals")
 
 
 def lists_of(empty, bins, points):

@@ -5,7 +5,7 @@ the cells that reach a node. Cells with points are numbered, so that no others a
 cell n are column n of row k, so that neighbouring threads read and write contiguous memory.
 """
 
-from typing import Any, NamedTuple
+from collections import namedtuple
 
 import numpy as np
 
@@ -198,12 +198,9 @@ def sum_around(near, blocks, first_row, rows, sums):
     return total
 
 
-class Active(NamedTuple):
-    """Blocks with weights, in any order, by the names of their work arrays."""
-
-    active_block: Any  # (blocks,) their numbers
-    active_columns: Any  # (blocks, REACHING) columns of the cells that reach each
-    counts: Any
+# Blocks with weights, in any order, by the names of their work arrays: their numbers (blocks,), and the columns
+# (blocks, REACHING) of the cells that reach each
+Active = namedtuple("Active", "active_block active_columns counts")
 
 
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")

@@ -6,7 +6,7 @@ search begins with the nearest particle of a vertex or a sample close by.
 """
 
 import math
-from typing import Any, NamedTuple
+from collections import namedtuple
 
 import numpy as np
 
@@ -33,52 +33,15 @@ LANES = 2 if simulated() else 4
 MARGIN = formulas.EQUALLY_NEAR  # [h] by which a row of cells must be farther to have no particle as near
 
 
-class Spheres(NamedTuple):
-    """The particles of the liquid, sorted by cell."""
-
-    position: Any
-    number: Any
-    placed: Any  # [h] in their blocks, cell by cell
-    cells: Any
-
-
-class Vertices(NamedTuple):
-    """Vertices of the surface, by the names of their work arrays."""
-
-    vertex_position: Any
-    vertex_centre: Any  # the particle whose sphere it is on
-    vertex_outward: Any
-    vertex_normal: Any
-    inset_position: Any
-
-
-class Samples(NamedTuple):
-    """Samples of the surface, one to a facet, by the names of their work arrays."""
-
-    sample_place: Any
-    nearest: Any
-    facet_normal: Any
-    outward: Any
-    sample_normal: Any
-    sample_position: Any
-    sample_area: Any
-
-
-class FitPoints(NamedTuple):
-    """Points of the fit, by the names of their work arrays."""
-
-    fit_position: Any
-    fit_cell: Any
-    fit_place: Any
-    held_points: Any
-
-
-class Components(NamedTuple):
-    """Labels of the nodes' components, particles of each, and the least number of a component with tension."""
-
-    node_label: Any
-    members: Any
-    least: Any
+# The particles of the liquid, sorted by cell; `placed` [h] in their blocks, cell by cell
+Spheres = namedtuple("Spheres", "position number placed cells")
+# Vertices of the surface, samples, one to a facet, and points of the fit, by the names of their work arrays;
+# vertex_centre is the particle whose sphere a vertex is on
+Vertices = namedtuple("Vertices", "vertex_position vertex_centre vertex_outward vertex_normal inset_position")
+Samples = namedtuple("Samples", "sample_place nearest facet_normal outward sample_normal sample_position sample_area")
+FitPoints = namedtuple("FitPoints", "fit_position fit_cell fit_place held_points")
+# Labels of the nodes' components, particles of each, and the least number of a component with tension
+Components = namedtuple("Components", "node_label members least")
 
 
 @cuda_formula
