@@ -20,16 +20,7 @@ from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.scalars import int32
 from refsim.heat import operations as operations
-from refsim.heat.shapes import (
-    MOST_PASSES,
-    MUELLER,
-    POLY6,
-    SPIKY,
-    Conduction,
-    conduction_group,
-    lattice_moment,
-    lattice_sum,
-)
+from refsim.heat import shapes
 from refsim.sph import LIQUID, liquid_of
 
 if TYPE_CHECKING:
@@ -333,22 +324,22 @@ class HeatConduction(
             parts[number] = 1
         return np.repeat(parts, state.sizes)
 
-    def conduction(self, grid: Discretisation) -> Conduction:
+    def conduction(self, grid: Discretisation) -> shapes.Conduction:
         """How pairs exchange heat, as the kernels take it."""
         printed = self.printed()
-        laplacian = MUELLER if self.laplacian == "mueller" else SPIKY
+        laplacian = shapes.MUELLER if self.laplacian == "mueller" else shapes.SPIKY
         if "M5" in printed:
-            laplacian = POLY6
-        factor = 1.0 if laplacian == SPIKY or "M6" in printed else 0.5
+            laplacian = shapes.POLY6
+        factor = 1.0 if laplacian == shapes.SPIKY or "M6" in printed else 0.5
         if self.calibrated and "M5" not in printed and "M6" not in printed:
-            factor = 1 / lattice_moment(laplacian, grid.support_radius, grid.spacing, grid.dim)
-        return conduction_group(
+            factor = 1 / shapes.lattice_moment(laplacian, grid.support_radius, grid.spacing, grid.dim)
+        return shapes.conduction_group(
             grid, laplacian=laplacian, factor=factor, tolerance=self.tolerance, residual=self.residual,
             sweep_share=1.0 if "M8" in printed else 0.5, harmonic=self.mean == "harmonic",
             unit_capacity="M11" in printed, frozen="M9" in printed,
         )  # fmt: skip
 
-    def _planned_passes(self, grid: Discretisation, others: Others, conduction: Conduction) -> int:
+    def _planned_passes(self, grid: Discretisation, others: Others, conduction: shapes.Conduction) -> int:
         """Passes that suffice for the longest step, or the fixed one, up to s_i of `CROWDED` times the lattice's."""
         if self.scheme != "implicit" or self.host_in_step:
             return 0
@@ -357,8 +348,8 @@ class HeatConduction(
         number = self.largest_number
         if grid.step > 0:
             number = grid.step * self.greatest_diffusivity(grid, others) / grid.spacing**2
-        most = CROWDED * number * lattice_sum(conduction, grid)
-        return min(MOST_PASSES, chebyshev_passes(most, self.tolerance))
+        most = CROWDED * number * shapes.lattice_sum(conduction, grid)
+        return min(shapes.MOST_PASSES, chebyshev_passes(most, self.tolerance))
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         if not self.conducts:
@@ -373,7 +364,7 @@ class HeatConduction(
             return {}
         number, limits = self.largest_number, {}
         if self._limited_by_sums():
-            each = lattice_sum(self.conduction(grid), grid)
+            each = shapes.lattice_sum(self.conduction(grid), grid)
             share = 1 / each if self.scheme == "explicit" else KEEPS_RANGE
             number = share if self.scheme == "explicit" else min(number, share)
             limits["exchange"] = StepLimit.exchanging(share * each)

@@ -8,6 +8,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
+from refsim import mpm
 from refsim.core import cases
 from refsim.core.cases import (
     VARIATIONS,
@@ -21,35 +22,21 @@ from refsim.core.cases import (
     hard_input,
     particles,
 )
-from refsim.mpm import (
-    OPEN,
-    READINGS,
-    RULES,
-    Counting,
-    Embedding,
-    KernelGradient,
-    Liquid,
-    MpmLiquid,
-    MpmWalls,
-    ViscousStress,
-    WallNodes,
-    operations,
-)  # fmt: skip
 from refsim.mpm.grid import SLACK, Background, MpmGrid
 from refsim.sparse_grid.reference import node_table
 
-cases.example(MpmLiquid(bulk_modulus=1e4), brings="affine cell step_extremes volume_ratio")
-cases.example(MpmWalls(lower=(-0.2, 0.0, -0.2), upper=(0.8, 0.8, 0.8)))
+cases.example(mpm.MpmLiquid(bulk_modulus=1e4), brings="affine cell step_extremes volume_ratio")
+cases.example(mpm.MpmWalls(lower=(-0.2, 0.0, -0.2), upper=(0.8, 0.8, 0.8)))
 
 EMBEDDED = ("carrier_first", "carrier_position", "carrier_owner", "cluster_share", "inverse_spread")
 
 
-def liquid_of(case: Case) -> MpmLiquid:
+def liquid_of(case: Case) -> mpm.MpmLiquid:
     """The liquid of a case: c = 20 m/s, printed readings where the case is printed."""
     literal = ("M3", "M4", "M5", "M27") if case.literal else ()
     density = cases.REST_DENSITY
     viscosity = 0.05 * density * case.spacing
-    return MpmLiquid(rest_density=density, bulk_modulus=400 * density, dynamic_viscosity=viscosity, literal=literal)
+    return mpm.MpmLiquid(rest_density=density, bulk_modulus=400 * density, dynamic_viscosity=viscosity, literal=literal)
 
 
 @particles("affine")
@@ -81,10 +68,10 @@ groups(greatest_crowding=lambda case, grid: np.zeros(1, grid.dtype))
 
 @groups("background", "liquid", "kernel_gradient", "viscous_stress", "counting")
 def _groups(case, grid):
-    return liquid_of(case).prepare(grid, {}) | {"kernel_gradient": KernelGradient(np.int32(1))}
+    return liquid_of(case).prepare(grid, {}) | {"kernel_gradient": mpm.KernelGradient(np.int32(1))}
 
 
-groups(embedding=lambda case, grid: Embedding(np.int32(1)))
+groups(embedding=lambda case, grid: mpm.Embedding(np.int32(1)))
 
 
 as_printed, corrected = cases.other("embedding", reading=2), cases.other("embedding", reading=3)
@@ -93,8 +80,8 @@ as_printed, corrected = cases.other("embedding", reading=2), cases.other("embedd
 groups(step_extremes=lambda case, grid: np.zeros(4, grid.dtype))
 
 
-def wall_nodes(*values) -> WallNodes:
-    return WallNodes(*(np.array(row, np.int32) for row in values))
+def wall_nodes(*values) -> mpm.WallNodes:
+    return mpm.WallNodes(*(np.array(row, np.int32) for row in values))
 
 
 @groups("planes")
@@ -109,7 +96,7 @@ def _planes(case, grid):
 
 def wide_domain(case, grid):
     """Walls of every kind, eight cells apart or more, the lower ones a little inside the particles."""
-    lower, upper = np.full(3, -OPEN), np.full(3, OPEN)
+    lower, upper = np.full(3, -mpm.OPEN), np.full(3, mpm.OPEN)
     for axis in range(case.dim if case.count else 0):
         ends = np.quantile(case.position[:, axis] / (2 * case.spacing), (0.1, 0.9)).round()
         lower[axis], upper[axis] = ends[0], max(ends[1], ends[0] + 8)
@@ -122,10 +109,10 @@ VARIATIONS[Background] = Variation(
     other={"least_mass": lambda least: 0.2},  # [kg], that of a node at the edge of the liquid
     usual=(),
 )
-VARIATIONS[Embedding] = Variation(other={"reading": lambda reading: reading + 1})
-VARIATIONS[KernelGradient] = Variation(held={"on": "the group's presence is the reading"})
-cases.codes(Embedding, reading={name: number for number, name in enumerate(READINGS)})
-cases.codes(WallNodes, rules=RULES)
+VARIATIONS[mpm.Embedding] = Variation(other={"reading": lambda reading: reading + 1})
+VARIATIONS[mpm.KernelGradient] = Variation(held={"on": "the group's presence is the reading"})
+cases.codes(mpm.Embedding, reading={name: number for number, name in enumerate(mpm.READINGS)})
+cases.codes(mpm.WallNodes, rules=mpm.RULES)
 cases.readings(embedding="reading", liquid="linear_stress unit_volume timeless", kernel_gradient="")
 cases.takes("mpm.grid_update", background="least_mass")
 cases.takes("mpm.particle_to_grid", "mpm.carriers_to_grid", liquid="rest_density stress linear_stress unit_volume")
@@ -157,7 +144,7 @@ def _samples(inputs, name):
 def _embedded(inputs, name):
     """The embedded points of the operations."""
     given = [inputs[n] for n in ("position", "surface_sample", "sample_owner", "background")]
-    value, _ = operations.embed(*given)[name]
+    value, _ = mpm.operations.embed(*given)[name]
     return value.astype(np.int32 if name in ("carrier_first", "carrier_owner") else inputs.dtype)
 
 
@@ -166,7 +153,7 @@ def _grid(inputs, name):
     """Blocks for the particles, their samples and embedded points."""
     grid = MpmGrid(inputs.case.dim, inputs.dtype, 2 * inputs.case.spacing)
     sets = [inputs[n] for n in ("position", "carrier_position", "surface_sample")]
-    cell = operations.cells(*sets, grid)["cell"][0].astype(np.int32)
+    cell = mpm.operations.cells(*sets, grid)["cell"][0].astype(np.int32)
     return grid if name == "grid" else cell
 
 
@@ -224,8 +211,8 @@ def alone(dim: int, where: tuple = (2.0, 2.0, 2.0), samples: np.ndarray | None =
     case = at(f"alone_{dim}d", position, dim=dim)
     grid = MpmGrid(dim, "float64", 2.0)
     none = np.zeros((0, 3)) if samples is None else samples
-    operations.cells(position, none, none, grid)
-    background = MpmLiquid(bulk_modulus=1.0, cell_size=2.0).background(case.grid("float64"))
+    mpm.operations.cells(position, none, none, grid)
+    background = mpm.MpmLiquid(bulk_modulus=1.0, cell_size=2.0).background(case.grid("float64"))
     return case, grid, background
 
 
@@ -238,7 +225,7 @@ def weight_of(grid) -> np.ndarray:
     return weight
 
 
-WATER = Liquid(1.0, 3.0, 0, 0, 0, 0)
+WATER = mpm.Liquid(1.0, 3.0, 0, 0, 0, 0)
 STEPS = np.array([0.25, 0.25])
 TURN = np.array([[0.5, -1.0, 0.25], [1.0, 0.25, 0.0], [2.0, 0.0, -0.5]])
 
@@ -264,7 +251,7 @@ def first_cells():
     position = np.array([[2.0, 2.0, 2.0], [4.0, 2.0, 2.0], [2.0, 4.5, 2.0], [2.5, 1.5, 8.9]])
     case = at("first_cells", position)
     inputs = {"grid": MpmGrid(3, "float64", 2.0), "carrier_position": None, "surface_sample": None}
-    operations.cells(position, None, None, inputs["grid"])
+    mpm.operations.cells(position, None, None, inputs["grid"])
     return Exact(case, inputs, {"cell": [0, 1, 4, 48]})
 
 
@@ -275,7 +262,7 @@ class Outgrown(MpmGrid):
         grid = super().on_backend(backend)
         if backend.name not in SLACK:
             first = MpmGrid(self.dim, self.dtype, self.cell_size)
-            operations.cells(self._located["particles"][:1], None, None, first)
+            mpm.operations.cells(self._located["particles"][:1], None, None, first)
             grid.blocks, grid.complete = first.blocks, first.complete
         return grid
 
@@ -294,7 +281,7 @@ def first_blocks(dim: int, node: list, cell: list) -> Exact:
     position = 2.0 * (np.array(node) + 1.0) * (np.arange(3) < dim)
     case = at(f"first_blocks_{dim}d", position, dim=dim)
     inputs = {"grid": Outgrown(dim, "float64", 2.0), "carrier_position": None, "surface_sample": None}
-    operations.cells(position, None, None, inputs["grid"])
+    mpm.operations.cells(position, None, None, inputs["grid"])
     return Exact(case, inputs, {"cell": np.array(cell)})
 
 
@@ -328,7 +315,7 @@ def force_through_the_gradient():
     slope = np.where(arm == 0, 0.0, 0.25 * arm / LINE[0] * 0.5)  # B'/B on the outer nodes: -+ (1/2)/(1/8)/h
     field = 2.0 * (v + arm @ velocity_gradient(3).T)
     push = -1.125 * weight[:, None] * slope
-    inputs["kernel_gradient"] = KernelGradient(1)
+    inputs["kernel_gradient"] = mpm.KernelGradient(1)
     return Exact(case, inputs, {"node_mass": 2.0 * weight, "node_momentum": weight[:, None] * field + push})
 
 
@@ -341,7 +328,7 @@ def _pair():
         "grid": grid, "background": background, "liquid": WATER, "timestep": STEPS, "surface_sample": sample,
         "sample_owner": np.zeros(1, np.int32), "carrier_position": points, "carrier_owner": np.zeros(2, np.int32),
         "carrier_first": [0, 2], "cluster_share": [1 / 3],
-        "inverse_spread": [[3 / 11, 0, 0, 1, 0, 1]], "embedding": Embedding(1),
+        "inverse_spread": [[3 / 11, 0, 0, 1, 0, 1]], "embedding": mpm.Embedding(1),
     }  # fmt: skip
     return case, inputs
 
@@ -415,7 +402,7 @@ def walls_on_nodes():
 FACES_AND_RULES = tuple(itertools.product(range(6), (1, 2, 3)))
 
 
-def _one_wall(face: int, rule: int) -> tuple[WallNodes, int, NDArray]:
+def _one_wall(face: int, rule: int) -> tuple[mpm.WallNodes, int, NDArray]:
     """(a wall on one face of -x, +x, -y, +y, -z, +z, its axis, each node's distance before it in nodes).
 
     Of nodes 0 to 7, a lower wall is at 5 and an upper one at 2; the other faces are at 0, 7 or where the wall is, and
@@ -438,9 +425,9 @@ def one_wall_on_nodes(face: int, rule: int) -> Exact:
     inputs["node_mass"] = np.full(len(side), 2.0)
     v = np.broadcast_to([1.0, -2.0, 0.5], (len(side), 3)).copy()
     into = v[0, axis] * (1 if face % 2 else -1) > 0
-    if rule == RULES["sticky"]:
+    if rule == mpm.RULES["sticky"]:
         v[side <= 0] = 0
-    elif rule == RULES["slip"] or into:
+    elif rule == mpm.RULES["slip"] or into:
         v[side <= 0, axis] = 0
     return Exact(case, inputs, {"node_velocity": v})
 
@@ -508,7 +495,7 @@ def affine_field_about_a_carrier():
 def sheared_cluster():
     """dt J factor = 1/4 * 3/2 * 2/3 = 1/4; A - (A + A^T) E^-1/4 with E^-1 = diag(3/11, 1, 1)."""
     case, inputs = _pair()
-    inputs |= {"volume_ratio": [1.5], "viscous_stress": ViscousStress(2 / 3), "timestep": [0.0, 0.25]}
+    inputs |= {"volume_ratio": [1.5], "viscous_stress": mpm.ViscousStress(2 / 3), "timestep": [0.0, 0.25]}
     inputs["affine"] = np.array([[1.0, 4.0, 0.0, 0.0, -2.0, 1.0, 3.0, 1.0, 0.0]])
     share = np.array([3 / 11, 1, 1]) / 4
     strain = np.array([[2.0, 4.0, 3.0], [4.0, -4.0, 2.0], [3.0, 2.0, 0.0]])
@@ -522,7 +509,7 @@ def counted_alone():
     case, grid, background = alone(2)
     inputs = {
         "grid": grid, "background": background, "volume_ratio": [1.5], "node_mass": 6 * weight_of(grid),
-        "counting": Counting(4.0),
+        "counting": mpm.Counting(4.0),
     }  # fmt: skip
     q = np.array([1.5 * 6 / 4 * (19 / 32) ** 2])
     return Exact(case, inputs, {"crowding": q, "greatest_crowding": q})

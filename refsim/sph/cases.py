@@ -4,60 +4,31 @@ import math
 
 import numpy as np
 
-from refsim.core.cases import (
-    REST_DENSITY,
-    VARIATIONS,
-    Case,
-    Exact,
-    Variation,
-    across_a_border,
-    at,
-    closed_form,
-    cloud,
-    codes,
-    effect_of_cases,
-    example,
-    groups,
-    hard_input,
-    particles,
-    prepared,
-    readings,
-    takes,
-    vectors,
-)
+from refsim import sph
+from refsim.core import cases
 from refsim.core.walls import Bounds, WallMotion, WallParticles
 from refsim.smoothing import SHAPES, Smoothing, smoothing
 from refsim.smoothing.cases import for_each_kernel
-from refsim.sph import (
-    LIQUID,
-    CentralViscosity,
-    DensityBounds,
-    Diffusion,
-    Fluid,
-    Gravity,
-    Recount,
-    ViscosityTerm,
-    WallFrameGravity,
-    WeaklyCompressible,
+
+cases.example(
+    sph.WeaklyCompressible(sound_speed=12.0, dynamic_viscosity=0.3, density="summation"), brings="density pressure"
 )
+cases.example(sph.Gravity(acceleration=(1.0, -9.81, 0.0)))
 
-example(WeaklyCompressible(sound_speed=12.0, dynamic_viscosity=0.3, density="summation"), brings="density pressure")
-example(Gravity(acceleration=(1.0, -9.81, 0.0)))
-
-FLUID = LIQUID
+FLUID = sph.LIQUID
 
 
-@effect_of_cases
+@cases.effect_of_cases
 def _liquid(case):
-    return WeaklyCompressible(
-        rest_density=REST_DENSITY, sound_speed=20.0, dynamic_viscosity=0.5, state=case.state, clamp_pressure=case.clamp,
-        kernels=case.kernels, literal=("all",) if case.literal else (),
+    return sph.WeaklyCompressible(
+        rest_density=cases.REST_DENSITY, sound_speed=20.0, dynamic_viscosity=0.5, state=case.state,
+        clamp_pressure=case.clamp, kernels=case.kernels, literal=("all",) if case.literal else (),
     )  # fmt: skip
 
 
-particles(
+cases.particles(
     # within a tenth of the rest density
-    density=lambda case, random: REST_DENSITY * random.uniform(0.9, 1.1, case.count),
+    density=lambda case, random: cases.REST_DENSITY * random.uniform(0.9, 1.1, case.count),
     # between a corner of the lattice and slightly compressed
     number_density=lambda case, random: (
         case.effects[FLUID].rest_number_density(case.grid("float64")) * random.uniform(0.4, 1.05, case.count)
@@ -65,7 +36,7 @@ particles(
 )
 
 
-@particles("asymmetry")
+@cases.particles("asymmetry")
 def _asymmetry(case, random):
     """From none to that of a particle with neighbours on one side only."""
     grid = case.grid("float64")
@@ -73,23 +44,23 @@ def _asymmetry(case, random):
     return 0.12 * scale * random.uniform(0.0, 1.0, case.count)
 
 
-@particles("advanced_excess", "density_excess")
+@cases.particles("advanced_excess", "density_excess")
 def _density_excess(case, random):
     """Within a hundredth of the rest density."""
-    return 0.01 * REST_DENSITY * random.uniform(-1.0, 1.0, case.count)
+    return 0.01 * cases.REST_DENSITY * random.uniform(-1.0, 1.0, case.count)
 
 
 # of some thousandths of a spacing
-particles(shift=lambda case, random: 0.003 * case.spacing * vectors(case, random))
+cases.particles(shift=lambda case, random: 0.003 * case.spacing * cases.vectors(case, random))
 
 
-@particles("correction_diagonal", "correction_mixed")
+@cases.particles("correction_diagonal", "correction_mixed")
 def _correction(case, random):
     """Matrices near that of a lattice and far from it."""
     return random.uniform(0.7, 1.6, (case.count, 3))
 
 
-particles(
+cases.particles(
     # of either sign and of its own
     own_pressure=lambda case, random: 4e4 * random.uniform(-0.5, 1.0, case.count),
     # of either sign, so that no result depends on clamping
@@ -97,35 +68,35 @@ particles(
 )
 
 
-@groups("smoothing", "gradient_smoothing", "fluid")
+@cases.groups("smoothing", "gradient_smoothing", "fluid")
 def _shared(case, grid):
     return case.effects[FLUID].shares(grid, case.effects)
 
 
 # within the cases' densities, so that some particles are above them
-groups(density_bounds=lambda case, grid: DensityBounds(*map(grid.real, (REST_DENSITY, 1.0, 1.05))))
-prepared("viscosity", lambda case: case.effects[FLUID])
+cases.groups(density_bounds=lambda case, grid: sph.DensityBounds(*map(grid.real, (cases.REST_DENSITY, 1.0, 1.05))))
+cases.prepared("viscosity", lambda case: case.effects[FLUID])
 
 
-@groups("central_viscosity")
+@cases.groups("central_viscosity")
 def _central_viscosity(case, grid):
-    liquid = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=0.5, viscosity="central")
+    liquid = sph.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=0.5, viscosity="central")
     return {"central_viscosity": liquid.prepare(grid, {liquid.name: liquid})["central_viscosity"]}
 
 
-@groups("diffusion")
+@cases.groups("diffusion")
 def _diffusion(case, grid):
     """delta = 0.1, c = 20 m/s."""
-    return {"diffusion": Diffusion(grid.real(grid.support_radius), grid.real(REST_DENSITY / 400))}
+    return {"diffusion": sph.Diffusion(grid.real(grid.support_radius), grid.real(cases.REST_DENSITY / 400))}
 
 
-@groups("recount")
+@cases.groups("recount")
 def _recount(case, grid):
     """Half of the way back in a second."""
-    return {"recount": Recount(grid.real(0.5), grid.real(0.99))}
+    return {"recount": sph.Recount(grid.real(0.5), grid.real(0.99))}
 
 
-groups(field=lambda case, grid: np.array([0.3, -9.81, 1.7], dtype=grid.dtype))
+cases.groups(field=lambda case, grid: np.array([0.3, -9.81, 1.7], dtype=grid.dtype))
 
 
 def short_steps(case, grid):
@@ -142,34 +113,34 @@ def _smoothing_follows(group, inputs, kernel):
     return lengths | {name: made[name] for name in ("inverse_radius", "value_scale", "slope_scale", "laplacian_scale")}
 
 
-codes(Smoothing, shape=SHAPES)
-VARIATIONS[Smoothing] = Variation(_smoothing_follows, other={"dim": lambda dim: 5 - dim})
-VARIATIONS[Fluid] = Variation(
+cases.codes(Smoothing, shape=SHAPES)
+cases.VARIATIONS[Smoothing] = cases.Variation(_smoothing_follows, other={"dim": lambda dim: 5 - dim})
+cases.VARIATIONS[sph.Fluid] = cases.Variation(
     other={"exponent": lambda g: g + 1, "internal_pressure": lambda p: 3e4},
     usual=("rest_density",),
 )
-readings(fluid="gradient_share wall_share")
-takes("sph.state", fluid="rest_density stiffness exponent clamp internal_pressure")
-takes("sph.pressure", "sph.momentum", fluid="rest_density gradient_share wall_share")
-takes("sph.central_momentum", "sph.corrected_pressure", fluid="gradient_share")
-takes("sph.continuity", fluid="rest_density")
-takes("sph.viscosity", "sph.central_viscosity", smoothing="support_radius dim")
+cases.readings(fluid="gradient_share wall_share")
+cases.takes("sph.state", fluid="rest_density stiffness exponent clamp internal_pressure")
+cases.takes("sph.pressure", "sph.momentum", fluid="rest_density gradient_share wall_share")
+cases.takes("sph.central_momentum", "sph.corrected_pressure", fluid="gradient_share")
+cases.takes("sph.continuity", fluid="rest_density")
+cases.takes("sph.viscosity", "sph.central_viscosity", smoothing="support_radius dim")
 
 
 # Closed forms: h = 2 m
 
-PAIR = at("pair", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-FLAT_PAIR = at("flat_pair", [[0.0, 0.0, 0.0], [0.6, 0.8, 0.0]], dim=2)
-WATER = Fluid(1000.0, 4e5, 1, 0)
+PAIR = cases.at("pair", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+FLAT_PAIR = cases.at("flat_pair", [[0.0, 0.0, 0.0], [0.6, 0.8, 0.0]], dim=2)
+WATER = sph.Fluid(1000.0, 4e5, 1, 0)
 
 
 @for_each_kernel("sph.density")
 def two_particles_and_a_wall(w):
     """rho_1 = m_1 W(0) + m_2 W(h/2) + rho0 V_b W(h/2); the wall is opposite to 2, and as far from it as h."""
-    wall = at("pair_on_wall", PAIR.position, [[0.0, -1.0, 0.0]])
+    wall = cases.at("pair_on_wall", PAIR.position, [[0.0, -1.0, 0.0]])
     mass, reach = np.array([2.0, 3.0]), w.share * w.at_zero
     filled = np.array([1000 * 0.5 * reach, 0.0])
-    return Exact(
+    return cases.Exact(
         wall, {"mass": mass, "walls": WallParticles(wall.wall_position, np.array([0.5])), "fluid": WATER},
         {
             "density": mass * w.at_zero + mass[::-1] * reach + filled,
@@ -183,7 +154,7 @@ def two_particles_and_a_wall(w):
 def two_particles(w):
     """rho_1 = m_1 W(0) + m_2 W(h/2), without a wall."""
     mass = np.array([2.0, 3.0])
-    return Exact(
+    return cases.Exact(
         w.pair, {"mass": mass},
         {"density": w.at_zero * (mass + w.share * mass[::-1]), "number_density": np.full(2, w.at_zero * (1 + w.share)),
          "asymmetry": np.full(2, w.at_zero * w.share)},
@@ -205,7 +176,7 @@ def _continued(excess, case=None, solid=0, **given):
         "advanced_excess": EXCESS[: case.count], "timestep": [0.5, 0.25], "phase": None, "rest_density": None,
         "shift": None, "recount": None, "filling": None, "diffusion": None, "lean": None,
     }  # fmt: skip
-    return Exact(case, inputs | given, {"density_excess": excess, "density": density})
+    return cases.Exact(case, inputs | given, {"density_excess": excess, "density": density})
 
 
 NEARING = [[7.0, 2.0, 0.0], [3.0, 0.0, -5.0]]  # m/s
@@ -226,7 +197,7 @@ def shifted_pair(w):
     return _continued(EXCESS + change, shift=[[0.3, 0.002, 0.0], [0.0, 0.001, -0.4]])
 
 
-@closed_form("sph.continuity")
+@cases.closed_form("sph.continuity")
 def torn_pair():
     """A pair that parts fast has 0.95 rho0."""
     return _continued([-50.0, -50.0], velocity=[[0.0, -7e4, 0.0], [0.0, 7e4, 0.0]])
@@ -238,7 +209,9 @@ def diffusing_pair(w):
     slope = 2 * 0.5 * w.slope
     difference = -120.0 - 40.0
     rate = slope * difference * np.array([3.0 / 980.0, -2.0 / 1100.0])
-    return _continued(EXCESS + 0.25 * rate, diffusion=Diffusion(0.5, 2.0), lean=WallFrameGravity(3.5, 20.0, -1.5))
+    return _continued(
+        EXCESS + 0.25 * rate, diffusion=sph.Diffusion(0.5, 2.0), lean=sph.WallFrameGravity(3.5, 20.0, -1.5)
+    )
 
 
 @for_each_kernel("sph.continuity")
@@ -250,7 +223,7 @@ def moving_walls(w):
     place, far = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]]), np.full(3, np.inf)
     rate = 1100 * 50 * w.slope * (-0.002 + (0.002 - 0.005))
     return _continued(
-        [100.0 + 0.25 * rate], at("between_walls", [0, 0, 0], place), velocity=[[1.0, 0.002, 0.0]],
+        [100.0 + 0.25 * rate], cases.at("between_walls", [0, 0, 0], place), velocity=[[1.0, 0.002, 0.0]],
         walls=WallParticles(place, np.full(2, 50.0)), wall_strain=[0.02, -0.01],
         wall_motion=WallMotion(-far, np.array([np.inf, 0.5, np.inf]), np.array([3.0, 0.005, 0.0])),
     )  # fmt: skip
@@ -263,7 +236,7 @@ def _half_surrounded(w, change, **given):
         "mass": [2.0, 980 * large[0]], "walls": WallParticles(place, np.full(2, large[1])), "wall_motion": None,
         "wall_strain": None,
     }  # fmt: skip
-    case = at("half_surrounded", PAIR.position, place)
+    case = cases.at("half_surrounded", PAIR.position, place)
     return _continued(EXCESS + np.array([change(*large), 0.0]), case, **inputs | given)
 
 
@@ -283,10 +256,10 @@ def counted_by_walls(w):
         return whole * (2 / 1100 + (v_j + v_b) * w.share)
 
     exact = _half_surrounded(
-        w, lambda *v: 0.25 * 0.5 * 1100 * 0.5 * (filling(*v) - 1), recount=Recount(0.5, 0.125), filling=np.zeros(2)
+        w, lambda *v: 0.25 * 0.5 * 1100 * 0.5 * (filling(*v) - 1), recount=sph.Recount(0.5, 0.125), filling=np.zeros(2)
     )
     v_j, v_b = exact.inputs["mass"][1] / 980, exact.inputs["walls"].volume[0]
-    return Exact(
+    return cases.Exact(
         exact.case, exact.inputs,
         {"filling": [filling(v_j, v_b), whole * (v_j + 2 / 1100 * w.share)]} | exact.expected,
     )  # fmt: skip
@@ -298,37 +271,39 @@ def liquid_beside_a_solid(w):
     rate = 1100 * 3.0 / 900.0 * 2 * w.slope
     return _continued(
         [100 + 0.25 * rate, 0.0], solid=1, velocity=NEARING, advanced_excess=[100.0, 0.0],
-        diffusion=Diffusion(0.5, 2.0), lean=WallFrameGravity(3.5, 20.0, -1.5), rest_density=[1000.0, 900.0],
+        diffusion=sph.Diffusion(0.5, 2.0), lean=sph.WallFrameGravity(3.5, 20.0, -1.5), rest_density=[1000.0, 900.0],
         phase=[0, 1],
     )  # fmt: skip
 
 
-@closed_form("sph.keep_density")
+@cases.closed_form("sph.keep_density")
 def kept():
     """The same value."""
-    return Exact(PAIR, {"density_excess": [1.5, -2.25]}, {"advanced_excess": [1.5, -2.25]})
+    return cases.Exact(PAIR, {"density_excess": [1.5, -2.25]}, {"advanced_excess": [1.5, -2.25]})
 
 
-@closed_form("sph.state")
+@cases.closed_form("sph.state")
 def linear_state():
     """p = c^2 (rho - rho0) with c^2 = 400."""
-    return Exact(PAIR, {"density": [1250.0, 500.0], "fluid": WATER}, {"pressure": [1e5, -2e5]})
+    return cases.Exact(PAIR, {"density": [1250.0, 500.0], "fluid": WATER}, {"pressure": [1e5, -2e5]})
 
 
-@closed_form("sph.state")
+@cases.closed_form("sph.state")
 def clamped_tait():
     """p = B ((rho/rho0)^7 - 1), 2^7 = 128; negative values become zero, small positive ones remain."""
-    fluid = Fluid(1000.0, 100.0, 7, 1)
-    three = Case("three", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 2.0, 0.0]]))
+    fluid = sph.Fluid(1000.0, 100.0, 7, 1)
+    three = cases.Case("three", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 2.0, 0.0]]))
     small = 100 * (1.0009765625**7 - 1)
-    return Exact(three, {"density": [2000.0, 500.0, 1000.9765625], "fluid": fluid}, {"pressure": [12700.0, 0.0, small]})
+    return cases.Exact(
+        three, {"density": [2000.0, 500.0, 1000.9765625], "fluid": fluid}, {"pressure": [12700.0, 0.0, small]}
+    )
 
 
-@closed_form("sph.state")
+@cases.closed_form("sph.state")
 def balanced_cohesion():
     """P_int (rho/rho0)^2 on top: at the rest density the pressure is P_int, at 1.5 rho0 it is 2e5 + 2.25 P_int."""
-    fluid = Fluid(1000.0, 4e5, 1, 1, 800.0)
-    return Exact(PAIR, {"density": [1000.0, 1500.0], "fluid": fluid}, {"pressure": [800.0, 201800.0]})
+    fluid = sph.Fluid(1000.0, 4e5, 1, 1, 800.0)
+    return cases.Exact(PAIR, {"density": [1000.0, 1500.0], "fluid": fluid}, {"pressure": [800.0, 201800.0]})
 
 
 @for_each_kernel("sph.pressure", "sph.momentum", "sph.central_momentum", dims=(2, 3), across=6.0)
@@ -339,38 +314,38 @@ def pressed_pair(w):
         "mass": [2.0, 3.0], "density": np.full(2, 1000.0), "pressure": np.full(2, 200.0), "velocity": np.zeros((2, 3)),
         "fluid": WATER,
     }  # fmt: skip
-    return Exact(w.pair, inputs, {"acceleration": [-3 * push, 2 * push]})
+    return cases.Exact(w.pair, inputs, {"acceleration": [-3 * push, 2 * push]})
 
 
 @for_each_kernel("sph.pressure")
 def pressed_against_a_wall(w):
     """One wall particle below: a = 2 rho0 V_b (p/rho^2) |W'(h/2)| upwards, half of it as printed (Jiang & Zhu E24)."""
-    case = at("on_wall", [0, 0, 0], [[0.0, -1.0, 0.0]])
+    case = cases.at("on_wall", [0, 0, 0], [[0.0, -1.0, 0.0]])
     walls = WallParticles(case.wall_position, np.array([0.25]))
     push = 2 * 1000 * 0.25 * 200.0 / 900.0**2 * w.slope
     inputs = {
         "mass": [2.0], "density": [900.0], "pressure": [200.0], "velocity": np.zeros((1, 3)), "fluid": WATER,
         "walls": walls,
     }  # fmt: skip
-    return Exact(case, inputs, {"acceleration": [[0.0, push, 0.0]]})
+    return cases.Exact(case, inputs, {"acceleration": [[0.0, push, 0.0]]})
 
 
-@closed_form("sph.momentum", "sph.viscosity", across=6.0)
+@cases.closed_form("sph.momentum", "sph.viscosity", across=6.0)
 def sheared_pair():
     """Viscosity mu m_j/(rho_i rho_j) 45/(pi h^6) (h - r) (v_j - v_i) reduces the difference of velocities."""
     factor = 0.5 / 1000.0**2 * 45 / (math.pi * 64)
     inputs = {
         "mass": [2.0, 3.0], "density": np.full(2, 1000.0), "pressure": np.zeros(2),
-        "velocity": [[1.0, 0.0, 0.0], [-1.0, 0.0, 4.0]], "fluid": WATER, "viscosity": ViscosityTerm(0.5),
+        "velocity": [[1.0, 0.0, 0.0], [-1.0, 0.0, 4.0]], "fluid": WATER, "viscosity": sph.ViscosityTerm(0.5),
     }  # fmt: skip
-    return Exact(PAIR, inputs, {"acceleration": factor * np.array([[-6.0, 0.0, 12.0], [4.0, 0.0, -8.0]])})
+    return cases.Exact(PAIR, inputs, {"acceleration": factor * np.array([[-6.0, 0.0, 12.0], [4.0, 0.0, -8.0]])})
 
 
 @for_each_kernel("sph.gradient_correction", dims=(2,))
 def filled_in_the_plane(w):
     """Two neighbours at h/2 along x, two of less mass along y: M = diag(1.4, 0.56). The others see less: I."""
     place = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
-    case = at("cross", place, dim=2)
+    case = cases.at("cross", place, dim=2)
     density = np.array([1000.0, 500.0, 500.0, 1000.0, 1000.0])
     a, b = 1.4, 0.56
     mass = density * np.array([0.002, a, a, b, b]) / (2 * w.slope)
@@ -379,14 +354,14 @@ def filled_in_the_plane(w):
     diagonal = np.ones((5, 3))
     diagonal[0, :2] = 1 + share * (1 / a - 1), 1 + share * (1 / b - 1)
     inputs = {"mass": mass, "density": density, "walls": None}
-    return Exact(case, inputs, {"correction_diagonal": diagonal, "correction_mixed": np.zeros((5, 3))})
+    return cases.Exact(case, inputs, {"correction_diagonal": diagonal, "correction_mixed": np.zeros((5, 3))})
 
 
-@closed_form("sph.own_pressure")
+@cases.closed_form("sph.own_pressure")
 def turned():
     """Of a negative pressure inside; not of one at the surface, nor of a small positive one."""
     inputs = {"pressure": np.array([-3.0, -3.0, 0.5]), "near_surface": np.array([0, 1, 0], np.uint8)}
-    return Exact(at("turned", np.eye(3)), inputs, {"own_pressure": [3.0, -3.0, 0.5]})
+    return cases.Exact(cases.at("turned", np.eye(3)), inputs, {"own_pressure": [3.0, -3.0, 0.5]})
 
 
 @for_each_kernel("sph.corrected_pressure")
@@ -398,10 +373,10 @@ def pushed_askew(w):
         "own_pressure": [50.0, -100.0], "correction_diagonal": [[1.0, 1.0, 1.0], [9.0, 3.0, 9.0]],
         "correction_mixed": [[0.0, 0.0, 0.0], [1.0, 9.0, 2.0]],
     }  # fmt: skip
-    return Exact(PAIR, inputs, {"acceleration": push[:, None] * np.array([[-0.5, -2.0, -1.0], [0.5, 2.0, 1.0]])})
+    return cases.Exact(PAIR, inputs, {"acceleration": push[:, None] * np.array([[-0.5, -2.0, -1.0], [0.5, 2.0, 1.0]])})
 
 
-@closed_form("sph.central_viscosity", "sph.central_momentum", across=6.0)
+@cases.closed_form("sph.central_viscosity", "sph.central_momentum", across=6.0)
 def braked_along_the_line():
     """Of v_2 - v_1 = (1, 4, 0) only the part along y counts: a_1 = 2 k V_2 F/rho_1 (0, 4, 0).
 
@@ -410,78 +385,78 @@ def braked_along_the_line():
     factor = 2 * 2.5 / 1000.0**2 * 45 / (2 * math.pi * 32) * 0.5
     inputs = {
         "mass": [2.0, 3.0], "density": np.full(2, 1000.0), "velocity": [[1.0, -1.0, 0.0], [2.0, 3.0, 0.0]],
-        "central_viscosity": CentralViscosity(2.5), "pressure": np.zeros(2), "fluid": WATER,
+        "central_viscosity": sph.CentralViscosity(2.5), "pressure": np.zeros(2), "fluid": WATER,
     }  # fmt: skip
-    return Exact(PAIR, inputs, {"acceleration": factor * np.array([[0.0, 12.0, 0.0], [0.0, -8.0, 0.0]])})
+    return cases.Exact(PAIR, inputs, {"acceleration": factor * np.array([[0.0, 12.0, 0.0], [0.0, -8.0, 0.0]])})
 
 
-@closed_form("sph.central_viscosity")
+@cases.closed_form("sph.central_viscosity")
 def braked_in_the_plane():
     """Oblique in 2D: e_21 = (0.6, 0.8), e.(v_2 - v_1) = 5, F = 20/(pi h^4) (1 - q)."""
     factor = 2 * 2.0 / (1000.0 * 500.0) * 20 / (math.pi * 16) * 0.5
     inputs = {
         "mass": [2.0, 3.0], "density": [1000.0, 500.0], "velocity": [[0.0, 0.0, 0.0], [3.0, 4.0, 0.0]],
-        "central_viscosity": CentralViscosity(2.0),
+        "central_viscosity": sph.CentralViscosity(2.0),
     }  # fmt: skip
-    return Exact(FLAT_PAIR, inputs, {"acceleration": factor * 5 * np.array([[1.8, 2.4, 0.0], [-1.2, -1.6, 0.0]])})
+    return cases.Exact(FLAT_PAIR, inputs, {"acceleration": factor * 5 * np.array([[1.8, 2.4, 0.0], [-1.2, -1.6, 0.0]])})
 
 
-@closed_form("sph.central_viscosity")
+@cases.closed_form("sph.central_viscosity")
 def rigid_rotation():
     """In rigid rotation, v = omega x r, the viscosity along the line of centres vanishes."""
     position = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.5, 0.0, 0.0]])
-    three = at("rigid_rotation", position)
+    three = cases.at("rigid_rotation", position)
     inputs = {
         "mass": [2.0, 3.0, 4.0], "density": [1000.0, 500.0, 800.0], "velocity": np.cross([0.5, -0.25, 2.0], position),
-        "central_viscosity": CentralViscosity(2.0),
+        "central_viscosity": sph.CentralViscosity(2.0),
     }  # fmt: skip
-    return Exact(three, inputs, {"acceleration": np.zeros((3, 3))})
+    return cases.Exact(three, inputs, {"acceleration": np.zeros((3, 3))})
 
 
 @for_each_kernel("sph.density")
 def two_particles_across_a_border(w):
     """As in space, 5 m apart in a periodic box of 6 m."""
-    return across_a_border(two_particles(w), 6.0, walls=None)
+    return cases.across_a_border(two_particles(w), 6.0, walls=None)
 
 
-@closed_form("sph.gravity")
+@cases.closed_form("sph.gravity")
 def falling():
     """a = g."""
-    return Exact(PAIR, {"field": [0.0, 2.0, -9.75]}, {"acceleration": np.array([[0.0, 2.0, -9.75]] * 2)})
+    return cases.Exact(PAIR, {"field": [0.0, 2.0, -9.75]}, {"acceleration": np.array([[0.0, 2.0, -9.75]] * 2)})
 
 
-@closed_form("sph.extremes")
+@cases.closed_form("sph.extremes")
 def largest_squares():
     """3-4-5 triangles; the second temperature lies 5 K below a range from -5 to 9 deg C."""
     inputs = {
         "velocity": [[3.0, 4.0, 0.0], [1.0, 0.0, 0.0]], "acceleration": [[0.0, 0.0, 1.0], [0.0, 5.0, 12.0]],
         "temperature": [12.0, -10.0], "temperature_range": [-5.0, 9.0], "exchange_rate": [0.25, 0.5],
-        "density": [1101.0, 1502.0], "rest_density": None, "density_bounds": DensityBounds(1000.0, 1.1, 1.5),
+        "density": [1101.0, 1502.0], "rest_density": None, "density_bounds": sph.DensityBounds(1000.0, 1.1, 1.5),
     }  # fmt: skip
-    return Exact(PAIR, inputs, {"extremes": [25.0, 169.0, 0.0, 0.5, 5.0, 2.0, 1.0]})
+    return cases.Exact(PAIR, inputs, {"extremes": [25.0, 169.0, 0.0, 0.5, 5.0, 2.0, 1.0]})
 
 
-@closed_form("sph.extremes")
+@cases.closed_form("sph.extremes")
 def densities_of_two_substances():
     """1.2 and 1.08 times the own rest density: the second particle is denser than the first bound of the liquid."""
     nothing = {"temperature": None, "temperature_range": None, "exchange_rate": None}
     inputs = nothing | {
         "velocity": np.zeros((2, 3)), "acceleration": np.zeros((2, 3)), "density": [600.0, 1620.0],
-        "rest_density": [500.0, 1500.0], "density_bounds": DensityBounds(1000.0, 1.1, 1.5),
+        "rest_density": [500.0, 1500.0], "density_bounds": sph.DensityBounds(1000.0, 1.1, 1.5),
     }  # fmt: skip
-    return Exact(PAIR, inputs, {"extremes": [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]})
+    return cases.Exact(PAIR, inputs, {"extremes": [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]})
 
 
 # Up to 1e4 spacings from the origin, where single precision resolves no step
-hard_input("slow_and_far", 3, lambda: cloud("slow_and_far", 80, 3) + [1000.0, -300.0, 1.0])
+cases.hard_input("slow_and_far", 3, lambda: cases.cloud("slow_and_far", 80, 3) + [1000.0, -300.0, 1.0])
 
 
-@closed_form("sph.kick_drift")
+@cases.closed_form("sph.kick_drift")
 def carried_on():
     """A shift by 2^-40 m is nothing beside 2^20 m in both precisions: all of it stays in the residual."""
     position = np.array([[2.0**20, -(2.0**20), 0.0]])
-    return Exact(
-        at("carried_on", position),
+    return cases.Exact(
+        cases.at("carried_on", position),
         {
             "velocity": [[2.0**-40, 2.0**-40, 0.5]], "acceleration": np.zeros((1, 3)),
             "position_residual": [[2.0**-40, -(2.0**-39), 0.0]], "build_position": position,
@@ -501,12 +476,12 @@ def _leapt(position, after, displacement, **given):
         "bounds": None,
     }  # fmt: skip
     expected = {"velocity": [after, [0.0] * 3], "position": position, "displacement": displacement}
-    return Exact(
+    return cases.Exact(
         PAIR, inputs | {name: np.array(v) if isinstance(v, list) else v for name, v in given.items()}, expected
     )
 
 
-@closed_form("sph.kick_drift")
+@cases.closed_form("sph.kick_drift")
 def one_leap():
     """v = 1 + 0.5 * 2, x = 0 + 0.25 * v; the second particle, at rest, is 2 m from its position at the list's build."""
     return _leapt(
@@ -515,7 +490,7 @@ def one_leap():
     )  # fmt: skip
 
 
-@closed_form("sph.kick_drift")
+@cases.closed_form("sph.kick_drift")
 def shifted():
     """x = 0.25 * 2 + 0.125, and -0.5 for the second particle, which is at rest."""
     return _leapt(
@@ -524,7 +499,7 @@ def shifted():
     )  # fmt: skip
 
 
-@closed_form("sph.kick_drift")
+@cases.closed_form("sph.kick_drift")
 def stopped_by_a_plane():
     """The first particle would pass the plane x = 0.25: it stops there and loses its normal velocity."""
     far = np.full(3, np.inf)

@@ -4,36 +4,25 @@ import math
 
 import numpy as np
 
-from refsim.core.cases import (
-    VARIATIONS,
-    Exact,
-    Variation,
-    at,
-    closed_form,
-    example,
-    particles,
-    prepared,
-    takes,
-    vectors,
-)
+from refsim.core import cases
 from refsim.smoothing.cases import for_each_kernel
 from refsim.sph import Fluid
 from refsim.sph.iisph import Implicit, ImplicitPressure
 
-example(
+cases.example(
     ImplicitPressure(), brings="advected_density density_error diagonal new_pressure own_displacement pair_displacement"
 )
 
 KICK, DRIFT = 0.011, 0.012  # per spacing, as in the steps of refsim.core.cases
 
 
-@particles("own_displacement", "pair_displacement")
+@cases.particles("own_displacement", "pair_displacement")
 def _displacements(case, random):
     """Displacements of the size that the case's pressures cause in one of its steps."""
-    return KICK * DRIFT * case.spacing**2 * 1e-2 / case.support_radius * vectors(case, random)
+    return KICK * DRIFT * case.spacing**2 * 1e-2 / case.support_radius * cases.vectors(case, random)
 
 
-@particles("diagonal")
+@cases.particles("diagonal")
 def _diagonal(case, random):
     """Negative, of the size that step and support radius give; some zero, by which nothing is divided."""
     values = -KICK * DRIFT * case.spacing**2 / case.support_radius**2 * random.uniform(0.2, 2, case.count)
@@ -41,24 +30,24 @@ def _diagonal(case, random):
     return values
 
 
-particles(advected_density=lambda case, random: 1000 * random.uniform(0.9, 1.2, case.count))
+cases.particles(advected_density=lambda case, random: 1000 * random.uniform(0.9, 1.2, case.count))
 
 
-@particles("density_error", "new_pressure")
+@cases.particles("density_error", "new_pressure")
 def _pressures(case, random):
     return 1e4 * random.uniform(0, 1, case.count)
 
 
 # always two iterations, since the number needed may depend on rounding
-prepared("implicit", lambda case: ImplicitPressure(iterations=(2, 2)))
+cases.prepared("implicit", lambda case: ImplicitPressure(iterations=(2, 2)))
 
 
-VARIATIONS[Implicit] = Variation(other={"least_diagonal": lambda least: 5e5 * least})
-takes("iisph.relax", implicit="relaxation least_diagonal")
-takes("iisph.solve", implicit="relaxation most least_diagonal")  # always two iterations, whatever the compression
+cases.VARIATIONS[Implicit] = cases.Variation(other={"least_diagonal": lambda least: 5e5 * least})
+cases.takes("iisph.relax", implicit="relaxation least_diagonal")
+cases.takes("iisph.solve", implicit="relaxation most least_diagonal")  # always two iterations, whatever the compression
 
 
-PAIR = at("implicit_pair", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+PAIR = cases.at("implicit_pair", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 MASS, DENSITY = np.array([2.0, 3.0]), np.array([1000.0, 500.0])
 WATER = Fluid(1000.0, 4e5, 1, 0)
 STEP = np.array([0.5, 0.25])
@@ -75,7 +64,7 @@ def approaching_pair(w):
     squares = gradient**2 + MASS * MASS[::-1] * w.slope**2
     velocity = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
     acceleration = np.array([[3.0, 0.0, 0.0], [0.0, -2.0, 0.0]])
-    return Exact(
+    return cases.Exact(
         PAIR, GIVEN | {"velocity": velocity, "acceleration": acceleration},
         {
             "own_displacement": [-share[0] * gradient[0] * UP, share[1] * gradient[1] * UP],
@@ -89,7 +78,7 @@ def displaced_pair(w):
     """s_1 = -s m_2 p_2/rho_2^2 |W'| y."""
     pressure = np.array([4000.0, 1000.0])
     size = 0.125 * (MASS * pressure / DENSITY**2)[::-1] * w.slope
-    return Exact(PAIR, GIVEN | {"pressure": pressure}, {"pair_displacement": [-size[0] * UP, size[1] * UP]})
+    return cases.Exact(PAIR, GIVEN | {"pressure": pressure}, {"pair_displacement": [-size[0] * UP, size[1] * UP]})
 
 
 def _relaxed(w, diagonal, pressure, new):
@@ -102,7 +91,7 @@ def _relaxed(w, diagonal, pressure, new):
         "pressure": pressure, "diagonal": diagonal, "advected_density": advected, "implicit": IMPLICIT,
         "own_displacement": [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], "pair_displacement": [[0.0, 0.0, 2.0], [1.0, 0.0, 0.0]],
     }  # fmt: skip
-    return Exact(
+    return cases.Exact(
         PAIR, inputs,
         {"new_pressure": expected, "density_error": np.maximum(advected + diagonal * pressure + coefficient - 1000, 0)},
     )  # fmt: skip
@@ -132,19 +121,19 @@ def pushed_pair(w):
     """a_1 = -m_2 (p_1/rho_1^2 + p_2/rho_2^2) |W'| y."""
     pressure = np.array([4000.0, 1000.0])
     push = (pressure / DENSITY**2).sum() * w.slope
-    return Exact(PAIR, GIVEN | {"pressure": pressure}, {"acceleration": [-3 * push * UP, 2 * push * UP]})
+    return cases.Exact(PAIR, GIVEN | {"pressure": pressure}, {"acceleration": [-3 * push * UP, 2 * push * UP]})
 
 
-@closed_form("iisph.halve")
+@cases.closed_form("iisph.halve")
 def halved():
     """Half."""
-    return Exact(PAIR, {"pressure": [3.0, 4.0]}, {"pressure": [1.5, 2.0]})
+    return cases.Exact(PAIR, {"pressure": [3.0, 4.0]}, {"pressure": [1.5, 2.0]})
 
 
-@closed_form("iisph.keep")
+@cases.closed_form("iisph.keep")
 def kept():
     """A copy."""
-    return Exact(PAIR, {"new_pressure": [3.0, 4.0]}, {"pressure": [3.0, 4.0]})
+    return cases.Exact(PAIR, {"new_pressure": [3.0, 4.0]}, {"pressure": [3.0, 4.0]})
 
 
 @for_each_kernel("iisph.solve")
@@ -155,7 +144,7 @@ def pair_at_rest(w):
         "pressure": np.zeros(2), "implicit": IMPLICIT,
     }  # fmt: skip
     expected = {"pressure": np.zeros(2), "acceleration": np.zeros((2, 3)), "advected_density": np.full(2, 500.0)}
-    return Exact(PAIR, inputs, expected)
+    return cases.Exact(PAIR, inputs, expected)
 
 
 @for_each_kernel("iisph.solve")
@@ -180,4 +169,4 @@ def squeezed_pair(w):
         "implicit": Implicit(0.5, tolerance, 2, 100, 1e-15),
     }  # fmt: skip
     push = push * MASS[::-1, None] * np.array([-UP, UP])
-    return Exact(PAIR, inputs, {"pressure": p, "acceleration": push})
+    return cases.Exact(PAIR, inputs, {"pressure": p, "acceleration": push})

@@ -2,42 +2,30 @@
 
 import numpy as np
 
-from refsim.core.cases import (
-    VARIATIONS,
-    Exact,
-    Variation,
-    closed_form,
-    example,
-    following,
-    groups,
-    pair_case,
-    plain_keeps,
-    readings,
-    takes,
-)
+from refsim.core import cases
 from refsim.smoothing.cases import for_each_kernel
 from refsim.sph import Fluid, ViscosityTerm
 from refsim.surface_tension.dong_2016 import Dong2016, MolecularForce, NormalCorrection
 
-example(Dong2016(surface_tension=0.5), brings="corrected_density surface_normal")
+cases.example(Dong2016(surface_tension=0.5), brings="corrected_density surface_normal")
 
 
-@groups("molecular_force", "normal_correction")
+@cases.groups("molecular_force", "normal_correction")
 def _tension(case, grid):
     """Both terms of similar size; the printed reading of every erratum in cases marked `literal`."""
     effect = Dong2016(stiffness=4.0, correction=2.0 * case.support_radius, literal=("all",) if case.literal else ())
     return effect.prepare(grid, case.effects)
 
 
-VARIATIONS[MolecularForce] = Variation(
-    following(
+cases.VARIATIONS[MolecularForce] = cases.Variation(
+    cases.following(
         rest_share=lambda group, h, dim: (1 - float(group.rest_distance) / h) ** 2,
         scale=lambda group, h, dim: 1 / (1 - (1 - float(group.rest_distance) / h) ** 2),
     )
 )
-readings(normal_correction="symmetric")
-takes("dong_2016.momentum", fluid="rest_density gradient_share wall_share")
-plain_keeps(
+cases.readings(normal_correction="symmetric")
+cases.takes("dong_2016.momentum", fluid="rest_density gradient_share wall_share")
+cases.plain_keeps(
     "dong_2016.tension",
     molecular_force="the equation is the sum of molecular force and normal correction; the force needs no normals",
 )
@@ -57,10 +45,10 @@ def _given(**others):
 
 def _pushed(r, push):
     expected = np.array([[0.0, -3 * push, 0.0], [0.0, 2 * push, 0.0]])
-    return Exact(pair_case("dong_pair", r), _given(), {"acceleration": expected})
+    return cases.Exact(cases.pair_case("dong_pair", r), _given(), {"acceleration": expected})
 
 
-closed_form(
+cases.closed_form(
     "dong_2016.tension",
     repelled_pair=lambda: _pushed(0.5, 2.0 * 15 / 64),  # a_1 = m_2 L(h/4) e_12, 15/64 k
     attracted_pair=lambda: _pushed(1.5, -2.0 / 64),  # a_1 = m_2 L(3 h/4) e_12, -k/64
@@ -74,7 +62,7 @@ def _corrected(w, symmetric, volume):
         surface_normal=[difference, np.zeros(3)],
     )  # fmt: skip
     expected = 8.0 * w.share * w.at_zero * np.array([-volume[0] * difference, volume[1] * difference])
-    return Exact(pair_case("dong_pair"), inputs, {"acceleration": expected})
+    return cases.Exact(cases.pair_case("dong_pair"), inputs, {"acceleration": expected})
 
 
 for_each_kernel(
@@ -90,7 +78,7 @@ def two_densities(w):
     """rho_i = m_i (W(0) + W(h/2))."""
     number = (1 + w.share) * w.at_zero
     expected = {"density": MASS * number, "number_density": np.full(2, number)}
-    return Exact(pair_case("dong_pair"), {"mass": MASS}, expected)
+    return cases.Exact(cases.pair_case("dong_pair"), {"mass": MASS}, expected)
 
 
 @for_each_kernel("dong_2016.momentum")
@@ -104,7 +92,7 @@ def pressed_and_sheared_pair(w):
         "mass": MASS, "density": DENSITY, "pressure": [200.0, 100.0], "viscosity": ViscosityTerm(0.5),
         "velocity": [[1.0, 0.0, 0.0], [-1.0, 0.0, 4.0]], "fluid": Fluid(1000.0, 4e5, 1, 0),
     }  # fmt: skip
-    return Exact(pair_case("dong_pair"), inputs, {"acceleration": [(push + drag) / 2, -(push + drag) / 3]})
+    return cases.Exact(cases.pair_case("dong_pair"), inputs, {"acceleration": [(push + drag) / 2, -(push + drag) / 3]})
 
 
 @for_each_kernel("dong_2016.shepard_filter")
@@ -112,4 +100,4 @@ def filtered_densities(w):
     """(m_1 W(0) + m_2 W(h/2))/(V_1 W(0) + V_2 W(h/2)) on either particle."""
     volume = MASS / DENSITY
     value = (MASS + w.share * MASS[::-1]) / (volume + w.share * volume[::-1])
-    return Exact(pair_case("dong_pair"), {"mass": MASS, "density": DENSITY}, {"corrected_density": value})
+    return cases.Exact(cases.pair_case("dong_pair"), {"mass": MASS, "density": DENSITY}, {"corrected_density": value})
