@@ -9,22 +9,19 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from refsim.core.capabilities import Balance, FollowsSettings, HasErrata, KeepsBalance, KeepsLedger, KnowsParticleMass
 from refsim.core.checked import NotNegative, Positive, Printed
-from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
+from refsim.core.effect import Discretisation, Effect, InitialState, Others, Pass, StepLimit
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.scalars import int32
 from refsim.heat import operations as operations
 from refsim.heat import shapes
 from refsim.sph import LIQUID, liquid_of
-
-if TYPE_CHECKING:
-    from refsim.core.effect import InitialState
 
 ABSOLUTE_ZERO = -273.15
 MOST_PLANNED = 20.0  # largest k dt/(rho c d^2) for which a GPU finds the number of passes by itself
@@ -244,7 +241,7 @@ class HeatConduction(
     def list_radius(self, grid: Discretisation) -> float:
         return grid.support_radius if self.conducts else 0.0
 
-    def initial(self, grid: Discretisation, state: "InitialState", others: Others) -> Mapping[str, np.ndarray]:
+    def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
         names = ("temperature", "heat_capacity", *(("conductivity",) if self.conducts else ()))
         values = {name: self.of_particles(name, state) for name in names}
         if self.melts:
@@ -298,7 +295,7 @@ class HeatConduction(
             high += above * (float(np.max(self.heat_capacity)) / float(np.ravel(self.heat_capacity)[-1]) - 1)
         return np.array([low - margin, high + margin])
 
-    def of_particles(self, name: str, state: "InitialState") -> np.ndarray:
+    def of_particles(self, name: str, state: InitialState) -> np.ndarray:
         """A parameter that may differ from part to part, for every particle in the first order."""
         given = np.asarray(getattr(self, name), dtype=float)
         n = len(state.mass)
@@ -313,7 +310,7 @@ class HeatConduction(
             " all, or for each part, or for each particle."
         )
 
-    def _reservoir(self, state: "InitialState") -> np.ndarray:
+    def _reservoir(self, state: InitialState) -> np.ndarray:
         parts = np.zeros(len(state.sizes), np.uint8)
         for number in self.held:
             if not 0 <= number < len(parts):

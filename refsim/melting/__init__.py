@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import msgspec
 import numpy as np
 
 from refsim.core.capabilities import FollowsScene, KeepsLedger, SumsDensity
-from refsim.core.effect import Discretisation, Effect, Others, Pass
+from refsim.core.effect import Discretisation, Effect, InitialState, Others, Pass
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.scalars import int32
@@ -16,9 +16,6 @@ from refsim.heat import MELTING_POINT
 from refsim.melting import operations as operations
 from refsim.shape_matching.phases import FLUID
 from refsim.sph import liquid_of
-
-if TYPE_CHECKING:
-    from refsim.core.effect import InitialState
 
 MELTED = Field("melted", "-", "1 for nodes that melted in this step", dtype="int32", rows="solids")
 MELTED_COUNT = Field("melted_count", "-", "number of nodes that melted in this step", dtype="int32", rows=1)
@@ -78,7 +75,7 @@ class Melting(Effect, KeepsLedger, SumsDensity, FollowsScene, frozen=True, kw_on
     def fields(self, others: Others) -> tuple[Field, ...]:
         return (MELTED, MELTED_COUNT, REBUILD, MELTING_POINT)
 
-    def initial(self, grid: Discretisation, state: "InitialState", others: Others) -> Mapping[str, np.ndarray]:
+    def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
         if "melting_point" in self._provided(others):
             return {}
         heat: Any = others["heat_conduction"]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
@@ -25,9 +25,10 @@ from refsim.core.capabilities import (
     RunMonitor,
 )
 from refsim.core.checked import NotNegative, Positive, Printed
-from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
+from refsim.core.effect import Discretisation, Effect, InitialState, Others, Pass, StepLimit
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
+from refsim.core.walls import WallParticles
 from refsim.mpm import operations as operations
 from refsim.mpm.grid import Background, MpmGrid
 from refsim.mpm.limits import FARTHEST
@@ -36,10 +37,6 @@ from refsim.sph import LIQUID, acceleration_of
 from refsim.sph.flow import at_least, fast_flow
 from refsim.surface_energy import REACH
 from refsim.surface_energy.effect import surface_of
-
-if TYPE_CHECKING:
-    from refsim.core.effect import InitialState
-    from refsim.core.walls import WallParticles
 
 AFFINE = Field("affine", "1/s", "affine velocity matrix A, row by row: A_ab is dv_a/dx_b", 9, state=True)
 VOLUME_RATIO = Field("volume_ratio", "-", "present over initial volume J", state=True)

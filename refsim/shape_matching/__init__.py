@@ -9,24 +9,21 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
 from refsim.core.capabilities import HasErrata, Inspects, JudgesStart
 from refsim.core.checked import Printed, Share
-from refsim.core.effect import Discretisation, Effect, Extremes, Others, Pass, StepLimit
+from refsim.core.effect import Discretisation, Effect, Extremes, InitialState, Others, Pass, StepLimit
 from refsim.core.errors import InputError
 from refsim.core.fields import PLACE, Field
 from refsim.core.scalars import int32
+from refsim.core.walls import WallParticles
 from refsim.shape_matching import operations as operations
 from refsim.shape_matching.boxes import boxes_of
 from refsim.shape_matching.phases import FLUID, SURFACE
 from refsim.shape_matching.shape import apart, widest_stretch
-
-if TYPE_CHECKING:
-    from refsim.core.effect import InitialState
-    from refsim.core.walls import WallParticles
 
 PHASE = Field("phase", "-", "0 liquid, 1 solid at its body's surface, 2 solid inside", dtype="int32", state=True)
 

@@ -5,21 +5,18 @@ The passes of the transfers that the surface takes part in are those of `refsim.
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
+from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
 
 from refsim.core.capabilities import HoldsOtherMemory, RunMonitor
 from refsim.core.checked import Positive
-from refsim.core.effect import Discretisation, Others, Pass, StepLimit
+from refsim.core.effect import Discretisation, InitialState, Others, Pass, StepLimit
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.operation import REGISTRY, Procedure, enter
 from refsim.surface_energy import Tension
 from refsim.surface_energy.run_surface import GATHERED, SurfaceOfRun
-
-if TYPE_CHECKING:
-    from refsim.core.effect import InitialState
 
 CROWDING = Field("crowding", "-", "density counted on the grid times J, over the rest density")
 GREATEST_CROWDING = Field("greatest_crowding", "-", "largest crowding of the particles", rows=1)
@@ -89,7 +86,7 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, RunMonitor, frozen=True, kw_only=
                 " the scene a step of its own to see how it ends, or take an inset or the cluster."
             )
 
-    def initial(self, grid: Discretisation, state: "InitialState", others: Others) -> Mapping[str, np.ndarray]:
+    def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
         if not self.acts():
             return {}
         least = self.least_component(grid.dim)
