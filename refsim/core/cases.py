@@ -472,30 +472,18 @@ def _flattened(name: str) -> Case:
 # What every method may name.
 
 
-@particles("position")
-def _position(case: Case, random: np.random.Generator) -> np.ndarray:
-    return case.position
-
-
 @particles("mass")
 def _mass(case: Case, random: np.random.Generator) -> np.ndarray:
     low, high = np.log(case.masses)
     return REST_DENSITY * case.spacing**case.dim * np.exp(random.uniform(low, high, case.count))
 
 
-@particles("velocity")
-def _velocity(case: Case, random: np.random.Generator) -> np.ndarray:
-    return vectors(case, random)
-
-
-@particles("acceleration")
-def _acceleration(case: Case, random: np.random.Generator) -> np.ndarray:
-    return 5 * vectors(case, random)
-
-
-@particles("build_position")
-def _build_position(case: Case, random: np.random.Generator) -> np.ndarray:
-    return case.position + 0.02 * case.spacing * vectors(case, random)
+particles(
+    position=lambda case, random: case.position,
+    velocity=lambda case, random: vectors(case, random),
+    acceleration=lambda case, random: 5 * vectors(case, random),
+    build_position=lambda case, random: case.position + 0.02 * case.spacing * vectors(case, random),
+)
 
 
 @particles("position_residual")
@@ -547,9 +535,7 @@ RESOLVED = 1e4  # spacings; a rounding is a thousandth of a spacing there
 BOX_GRID = 2.0**-12  # of the spacing's power of two: images on such a grid are shifted without rounding
 
 
-@groups("period")
-def _period(case: Case, grid: Discretisation) -> Mapping[str, Any]:
-    return {"period": period_around(case, grid, 2.3 * case.list_radius * (1 + case.skin))}
+groups(period=lambda case, grid: period_around(case, grid, 2.3 * case.list_radius * (1 + case.skin)))
 
 
 def period_around(case: Case, grid: Discretisation, least: float) -> Period:

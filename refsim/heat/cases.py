@@ -343,31 +343,28 @@ closed_form(  # RKL1 with one stage, which s_max < 1 allows, is forward Euler
 )
 
 
-# The same pairs elsewhere.
-
-
-# The next image is beyond h: q = 127/128 in a box of 2 h, and L = (1 - q)^2/q is 1/(64 127) of that at q = 1/2.
+# The same pairs elsewhere: the next image is beyond h, q = 127/128 in a box of 2 h, and L = (1 - q)^2/q is 1/(64 127)
+# of that at q = 1/2.
 FAR = dataclasses.replace(PAIR, position=PAIR.position * (127 / 64))
 NARROW = period_group((0.0, 4.0, 0.0), "float64")
 
 
-@closed_form("heat.exchange_rate")
-def rates_at_nearly_half_a_period():
-    return _rates(WEIGHT / (64 * 127) / 0.5 * INVERSE, FAR, period=NARROW)
+closed_form(
+    "heat.exchange_rate",
+    rates_at_nearly_half_a_period=lambda: _rates(WEIGHT / (64 * 127) / 0.5 * INVERSE, FAR, period=NARROW),
+)
+closed_form(
+    "heat.one_sided",
+    each_by_itself_at_nearly_half_a_period=lambda: dataclasses.replace(
+        _pair(_each_by_itself(WEIGHT / (64 * 127)), period=NARROW), case=FAR
+    ),
+)
 
 
-@closed_form("heat.one_sided")
-def each_by_itself_at_nearly_half_a_period():
-    return dataclasses.replace(_pair(_each_by_itself(WEIGHT / (64 * 127)), period=NARROW), case=FAR)
-
-
-@closed_form("heat.particle_volume")
-def volume_of_two():
-    """V = m/rho."""
-    inputs = {"mass": [2.0, 3.0], "density": [1000.0, 500.0]}
-    return Exact(PAIR, inputs, {"volume": [0.002, 0.006]})
-
-
+closed_form(
+    "heat.particle_volume",
+    volume_of_two=lambda: Exact(PAIR, {"mass": [2.0, 3.0], "density": [1000.0, 500.0]}, {"volume": [0.002, 0.006]}),
+)
 UNIT = 32 * math.pi / 45  # factor with which g = V_1 V_2 2 k dt/2 for particles 1 m apart
 
 

@@ -48,10 +48,6 @@ def _affine(case, random):
     return values.reshape(-1, 9)
 
 
-# up to a tenth from one
-particles(volume_ratio=lambda case, random: random.uniform(0.9, 1.1, case.count))
-
-
 @particles("deformation")
 def _deformation(case, random):
     """Near the unit matrix."""
@@ -61,23 +57,20 @@ def _deformation(case, random):
     return (values + np.eye(3)).reshape(-1, 9)
 
 
-# from 0.2, below the density at rest, to twice that density
-particles(crowding=lambda case, random: random.uniform(0.2, 2.0, case.count))
-groups(greatest_crowding=lambda case, grid: np.zeros(1, grid.dtype))
-
-
-@groups("background", "liquid", "kernel_gradient", "viscous_stress", "counting")
-def _groups(case, grid):
-    return liquid_of(case).prepare(grid, {}) | {"kernel_gradient": mpm.KernelGradient(np.int32(1))}
-
-
-groups(embedding=lambda case, grid: mpm.Embedding(np.int32(1)))
-
-
+particles(
+    # up to a tenth from one
+    volume_ratio=lambda case, random: random.uniform(0.9, 1.1, case.count),
+    # from 0.2, below the density at rest, to twice that density
+    crowding=lambda case, random: random.uniform(0.2, 2.0, case.count),
+)
+groups("background", "liquid", "viscous_stress", "counting")(lambda case, grid: liquid_of(case).prepare(grid, {}))
+groups(
+    kernel_gradient=lambda case, grid: mpm.KernelGradient(np.int32(1)),
+    embedding=lambda case, grid: mpm.Embedding(np.int32(1)),
+    greatest_crowding=lambda case, grid: np.zeros(1, grid.dtype),
+    step_extremes=lambda case, grid: np.zeros(4, grid.dtype),
+)
 as_printed, corrected = cases.other("embedding", reading=2), cases.other("embedding", reading=3)
-
-
-groups(step_extremes=lambda case, grid: np.zeros(4, grid.dtype))
 
 
 def wall_nodes(*values) -> mpm.WallNodes:
@@ -157,12 +150,7 @@ def _grid(inputs, name):
     return grid if name == "grid" else cell
 
 
-@derived("nodes")
-def _nodes(inputs, name):
-    """Integer coordinates of the grid's nodes."""
-    return node_table(inputs["grid"].blocks).astype(np.int32)
-
-
+derived(nodes=lambda inputs, name: node_table(inputs["grid"].blocks).astype(np.int32))
 cases.stand_in("grid", "background", "nodes")
 
 
@@ -353,13 +341,8 @@ def two_carriers():
         weight += np.where(inside, LINE[np.clip(moved, 0, 2)].prod(1), 0.0)
     pressed = 1.125 / 3 * arm * [3 / 11, 1, 1]
     field = 2 / 3 * (v + arm @ TURN.T) - pressed
-    inputs |= {
-        "mass": [2.0],
-        "velocity": v[None],
-        "affine": TURN.reshape(1, 9),
-        "acceleration": None,
-        "volume_ratio": [1.5],
-    }
+    inputs |= {"mass": [2.0], "velocity": v[None], "affine": TURN.reshape(1, 9)}
+    inputs |= {"acceleration": None, "volume_ratio": [1.5]}
     return Exact(case, inputs, {"node_mass": 2 / 3 * weight, "node_momentum": weight[:, None] * field})
 
 
@@ -373,19 +356,17 @@ def _walls(field, planes, samples=None):
     return case, inputs, table, mass > 0
 
 
-@closed_form("mpm.grid_update")
-def falling_nodes():
-    """v = (1, -2, 1/2) + dt (0, -4, 8) on nodes with mass."""
+def _falling(after, pull):
     case, inputs, _, heavy = _walls(np.array([0.0, -4.0, 8.0]), None)
-    return Exact(case, inputs, {"node_velocity": np.where(heavy[:, None], [1.0, -3.0, 2.5], 0.0)})
+    inputs["node_pull"] = None if pull is None else np.broadcast_to(pull, inputs["node_momentum"].shape).copy()
+    return Exact(case, inputs, {"node_velocity": np.where(heavy[:, None], after, 0.0)})
 
 
-@closed_form("mpm.grid_update")
-def pulled_nodes():
-    """v = (1, -2, 1/2) + dt (8, 0, -4)/2 + dt (0, -4, 8)."""
-    case, inputs, _, heavy = _walls(np.array([0.0, -4.0, 8.0]), None)
-    inputs["node_pull"] = np.broadcast_to([8.0, 0.0, -4.0], inputs["node_momentum"].shape).copy()
-    return Exact(case, inputs, {"node_velocity": np.where(heavy[:, None], [2.0, -3.0, 2.0], 0.0)})
+closed_form(
+    "mpm.grid_update",
+    falling_nodes=lambda: _falling([1.0, -3.0, 2.5], None),  # (1, -2, 1/2) + dt (0, -4, 8) on nodes with mass
+    pulled_nodes=lambda: _falling([2.0, -3.0, 2.0], [8.0, 0.0, -4.0]),  # the same + dt (8, 0, -4)/2
+)
 
 
 @closed_form("mpm.grid_update")

@@ -44,23 +44,16 @@ def _asymmetry(case, random):
     return 0.12 * scale * random.uniform(0.0, 1.0, case.count)
 
 
-@cases.particles("advanced_excess", "density_excess")
-def _density_excess(case, random):
-    """Within a hundredth of the rest density."""
-    return 0.01 * cases.REST_DENSITY * random.uniform(-1.0, 1.0, case.count)
-
-
-# of some thousandths of a spacing
-cases.particles(shift=lambda case, random: 0.003 * case.spacing * cases.vectors(case, random))
-
-
-@cases.particles("correction_diagonal", "correction_mixed")
-def _correction(case, random):
-    """Matrices near that of a lattice and far from it."""
-    return random.uniform(0.7, 1.6, (case.count, 3))
-
-
+# within a hundredth of the rest density; matrices near that of a lattice and far from it
+cases.particles("advanced_excess", "density_excess")(
+    lambda case, random: 0.01 * cases.REST_DENSITY * random.uniform(-1.0, 1.0, case.count)
+)
+cases.particles("correction_diagonal", "correction_mixed")(
+    lambda case, random: random.uniform(0.7, 1.6, (case.count, 3))
+)
 cases.particles(
+    # of some thousandths of a spacing
+    shift=lambda case, random: 0.003 * case.spacing * cases.vectors(case, random),
     # of either sign and of its own
     own_pressure=lambda case, random: 4e4 * random.uniform(-0.5, 1.0, case.count),
     # of either sign, so that no result depends on clamping
@@ -68,13 +61,18 @@ cases.particles(
 )
 
 
-@cases.groups("smoothing", "gradient_smoothing", "fluid")
-def _shared(case, grid):
-    return case.effects[FLUID].shares(grid, case.effects)
-
-
-# within the cases' densities, so that some particles are above them
-cases.groups(density_bounds=lambda case, grid: sph.DensityBounds(*map(grid.real, (cases.REST_DENSITY, 1.0, 1.05))))
+cases.groups("smoothing", "gradient_smoothing", "fluid")(
+    lambda case, grid: case.effects[FLUID].shares(grid, case.effects)
+)
+cases.groups(
+    # within the cases' densities, so that some particles are above them
+    density_bounds=lambda case, grid: sph.DensityBounds(*map(grid.real, (cases.REST_DENSITY, 1.0, 1.05))),
+    # delta = 0.1, c = 20 m/s
+    diffusion=lambda case, grid: sph.Diffusion(grid.real(grid.support_radius), grid.real(cases.REST_DENSITY / 400)),
+    # half of the way back in a second
+    recount=lambda case, grid: sph.Recount(grid.real(0.5), grid.real(0.99)),
+    field=lambda case, grid: np.array([0.3, -9.81, 1.7], dtype=grid.dtype),
+)
 cases.prepared("viscosity", lambda case: case.effects[FLUID])
 
 
@@ -82,21 +80,6 @@ cases.prepared("viscosity", lambda case: case.effects[FLUID])
 def _central_viscosity(case, grid):
     liquid = sph.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=0.5, viscosity="central")
     return {"central_viscosity": liquid.prepare(grid, {liquid.name: liquid})["central_viscosity"]}
-
-
-@cases.groups("diffusion")
-def _diffusion(case, grid):
-    """delta = 0.1, c = 20 m/s."""
-    return {"diffusion": sph.Diffusion(grid.real(grid.support_radius), grid.real(cases.REST_DENSITY / 400))}
-
-
-@cases.groups("recount")
-def _recount(case, grid):
-    """Half of the way back in a second."""
-    return {"recount": sph.Recount(grid.real(0.5), grid.real(0.99))}
-
-
-cases.groups(field=lambda case, grid: np.array([0.3, -9.81, 1.7], dtype=grid.dtype))
 
 
 def short_steps(case, grid):
@@ -116,8 +99,7 @@ def _smoothing_follows(group, inputs, kernel):
 cases.codes(Smoothing, shape=SHAPES)
 cases.VARIATIONS[Smoothing] = cases.Variation(_smoothing_follows, other={"dim": lambda dim: 5 - dim})
 cases.VARIATIONS[sph.Fluid] = cases.Variation(
-    other={"exponent": lambda g: g + 1, "internal_pressure": lambda p: 3e4},
-    usual=("rest_density",),
+    other={"exponent": lambda g: g + 1, "internal_pressure": lambda p: 3e4}, usual=("rest_density",)
 )
 cases.readings(fluid="gradient_share wall_share")
 cases.takes("sph.state", fluid="rest_density stiffness exponent clamp internal_pressure")
@@ -197,10 +179,10 @@ def shifted_pair(w):
     return _continued(EXCESS + change, shift=[[0.3, 0.002, 0.0], [0.0, 0.001, -0.4]])
 
 
-@cases.closed_form("sph.continuity")
-def torn_pair():
-    """A pair that parts fast has 0.95 rho0."""
-    return _continued([-50.0, -50.0], velocity=[[0.0, -7e4, 0.0], [0.0, 7e4, 0.0]])
+cases.closed_form(  # a pair that parts fast has 0.95 rho0
+    "sph.continuity",
+    torn_pair=lambda: _continued([-50.0, -50.0], velocity=[[0.0, -7e4, 0.0], [0.0, 7e4, 0.0]]),
+)
 
 
 @for_each_kernel("sph.continuity")
@@ -276,16 +258,20 @@ def liquid_beside_a_solid(w):
     )  # fmt: skip
 
 
-@cases.closed_form("sph.keep_density")
-def kept():
-    """The same value."""
-    return cases.Exact(PAIR, {"density_excess": [1.5, -2.25]}, {"advanced_excess": [1.5, -2.25]})
+def _pressed(density, fluid, pressure):
+    return cases.Exact(PAIR, {"density": density, "fluid": fluid}, {"pressure": pressure})
 
 
-@cases.closed_form("sph.state")
-def linear_state():
-    """p = c^2 (rho - rho0) with c^2 = 400."""
-    return cases.Exact(PAIR, {"density": [1250.0, 500.0], "fluid": WATER}, {"pressure": [1e5, -2e5]})
+cases.closed_form(
+    "sph.keep_density",
+    kept=lambda: cases.Exact(PAIR, {"density_excess": [1.5, -2.25]}, {"advanced_excess": [1.5, -2.25]}),
+)
+cases.closed_form(
+    "sph.state",
+    linear_state=lambda: _pressed([1250.0, 500.0], WATER, [1e5, -2e5]),  # p = c^2 (rho - rho0) with c^2 = 400
+    # P_int (rho/rho0)^2 on top: at the rest density the pressure is P_int, at 1.5 rho0 it is 2e5 + 2.25 P_int
+    balanced_cohesion=lambda: _pressed([1000.0, 1500.0], sph.Fluid(1000.0, 4e5, 1, 1, 800.0), [800.0, 201800.0]),
+)
 
 
 @cases.closed_form("sph.state")
@@ -297,13 +283,6 @@ def clamped_tait():
     return cases.Exact(
         three, {"density": [2000.0, 500.0, 1000.9765625], "fluid": fluid}, {"pressure": [12700.0, 0.0, small]}
     )
-
-
-@cases.closed_form("sph.state")
-def balanced_cohesion():
-    """P_int (rho/rho0)^2 on top: at the rest density the pressure is P_int, at 1.5 rho0 it is 2e5 + 2.25 P_int."""
-    fluid = sph.Fluid(1000.0, 4e5, 1, 1, 800.0)
-    return cases.Exact(PAIR, {"density": [1000.0, 1500.0], "fluid": fluid}, {"pressure": [800.0, 201800.0]})
 
 
 @for_each_kernel("sph.pressure", "sph.momentum", "sph.central_momentum", dims=(2, 3), across=6.0)
@@ -413,16 +392,13 @@ def rigid_rotation():
     return cases.Exact(three, inputs, {"acceleration": np.zeros((3, 3))})
 
 
-@for_each_kernel("sph.density")
-def two_particles_across_a_border(w):
-    """As in space, 5 m apart in a periodic box of 6 m."""
-    return cases.across_a_border(two_particles(w), 6.0, walls=None)
-
-
-@cases.closed_form("sph.gravity")
-def falling():
-    """a = g."""
-    return cases.Exact(PAIR, {"field": [0.0, 2.0, -9.75]}, {"acceleration": np.array([[0.0, 2.0, -9.75]] * 2)})
+for_each_kernel(  # as in space, 5 m apart in a periodic box of 6 m
+    "sph.density", two_particles_across_a_border=lambda w: cases.across_a_border(two_particles(w), 6.0, walls=None)
+)
+cases.closed_form(
+    "sph.gravity",
+    falling=lambda: cases.Exact(PAIR, {"field": [0.0, 2.0, -9.75]}, {"acceleration": [[0.0, 2.0, -9.75]] * 2}),
+)
 
 
 @cases.closed_form("sph.extremes")

@@ -9,9 +9,7 @@ from refsim.surface_detection import FanScan, NearSurfaceLimit, SurfaceDetection
 example(SurfaceDetection(each_step=True), brings="asymmetry number_density scan_candidates surface surface_normal")
 
 
-@particles("surface", "near_surface")
-def _marks(case, random):
-    return (random.random(case.count) < 0.5).astype(np.uint8)
+particles("surface", "near_surface")(lambda case, random: (random.random(case.count) < 0.5).astype(np.uint8))
 
 
 @groups("near_surface_limit", "fan_scan")
@@ -29,24 +27,23 @@ cases.readings(fan_scan="printed")
 takes("surface_detection.near_surface", near_surface_limit="number_density")  # J(12) alone
 
 
-def _marked(count, expected, **inputs):
+def _marked(expected, density, asymmetry, limit):
+    count = len(expected)
     case = Case(f"row_of_{count}", 3, np.eye(3)[[1]] * np.arange(count)[:, None])
+    inputs = {"number_density": density, "asymmetry": asymmetry, "near_surface_limit": limit}
     return Exact(case, inputs, {"near_surface": np.array(expected, np.uint8)})
 
 
-@closed_form("surface_detection.near_surface")
-def thresholds():
-    """At the limit a particle still counts as near the surface."""
-    limit = NearSurfaceLimit(0.75, 1.0)
-    return _marked(3, [1, 1, 0], number_density=[0.5, 0.75, 1.0], near_surface_limit=limit, asymmetry=None)
-
-
-@closed_form("surface_detection.candidates")
-def sparse_or_lopsided():
-    """Either suffices, the limits included: sparse alone, lopsided alone, both, neither."""
-    density, asymmetry = np.array([0.5, 1.0, 0.75, 1.0]), np.array([0.125, 0.25, 0.5, 0.125])
-    limit = NearSurfaceLimit(0.75, 0.25)
-    return _marked(4, [1, 1, 1, 0], number_density=density, asymmetry=asymmetry, near_surface_limit=limit)
+closed_form(
+    "surface_detection.near_surface",  # at the limit a particle still counts as near the surface
+    thresholds=lambda: _marked([1, 1, 0], [0.5, 0.75, 1.0], None, NearSurfaceLimit(0.75, 1.0)),
+)
+closed_form(
+    "surface_detection.candidates",  # either suffices, the limits included: sparse alone, lopsided alone, both, neither
+    sparse_or_lopsided=lambda: _marked(
+        [1, 1, 1, 0], [0.5, 1.0, 0.75, 1.0], [0.125, 0.25, 0.5, 0.125], NearSurfaceLimit(0.75, 0.25)
+    ),
+)
 
 
 def _scanned(position, surface, candidates, printed=0):

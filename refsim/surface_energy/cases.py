@@ -106,11 +106,7 @@ def _reconstruction(case, grid):
     return reconstruction(case.name, grid.dtype)
 
 
-@groups("surface_term")
-def _surface_term(case, grid):
-    return {"surface_term": surface_term(tension_of(case), case.dim, grid.dtype, cell_size(case))}
-
-
+groups(surface_term=lambda case, grid: surface_term(tension_of(case), case.dim, grid.dtype, cell_size(case)))
 VARIATIONS[SurfaceTerm] = Variation(
     held=dict.fromkeys(("cell_size", "inverse_cell"), "the case's nodes and cells belong to it"), usual=()
 )
@@ -261,16 +257,18 @@ def candidates_on_two_segments():
     return _candidates([0, 1, 4], [[0, 1], [1, 2]], [0, 1 << 20, 4 << 20], (1, 4), [0, 1, 1, 1], x)
 
 
-@closed_form("surface_energy.candidates")
-def candidates_of_one_unit_of_area():
-    """Two segments of one unit each, and a candidate on each."""
-    x = [k + (reference.hash_word(1, k, 1) >> 8) / 2**24 for k in range(2)]
-    return _candidates([0, 1, 2], [[0, 1], [1, 2]], [0, 1, 2], (1, 2), [0, 1], x)
-
-
-# Facets without area: all candidates on the last of them
 closed_form(
     "surface_energy.candidates",
+    # two segments of one unit each, and a candidate on each
+    candidates_of_one_unit_of_area=lambda: _candidates(
+        [0, 1, 2],
+        [[0, 1], [1, 2]],
+        [0, 1, 2],
+        (1, 2),
+        [0, 1],
+        [k + (reference.hash_word(1, k, 1) >> 8) / 2**24 for k in range(2)],
+    ),
+    # facets without area: all candidates on the last of them
     candidates_without_area=lambda: _candidates([3, 3], [[0, 1], [1, 0]], [0, 0, 0], (1, 2), [1, 1], [3, 3]),
 )
 

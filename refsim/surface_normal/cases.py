@@ -30,11 +30,9 @@ def _normals(case, random):
 particles(candidates=lambda case, random: (random.random(case.count) < 0.6).astype(np.uint8))
 
 
-@groups("normal_term", "axial")
-def _normal_term(case, grid):
-    return normal_term(liquid_of(case.effects), grid, own_density=case.literal) | axial_part("axial", grid)
-
-
+groups("normal_term", "axial")(
+    lambda case, grid: normal_term(liquid_of(case.effects), grid, own_density=case.literal) | axial_part("axial", grid)
+)
 cases.readings(normal_term="own_density")
 takes("surface_normal.color_gradient", normal_term="own_density")
 

@@ -16,10 +16,10 @@ cases.example(
 KICK, DRIFT = 0.011, 0.012  # per spacing, as in the steps of refsim.core.cases
 
 
-@cases.particles("own_displacement", "pair_displacement")
-def _displacements(case, random):
-    """Displacements of the size that the case's pressures cause in one of its steps."""
-    return KICK * DRIFT * case.spacing**2 * 1e-2 / case.support_radius * cases.vectors(case, random)
+# of the size that the case's pressures cause in one of its steps
+cases.particles("own_displacement", "pair_displacement")(
+    lambda case, random: KICK * DRIFT * case.spacing**2 * 1e-2 / case.support_radius * cases.vectors(case, random)
+)
 
 
 @cases.particles("diagonal")
@@ -31,17 +31,9 @@ def _diagonal(case, random):
 
 
 cases.particles(advected_density=lambda case, random: 1000 * random.uniform(0.9, 1.2, case.count))
-
-
-@cases.particles("density_error", "new_pressure")
-def _pressures(case, random):
-    return 1e4 * random.uniform(0, 1, case.count)
-
-
+cases.particles("density_error", "new_pressure")(lambda case, random: 1e4 * random.uniform(0, 1, case.count))
 # always two iterations, since the number needed may depend on rounding
 cases.prepared("implicit", lambda case: ImplicitPressure(iterations=(2, 2)))
-
-
 cases.VARIATIONS[Implicit] = cases.Variation(other={"least_diagonal": lambda least: 5e5 * least})
 cases.takes("iisph.relax", implicit="relaxation least_diagonal")
 cases.takes("iisph.solve", implicit="relaxation most least_diagonal")  # always two iterations, whatever the compression
@@ -97,23 +89,15 @@ def _relaxed(w, diagonal, pressure, new):
     )  # fmt: skip
 
 
-@for_each_kernel("iisph.relax")
-def compressed_and_thin(w):
-    """The first has too large a density and gets a pressure; the second too small a density: its pressure becomes 0."""
-    return _relaxed(w, np.array([-0.02, -0.5]), np.array([4000.0, 10.0]), None)
-
-
-@for_each_kernel("iisph.relax")
-def compressed_at_low_pressure(w):
-    """The same below one pascal."""
-    return _relaxed(w, np.array([-2e4, -5e5]), np.array([4e-3, 1e-5]), None)
-
-
-@for_each_kernel("iisph.relax")
-def hardly_coupled(w):
-    """A particle whose -a_ii is below the limit gets no pressure."""
-    diagonal = np.array([-1e-11, -1e-11])
-    return _relaxed(w, diagonal, np.array([4000.0, 1000.0]), np.zeros(2))
+for_each_kernel(
+    "iisph.relax",
+    # the first has too large a density and gets a pressure; the second too small a density: its pressure becomes 0
+    compressed_and_thin=lambda w: _relaxed(w, np.array([-0.02, -0.5]), np.array([4000.0, 10.0]), None),
+    # the same below one pascal
+    compressed_at_low_pressure=lambda w: _relaxed(w, np.array([-2e4, -5e5]), np.array([4e-3, 1e-5]), None),
+    # a particle whose -a_ii is below the limit gets no pressure
+    hardly_coupled=lambda w: _relaxed(w, np.full(2, -1e-11), np.array([4000.0, 1000.0]), np.zeros(2)),
+)
 
 
 @for_each_kernel("iisph.push")
@@ -124,16 +108,8 @@ def pushed_pair(w):
     return cases.Exact(PAIR, GIVEN | {"pressure": pressure}, {"acceleration": [-3 * push * UP, 2 * push * UP]})
 
 
-@cases.closed_form("iisph.halve")
-def halved():
-    """Half."""
-    return cases.Exact(PAIR, {"pressure": [3.0, 4.0]}, {"pressure": [1.5, 2.0]})
-
-
-@cases.closed_form("iisph.keep")
-def kept():
-    """A copy."""
-    return cases.Exact(PAIR, {"new_pressure": [3.0, 4.0]}, {"pressure": [3.0, 4.0]})
+cases.closed_form("iisph.halve", halved=lambda: cases.Exact(PAIR, {"pressure": [3.0, 4.0]}, {"pressure": [1.5, 2.0]}))
+cases.closed_form("iisph.keep", kept=lambda: cases.Exact(PAIR, {"new_pressure": [3.0, 4.0]}, {"pressure": [3.0, 4.0]}))
 
 
 @for_each_kernel("iisph.solve")
