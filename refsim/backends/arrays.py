@@ -289,3 +289,28 @@ class Scratch:
     def bytes(self) -> int:
         """Memory held."""
         return sum(a.nbytes for a in self._arrays.values())
+
+
+class Growing:
+    """Named arrays on one backend that keep a quarter more rows than were wanted when they had to be made."""
+
+    def __init__(self, backend: Backend) -> None:
+        self.backend = backend
+        self.held: dict[str, Any] = {}
+        self._views: dict[str, Any] = {}
+
+    def array(self, name: str, shape: tuple[int, ...], dtype: Any) -> Any:
+        """The first rows of the array called `name`, the same view while the shape stays; values are not set."""
+        view = self._views.get(name)
+        if view is None or view.shape != shape:
+            held = self.held.get(name)
+            if held is None or held.shape[0] < shape[0]:
+                capacity = (shape[0] + shape[0] // 4, *shape[1:])
+                held = self.held[name] = self.backend.empty(capacity, np.dtype(dtype))
+            view = self._views[name] = held[: shape[0]]
+        return view
+
+
+def growing(meaning: str, name: str, shape: Callable[[Any], tuple[int, ...]], dtype: str | None = None) -> Any:
+    """A property: that array of the owner's `arrays`, of the shape that the owner gives now, and of its `dtype`."""
+    return property(lambda owner: owner.arrays.array(name, shape(owner), dtype or owner.dtype), doc=meaning)

@@ -5,12 +5,12 @@ a result does not depend on when that happened.
 """
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from refsim.backends.arrays import Backend, Scratch
+from refsim.backends.arrays import Backend, Growing, Scratch, growing
 from refsim.core.errors import RunStopped
 from refsim.core.operation import REGISTRY
 from refsim.mpm.groups import SETS, Bins, Places
@@ -60,8 +60,7 @@ class MpmGrid:
         self.cells: dict[str, Any] = {}
         self.bins: dict[str, Bins] = {}
         self.rebuilds = 0
-        self._storage: dict[str, Any] = {}
-        self._views: dict[str, Any] = {}
+        self.arrays = Growing(self.backend)  # on the nodes
         self._located: dict[str, np.ndarray] = {}
 
     def on_backend(self, backend: Backend) -> "MpmGrid":
@@ -83,25 +82,20 @@ class MpmGrid:
         """Number of nodes."""
         return 0 if self.blocks is None else NODES * self.blocks.keys.shape[0]
 
-    @property
-    def node_mass(self) -> Any:
-        """m_j (nodes,) [kg]."""
-        return self._array("node_mass", (self.nodes,))
-
-    @property
-    def node_momentum(self) -> Any:
-        """(mv)_j with the forces' impulse (nodes, 3) [kg m/s]."""
-        return self._array("node_momentum", (self.nodes, 3))
-
-    @property
-    def node_velocity(self) -> Any:
-        """v_j after the update (nodes, 3) [m/s]."""
-        return self._array("node_velocity", (self.nodes, 3))
-
-    @property
-    def node_pull(self) -> Any:
-        """Force of the surface on the nodes (nodes, 3) [N]."""
-        return self._array("node_pull", (self.nodes, 3))
+    node_mass = growing("m_j (nodes,) [kg]", "node_mass", lambda grid: (grid.nodes,))
+    node_momentum = growing(
+        "(mv)_j with the forces' impulse (nodes, 3) [kg m/s]", "node_momentum", lambda grid: (grid.nodes, 3)
+    )
+    node_velocity = growing("v_j after the update (nodes, 3) [m/s]", "node_velocity", lambda grid: (grid.nodes, 3))
+    node_pull = growing("Force of the surface on the nodes (nodes, 3) [N]", "node_pull", lambda grid: (grid.nodes, 3))
+    scratch = growing(
+        "What the points of each block give to the nodes in their reach (b, width^dim, 4): mass and momentum.",
+        "scratch", lambda grid: (grid.nodes // NODES, grid.width**grid.dim, 4),
+    )  # fmt: skip
+    block_extremes = growing(
+        "Extremes of the particles of each block (b, 5), where a device reduces them in two steps.", "block_extremes",
+        lambda grid: (grid.nodes // NODES, 5),
+    )  # fmt: skip
 
     def places(self, name: str) -> Places:
         """The points of a set by bin, their cells, and the blocks."""
@@ -119,16 +113,6 @@ class MpmGrid:
         from refsim.sparse_grid.block_search import points_by_cell  # loads Numba
 
         return points_by_cell(cell, self.nodes // NODES)
-
-    @property
-    def scratch(self) -> Any:
-        """What the points of each block give to the nodes in their reach (b, width^dim, 4): mass and momentum."""
-        return self._array("scratch", (self.nodes // NODES, self.width**self.dim, 4))
-
-    @property
-    def block_extremes(self) -> Any:
-        """Extremes of the particles of each block (b, 5), where a device reduces them in two steps."""
-        return self._array("block_extremes", (self.nodes // NODES, 5))
 
     def attend(self, position: Any, moved: bool = False) -> bool:
         """Before a step that is one CUDA graph: make the blocks that particles at `position` (n, 3) [m] may reach in
@@ -167,7 +151,7 @@ class MpmGrid:
         """
         from refsim.mpm import sorting_cuda as programs
 
-        cell = self._array("order_cell", (position.shape[0],), np.int32)
+        cell = self.arrays.array("order_cell", (position.shape[0],), np.int32)
         point = programs.order(position, self, cell)
         return point if self._noted()[2] > OUT_OF_ORDER * position.shape[0] else None
 
@@ -186,7 +170,7 @@ class MpmGrid:
 
     def bytes(self) -> int:
         """Memory of all arrays but the particles' cells, which are a field."""
-        kept = [*self._storage.values(), *(self.blocks or ())]
+        kept = [*self.arrays.held.values(), *(self.blocks or ())]
         kept += [] if self.noted is not None else itertools.chain(*self.bins.values())
         kept += [] if self.complete is None else [self.complete]
         kept += [cell for name, cell in self.cells.items() if name != SETS[0]]
@@ -199,12 +183,12 @@ class MpmGrid:
         return len(reached(occupied, self.dim, -slack, slack + 1))
 
     def locate(
-        self, positions: Mapping[str, Any], cell: Any, find_cells: Any, block_keys: Any, sorted_bins: Any,
+        self, positions: Sequence[Any], cell: Any, find_cells: Any, block_keys: Any, sorted_bins: Any,
         make_table: Any = None,
     ) -> None:  # fmt: skip
         """Find the cell of every point of every set (n, 3) [m], make blocks where some are missing, and sort.
 
-        positions  by the names in SETS; those that are None are no sets
+        positions  in the order of SETS; those that are None are no sets
         cell       (n,) where the particles' cells are written; other sets' are kept in `cells`
         The programs of a backend do the work: find_cells(position, inverse_cell, blocks, complete, cell) gives
         (points in no block, points at no possible place), block_keys(position, inverse_cell, dim) keys, with -1 for
@@ -232,9 +216,9 @@ class MpmGrid:
             self._check_lost(name, lost)
         self.bins = {name: Bins(*sorted_bins(self.cells[name], self.nodes // NODES)) for name in sets}
 
-    def held(self, positions: Mapping[str, Any], cell: Any) -> dict[str, Any]:
+    def held(self, positions: Sequence[Any], cell: Any) -> dict[str, Any]:
         """The sets of points that there are, whose cells are then `cell` for the particles, and arrays of their own."""
-        sets = {name: values for name, values in positions.items() if values is not None}
+        sets = {name: values for name, values in zip(SETS, positions, strict=True) if values is not None}
         for name, values in sets.items():
             if name == SETS[0]:
                 self.cells[name] = cell
@@ -260,17 +244,6 @@ class MpmGrid:
         deep = (neighbour >= 0).all(1) & complete[neighbour].all(1)
         self.complete = complete.astype(np.uint8) + (complete & deep)
         return sum(int((k < 0).sum()) for k in keys)
-
-    def _array(self, name: str, shape: tuple[int, ...], dtype: Any = None) -> Any:
-        """The first rows of an array that grows with the blocks."""
-        view = self._views.get(name)
-        if view is None or view.shape != shape:
-            held = self._storage.get(name)
-            if held is None or held.shape[0] < shape[0]:
-                capacity = (shape[0] + shape[0] // 4, *shape[1:])
-                held = self._storage[name] = self.backend.empty(capacity, dtype or self.dtype)
-            view = self._views[name] = held[: shape[0]]
-        return view
 
 
 def _runs(keys: np.ndarray) -> np.ndarray:

@@ -138,8 +138,7 @@ def sorted_bins(cell, blocks):
 def cells(position, carrier_position, surface_sample, grid):
     """Number of the base node j = floor(x/h - 1/2) of each particle (n,), and its margin, dimensionless."""
     cell = np.empty(len(position), np.int32)
-    sets = {"particles": position, "carriers": carrier_position, "samples": surface_sample}
-    grid.locate(sets, cell, find_cells, block_keys, sorted_bins)
+    grid.locate((position, carrier_position, surface_sample), cell, find_cells, block_keys, sorted_bins)
     return {"cell": (cell, _base(_f(position)[:, : grid.dim], grid.inverse_cell)[2].min(1))}
 
 

@@ -70,12 +70,6 @@ def find_cells(position, inverse_cell, blocks, complete, cell):
     return int(missing), int(lost)
 
 
-def sorted_bins(cell, blocks):
-    """Points by block."""
-    return points_by_block(cell, blocks)
-
-
 def cells(position, carrier_position, surface_sample, grid, cell):
     """Cell of every particle, with the blocks and bins of all point sets brought up to date."""
-    sets = {"particles": position, "carriers": carrier_position, "samples": surface_sample}
-    grid.locate(sets, cell, find_cells, block_keys, sorted_bins)
+    grid.locate((position, carrier_position, surface_sample), cell, find_cells, block_keys, points_by_block)

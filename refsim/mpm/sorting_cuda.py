@@ -202,7 +202,7 @@ def order(position, grid, cell):
 
 def cells(position, carrier_position, surface_sample, grid, cell):
     """Cell of every particle, with the blocks and bins of all point sets brought up to date."""
-    sets = {"particles": position, "carriers": carrier_position, "samples": surface_sample}
+    sets = position, carrier_position, surface_sample
     if grid.noted is not None:
         for name, points in grid.held(sets, cell).items():
             sort_points(name, points, grid, grid.cells[name], grid.noted.array if points is position else None)

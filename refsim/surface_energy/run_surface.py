@@ -3,9 +3,7 @@
 import copy
 from typing import Any
 
-import numpy as np
-
-from refsim.backends.arrays import Backend
+from refsim.backends.arrays import Backend, Growing, growing
 from refsim.core.errors import RunStopped
 from refsim.surface_energy import Tension
 from refsim.surface_energy.reconstruction import Reconstruction
@@ -52,8 +50,7 @@ class SurfaceSamples:
 
     def __init__(self, count: int, dtype: str, backend: Backend) -> None:
         self.count, self.dtype, self.backend = count, dtype, backend
-        self._storage: dict[str, Any] = {}
-        self._views: dict[str, Any] = {}
+        self.arrays = Growing(backend)
         self._taken: tuple[Any, ...] = (None,) * 4
         none = backend.zeros
         self.assign(none((0, 3), dtype), none((0, 3), dtype), none(0, dtype), none(0, "int32"))
@@ -66,34 +63,21 @@ class SurfaceSamples:
         self.sample_position, self.sample_normal, self.sample_area, self.sample_nearest = taken
 
     @property
-    def carrier_first(self) -> Any:
-        """First embedded point of each particle, and the end (n + 1,)."""
-        return self._array("first", (self.count + 1,), "int32")
+    def points(self) -> int:
+        """Number of embedded points, 2 s."""
+        return 2 * int(self.sample_position.shape[0])
 
-    @property
-    def carrier_position(self) -> Any:
-        """Embedded points (2 s, 3) [m], by owner: a sample, then its mirror image."""
-        return self._array("position", (2 * self.sample_position.shape[0], 3), self.dtype)
-
-    @property
-    def carrier_owner(self) -> Any:
-        """The particle that each is embedded around (2 s,)."""
-        return self._array("owner", (2 * self.sample_position.shape[0],), "int32")
-
-    @property
-    def carrier_moment(self) -> Any:
-        """Sums of B v (3) and B v (x_j - x_q)^T (9) of each (2 s, 12)."""
-        return self._array("moment", (2 * self.sample_position.shape[0], 12), self.dtype)
-
-    def _array(self, name: str, shape: tuple[int, ...], dtype: Any) -> Any:
-        view = self._views.get(name)
-        if view is None or view.shape != shape:
-            held = self._storage.get(name)
-            if held is None or held.shape[0] < shape[0]:
-                capacity = (shape[0] + shape[0] // 4, *shape[1:])
-                held = self._storage[name] = self.backend.empty(capacity, np.dtype(dtype))
-            view = self._views[name] = held[: shape[0]]
-        return view
+    carrier_first = growing(
+        "First embedded point of each particle, and the end (n + 1,)", "first", lambda own: (own.count + 1,), "int32"
+    )
+    carrier_position = growing(
+        "Embedded points (2 s, 3) [m], by owner: a sample, then its mirror image", "position",
+        lambda own: (own.points, 3),
+    )  # fmt: skip
+    carrier_owner = growing("The particle that each is around (2 s,)", "owner", lambda own: (own.points,), "int32")
+    carrier_moment = growing(
+        "Sums of B v (3) and B v (x_j - x_q)^T (9) of each (2 s, 12)", "moment", lambda own: (own.points, 12)
+    )
 
 
 class SurfaceOfRun(SurfaceSamples):
