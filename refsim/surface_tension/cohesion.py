@@ -39,7 +39,11 @@ KEEPS_DENSITY = 0.01
 STRAINED = 0.045  # Pi at which the bulk is compressed by 5 %, from which on a note warns
 DENSITY_KEPT = "small drops keep their density to 10 %"
 BECAME_DROPS = "cubes became drops (beyond it they fly apart, and a shorter step does not help)"
-TENSION_POWER, PRESSURE_POWER = {2: 3, 3: 4}, {2: 2, 3: 3}  # of r in the moments of C
+# For a sharp surface and g(r) = 1 (Kirkwood & Buff 1949), by dimension: power of r in the moment of C, and its factor
+# beside rho0^2. Tension [N/m] 3D -(pi/8) rho0^2 int r^4 C dr, 2D -(1/3) rho0^2 int r^3 C dr; cohesive pressure [Pa] of
+# the bulk, positive compresses, 3D -(2 pi/3) rho0^2 int r^3 C dr, 2D -(pi/2) rho0^2 int r^2 C dr.
+TENSION = {2: (3, -1 / 3), 3: (4, -math.pi / 8)}
+PRESSURE = {2: (2, -math.pi / 2), 3: (3, -2 * math.pi / 3)}
 # Measured over nominal tension of drops of the default liquid, by dimension: at each h/d, pairs (S, share) with the
 # measured S. The return of the density is in c/h: the smaller S, the nearer to a summed one.
 Measured = Mapping[int, tuple[tuple[float, tuple[tuple[float, float], ...]], ...]]
@@ -61,63 +65,26 @@ def force_moment(force: PairForce, power: int, support_radius: float, parts: int
     return float((half * weight * r**power * force(r)).sum())
 
 
-def tension_of_moment(rest_density: float, dim: int, *moment: float) -> float:
-    """Surface tension [N/m] for a sharp surface and g(r) = 1 (Kirkwood & Buff 1949), of the moment's factors.
-
-    3D sigma = -(pi/8) rho0^2 int r^4 C dr; 2D sigma = -(1/3) rho0^2 int r^3 C dr.
-    """
-    return math.prod((-math.pi / 8 if dim == 3 else -1 / 3, rest_density**2, *moment))
-
-
-def pressure_of_moment(rest_density: float, dim: int, *moment: float) -> float:
-    """Cohesive pressure [Pa] of the bulk for g(r) = 1, of the moment's factors; positive compresses.
-
-    3D P = -(2 pi/3) rho0^2 int r^3 C dr; 2D P = -(pi/2) rho0^2 int r^2 C dr.
-    """
-    return math.prod((-2 * math.pi / 3 if dim == 3 else -math.pi / 2, rest_density**2, *moment))
+def of_all_pairs(
+    of: Mapping[int, tuple[int, float]], force: PairForce, rest_density: float, h: float, dim: int
+) -> float:
+    """TENSION [N/m] or PRESSURE [Pa] of a pair force between all particles within h [m]."""
+    power, factor = of[dim]
+    return math.prod((factor, rest_density**2, force_moment(force, power, h)))
 
 
-def nominal_tension(force: PairForce, rest_density: float, support_radius: float, dim: int) -> float:
-    """Surface tension [N/m] of a pair force between all particles (`tension_of_moment`)."""
-    return tension_of_moment(rest_density, dim, force_moment(force, TENSION_POWER[dim], support_radius))
-
-
-def internal_pressure(force: PairForce, rest_density: float, support_radius: float, dim: int) -> float:
-    """Cohesive pressure [Pa] of a pair force between all particles (`pressure_of_moment`)."""
-    return pressure_of_moment(rest_density, dim, force_moment(force, PRESSURE_POWER[dim], support_radius))
-
-
-def lattice_tension(force: PairForce, rest_density: float, mass: float, grid: Discretisation) -> float:
-    """`nominal_tension` with the sum over the neighbours on the lattice instead of the integral [N/m].
-
-    3D sigma = -(n/32) sum_j r_j^2 f_j; 2D sigma = -(n/(6 pi)) sum_j r_j^2 f_j, f = m^2 C, n = rho0/m.
-    """
-    r = _shells(grid)
-    factor = 1 / 32 if grid.dim == 3 else 1 / (6 * math.pi)
-    return -factor * rest_density * mass * float((r**2 * force(r)).sum())
-
-
-def lattice_pressure(force: PairForce, rest_density: float, mass: float, grid: Discretisation) -> float:
-    """`internal_pressure` with the sum over the neighbours on the lattice instead of the integral [Pa].
-
-    P = -(n/(2 dim)) sum_j r_j f_j, f = m^2 C, n = rho0/m.
-    """
-    r = _shells(grid)
-    return -rest_density * mass / (2 * grid.dim) * float((r * force(r)).sum())
+def over_lattice(force: PairForce, power: int, grid: Discretisation) -> float:
+    """sum_j r_j^power C(r_j) over a particle's neighbours on the infinite lattice within the support."""
+    steps = lattice(math.ceil(grid.support_radius / grid.spacing), grid.dim)
+    r = grid.spacing * np.sqrt((steps**2).sum(1))
+    r = r[(r > 0) & (r < grid.support_radius)]
+    return float((r**power * force(r)).sum())
 
 
 def neighbours_in_support(grid: Discretisation) -> float:
     """Volume of the support over that of a particle: 4 pi/3 (h/d)^3 in 3D, pi (h/d)^2 in 2D."""
     share = grid.support_radius / grid.spacing
     return 4 * math.pi / 3 * share**3 if grid.dim == 3 else math.pi * share**2
-
-
-def _shells(grid: Discretisation) -> NDArray:
-    """Distances [m] of all neighbours on the infinite lattice within the support."""
-    reach = math.ceil(grid.support_radius / grid.spacing)
-    steps = lattice(reach, grid.dim)
-    r = grid.spacing * np.sqrt((steps**2).sum(1))
-    return r[(r > 0) & (r < grid.support_radius)]
 
 
 def compression(number: float) -> float:
@@ -296,10 +263,12 @@ class PairCohesion(Effect, MeasuredByDrops, BalancesCohesion, KnowsLimits, Pulls
         return self._tension_of(self._force(grid, others), grid, others)
 
     def _tension_of(self, force: PairForce, grid: Discretisation, others: Others) -> float:
+        """sigma [N/m]; lattice: 3D -(n/32) sum_j r_j^2 f_j, 2D -(n/(6 pi)) sum_j r_j^2 f_j, f = m^2 C, n = rho0/m."""
         fluid = liquid_of(others)
         if self.lattice:
-            return lattice_tension(force, fluid.rest_density, fluid.particle_mass(grid), grid)
-        return nominal_tension(force, fluid.rest_density, grid.support_radius, grid.dim)
+            factor = 1 / 32 if grid.dim == 3 else 1 / (6 * math.pi)
+            return -factor * fluid.rest_density * fluid.particle_mass(grid) * over_lattice(force, 2, grid)
+        return of_all_pairs(TENSION, force, fluid.rest_density, grid.support_radius, grid.dim)
 
     def tension_with_balance(self, grid: Discretisation, others: Others) -> float:
         """sigma [N/m] of C(r) - 2 P W'(r)/rho0^2: pair force and balancing pressure, which an advanced density has
@@ -311,13 +280,14 @@ class PairCohesion(Effect, MeasuredByDrops, BalancesCohesion, KnowsLimits, Pulls
         )
 
     def internal_pressure(self, grid: Discretisation, others: Others) -> float:
-        """P_int [Pa] of the pair force in the undisturbed bulk; 0 if it does not act there."""
+        """P_int [Pa] of the pair force in the undisturbed bulk; on the lattice -(n/(2 dim)) sum_j r_j f_j."""
         if not self.acts_on_all_pairs():
             return 0.0
         fluid, force = liquid_of(others), self._force(grid, others)
         if self.lattice:
-            return lattice_pressure(force, fluid.rest_density, fluid.particle_mass(grid), grid)
-        return internal_pressure(force, fluid.rest_density, grid.support_radius, grid.dim)
+            share = -fluid.rest_density * fluid.particle_mass(grid) / (2 * grid.dim)
+            return share * over_lattice(force, 1, grid)
+        return of_all_pairs(PRESSURE, force, fluid.rest_density, grid.support_radius, grid.dim)
 
     def balanced_pressure(self, grid: Discretisation, others: Others) -> float:
         return max(0.0, self.internal_pressure(grid, others)) if self.balance_pressure else 0.0
@@ -427,12 +397,6 @@ def capillary_limit(sigma: float, grid: Discretisation, others: Others) -> dict[
     half = 0.5 * grid.support_radius
     seconds = 0.25 * math.sqrt(liquid_of(others).rest_density * half**3 / (2 * math.pi * sigma))
     return {"capillary": StepLimit.constant(seconds)}
-
-
-def given_one(value: float | None) -> float:
-    """A coefficient that `one_of` has found to be the given one."""
-    assert value is not None
-    return value
 
 
 def one_of(owner: str, **given: float | None) -> None:

@@ -1,7 +1,4 @@
-"""Operations of Akinci et al. 2013.
-
-Arrays: position, normals (n, 3); mass, density (n,); SI units.
-"""
+"""Operations of Akinci et al. 2013; arrays position, normals (n, 3); mass, density (n,), in SI units."""
 
 from refsim.core.operation import SYMMETRY, operations
 from refsim.neighbours.sums import Fields, neighbours, wall_particles

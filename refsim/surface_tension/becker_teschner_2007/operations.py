@@ -1,7 +1,4 @@
-"""Operations of Becker & Teschner 2007.
-
-Arrays: position (n, 3); mass (n,); SI units.
-"""
+"""Operations of Becker & Teschner 2007; arrays position (n, 3); mass (n,), in SI units."""
 
 from refsim.core.operation import SYMMETRY, operation
 from refsim.neighbours.sums import Fields, neighbours

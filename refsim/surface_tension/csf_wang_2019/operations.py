@@ -1,7 +1,4 @@
-"""Operations of the continuum surface force.
-
-Arrays: position, normals (n, 3); mass, density, curvature (n,); SI units.
-"""
+"""Operations of the continuum surface force; arrays position, normals (n, 3); mass, density, curvature (n,); SI."""
 
 import numpy as np
 

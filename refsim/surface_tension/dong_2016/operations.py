@@ -1,7 +1,4 @@
-"""Operations of Dong, Zhang & Chen 2016.
-
-Arrays: position, velocity, normals (n, 3); mass, density, pressure (n,); SI units.
-"""
+"""Operations of Dong et al. 2016; arrays position, velocity, normals (n, 3); mass, density, pressure (n,); SI."""
 
 from refsim.core.operation import SYMMETRY, operations
 from refsim.neighbours.sums import Fields, neighbours, wall_particles

@@ -1,7 +1,4 @@
-"""Operations of He et al. 2014.
-
-Arrays: position (n, 3); mass, density, color (n,); SI units.
-"""
+"""Operations of He et al. 2014; arrays position (n, 3); mass, density, color (n,), in SI units."""
 
 from refsim.core.operation import SYMMETRY, operations
 from refsim.neighbours.sums import Fields, neighbours, wall_particles

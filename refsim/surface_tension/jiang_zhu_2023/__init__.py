@@ -9,6 +9,7 @@ becomes a rigid crust. With the modes by the surface set S drops do not come to 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Literal, NamedTuple
 
@@ -34,14 +35,11 @@ from refsim.surface_normal import (
     normal_term,
 )
 from refsim.surface_tension.cohesion import (
-    PRESSURE_POWER,
-    TENSION_POWER,
+    PRESSURE,
+    TENSION,
     PairCohesion,
     angular_momentum_note,
     density_complete_at_surface,
-    given_one,
-    pressure_of_moment,
-    tension_of_moment,
 )
 from refsim.surface_tension.jiang_zhu_2023 import operations as operations
 from refsim.surface_tension.jiang_zhu_2023.modes import AREA_TERMS, PAIR_MODES
@@ -135,17 +133,19 @@ def unit_moment(power: int, alpha: float, beta: float, dim: int) -> float:
 def kirkwood_buff_sigma(
     gamma: float, rest_density: float, support_radius: float, dim: int, alpha: float | None = None, beta: float = BETA
 ) -> float:
-    """Nominal surface tension [N/m] of the pair force between all particles (`cohesion.tension_of_moment`)."""
-    moment = unit_moment(TENSION_POWER[dim], ALPHA[dim] if alpha is None else alpha, beta, dim)
-    return tension_of_moment(rest_density, dim, gamma, support_radius**2, moment)
+    """Nominal surface tension [N/m] of the pair force between all particles (`cohesion.TENSION`)."""
+    power, factor = TENSION[dim]
+    moment = unit_moment(power, ALPHA[dim] if alpha is None else alpha, beta, dim)
+    return math.prod((factor, rest_density**2, gamma, support_radius**2, moment))
 
 
 def kirkwood_buff_pressure(
     gamma: float, rest_density: float, support_radius: float, dim: int, alpha: float | None = None, beta: float = BETA
 ) -> float:
-    """Cohesive pressure [Pa] of the pair force between all particles (`cohesion.pressure_of_moment`)."""
-    moment = unit_moment(PRESSURE_POWER[dim], ALPHA[dim] if alpha is None else alpha, beta, dim)
-    return pressure_of_moment(rest_density, dim, gamma, support_radius, moment)
+    """Cohesive pressure [Pa] of the pair force between all particles (`cohesion.PRESSURE`)."""
+    power, factor = PRESSURE[dim]
+    moment = unit_moment(power, ALPHA[dim] if alpha is None else alpha, beta, dim)
+    return math.prod((factor, rest_density**2, gamma, support_radius, moment))
 
 
 class JiangZhu2023(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=True):
@@ -233,7 +233,7 @@ class JiangZhu2023(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=T
         """sigma [N/m], given or from gamma."""
         if self.surface_tension is not None:
             return self.surface_tension
-        return self._nominal(given_one(self.gamma), grid, others)
+        return self._nominal(self.gamma or 0.0, grid, others)
 
     def _nominal(self, gamma: float, grid: Discretisation, others: Others) -> float:
         rest_density = liquid_of(others).rest_density

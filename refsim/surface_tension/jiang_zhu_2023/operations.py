@@ -1,7 +1,4 @@
-"""Operations of Jiang & Zhu 2023.
-
-Arrays: position, normals (n, 3); mass, density, weights, marks (n,); SI units.
-"""
+"""Operations of Jiang & Zhu 2023; arrays position, normals (n, 3); mass, density, weights, marks (n,), in SI units."""
 
 import numpy as np
 
