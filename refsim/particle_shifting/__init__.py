@@ -5,6 +5,9 @@ a free surface only what is uneven within it acts; what is near it, and its norm
 """
 
 import dataclasses
+import functools
+import itertools
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
@@ -27,7 +30,7 @@ from refsim.core.effect import Discretisation, Effect, Others, Pass
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.particle_shifting import operations as operations
-from refsim.smoothing import smoothing
+from refsim.smoothing import lattice, smoothing
 from refsim.sph import FILLING, LARGEST_SHIFT, LIQUID, NUMBER_DENSITY, SETS, SHIFT, liquid_of
 
 if TYPE_CHECKING:
@@ -45,6 +48,7 @@ LEAST_NORMAL = 0.05  # of h times the gradient of the filling, below which a sur
 # fillings between which what is uneven along the normal begins to act: not in the outermost layer of a lattice (0.69 to
 # 0.88), but in the next one (0.96 and more); beside a tension as its coefficients were measured
 OUTERMOST, BESIDE_TENSION = (0.9, 0.95), (0.97, 1.0)
+OVERSHOT = 1.75  # of a lattice's wave, most that a step takes away; with 2 it stays as large, and beyond it grows
 LEAST_FULL = 0.97  # share of a box that liquid without a surface fills at least
 PASSING_SHIFT = dataclasses.replace(SHIFT, state=False)  # that no later density takes
 
@@ -59,6 +63,25 @@ class Shifting(NamedTuple):
     whole: float = 1.0  # factor of the filling: 1, or 1/delta0 of the number density [m^dim]
     outer: float = 0.9  # filling up to which nothing along the normal is left
     within: float = 0.95  # filling from which on all is
+    farthest: float = math.inf  # largest v_max dt that counts [m]
+
+
+@functools.lru_cache(maxsize=64)
+def steepest(shape: str, reach: float, dim: int) -> float:
+    """Largest change of g_i, (7), over the displacement of a wave's crest in a lattice [1/d^2], h = `reach` [d]."""
+    from refsim.smoothing.reference import kernel_slope, kernel_value
+
+    kernel, x, step = smoothing(shape, reach, dim), lattice(math.ceil(reach), dim)[:, :dim].astype(float), 1e-4
+    x = x[x.any(1)]
+
+    def gradients(x: np.ndarray) -> np.ndarray:
+        r = np.linalg.norm(x, axis=1)
+        crowded = 1 + 0.2 * (kernel_value(r, kernel) / kernel_value(1.0, kernel)) ** 4
+        return (crowded * kernel_slope(r, kernel) / r)[:, None] * x
+
+    change = np.stack([gradients(x + e) - gradients(x - e) for e in step * np.eye(dim)], -1) / (2 * step)
+    waves = np.array(list(itertools.product(np.linspace(0, math.pi, 9), repeat=dim)))
+    return float(np.linalg.eigvalsh(np.einsum("nw,nab->wab", 1 - np.cos(x @ waves.T), change)).max())
 
 
 def _within_meshes(others: Others) -> bool:
@@ -164,10 +187,12 @@ class ParticleShifting(Effect, CorrectsPositions, Joins, FollowsStart, frozen=Tr
         from refsim.smoothing.reference import kernel_value
 
         liquid = liquid_of(others)
-        kernel = smoothing(SETS[liquid.kernels][1], grid.support_radius, grid.dim)
+        shape, reach = SETS[liquid.kernels][1], grid.support_radius / grid.spacing
+        kernel = smoothing(shape, grid.support_radius, grid.dim)
+        farthest = OVERSHOT * grid.spacing / (self.strength * reach * steepest(shape, reach, grid.dim))
         numbers = (
             self.strength * grid.support_radius, 1 / float(kernel_value(grid.spacing, kernel)), LARGEST_SHIFT,
             LEAST_NORMAL / grid.support_radius, 1.0 if liquid.advances() else 1 / liquid.rest_number_density(grid),
-            *(BESIDE_TENSION if effects_with(others, PullsParticles) else OUTERMOST),
+            *(BESIDE_TENSION if effects_with(others, PullsParticles) else OUTERMOST), farthest,
         )  # fmt: skip
         return {"shifting": Shifting(*map(grid.real, numbers))}

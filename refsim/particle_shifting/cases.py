@@ -9,15 +9,15 @@ from refsim.smoothing.cases import for_each_kernel
 example(ParticleShifting(), brings="concentration_gradient filling_gradient number_density shift velocity_range")
 
 takes("particle_shifting.crowding", shifting="inverse_neighbour")
-takes("particle_shifting.shift", shifting="length largest least whole outer within")
+takes("particle_shifting.shift", shifting="length largest least whole outer within farthest")
 PAIR = at("shifted_pair", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
 
 groups(
-    # some of the particles would go beyond the longest shift; W(d) is about that of a spacing
+    # some of the particles would go beyond the longest shift, and all in the plane; W(d) is about that of a spacing
     shifting=lambda case, grid: Shifting(
         *map(grid.real, (0.02 * case.support_radius, case.spacing**case.dim, 0.04)),
-        *map(grid.real, (1 / case.support_radius, 1.02, 0.9, 0.95)),
+        *map(grid.real, (1 / case.support_radius, 1.02, 0.9, 0.95, 1e-3 if case.dim == 2 else 1e9)),
     )
 )
 
@@ -96,6 +96,13 @@ def inside_and_solid():
     """Where all is filled the normal does not count; a solid stays."""
     fields = {"filling": [1.0, 1.25], "filling_gradient": np.ones((2, 3)), "phase": [0, 1]}
     return _shifted([[0.0, 3.0, 0.0], [0.0, -2.0, 0.0]], [[0.0, -3 * MOST, 0.0], [0.0, 0.0, 0.0]], **fields)
+
+
+@closed_form("particle_shifting.shift")
+def where_it_would_overshoot():
+    """v_max dt = 1 m counts as 0.4 m, also for the bound: the first moves by 0.3 of that."""
+    shift = [[0.0, -0.12, 0.0], [0.0, 0.4 * MOST / 4, 0.0]]
+    return _shifted([[0.0, 3.0, 0.0], [0.0, -0.25, 0.0]], shift, shifting=Shifting(0.5, 1.0, 0.3, farthest=0.4))
 
 
 @closed_form("particle_shifting.shift")

@@ -116,7 +116,7 @@ def shift(i, concentration_gradient, filling, filling_gradient, phase, shifting,
     """Displacement of a step beside dt v [m]; none of solids."""
     zero, u = type(shifting.length)(0), velocity_range
     box = u[0] + u[3], u[1] + u[4], u[2] + u[5]
-    longest = type(shifting.length)(0.5) * math.sqrt(dot(box, box)) * timestep[1]
+    longest = min(type(shifting.length)(0.5) * math.sqrt(dot(box, box)) * timestep[1], shifting.farthest)
     g = three(concentration_gradient, i)
     if filling is not None:
         n, filled = three(filling_gradient, i), filling[i] * shifting.whole

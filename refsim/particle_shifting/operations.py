@@ -64,7 +64,7 @@ def shift(concentration_gradient, filling, filling_gradient, phase, shifting, ve
     liquid = None if phase is None else np.asarray(phase) == 0
     i = Fields(gradient=concentration_gradient, filling=filling, normal=filling_gradient, liquid=liquid).at(rows)
     along, against = np.asarray(velocity_range, dtype=float).reshape(2, 3)
-    longest = float(ref.largest_speed(along, against) * float(timestep[1]))
+    longest = float(ref.largest_step(along, against, float(timestep[1]), float(shifting.farthest)))
     g = i.gradient
     if filling is not None:
         outer, within = float(shifting.outer), float(shifting.within)

@@ -15,9 +15,10 @@ def concentration_gradient(i, j, ij, inverse):
     return j.volume * (1 + 0.2 * (ij.W * inverse) ** 4) * ij.gradient
 
 
-def largest_speed(along, against):
-    """v_max = |v_+ + v_-|/2 [m/s], of the largest velocities along and against each axis beyond any one of them."""
-    return np.linalg.norm(along + against) / 2
+def largest_step(along, against, dt, farthest):
+    """min(v_max dt, `farthest`) [m], v_max = |v_+ + v_-|/2 of the largest velocities along and against each axis beyond
+    any one of them."""
+    return min(np.linalg.norm(along + against) / 2 * dt, farthest)
 
 
 def shift(g, length, longest):

@@ -1,5 +1,6 @@
 """The liquid with an advanced density: tanks rest and weigh what they hold, vortices decay as they should."""
 
+import itertools
 import math
 
 import numpy as np
@@ -41,6 +42,27 @@ def test_walls_above_the_surface_leave_a_tank_in_space_at_rest(kernels, ratio):
     simulation = rs.Simulation(tank(4, ratio, 3, kernels=kernels, restoring=0.01), "numpy")
     speed = np.linalg.norm(advanced(simulation, 8).field("velocity"), axis=1).mean()
     assert speed < 0.015 * G * simulation.time
+
+
+@pytest.mark.parametrize(("dim", "ratio"), [(2, 2.0), (3, 2.6)])
+def test_a_fast_particle_does_not_make_the_others_shift_too_far(dim, ratio):
+    """A step takes away 1.75 of the wave of a lattice that the shift changes most; twice as much, and it would stay."""
+    scene = rs.Scene(
+        dim=dim, dtype="float64", spacing=1.0, support_radius=ratio, period=(6.0, 6.0, 6.0 * (dim == 3)),
+        fluid=(rs.Box(cells=(6, 6, 6 if dim == 3 else 1)),), effects=(rs.WeaklyCompressible(sound_speed=1.0),),
+    )  # fmt: skip
+    taken = []
+    for wave in list(itertools.product((0, 1), repeat=dim))[1:]:
+        simulation = rs.Simulation(scene, "numpy")
+        place, fast = simulation.field("position"), simulation.field("velocity")
+        crest = 1e-4 * np.cos(np.pi * (place[:, :dim] - 0.5) @ wave)
+        place[:, 0] += crest
+        fast[0, 1] = 5.0
+        simulation.set_field("position", place)
+        simulation.set_field("velocity", fast)
+        simulation.step()
+        taken.append(-simulation.field("shift")[:, 0] @ crest / (crest @ crest))
+    assert max(taken) == pytest.approx(1.75, rel=1e-3)
 
 
 def without_walls(**changes):
