@@ -124,6 +124,7 @@ class Diffusion(NamedTuple):
 
     coefficient: float  # delta h_s c [m^2/s], h_s = h/2
     stretch: float  # rho0/c^2 [kg s^2/m^(dim + 2)]: times g, the slope of the density at rest
+    release: float = 0.0  # rate c/h at which a lone particle gives off its pressure [1/s]
 
 
 class Recount(NamedTuple):
@@ -612,7 +613,8 @@ class WeaklyCompressible(
             return {"diffusion": None, "lean": None, "recount": recount}
         coefficient = 0.5 * self.diffusion * grid.support_radius * self.sound_speed
         stretch = self.rest_density / self.sound_speed**2
-        diffusion = Diffusion(grid.real(coefficient), grid.real(stretch))
+        release = self.sound_speed / grid.support_radius
+        diffusion = Diffusion(*map(grid.real, (coefficient, stretch, release)))
         return {"diffusion": diffusion, "recount": recount, **lean(grid, others)}
 
     def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:

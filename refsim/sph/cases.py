@@ -68,7 +68,9 @@ cases.groups(
     # within the cases' densities, so that some particles are above them
     density_bounds=lambda case, grid: sph.DensityBounds(*map(grid.real, (cases.REST_DENSITY, 1.0, 1.05))),
     # delta = 0.1, c = 20 m/s
-    diffusion=lambda case, grid: sph.Diffusion(grid.real(grid.support_radius), grid.real(cases.REST_DENSITY / 400)),
+    diffusion=lambda case, grid: sph.Diffusion(
+        *map(grid.real, (grid.support_radius, cases.REST_DENSITY / 400, 20 / grid.support_radius))
+    ),
     # half of the way back in a second
     recount=lambda case, grid: sph.Recount(grid.real(0.5), grid.real(0.99)),
     field=lambda case, grid: np.array([0.3, -9.81, 1.7], dtype=grid.dtype),
@@ -211,9 +213,9 @@ def moving_walls(w):
     )  # fmt: skip
 
 
-def _half_surrounded(w, change, **given):
+def _half_surrounded(w, change, shares=(0.6, 0.25), **given):
     """The first particle's `change` at rest between another of V_j and a wall particle of V_b: l = 0.6, b = 0.25."""
-    place, large = np.array([[0.0, -1.0, 0.0], [0.0, 9.0, 0.0]]), 3 * np.array([0.6, 0.25]) / w.slope
+    place, large = np.array([[0.0, -1.0, 0.0], [0.0, 9.0, 0.0]]), 3 * np.array(shares) / w.slope
     inputs = {
         "mass": [2.0, 980 * large[0]], "walls": WallParticles(place, np.full(2, large[1])), "wall_motion": None,
         "wall_strain": None,
@@ -227,6 +229,14 @@ def strained_by_a_wall(w):
     """d rho = rho f s_b W(h/2)/V dt, f = (0.6/(1 - 0.25) - 0.75)/0.1 = 0.5; the second has too little around it."""
     strained = 0.25 * 1100 * 0.5 * 1100 / 2 * 0.02 * w.share * w.at_zero
     return _half_surrounded(w, lambda v_j, v_b: strained, wall_strain=[0.02, -0.01])
+
+
+@for_each_kernel("sph.continuity")
+def given_off_to_the_space_around(w):
+    """1/(1 + a rate dt) of the excess is left, rate = 4/s: a = 0.5 at l + b = 0.15 + 0.1, 1 with nothing around."""
+    rate = {"diffusion": sph.Diffusion(0.0, 0.0, 4.0), "lean": sph.WallFrameGravity(0.0, 0.0, 0.0)}
+    exact = _half_surrounded(w, lambda *v: 0.0, (0.15, 0.1), **rate)
+    return _continued(EXCESS / [1.5, 2.0], exact.case, **exact.inputs)
 
 
 @for_each_kernel("sph.continuity")

@@ -79,6 +79,16 @@ def surrounded_share(around, held):
     return min(max(share, real(0)), real(1))
 
 
+LONE, JOINED = 0.2, 0.3  # of the space around: as much as this fills and less, and more; 0.24 and more at a corner
+
+
+@formula
+def lone_share(around):
+    """a = (0.3 - s)/0.1 in 0 to 1 [-]: how lone a particle is, around which a share s is filled."""
+    real = type(around)
+    return min(max((real(JOINED) - around) / real(JOINED - LONE), real(0)), real(1))
+
+
 @formula
 def diffusion_pair(volume_j, excess_i, excess_j, head, slope, diffusion):
     """Fourtakas et al. 2019 for one neighbour: part of d rho_i/dt [kg/(m^dim s)]; `slope` = W'(r)/r.

@@ -194,7 +194,7 @@ def continuity(
     )  # fmt: skip
     fields = position, velocity, mass, advanced_excess, density_excess, density
     given = fields, rest, per_step, timestep, smoothing, period
-    put_advanced(i, lane, sums, given, walls, wall_strain, shift, wall_motion, recount, filling)
+    put_advanced(i, lane, sums, given, walls, wall_strain, shift, wall_motion, diffusion, recount, filling)
 
 
 @formula
@@ -205,7 +205,7 @@ def inverse_step(timestep, zero_like):
 
 
 @formula(inlined=True)
-def put_advanced(i, lane, sums, given, walls, wall_strain, shift, wall_motion, recount, filling):
+def put_advanced(i, lane, sums, given, walls, wall_strain, shift, wall_motion, diffusion, recount, filling):
     """Write what `continuity` says [kg/m^dim] with the neighbours' sums; the walls' are added."""
     fields, rest, per_step, timestep, smoothing, period = given
     position, velocity, mass, advanced_excess, density_excess, density = fields
@@ -230,6 +230,9 @@ def put_advanced(i, lane, sums, given, walls, wall_strain, shift, wall_motion, r
                 filling[i] = share
     if first_lane(lane):
         excess += timestep[1] * ((rest + excess) * rate + spread)
+        if diffusion is not None:
+            lone = formulas.lone_share((fill + held) / dim)
+            excess /= type(rest)(1) + timestep[1] * lone * diffusion.release
         excess = formulas.least_excess(excess, rest)
         density_excess[i] = excess
         density[i] = rest + excess
@@ -265,7 +268,7 @@ def continuity_and_sums(
     )  # fmt: skip
     fields = position, velocity, mass, advanced_excess, density_excess, density
     given = fields, rest, per_step, timestep, gradient_smoothing, period
-    put_advanced(i, lane, sums[0:5], given, walls, wall_strain, shift, wall_motion, recount, filling)
+    put_advanced(i, lane, sums[0:5], given, walls, wall_strain, shift, wall_motion, diffusion, recount, filling)
     if phase is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
         if phase[i] != LIQUID_PHASE and first_lane(lane):
             density_excess[i] = type(rest)(0)

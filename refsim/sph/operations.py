@@ -119,12 +119,13 @@ def continuity(
     )  # fmt: skip
     b = wall_particles(walls, velocity=moving(walls, wall_motion), strain=wall_strain)
     around, at_walls = (neighbours(i, j, smoothing, period=period, rows=rows) for j in (i, b))
-    here, spread = around.i, 0.0
+    here, spread, released = around.i, 0.0, 0.0
     strain = around(ref.strain) + at_walls(ref.strain)
     if shift is not None and dt != 0:
         strain += around(ref.transport) + at_walls(ref.transport_at_walls)
     held = (around(ref.filling_of_solids) + at_walls(ref.filling)) / int(smoothing.dim)
-    filled, share = ref.of_what_is_left(around(ref.filling_of_liquid) / int(smoothing.dim), held), 1.0
+    liquid, share = around(ref.filling_of_liquid) / int(smoothing.dim), 1.0
+    filled = ref.of_what_is_left(liquid, held)
     if walls is not None and wall_strain is not None:
         strain += ref.interior(filled) * at_walls(ref.handed_on) / here.volume
     if recount is not None:
@@ -133,7 +134,8 @@ def continuity(
     if diffusion is not None:
         slope = float(diffusion.stretch) * np.array([float(part) for part in lean])
         spread = around(ref.diffusion, delta_h_c=diffusion.coefficient, lean=slope)
-    excess = ref.advanced(here, strain, spread, dt)
+        released = float(diffusion.release) * ref.lone(liquid + held)
+    excess = ref.advanced(here, strain, spread, released, dt)
     return {"filling": where(here.liquid, share, 1.0), "density_excess": excess, "density": here.rest + excess}
 
 

@@ -101,9 +101,15 @@ def handed_on(i, b, ib):
     return b.strain * ib.W
 
 
-def advanced(i, strain, spread, dt):
-    """e_i <- e_i + dt (rho_i strain + spread) [kg/m^dim], at least -0.05 rho0: liquid pulled further apart breaks."""
-    return i.liquid * maximum(i.excess + dt * (i.density * strain + spread), -0.05 * i.rest)
+def lone(around):
+    """a from 1 where 0.2 of the space around is filled to 0 at 0.3; dimensionless."""
+    return clip((0.3 - around) / 0.1, 0, 1)
+
+
+def advanced(i, strain, spread, released, dt):
+    """e_i <- (e_i + dt (rho_i strain + spread))/(1 + dt `released`) [kg/m^dim], at least -0.05 rho0: liquid pulled
+    further apart breaks."""
+    return i.liquid * maximum((i.excess + dt * (i.density * strain + spread)) / (1 + dt * released), -0.05 * i.rest)
 
 
 def state(i, stiffness, rest, exponent):

@@ -65,6 +65,16 @@ def test_a_fast_particle_does_not_make_the_others_shift_too_far(dim, ratio):
     assert max(taken) == pytest.approx(1.75, rel=1e-3)
 
 
+def test_a_lone_particle_gives_off_its_pressure():
+    """Spray that keeps what it had when it left the liquid bounces as balls do that lose nothing."""
+    liquid = rs.WeaklyCompressible(sound_speed=10.0)
+    scene = rs.Scene(spacing=1.0, support_radius=2.6, fluid=(rs.Box(cells=(1, 1, 1)),), effects=(liquid,))
+    simulation = rs.Simulation(scene, "numpy")
+    simulation.set_field("advanced_excess", np.array([100.0], np.float32))
+    advanced(simulation, 20)
+    assert 0 <= simulation.field("pressure")[0] < 0.01 * 100 * 10.0**2
+
+
 def without_walls(**changes):
     return lambda: make_plan(
         rs.Scene(
