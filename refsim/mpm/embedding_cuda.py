@@ -3,8 +3,7 @@
 import math
 
 from refsim.backends import device
-from refsim.mpm.embedding import Samples
-from refsim.mpm.groups import Owned
+from refsim.mpm.groups import Owned, Samples
 from refsim.mpm.kernels import embed_samples
 from refsim.sparse_grid.block_search_cuda import begin_lists, count_points, fill_lists, lists_of
 

@@ -23,3 +23,5 @@ Nodes = namedtuple("Nodes", "node_mass node_momentum node_pull")
 Bins = namedtuple("Bins", "first point")
 # Points sorted into blocks: their numbers by bin, their cells, and the blocks
 Places = namedtuple("Places", "bins cell blocks")
+# Samples of the surface (s, 3) [m], their numbers (s,) by owner, and the place (n + 1,) of the first of each owner
+Samples = namedtuple("Samples", "position order first")

@@ -1,11 +1,16 @@
 """What one point or one node does, and the geometry of stencils and clusters that the transfers share."""
 
+import math
+
+import numpy as np
+
 from refsim.backends.compile import formula, kernel
+from refsim.backends.reductions import reduction
 from refsim.backends.tuples import added, difference, nine, over, product, put, scaled, symmetric, three, transposed
 from refsim.mpm import formulas
-from refsim.mpm.groups import Nodes
+from refsim.mpm.groups import Nodes, Owned, Samples
 from refsim.mpm.limits import FARTHEST
-from refsim.sparse_grid.formulas import block_key, node_coordinates
+from refsim.sparse_grid.formulas import block_key, node_coordinates, step_node
 
 # Cells and stencils
 
@@ -141,6 +146,24 @@ def embed_samples(i, position, samples, cell_size, carriers, carrier_first, clus
     put(inverse_spread, i, formulas.inverse_spread(xx, xy, xz, yy, yz, zz))
 
 
+def by_owner(sample_owner, count):
+    """(numbers of the samples by owner, place of the first of each owner and the total), int32, stable."""
+    order = np.argsort(sample_owner, kind="stable").astype(np.int32)
+    first = np.zeros(count + 1, np.int32)
+    np.cumsum(np.bincount(sample_owner, minlength=count), out=first[1:])
+    return order, first
+
+
+def embed(
+    position, surface_sample, sample_owner, background, scratch, carrier_first, carrier_position, carrier_owner,
+    cluster_share, inverse_spread,
+):  # fmt: skip
+    """Embedded points [m] by owner, shares w = 1/(2 C + 1) and E^-1 of the clusters."""
+    order, first = by_owner(sample_owner, position.shape[0])
+    samples, carriers = Samples(surface_sample, order, first), Owned(carrier_position, carrier_owner)
+    embed_samples(position, samples, background.cell_size, carriers, carrier_first, cluster_share, inverse_spread)
+
+
 # On the nodes
 
 
@@ -207,3 +230,34 @@ def at_walls(j, v, planes):
         zero = type(v[0])(0)
         return zero, zero, zero
     return formulas.wall_velocity(v, j, low, high, below, above)
+
+
+# Density counted on the grid over that of the volume ratio, and its maximum
+
+
+@reduction(into="greatest_crowding", how="largest", rows="crowding")
+def count_all(i, position, volume_ratio, node_mass, cell, background, counting, blocks, crowding):
+    """q = J sum_j B_j(x_p) m_j/(rho0 h^d), dimensionless: density counted on the grid over that of J_i.
+
+    In the largest a NaN counts as infinite.
+    """
+    jx, jy, jz = node_coordinates(blocks, cell[i])
+    x, y, z = three(position, i)
+    f = formulas.fraction(x, jx, background), formulas.fraction(y, jy, background), formulas.fraction(z, jz, background)
+    wx, wy, wz = stencil_weights(f, background)
+    real = type(background.cell_size)
+    total = real(0)
+    for kz in range(background.layers):
+        for ky in range(3):
+            for kx in range(3):
+                node = step_node(blocks, cell[i], kx, ky, kz)
+                total += wz[kz] * wy[ky] * wx[kx] * (node_mass[node] / counting.cell_mass)
+    ratio = volume_ratio[i] * total
+    crowding[i] = ratio
+    return ratio if ratio < real(math.inf) else real(math.inf)
+
+
+def count(position, volume_ratio, node_mass, background, counting, grid, greatest_crowding, crowding):
+    """Counted density over that of J for every particle, and the largest; dimensionless."""
+    cell = grid.cells["particles"]
+    count_all(position, volume_ratio, node_mass, cell, background, counting, grid.blocks, crowding, greatest_crowding)

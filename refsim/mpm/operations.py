@@ -358,7 +358,7 @@ def grid_to_particle(
     outputs="carrier_first carrier_position carrier_owner cluster_share inverse_spread",
     exact="carrier_first carrier_owner", entrywise="carrier_position", tolerance=16.0,
     reason="a few roundings for each product, and twenty in the inverse of a matrix whose entries are at most one",
-    programs={"cpu": "embedding", "cuda": "embedding_cuda"},
+    programs={"cuda": "embedding_cuda"},
 )  # fmt: skip
 def embed(position, surface_sample, sample_owner, background):
     """Points x_s and x_o by owner p [m], w, and E_p^-1 as (xx, xy, xz, yy, yz, zz), dimensionless."""
@@ -395,7 +395,7 @@ def viscosity(volume_ratio, inverse_spread, viscous_stress, timestep, affine):
 
 @operation(
     "none in the thesis; J sum_j B_j(x_p) m_j/(rho0 h^d), m_j of 4.2.4", outputs="greatest_crowding crowding",
-    tolerance=32.0, reason=_SUMS, invariants="reordering", programs=dict.fromkeys(("cpu", "cuda"), "crowding"),
+    tolerance=32.0, reason=_SUMS, invariants="reordering",
 )  # fmt: skip
 def count(position, volume_ratio, node_mass, background, counting, grid):
     """q_p, dimensionless, and the largest."""

@@ -110,7 +110,6 @@ def keep(new_pressure, rows=None):
     outputs="own_displacement diagonal advected_density pair_displacement density_error new_pressure pressure"
     " acceleration", adds="acceleration", halo_depth=8, optional="walls", tolerance=32.0,
     reason="the roundings of every step, which the scale carries on", invariants=SYMMETRY,
-    programs={"cpu": "iteration", "cuda": "iteration"},
 )  # fmt: skip
 def solve(position, velocity, mass, density, walls, smoothing, fluid, implicit, timestep, pressure, acceleration):
     """All steps of a solution, in turn; p = 0.5 p(before) at first [Pa], a_i = push [m/s^2].
