@@ -13,22 +13,15 @@ Report = Callable[[float], None]  # is given the share done of a task, 0 to 1
 
 @dataclass(frozen=True)
 class Task:
-    """`function(report, *arguments)` in another process; both are pickled, and functions travel by their names.
+    """`function(report, *arguments)` in another process; both are pickled, and functions travel by their names."""
 
-    key      digest of the task; no two tasks have the same
-    name     in messages and progress
-    weight   work relative to that of the other tasks
-    bytes    of memory that it needs; 0 if that is not known
-    gpu      whether it needs a GPU of its own
-    """
-
-    key: str
-    name: str
+    key: str  # digest of the task; no two tasks have the same
+    name: str  # in messages and progress
     function: Callable[..., Any]
     arguments: tuple[Any, ...] = ()
-    weight: float = 1.0
-    bytes: int = 0
-    gpu: bool = False
+    weight: float = 1.0  # work relative to that of the other tasks
+    bytes: int = 0  # of memory that it needs; 0 if that is not known
+    gpu: bool = False  # whether it needs a GPU of its own
 
 
 @dataclass(frozen=True)

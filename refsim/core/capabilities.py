@@ -278,19 +278,13 @@ class LimitsMassRatio:
 
 
 class Margin(NamedTuple):
-    """A setting beside the limit up to which runs were measured to hold (docs/stability.md).
+    """A setting beside the limit up to which runs were measured to hold (docs/stability.md)."""
 
-    setting  its name with its unit
-    value    in the scene
-    limit    the largest value that held, or with `least` the smallest
-    beyond   note where the value is beyond the limit
-    """
-
-    setting: str
-    value: float
-    limit: float
+    setting: str  # its name with its unit
+    value: float  # in the scene
+    limit: float  # the largest value that held, or with `least` the smallest
     least: bool = False
-    beyond: str = ""
+    beyond: str = ""  # note where the value is beyond the limit
 
     @property
     def factor(self) -> float:
@@ -341,15 +335,11 @@ class KeepsLedger:
 
 
 class Balance(NamedTuple):
-    """A total that is kept, in J (J/m in 2D).
-
-    size          sum of the moduli of its parts, to which rounding is proportional
-    exchangeable  what can change places: half of the sum of |part - its share of the total|
-    """
+    """A total that is kept, in J (J/m in 2D)."""
 
     total: float
-    size: float
-    exchangeable: float
+    size: float  # sum of the moduli of its parts, to which rounding is proportional
+    exchangeable: float  # what can change places: half of the sum of |part - its share of the total|
 
 
 class KeepsBalance:

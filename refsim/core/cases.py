@@ -29,27 +29,23 @@ REST_DENSITY = 1000.0
 class Case:
     """One hard input. Lengths in metres; 2D cases have z = 0.
 
-    position       (n, 3) particle positions
     wall_position  (m, 3) wall particles; none by default
-    masses         least and greatest mass, in units of rho0 d^dim
-    skin           share of the support radius by which the neighbour list reaches further
     kernels, state, clamp, literal  settings of the effects whose parameter groups are taken
-    ties           True where decisions are drawn on purpose, so that few flags are certain
     """
 
     name: str
     dim: int
-    position: np.ndarray
+    position: np.ndarray  # (n, 3) particle positions
     spacing: float = 0.1
     support_radius: float = 0.2
     wall_position: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
-    masses: tuple[float, float] = (0.4, 2.5)
-    skin: float = 0.1
+    masses: tuple[float, float] = (0.4, 2.5)  # least and greatest mass, in units of rho0 d^dim
+    skin: float = 0.1  # share of the support radius by which the neighbour list reaches further
     kernels: str = "wendland"
     state: str = "linear"
     clamp: bool = False
     literal: bool = False
-    ties: bool = False
+    ties: bool = False  # True where decisions are drawn on purpose, so that few flags are certain
 
     @property
     def count(self) -> int:
@@ -159,14 +155,13 @@ class Variation:
     """How the contract changes the members of one type of parameter group, one at a time.
 
     follow  (group, inputs, smoothing kernel) -> values of the members that follow from others, here or there
-    held    members that are never changed alone, each with its reason
     other   another legal value of a member, from its own; by default 0.9 of a number, and of an integer 1 for 0 and one
             less for every other
     usual   members that act in an operation which does not say what it takes; by default all
     """
 
     follow: Callable[[Any, Any, Any], Members] = lambda group, inputs, kernel: {}
-    held: Mapping[str, str] = field(default_factory=dict)
+    held: Mapping[str, str] = field(default_factory=dict)  # members that are never changed alone, each with its reason
     other: Mapping[str, Callable[[Any], Any]] = field(default_factory=dict)
     usual: tuple[str, ...] | None = None
 

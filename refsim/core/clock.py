@@ -6,14 +6,10 @@ from typing import NamedTuple
 
 
 class Seconds(NamedTuple):
-    """A reading of both clocks, or what lies between two [s].
+    """A reading of both clocks, or what lies between two [s]."""
 
-    wall       of the clock
-    processor  of this process in all its threads, and of its children that have ended
-    """
-
-    wall: float = 0.0
-    processor: float = 0.0
+    wall: float = 0.0  # of the clock
+    processor: float = 0.0  # of this process in all its threads, and of its children that have ended
 
     @classmethod
     def now(cls) -> "Seconds":

@@ -24,7 +24,6 @@ class Pass:
     """One launch of one operation; `names` says what its arguments are called here where names differ.
 
     reads  where it names none, the plan takes the fields among the arguments of the operation's reference
-    algorithm  of the program, where the backend has it; else the plain program runs ("plain": always)
     stage  "start": once, when a simulation is made or resumed, for tables that follow from its state. "begin": at the
            beginning of every step, in the effects' order; not when `evaluate` is called. "forces": before the
            step's length is known, ordered by what passes touch. "motion": once it is known, in the effects' order,
@@ -39,7 +38,7 @@ class Pass:
     updates: tuple[str, ...] = ()  # changed in place: after every writer, before every reader
     on_demand: bool = False  # run by `Simulation.evaluate`, not in every step
     names: Mapping[str, str | None] = field(default_factory=dict)
-    algorithm: str = "packed"
+    algorithm: str = "packed"  # of the program, where the backend has it; else the plain program runs ("plain": always)
     stage: Literal["start", "begin", "forces", "motion"] = "forces"
 
     @property
@@ -73,17 +72,13 @@ class Nodes:
 
 @dataclass(frozen=True)
 class InitialState:
-    """Particles at the start, on the host in float64.
-
-    sizes   number of particles of each solid, then of each part of the fluid
-    values  those of the effects' own state fields, by name
-    """
+    """Particles at the start, on the host in float64."""
 
     position: np.ndarray
     velocity: np.ndarray
     mass: np.ndarray
-    sizes: tuple[int, ...]
-    values: Mapping[str, np.ndarray] = field(default_factory=dict)
+    sizes: tuple[int, ...]  # number of particles of each solid, then of each part of the fluid
+    values: Mapping[str, np.ndarray] = field(default_factory=dict)  # those of the effects' own state fields, by name
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,6 @@ import numpy as np
 class Field:
     """A named particle array.
 
-    components  1 for a scalar (n,), 3 for a vector (n, 3)
-    dtype       "real" (the run's dtype) or a NumPy dtype name
-    state       True where the value outlives the step: it is reordered with the particles and checkpointed
     rows        number of rows where it is not that of the particles, or "solids" or "walls" until the plan has counted
                 the nodes of the scene's solids or its wall particles: such a table is never reordered
     """
@@ -19,9 +16,9 @@ class Field:
     name: str
     unit: str
     meaning: str
-    components: int = 1
-    dtype: str = "real"
-    state: bool = False
+    components: int = 1  # 1 for a scalar (n,), 3 for a vector (n, 3)
+    dtype: str = "real"  # "real" (the run's dtype) or a NumPy dtype name
+    state: bool = False  # True where the value outlives the step: it is reordered with the particles and checkpointed
     rows: int | str | None = None
 
     def shape(self, count: int) -> tuple[int, ...]:

@@ -32,29 +32,24 @@ Names = str | tuple[str, ...]  # a string holds them with spaces between
 class Program:
     """Where a program of an operation stands, and what differs from the operation's plain program.
 
-    module     of the operation's folder, or of `folder`
-    function   in it; by default the one that has the operation's function's name
     also       operations that it computes in the same loop over the neighbours, accelerations added up; a GPU launches
                it in place of the passes of all of them, so that each neighbour is read once
     names      what an argument of the operations' references is called in such a program, where names differ; of one
                operation's alone by "operation.argument"
-    tolerance  c of its own bound, with the reason in `reason`; None for that of the operation
     variants   argument overrides under which it is tested; None for those of the operation
-    work       arguments beside the operation's that serve as work space
     folder     package of the module where it is not the operation's: a later method's program of an earlier operation
-    packed     pair function of the module, whose neighbours' fields the function then reads packed
     """
 
-    module: str
-    function: str = ""
+    module: str  # of the operation's folder, or of `folder`
+    function: str = ""  # in it; by default the one that has the operation's function's name
     also: tuple[str, ...] = ()
     names: Mapping[str, str] = field(default_factory=dict)
-    tolerance: float | None = None
+    tolerance: float | None = None  # c of its own bound, with the reason in `reason`; None for that of the operation
     reason: str = ""
     variants: tuple[Any, ...] | None = None
-    work: tuple[str, ...] = ()
+    work: tuple[str, ...] = ()  # arguments beside the operation's that serve as work space
     folder: str = ""
-    packed: str = ""
+    packed: str = ""  # pair function of the module, whose neighbours' fields the function then reads packed
 
     def called(self, part: "Operation", argument: str) -> str:
         """What the program calls an argument of a part's reference."""
@@ -68,49 +63,36 @@ PLAIN = {"numpy": Program("operations"), "cpu": Program("kernels"), "cuda": Prog
 class Operation:
     """One equation of one paper and where its programs stand.
 
-    name        "folder.operation", unique
-    folder      the package that holds reference.py, operations.py and kernels.py
-    paper       author and year, or "standard"
-    equation    the paper's number, with the erratum and its source where the adopted reading differs
-    function    name of the function in operations.py and kernels.py
     programs    programs that stand elsewhere, or beside the plain ones, by name: "cpu", "cuda" or "backend:algorithm"
-    outputs     kernel arguments that are written
-    exact       outputs compared exactly wherever the margin exceeds tolerance * eps
-    halo_depth  how many neighbourhoods away one particle's values act; 0 where they may act on all
-    adds        outputs to which the kernel adds instead of assigning
     work        arguments, or members of groups ("group.member"), that serve as work space: the contract lets a program
                 change them, and no other input
     entrywise   outputs of the whole set with a bound for each entry, whose scale counts the terms itself
-    optional    arguments that are None where the scene has no such thing
-    tolerance   c in the bound c * neighbours * eps * sum|terms|, with its reason in `tolerance_reason`
     variants    argument overrides under which the operation is tested: None drops an optional term, a mapping gives
                 members of a parameter group, a function of (case, grid) makes the value; the first is the plain one,
                 without what is optional, or with what `refsim.core.cases.plain_keeps` names
-    invariants  names of the contract's conservation and symmetry checks that hold
     broken      those that a variant does not keep, by the variant's number
-    cases       names of hard inputs beside the common ones
     """
 
-    name: str
-    folder: str
-    paper: str
-    equation: str
-    function: str
-    outputs: tuple[str, ...]
-    exact: tuple[str, ...] = ()
-    adds: tuple[str, ...] = ()
-    halo_depth: int = 1
+    name: str  # "folder.operation", unique
+    folder: str  # the package that holds reference.py, operations.py and kernels.py
+    paper: str  # author and year, or "standard"
+    equation: str  # the paper's number, with the erratum and its source where the adopted reading differs
+    function: str  # name of the function in operations.py and kernels.py
+    outputs: tuple[str, ...]  # kernel arguments that are written
+    exact: tuple[str, ...] = ()  # outputs compared exactly wherever the margin exceeds tolerance * eps
+    adds: tuple[str, ...] = ()  # outputs to which the kernel adds instead of assigning
+    halo_depth: int = 1  # how many neighbourhoods away one particle's values act; 0 where they may act on all
     work: tuple[str, ...] = ()
     entrywise: tuple[str, ...] = ()
-    optional: tuple[str, ...] = ()
-    tolerance: float = 4.0
+    optional: tuple[str, ...] = ()  # arguments that are None where the scene has no such thing
+    tolerance: float = 4.0  # c in the bound c * neighbours * eps * sum|terms|, with its reason in `tolerance_reason`
     tolerance_reason: str = (
         "one rounding in each of distance, kernel, product and sum, and a few in the kernel's polynomial"
     )
     variants: tuple[Mapping[str, Any], ...] = field(default_factory=lambda: ({},))
-    invariants: tuple[str, ...] = ()
+    invariants: tuple[str, ...] = ()  # names of the contract's conservation and symmetry checks that hold
     broken: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
-    cases: tuple[str, ...] = ()
+    cases: tuple[str, ...] = ()  # names of hard inputs beside the common ones
     programs: Mapping[str, Program] = field(default_factory=dict)
 
     def names(self) -> tuple[str, ...]:
@@ -354,18 +336,13 @@ def add_program(operation: str, name: str, program: Program) -> None:
 
 @dataclass(frozen=True)
 class Procedure:
-    """Sequence of operations that an object of the run launches for the pass of the same name.
-
-    owner       what the object is called among the parameter groups
-    method      of the object, which gets what `takes` names
-    operations  names of the operations that it launches, for `refsim plan`
-    """
+    """Sequence of operations that an object of the run launches for the pass of the same name."""
 
     name: str
-    owner: str
-    method: str
+    owner: str  # what the object is called among the parameter groups
+    method: str  # of the object, which gets what `takes` names
     takes: tuple[str, ...]
-    operations: tuple[str, ...]
+    operations: tuple[str, ...]  # names of the operations that it launches, for `refsim plan`
 
     def bind(self, lookup: Callable[[str], Any]) -> Callable[[], Any]:
         """A call without arguments on the values that `lookup` gives for the names; it returns what the method does."""

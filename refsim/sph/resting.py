@@ -16,20 +16,13 @@ from refsim.sph import acceleration_of, liquid_of
 
 
 class RestingColumn(NamedTuple):
-    """Liquid of a given mass over an area of its floor.
+    """Liquid of a given mass over an area of its floor."""
 
-    load         that mass [kg/m^2; kg/m in 2D]
-    pull         acceleration of gravity [m/s^2]
-    density      rho0 [kg/m^dim]
-    sound_speed  c [m/s]
-    exponent     k of its state
-    """
-
-    load: float
-    pull: float
-    density: float
-    sound_speed: float
-    exponent: int = 1
+    load: float  # that mass [kg/m^2; kg/m in 2D]
+    pull: float  # acceleration of gravity [m/s^2]
+    density: float  # rho0 [kg/m^dim]
+    sound_speed: float  # c [m/s]
+    exponent: int = 1  # k of its state
 
     def height(self) -> float:
         """H [m], of its surface above the floor."""

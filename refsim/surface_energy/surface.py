@@ -27,29 +27,19 @@ class Liquid(NamedTuple):
 
 @dataclass
 class Surface:
-    """All that one reconstruction makes; arrays on the backend.
+    """All that one reconstruction makes; arrays on the backend."""
 
-    samples          what the transfers take
-    mesh             the level set's surface, before the inset
-    inset_mesh       after it; the same mesh without an inset
-    component_size   (particles,) int32, particles in the component of each
-    padded           the samples with unused capacity, see `RecordedSurface`, or None
-    seconds          time of each stage [s], if measured
-    most_in_a_cell   largest number of particles in one cell, or None: not computed
-    unfound          whether a sample has no particle, or None: not computed
-    """
-
-    samples: Samples
-    mesh: Mesh
-    inset_mesh: Mesh
-    component_size: Any
+    samples: Samples  # what the transfers take
+    mesh: Mesh  # the level set's surface, before the inset
+    inset_mesh: Mesh  # after it; the same mesh without an inset
+    component_size: Any  # (particles,) int32, particles in the component of each
     blocks: Blocks
     cells: PointList
     coefficients: Any
     facet_normal: Any
     offset_direction: Any
     sample_place: Any
-    seconds: dict[str, float] = field(default_factory=dict)
-    padded: Samples | None = None
-    most_in_a_cell: int | None = None
-    unfound: bool | None = None
+    seconds: dict[str, float] = field(default_factory=dict)  # time of each stage [s], if measured
+    padded: Samples | None = None  # the samples with unused capacity, see `RecordedSurface`, or None
+    most_in_a_cell: int | None = None  # largest number of particles in one cell, or None: not computed
+    unfound: bool | None = None  # whether a sample has no particle, or None: not computed
