@@ -242,10 +242,7 @@ class Exact:
 
 
 def across_a_border(exact: Exact, length: float, **more: Any) -> Exact:
-    """The same pair along y, the second particle `length` [m] further back in a periodic box of that length.
-
-    more  further inputs
-    """
+    """The same pair along y, the second `length` [m] further back in a periodic box of that length; `more` inputs."""
     position = exact.case.position - [[0.0, 0.0, 0.0], [0.0, length, 0.0]]
     case = replace(exact.case, name=f"{exact.case.name}_across", position=position)
     return replace(

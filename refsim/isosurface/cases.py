@@ -149,9 +149,7 @@ def octahedron_closed(dim):
 
 @closed_form("isosurface.classify", over=(2, 3))
 def unknown_corner(dim):
-    """The octahedron with an unknown state at the one node from which the origin is a step along every axis: its cell
-    counts as outside.
-    """
+    """The octahedron with one unknown state, a step from the origin along every axis: its cell counts as outside."""
     case, inputs = octahedron(dim)
     crossings, cell_case = octahedron_counts(inputs["blocks"], dim)
     before = (node_table(inputs["blocks"])[:, :dim] == -1).all(1)

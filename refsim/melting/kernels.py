@@ -19,10 +19,7 @@ Molten = namedtuple("Molten", "mass rest_density conductivity heat_capacity phas
 
 @reduction(into="melted_count", how="count", rows="molten.phase")
 def melt(i, heated: Heated, melting, melted, molten: Molten):
-    """Melt particle i if it is at a body's surface and T_i >= Tm_i [deg C]; returns whether it melted.
-
-    The decision takes the particle's own values only, so it does not depend on the order of the particles.
-    """
+    """Melt particle i if it is at a body's surface and T_i >= Tm_i [deg C], by its own values; whether it melted."""
     gone = molten.phase[i] == SURFACE and heated.temperature[i] >= heated.melting_point[i]
     gone = gone and has_taken_up(i, heated.enthalpy, heated.latent_heat)
     if heated.identity[i] < melted.shape[0]:

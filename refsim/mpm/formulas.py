@@ -60,8 +60,7 @@ def stress_moment(ratio, mass, liquid, step):
 
 @formula
 def dilation(trace, liquid, step):
-    """(4.16) for the volume: J <- J (1 + dt tr A), the factor, dimensionless; thesis M5 as printed:
-    dt = 1 s."""
+    """(4.16) for the volume: J <- J (1 + dt tr A), the factor, dimensionless; thesis M5 as printed: dt = 1 s."""
     real = type(trace)
     return real(1) + (real(1) if liquid.timeless else step) * trace
 

@@ -72,10 +72,7 @@ def velocity_and_gradient(i, v, m, moved, carriers, background, cluster_share, i
 
 @formula
 def deform(i, a, liquid, step, layers, deformation):
-    """(4.16) F <- (I + dt A) F, then F <- J^(1/d) I if `forgets_shear`; returns J = det F.
-
-    Thesis M5 as printed: dt = 1 s.
-    """
+    """(4.16) F <- (I + dt A) F, then J^(1/d) I if `forgets_shear`; J = det F. Thesis M5 as printed: dt = 1 s."""
     real = type(step)
     t = real(1) if liquid.timeless else step
     f = nine(deformation, i)

@@ -145,11 +145,7 @@ def shared_rest(position_residual, ends):
 
 @cuda_kernel(block_for_each_row=True, threads=GATHERING, rows_of="block_extremes", registers=64)
 def gather(places, node_velocity, medium, cluster, carriers, build_position, block_extremes, moved):
-    """Velocity, gradient, volume ratio and position of every particle from the nodes.
-
-    block_extremes (b, 5): for each block's particles the largest squared displacement since the list was built, -J, J,
-    |tr A| and squared displacement of the step.
-    """
+    """Velocity, gradient, volume ratio and position of every particle; extremes as on a CPU, of -J for the least."""
     b, thread = number(cuda.blockIdx.x), number(cuda.threadIdx.x)
     bins, background = places.bins, medium.background
     real = type(background.cell_size)

@@ -237,10 +237,7 @@ def at_walls(j, v, planes):
 
 @reduction(into="greatest_crowding", how="largest", rows="crowding")
 def count_all(i, position, volume_ratio, node_mass, cell, background, counting, blocks, crowding):
-    """q = J sum_j B_j(x_p) m_j/(rho0 h^d), dimensionless: density counted on the grid over that of J_i.
-
-    In the largest a NaN counts as infinite.
-    """
+    """q = J sum_j B_j(x_p) m_j/(rho0 h^d), dimensionless: counted density over that of J_i; NaN is largest."""
     jx, jy, jz = node_coordinates(blocks, cell[i])
     x, y, z = three(position, i)
     f = formulas.fraction(x, jx, background), formulas.fraction(y, jy, background), formulas.fraction(z, jz, background)

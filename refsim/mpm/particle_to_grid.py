@@ -161,10 +161,7 @@ def scatter(b, places, position, carriers, particles, medium, cluster, kernel_gr
 
 @kernel(rows_of="scratch")
 def collect(b, bins, blocks, add, scratch, node_mass, node_momentum):
-    """m_j [kg] and (mv)_j [kg m/s] of the nodes of block b; added to the present values if `add`.
-
-    Each node sums the copies of its own block and of those below it.
-    """
+    """m_j [kg] and (mv)_j [kg m/s] of block b's nodes, of its own copies and those below; added to them if `add`."""
     bits, width = (2, 6) if blocks.neighbour.shape[1] == 27 else (3, 10)
     rest = (1 << bits) - 1
     middle = blocks.neighbour.shape[1] // 2

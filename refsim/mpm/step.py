@@ -17,22 +17,14 @@ SURFACE_PARTS = ("position", "area", "normal")  # of the samples that the tensio
 
 @dataclass(frozen=True)
 class Step:
-    """What the step of a scene consists of.
+    """What the step of a scene consists of."""
 
-    reading       of the embedded points ("none", "cluster", ...); None without a surface
-    tension       the surface's tension acts on the grid
-    viscous       there is viscosity
-    deforms       the deformation gradient F is followed, not J alone
-    accelerated   other effects accelerate the particles
-    listed        there is a neighbour list, whose skin the displacements are measured against
-    """
-
-    reading: str | None
-    tension: bool
-    viscous: bool
-    deforms: bool
-    accelerated: bool
-    listed: bool
+    reading: str | None  # of the embedded points ("none", "cluster", ...); None without a surface
+    tension: bool  # the surface's tension acts on the grid
+    viscous: bool  # there is viscosity
+    deforms: bool  # the deformation gradient F is followed, not J alone
+    accelerated: bool  # other effects accelerate the particles
+    listed: bool  # there is a neighbour list, whose skin the displacements are measured against
 
     def passes(self) -> Iterator[Pass]:
         """The passes of a step, in order."""

@@ -100,10 +100,7 @@ def box_of_lanes(lane, least, most):
 
 @cuda_kernel(block_for_each_row=True, threads=WIDE, lanes=6)
 def join_boxes(report, low, high, part_low, part_high):
-    """The box [m] of each BOXES_JOINED boxes; a block to each of the six columns.
-
-    There are report[0] boxes, or with None as many as `low` has rows.
-    """
+    """The box [m] of each BOXES_JOINED of the report[0] (None: all) boxes; a block to each of the six columns."""
     part, c, thread = cuda.blockIdx.x // 6, cuda.blockIdx.x % 6, cuda.threadIdx.x
     count = low.shape[0]
     if report is not None:

@@ -44,10 +44,7 @@ def append_marked(mark, candidates, names, index, at):
 
 @formula
 def build_chunk(chunk, queries, sources, radius, dim, exclude_self, period, periodic, listed):
-    """One chunk of `build_list`: a function of its own, so that its buffers belong to one thread.
-
-    Returns the capacity that it needs.
-    """
+    """One chunk of `build_list`, a function because its buffers belong to one thread; the capacity that it needs."""
     query, query_keys = queries
     source, cells, first = sources
     start, count, index = listed
@@ -209,10 +206,7 @@ def block_boxes(b, position, build_position, first, order, begin, low, high):
 
 @kernel
 def block_displacements(b, blocks, low, high, layers, displacements):
-    """Largest squared relative displacement [m^2] of particles of a block and of itself or one that touches it.
-
-    `blocks` are the blocks' keys.
-    """
+    """Largest squared relative displacement [m^2] of particles of a block (key) and of one that touches it, or it."""
     largest = formulas.squared_between(low, high, b, b, 0)
     for k in range(3 * layers):  # rows of x; the half of them that lies before this one is seen from there
         row = blocks[b] + (np.int64(k % 3 - 1) << formulas.BITS)

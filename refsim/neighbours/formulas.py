@@ -85,10 +85,7 @@ def periodic_coordinate(x, inverse_cell, number, inverse_width):
 
 @formula
 def key_of_place(x, y, z, inverse_cell, cells):
-    """Sortable key = 2^42 c_z + 2^21 c_y + c_x, dimensionless, of the cell around (x, y, z) [m].
-
-    cells  those of a periodic box, or None
-    """
+    """Sortable key = 2^42 c_z + 2^21 c_y + c_x, dimensionless, of the cell of (x, y, z) [m]; of a box of `cells`."""
     if cells is None:
         return cell_key(
             cell_coordinate(x, inverse_cell), cell_coordinate(y, inverse_cell), cell_coordinate(z, inverse_cell)

@@ -355,8 +355,5 @@ def box_sums(source, target, half_width, boxes):
 
 @kernel(rows_of="terms", ordered=True, allocates=True)
 def sum_planes(c, half_width, boxes, terms):
-    """Sums of number c over the box around every node, into boxes.second.
-
-    terms  (count, cells) the first rows of boxes.first
-    """
+    """Sums over the box around every node of `terms`, the first rows of boxes.first, into number c of boxes.second."""
     box_sums(terms[c], boxes.second[c], half_width, boxes)

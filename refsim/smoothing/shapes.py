@@ -61,9 +61,7 @@ class Smoothing(NamedTuple):
 
 
 def lattice(reach: int, dim: int) -> np.ndarray:
-    """Points (k, dim) of the square or cubic lattice of spacing 1, up to `reach` along each axis; the last axis varies
-    fastest.
-    """
+    """Points (k, dim) of the lattice of spacing 1, up to `reach` along each axis; the last axis varies fastest."""
     return np.moveaxis(np.indices((2 * reach + 1,) * dim, dtype=float), 0, -1).reshape(-1, dim) - reach
 
 

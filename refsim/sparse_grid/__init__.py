@@ -17,10 +17,7 @@ from refsim.sparse_grid.tables import PointList as PointList
 
 @dataclass
 class SparseGrid:
-    """Makes blocks and lists of points on a backend.
-
-    cell_size  h [m]; nodes stand at h j, j integer
-    """
+    """Makes blocks and lists of points on a backend; nodes stand at h j, j integer, h = `cell_size` [m]."""
 
     backend: Backend
     dim: int

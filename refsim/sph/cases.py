@@ -367,10 +367,7 @@ def pushed_askew(w):
 
 @cases.closed_form("sph.central_viscosity", "sph.central_momentum", across=6.0)
 def braked_along_the_line():
-    """Of v_2 - v_1 = (1, 4, 0) only the part along y counts: a_1 = 2 k V_2 F/rho_1 (0, 4, 0).
-
-    F = 45/(2 pi h^5) (1 - q).
-    """
+    """Of v_2 - v_1 = (1, 4, 0) the part along y counts: a_1 = 2 k V_2 F/rho_1 (0, 4, 0), F = 45/(2 pi h^5) (1 - q)."""
     factor = 2 * 2.5 / 1000.0**2 * 45 / (2 * math.pi * 32) * 0.5
     inputs = {
         "mass": [2.0, 3.0], "density": np.full(2, 1000.0), "velocity": [[1.0, -1.0, 0.0], [2.0, 3.0, 0.0]],

@@ -159,10 +159,7 @@ def own_pressure(pressure, near_surface):
 
 @formula
 def viscosity_pair(volume_j, viscosity, laplacian):
-    """J(11) for one neighbour: factor of (v_j - v_i) in the force density [N s/m^4], mu V_j lap W.
-
-    The sign is that of Jiang & Zhu E3.
-    """
+    """J(11) for one neighbour: factor of (v_j - v_i) in the force density [N s/m^4], mu V_j lap W; Jiang & Zhu E3."""
     return viscosity.coefficient * volume_j * laplacian
 
 

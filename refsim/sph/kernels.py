@@ -173,11 +173,7 @@ def continuity(
     i, lane, position, velocity, mass, rest_density, phase, advanced_excess, wall_strain, shift, neighbours, walls,
     wall_motion, smoothing, fluid, diffusion, lean, recount, period, timestep, filling, density_excess, density,
 ):  # fmt: skip
-    """Continuity equation with diffusion, shifts and the return to the counted density: density after the step
-    [kg/m^dim], its excess over rho0, and the share of space that is told to be filled.
-
-    Solids, where there are any, keep their rest density.
-    """
+    """Density after the step [kg/m^dim], its excess over rho0 and the filling; solids keep their rest density."""
     rest = fluid.rest_density if rest_density is None else rest_density[i]
     if phase is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
         if phase[i] != LIQUID_PHASE:
@@ -258,8 +254,7 @@ def continuity_and_sums(
     wall_motion, gradient_smoothing, smoothing, fluid, diffusion, lean, recount, period, timestep, number_density,
     asymmetry, summed_density, filling, density_excess, density,
 ):  # fmt: skip
-    """`continuity`, and J(7) [kg/m^dim] beside it; J(8) where `number_density` is requested, |sum W_ij x_ij| where
-    `asymmetry` is."""
+    """`continuity`, and `density` beside it, with the variants of both [kg/m^dim]."""
     rest = fluid.rest_density if rest_density is None else rest_density[i]
     per_step = inverse_step(timestep, rest)
     sums = neighbour_sum(
@@ -446,11 +441,7 @@ def gravity(i, field, acceleration):
 def extremes(
     i, velocity, acceleration, temperature, temperature_range, exchange_rate, density, rest_density, density_bounds,
 ):  # fmt: skip
-    """|v|^2, |a|^2, whether a value is not finite, exchange rate [1/s], excess over the temperature range [K], whether
-    the density is above the first, and above the second of the bounds.
-
-    Rate, excess and the last two are 0 where their arrays are None.
-    """
+    """What particle i adds to E, |v|^2 [m^2/s^2] first; 0 for the rate, the excess and the bounds that are None."""
     speed = velocity[i, 0] ** 2 + velocity[i, 1] ** 2 + velocity[i, 2] ** 2
     push = acceleration[i, 0] ** 2 + acceleration[i, 1] ** 2 + acceleration[i, 2] ** 2
     # Numba's isfinite(x) tests x - x, which the compiler removes where sums may be taken in any order.
@@ -475,12 +466,7 @@ def extremes(
 
 @reduction(into="displacement", how="largest count", rows="position")
 def kick_drift(i, acceleration, build_position, bounds, timestep, shift, position_residual, velocity, position):
-    """Leap-frog with a changing step: v += (dt_previous + dt)/2 a, x += dt v, stopped at the walls' planes.
-
-    Where there is a residual, x + residual is advanced; a `shift` [m] adds to dt v.
-
-    Returns (squared displacement since the list was built [m^2], whether a wall's plane stopped the particle).
-    """
+    """Leap-frog; (squared displacement since the list was built [m^2], whether a wall's plane stopped the particle)."""
     given = position, position_residual, velocity, acceleration, build_position, bounds, timestep, shift
     u, x, a, squared_x, stopped_x = stepped_along(0, i, *given)
     v, y, b, squared_y, stopped_y = stepped_along(1, i, *given)

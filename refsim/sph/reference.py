@@ -41,10 +41,7 @@ def strain(i, j, ij):
 
 
 def transport(i, j, ij):
-    """Sun et al. 2019, s the shift over dt: sum_j V_j (2 s_i + (rho_j/rho_i - 1) s_j).grad W_ij [1/s].
-
-    It is (-rho div s + div(rho s))/rho.
-    """
+    """Sun et al. 2019, (-rho div s + div(rho s))/rho: sum_j V_j (2 s_i + (rho_j/rho_i - 1) s_j).grad W_ij [1/s]."""
     return j.volume * ((2 * i.shift + (j.density / i.density - 1) * j.shift) @ ij.gradient)
 
 

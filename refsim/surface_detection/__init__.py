@@ -121,10 +121,7 @@ def plane_moment(fluid: WeaklyCompressible, grid: Discretisation) -> float:
 def fan_scan_pass(
     normal: Literal["color", "corrected"] = "color", candidates: str | None = None, on_demand: bool = False
 ) -> Pass:
-    """The pass that writes field `surface`, J(13), from the named kind of normal.
-
-    `candidates` names a uint8 field: particles where it is zero are not scanned and are no surface.
-    """
+    """The pass that writes field `surface`, J(13), from a kind of normal; 0 where the uint8 field `candidates` is."""
     names = {"surface_normal": NORMALS[normal].name, "candidates": candidates}
     return Pass("surface_detection.fan_scan", writes=("surface",), on_demand=on_demand, names=names)
 

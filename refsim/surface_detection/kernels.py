@@ -21,8 +21,7 @@ def near_surface(i, number_density, asymmetry, near_surface_limit, near_surface)
 
 @kernel
 def fan_scan(i, position, surface_normal, candidates, neighbours, walls, fan_scan, surface):
-    """J(13); a flag, zero for a particle that is no candidate. The region of a normal without direction is occupied
-    (Jiang & Zhu E20)."""
+    """J(13); a flag, zero for a particle that is no candidate."""
     near, occupied = ENOUGH, True
     if candidates is None or candidates[i] != 0:
         nx, ny, nz, directed = unit(surface_normal, i, fan_scan.smallest_normal)

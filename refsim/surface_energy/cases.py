@@ -203,8 +203,7 @@ def near_centre(blocks, dim):
 
 @closed_form("surface_energy.node_states", over=(2, 3))
 def lone_particle(dim):
-    """The corners of its own cell and, in space, those a step further along one axis, 8 + 24; in the plane the next are
-    sqrt(2.5) h away."""
+    """The corners of its own cell and, in space, those a step further along one axis, 8 + 24; not sqrt(2.5) h away."""
     case, _, inputs = lone(dim)
     state = near_centre(inputs["blocks"], dim).astype(np.uint8)
     assert state.sum() == {2: 4, 3: 32}[dim]

@@ -188,11 +188,7 @@ def offsets(
     s, interior_position, interior_number, cells, blocks, surface_term, sample_position, sample_cells, nearest,
     offset_direction, fit_position,
 ):  # fmt: skip
-    """Section 4.3.1: nearest particle of sample s, unit vector away from it, and the two points of the fit [m].
-
-    Particles are looked for up to 2 h away; without any -1 and no direction. Of equally near ones the lowest number:
-    where there are any, a second round looks for it.
-    """
+    """Section 4.3.1: nearest particle of sample s, unit vector away from it, and the two points of the fit [m]."""
     h = surface_term.cell_size
     real = type(h)
     i = sample_cells.cell[s]
@@ -201,7 +197,7 @@ def offsets(
     space = blocks.neighbour.shape[1] == 27
     limit = real(formulas.REACH * formulas.REACH)
     best, second, closest = limit, limit, -1
-    for turn in range(2):
+    for turn in range(2):  # the second looks for the lowest number where some are equally near
         for reach in range(1, 3):
             if reach == 2 and formulas.equally_near(best) < real(1):
                 break
@@ -238,10 +234,7 @@ def offsets(
 
 @formula
 def away_from(closest, o, j, interior_position, surface_term):
-    """Section 4.3.1: n = (o - x_p)/|o - x_p|, dimensionless, of a position o over node j.
-
-    0 without a particle `closest`, and where the position is the particle's.
-    """
+    """Section 4.3.1: n = (o - x_p)/|o - x_p|, dimensionless, o over node j; 0 at its place and without a particle."""
     zero = type(surface_term.cell_size)(0)
     if closest < 0:
         return zero, zero, zero
@@ -284,10 +277,7 @@ def put_splines(row, r, fit_position, base, blocks, surface_term, fit_splines):
 
 @kernel
 def weights_of_nodes(i, fit_splines, fit_cells, blocks, surface_term, node_weight):
-    """(3.7), the diagonal of Lambda: 1/sum_r B_i(x_r), dimensionless, over all points of the fit.
-
-    0 at a node where the sum is at most LEAST_SUM, whose weight would overflow (thesis M16).
-    """
+    """(3.7), the diagonal of Lambda: 1/sum_r B_i(x_r), dimensionless; 0 where the sum is at most LEAST_SUM."""
     real = type(surface_term.cell_size)
     total = real(0)
     space = blocks.neighbour.shape[1] == 27
@@ -403,11 +393,7 @@ def mls_gradient(q, query_position, base, blocks, surface_term, coefficients):
 
 @formula
 def spline_gradient(q, query_position, base, blocks, surface_term, coefficients):
-    """(value [h], gradient) of the implicit surface at position q: (3.8) and (3.9).
-
-    C in units of h: sum_j C_j h grad B_j is dimensionless. 0 where no block holds `base`, the lowest node of the
-    position's splines.
-    """
+    """(value [h], gradient) of the implicit surface at position q by (3.8) and (3.9), sum_j C_j h grad B_j; or 0."""
     real = type(surface_term.cell_size)
     value, gx, gy, gz = real(0), real(0), real(0), real(0)
     if base < 0:

@@ -24,10 +24,7 @@ FARTHEST = (1 << 20) - 16  # cells from the origin up to which there are blocks
 
 
 class ReferenceReconstruction:
-    """Reconstructs surfaces with one set of parameters; cell_size h [m].
-
-    Raises InputError where the parameters are not possible.
-    """
+    """Reconstructs surfaces with one set of parameters, which InputError refuses where they are impossible; h [m]."""
 
     def __init__(self, dim: int, dtype: str, cell_size: float, tension: Tension) -> None:
         tension.check_parameters(dim)

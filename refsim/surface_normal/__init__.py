@@ -51,10 +51,7 @@ def normal_term(fluid: WeaklyCompressible, grid: Discretisation, own_density: bo
 
 
 def color_gradient_pass(candidates: str | None = None, on_demand: bool = False) -> Pass:
-    """The pass that writes field `surface_normal`, J(19).
-
-    `candidates` names a uint8 field: rows where it is zero are not computed and get a zero normal.
-    """
+    """The pass that writes field `surface_normal`, J(19); zero in rows where the uint8 field `candidates` is."""
     return _pass("surface_normal.color_gradient", "surface_normal", candidates, on_demand)
 
 

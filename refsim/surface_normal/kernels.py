@@ -51,8 +51,7 @@ def corrected(
     i, lane, position, mass, density, number_density, candidates, neighbours, walls, smoothing, gradient_smoothing,
     normal_term, corrected_normal,
 ):  # fmt: skip
-    """J(20), divided by sum_k V_k W_ik over particles, the own one and walls [1/m]; zero for one that is no
-    candidate."""
+    """J(20) over sum_k V_k W_ik of particles, the own one and walls [1/m]; zero for one that is no candidate."""
     real = type(smoothing.support_radius)
     nx, ny, nz, filled = real(0), real(0), real(0), real(1)
     if candidates is None or candidates[i] != 0:

@@ -131,10 +131,7 @@ def solve(
     position, velocity, mass, density, neighbours, walls, smoothing, fluid, implicit, timestep, own_displacement,
     diagonal, advected_density, pair_displacement, density_error, new_pressure, pressure, acceleration,
 ):  # fmt: skip
-    """Relax the pressures until the mean compression is at most `tolerance` rho0, then add their acceleration.
-
-    At least `least` and at most `most` iterations.
-    """
+    """Relax, `least` to `most` times, until the mean compression is at most `tolerance` rho0; add the acceleration."""
     predict(
         position, velocity, mass, density, acceleration, neighbours, walls, smoothing, fluid, timestep,
         own_displacement, diagonal, advected_density,

@@ -56,10 +56,7 @@ class Marangoni(NamedTuple):
 
 @functools.lru_cache(maxsize=64)
 def flat_share(sums: str, gradients: str, support_radius: float, spacing: float, dim: int) -> float:
-    """1/sum_k |n_k| d over the layers of a lattice half-space; dimensionless.
-
-    With particles on both sides of the surface the sum would be 1.
-    """
+    """1/sum_k |n_k| d over the layers of a lattice half-space, dimensionless; 1 with particles on both sides."""
     reach = math.ceil(support_radius / spacing)
     steps = spacing * lattice(reach, dim)
     distance = np.sqrt((steps**2).sum(1))

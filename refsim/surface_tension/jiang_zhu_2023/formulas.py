@@ -8,10 +8,7 @@ from refsim.surface_tension.jiang_zhu_2023.modes import ALL, CORRECTED, EITHER, 
 
 @formula
 def soft_weight(steepness, soft):
-    """Soft surface weight (Jiang & Zhu E9) w = t^2 (3 - 2 t), t = (|h grad c| - lower)/(upper - lower) clipped to 0..1.
-
-    Dimensionless.
-    """
+    """Jiang & Zhu E9, w = t^2 (3 - 2 t), t = (|h grad c| - lower)/(upper - lower) clipped to 0..1; dimensionless."""
     real = type(steepness)
     t = (steepness - soft.lower) * soft.inverse_width
     if t <= real(0):
