@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
@@ -24,12 +24,9 @@ from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.scalars import int32
 from refsim.smoothing import lattice, smoothing
-from refsim.sph import ASYMMETRY, LIQUID, NUMBER_DENSITY, PRESSURE, liquid_of
+from refsim.sph import ASYMMETRY, LIQUID, NUMBER_DENSITY, PRESSURE, WeaklyCompressible, liquid_of
 from refsim.surface_detection import operations as operations
 from refsim.surface_normal import CORRECTED_NORMAL, SURFACE_NORMAL, color_gradient_pass, corrected_pass, normal_term
-
-if TYPE_CHECKING:
-    from refsim.sph import WeaklyCompressible
 
 NEAR_SURFACE = Field("near_surface", "-", "1 in the near-surface set N, J(12)", dtype="uint8")
 SCAN_CANDIDATES = Field("scan_candidates", "-", "1 where the fan scan of two steps looks", dtype="uint8")

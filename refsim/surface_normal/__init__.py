@@ -10,15 +10,13 @@ denominator.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from refsim.core.effect import Discretisation, Pass
 from refsim.core.fields import Field
 from refsim.core.scalars import int32
+from refsim.sph import WeaklyCompressible
 from refsim.surface_normal import operations as operations
-
-if TYPE_CHECKING:
-    from refsim.sph import WeaklyCompressible
 
 SURFACE_NORMAL = Field("surface_normal", "-", "colour-gradient normal n, inward, J(19)", 3)
 CORRECTED_NORMAL = Field("corrected_normal", "1/m", "corrected normal n*, inward, J(20)", 3)
