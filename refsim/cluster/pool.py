@@ -59,7 +59,9 @@ def by_processes(tasks: Sequence[Task], jobs: int, watch: Watch) -> Generator[Ou
                 needed = tasks[place].bytes
                 if needed > memory:
                     waiting.remove(place)
-                    yield Outcome(tasks[place], error=_too_large(tasks[place], memory))
+                    said = f"{tasks[place].name}: it needs about {in_bytes(needed)} of memory and {in_bytes(memory)}"
+                    said += " are available; take fewer particles or a larger machine."
+                    yield Outcome(tasks[place], error=InputError(said))
                 elif free and needed + sum(tasks[slot.place].bytes for slot in busy.values()) <= memory:
                     waiting.remove(place)
                     slot = free.pop()
@@ -95,13 +97,6 @@ def by_processes(tasks: Sequence[Task], jobs: int, watch: Watch) -> Generator[Ou
                 slot.executor.shutdown(cancel_futures=True)
         alive.close()
         parent.close()
-
-
-def _too_large(task: Task, memory: float) -> InputError:
-    return InputError(
-        f"{task.name}: it needs about {in_bytes(task.bytes)} of memory and {in_bytes(memory)} are available; take fewer"
-        " particles or a larger machine."
-    )
 
 
 def visible_devices() -> list[str]:

@@ -110,7 +110,8 @@ def _makers_in(table: dict[str, Any], named: bool = False) -> Callable[..., Call
 
     def claim(*names: str, **made: Callable) -> Callable[[Made], Made]:
         for name, maker in made.items():
-            _claim((name,), _by_name(name, maker) if named else maker, table)
+            by_name = functools.wraps(maker)(lambda *given, name=name, maker=maker: {name: maker(*given)})
+            _claim((name,), by_name if named else maker, table)
 
         def mark(maker: Made) -> Made:
             _claim(names, maker, table)
@@ -119,10 +120,6 @@ def _makers_in(table: dict[str, Any], named: bool = False) -> Callable[..., Call
         return mark
 
     return claim
-
-
-def _by_name(name: str, maker: Callable) -> Callable:
-    return functools.wraps(maker)(lambda *arguments: {name: maker(*arguments)})
 
 
 particles = _makers_in(PARTICLES)  # (case, random) -> an array with one row for each particle, in float64

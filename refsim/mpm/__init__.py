@@ -234,10 +234,11 @@ class MpmLiquid(
         surface = surface_of(others)
         idle = "M7" in self.printed()  # forces reach no particle
         tension = surface is not None and not idle
+        pushed = any("acceleration" in p.updates for e in others.values() if e is not self for p in e.passes(others))
         return Step(
             reading=None if surface is None else surface.embedding, tension=tension,
             viscous=self.dynamic_viscosity > 0 and not idle,
-            deforms=self.volume != "ratio", accelerated=_others_push(self, others) and not idle,
+            deforms=self.volume != "ratio", accelerated=pushed and not idle,
             listed=any(e.list_radius(_ANY) > 0 for e in others.values()),
         )  # fmt: skip
 
@@ -422,8 +423,3 @@ class MpmWalls(Effect, HasPlanes, frozen=True, kw_only=True):
 
 
 _ANY = Discretisation(3, "float64", 1.0, 2.0, 0)  # for methods whose result does not depend on it
-
-
-def _others_push(effect: Effect, others: Others) -> bool:
-    """Whether another effect adds to the particles' acceleration."""
-    return any("acceleration" in p.updates for e in others.values() if e is not effect for p in e.passes(others))

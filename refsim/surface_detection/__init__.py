@@ -68,12 +68,6 @@ def near_surface_pass(on_demand: bool = False, output: str = "near_surface") -> 
     return Pass("surface_detection.near_surface", writes=(output,), on_demand=on_demand, names=names)
 
 
-def candidates_pass(on_demand: bool = False) -> Pass:
-    """The pass that writes field `scan_candidates`: sparse or lopsided neighbourhoods (Jiang & Zhu E23)."""
-    names = {"near_surface": "scan_candidates", "near_surface_limit": "candidate_limit"}
-    return Pass("surface_detection.candidates", writes=("scan_candidates",), on_demand=on_demand, names=names)
-
-
 def half_space_moment(fluid: WeaklyCompressible, grid: Discretisation) -> float:
     """First moment of J(8) [m^(1 - dim)] of a particle on the plane surface of undisturbed liquid.
 
@@ -113,14 +107,6 @@ def lattice_face(fluid: WeaklyCompressible, grid: Discretisation) -> LatticeFace
 def plane_moment(fluid: WeaklyCompressible, grid: Discretisation) -> float:
     """First moment [m^(1 - dim)] of a particle on a plane surface, of which `asymmetry` is a share."""
     return min(half_space_moment(fluid, grid), FACE_MOMENTS * lattice_face(fluid, grid).moment)
-
-
-def fan_scan_pass(
-    normal: Literal["color", "corrected"] = "color", candidates: str | None = None, on_demand: bool = False
-) -> Pass:
-    """The pass that writes field `surface`, J(13), from a kind of normal; 0 where the uint8 field `candidates` is."""
-    names = {"surface_normal": NORMALS[normal].name, "candidates": candidates}
-    return Pass("surface_detection.fan_scan", writes=("surface",), on_demand=on_demand, names=names)
 
 
 class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=True):
@@ -208,11 +194,13 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
             return (near_surface_pass(on_demand, output="surface"),)
         candidates = self.candidates()
         normals = {"color": color_gradient_pass, "corrected": corrected_pass}[self.scan_normal]
-        scan = (normals(candidates, on_demand), fan_scan_pass(self.scan_normal, candidates, on_demand))
-        if candidates is None:
-            return scan
-        first = candidates_pass if self._lopsided() else near_surface_pass
-        return (first(on_demand), *scan)
+        names = {"surface_normal": NORMALS[self.scan_normal].name, "candidates": candidates}
+        scan = Pass("surface_detection.fan_scan", writes=("surface",), on_demand=on_demand, names=names)
+        first = [near_surface_pass(on_demand)] if candidates == "near_surface" else []
+        if candidates == "scan_candidates":
+            names = {"near_surface": candidates, "near_surface_limit": "candidate_limit"}
+            first = [Pass("surface_detection.candidates", writes=(candidates,), on_demand=on_demand, names=names)]
+        return (*first, normals(candidates, on_demand), scan)
 
     def candidates(self) -> str | None:
         """Name of the field that marks the particles to scan; None if all are scanned, or none."""
