@@ -201,13 +201,14 @@ def loop_source(
         "added": added(pair),
     }
     source = "listed.position" if "position" in listed else "places"
-    loop, more, parts = NEAR + NEAR_LOOP if near else LOOP, {}, {}
+    loop, more = NEAR + NEAR_LOOP if near else LOOP, {}
+    parts: dict[str, str] = {}
     if near and "rows" in listed:
         lines |= _packed_lines(pair, given)
         loop, more = NEAR + PACKED_LOOP, _packed_names()
     elif near and "start" in listed and not held and not plain:
-        lines, parts = lines | _staged_lines(pair, given, source), _staged_words(pair, given, source)
-        loop, more = NEAR + STAGED_LOOP, {"staging": staging, "np": np}
+        staged, parts = _staged(pair, given, source)
+        lines, loop, more = lines | staged, NEAR + STAGED_LOOP, {"staging": staging, "np": np}
     else:
         lines["theirs"] = [f"{name}_j = {entry_of(name, given[name], 'j')}" for name in fields_of(pair, "j")]
         lines["theirs"] += [f"{name}_ij = listed.{name}[at]" for name in held]
@@ -222,31 +223,17 @@ def loop_source(
     return text, more
 
 
-def _buffers(pair: Callable, given: Mapping[str, str | None], source: str) -> dict[str, list[str]]:
-    """Names of the buffers of each array that is read at the neighbour, the positions first."""
-    buffers = {
-        name: [f"{name}_at{c}" for c in range(3 if given[name] == VECTOR else 1)] for name in fields_of(pair, "j")
-    }
-    return {source: ["x_at", "y_at", "z_at"]} | {name: own for name, own in buffers.items() if given[name] is not None}
-
-
-def _staged_lines(pair: Callable, given: Mapping[str, str | None], source: str) -> dict[str, list[str]]:
-    """Lines of the loop over staged fields."""
-    buffers = _buffers(pair, given, source)
+def _staged(pair: Callable, given: Mapping[str, str | None], source: str) -> tuple[dict[str, Any], dict[str, str]]:
+    """Lines of the loop over staged fields; the arrays that it stages, the positions first, and their buffers."""
+    wide = {name: 3 if given[name] == VECTOR else 1 for name in fields_of(pair, "j") if given[name] is not None}
+    buffers = {source: ["x_at", "y_at", "z_at"]} | {n: [f"{n}_at{c}" for c in range(w)] for n, w in wide.items()}
     parts = {name: ", ".join(f"{part}[m]" for part in buffers.get(name, ())) for name in fields_of(pair, "j")}
-    return {
+    lines = {
         "buffers": [f"{part} = staging.buffer({array})" for array, parts in buffers.items() for part in parts],
         "theirs": [f"{name}_j = ({values})" if values else f"{name}_j = None" for name, values in parts.items()],
     }
-
-
-def _staged_words(pair: Callable, given: Mapping[str, str | None], source: str) -> dict[str, str]:
-    """What that loop stages, and where."""
-    buffers = _buffers(pair, given, source)
-    return {
-        "arrays": "".join(f"{array}, " for array in buffers),
-        "parts": "".join(f"{part}, " for parts in buffers.values() for part in parts),
-    }
+    named = (f"{part}, " for parts in buffers.values() for part in parts)
+    return lines, {"arrays": "".join(f"{array}, " for array in buffers), "parts": "".join(named)}
 
 
 def _packed_names() -> dict[str, Any]:
