@@ -291,8 +291,13 @@ class Scratch:
         return sum(a.nbytes for a in self._arrays.values())
 
 
+def capacity_of(rows: int) -> int:
+    """Rows of an array that grows: a quarter more than were wanted when it had to be made."""
+    return rows + rows // 4
+
+
 class Growing:
-    """Named arrays on one backend that keep a quarter more rows than were wanted when they had to be made."""
+    """Named arrays on one backend whose rows grow."""
 
     def __init__(self, backend: Backend) -> None:
         self.backend = backend
@@ -305,8 +310,7 @@ class Growing:
         if view is None or view.shape != shape:
             held = self.held.get(name)
             if held is None or held.shape[0] < shape[0]:
-                capacity = (shape[0] + shape[0] // 4, *shape[1:])
-                held = self.held[name] = self.backend.empty(capacity, np.dtype(dtype))
+                held = self.held[name] = self.backend.empty((capacity_of(shape[0]), *shape[1:]), np.dtype(dtype))
             view = self._views[name] = held[: shape[0]]
         return view
 

@@ -30,7 +30,7 @@ from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.walls import WallParticles
 from refsim.mpm import operations as operations
-from refsim.mpm.grid import Background, MpmGrid
+from refsim.mpm.grid import Background, MpmGrid, blocks_at, grid_bytes
 from refsim.mpm.limits import FARTHEST
 from refsim.mpm.step import Step
 from refsim.sph import LIQUID, acceleration_of
@@ -222,8 +222,6 @@ class MpmLiquid(
     def bytes_at_start(
         self, grid: Discretisation, position: np.ndarray, others: Others, backend: str
     ) -> dict[str, int]:
-        from refsim.mpm.memory import blocks_at, grid_bytes  # after this module
-
         blocks = blocks_at(position, grid.dim, grid.dtype, self.cell(grid), backend)
         tension = self.step(others).tension
         size = grid_bytes(blocks, grid.count, grid.dim, grid.dtype, backend, tension)

@@ -5,21 +5,25 @@ a result does not depend on when that happened.
 """
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from refsim.backends.arrays import Backend, Growing, Scratch, growing
+from refsim.backends.arrays import Backend, Growing, Scratch, capacity_of, growing
+from refsim.backends.runtime import simulated
 from refsim.core.errors import RunStopped
 from refsim.core.operation import REGISTRY
 from refsim.mpm.groups import SETS, Bins, Places
 from refsim.mpm.limits import FARTHEST
+from refsim.mpm.operations import block_keys
 from refsim.sparse_grid import Blocks, PointList
 from refsim.sparse_grid.tables import blocks_of, reached
 
 NODES = 64  # of a block
 SLACK = {"cuda": 1}  # blocks by which a new table reaches further, where making one costs more than passing over it
+EACH_TABLE = {2: 9, 3: 27}  # neighbours of a block
+TILE = 64 if simulated() else 1024  # cells whose points a thread block of the GPU adds up
 UNSEEN = 8  # steps, of half a cell each at most, in which a particle crosses no more than one block
 OUT_OF_ORDER = 0.05  # share of particles out of order in memory, above which they are sorted
 
@@ -176,12 +180,6 @@ class MpmGrid:
         kept += [cell for name, cell in self.cells.items() if name != SETS[0]]
         return sum(int(np.prod(a.shape)) * a.dtype.itemsize for a in kept) + self.lists.bytes
 
-    def count_blocks(self, keys: np.ndarray, backend: str) -> int:
-        """Number of blocks that a grid like this one makes on a backend for points with these `keys`, -1 for none."""
-        occupied = np.unique(keys[keys >= 0])
-        slack = SLACK.get(backend, 0)
-        return len(reached(occupied, self.dim, -slack, slack + 1))
-
     def locate(
         self, positions: Sequence[Any], cell: Any, find_cells: Any, block_keys: Any, sorted_bins: Any,
         make_table: Any = None,
@@ -251,3 +249,35 @@ def _runs(keys: np.ndarray) -> np.ndarray:
     begins = np.ones(len(keys), dtype=bool)
     begins[1:] = keys[1:] != keys[:-1]
     return keys[begins]
+
+
+def blocks_at(position: np.ndarray, dim: int, dtype: str, cell_size: float, backend: str) -> int:
+    """Blocks that a grid of `cell_size` [m] makes on a backend for particles at `position` (n, 3) [m]."""
+    inverse_cell = MpmGrid(dim, dtype, cell_size).inverse_cell
+    keys = block_keys(np.asarray(position, dtype=dtype), inverse_cell, dim)
+    slack = SLACK.get(backend, 0)
+    return len(reached(np.unique(keys[keys >= 0]), dim, -slack, slack + 1))
+
+
+def grid_bytes(
+    blocks: int, particles: int, dim: int, dtype: str, backend: str, tension: bool = False, sets: Iterable[int] = (),
+) -> int:  # fmt: skip
+    """Bytes of the background grid after a step, with so many `blocks` since its first one.
+
+    tension  whether a surface pulls at the nodes
+    sets     points in each set beside the particles: embedded points, samples
+    """
+    real, nodes = np.dtype(dtype).itemsize, NODES * blocks
+    reach = {2: 10**2, 3: 6**3}[dim]  # nodes that the particles of a block reach
+    on_device = backend == "cuda"
+    tables = blocks * (8 + 4 * EACH_TABLE[dim] + 1)  # keys, neighbours, whether complete
+    if backend == "numpy":
+        return tables + capacity_of(nodes) * (7 + 3 * tension) * real + sum(4 * s for s in sets)
+    arrays = capacity_of(nodes) * (7 + 3 * tension) * real + capacity_of(blocks) * 4 * reach * real
+    bins = nodes + 1 if on_device else blocks + 1
+    lists = sum(4 * (bins + count) for count in (particles, *sets)) + sum(4 * count for count in sets)
+    if not on_device:
+        return tables + arrays + lists
+    counts = 4 * (nodes + -(-nodes // TILE) + 1)  # of each cell, of tiles of cells, of all
+    sorting = sum(counts + 8 * count for count in (particles, *sets)) + 4 * capacity_of(particles)
+    return tables + arrays + lists + sorting + capacity_of(blocks) * 5 * real

@@ -7,7 +7,8 @@ which components have tension. `recorded` does it on a GPU, `reference_reconstru
 import math
 import time
 from collections.abc import Callable
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,13 +17,48 @@ from refsim.core.operation import REGISTRY
 from refsim.isosurface import Mesh, edges_and_facets
 from refsim.sparse_grid import Blocks, PointList, SparseGrid, nodes
 from refsim.surface_energy import LARGEST_INSET, Dice, SurfaceTerm, Tension, surface_term
-from refsim.surface_energy.surface import Liquid
-from refsim.surface_energy.surface import Samples as Samples
-from refsim.surface_energy.surface import Surface as Surface
 
 AREA_UNITS = 1 << 20  # of h^(dim-1), so that running sums of areas are whole numbers and repeat
 CANDIDATES = 8  # for each Poisson-disk sample
 DENSEST = {2: 0.75, 3: 0.7}  # samples of a jammed set on an area of disk_radius^(dim-1)
+
+
+class Samples(NamedTuple):
+    """The surface as the transfers take it: s samples."""
+
+    position: Any  # (s, 3) [m]
+    normal: Any  # (s, 3), unit, outward
+    area: Any  # (s,) [m^(dim-1)], 0 on components without tension
+    nearest: Any  # (s,) int32, nearest interior particle
+
+
+class Liquid(NamedTuple):
+    """Particles (n, 3) [m], the number of each (n,), blocks about them, and the particles of each cell."""
+
+    position: Any
+    number: Any
+    blocks: Blocks
+    cells: PointList
+
+
+@dataclass
+class Surface:
+    """All that one reconstruction makes; arrays on the backend."""
+
+    samples: Samples  # what the transfers take
+    mesh: Mesh  # the level set's surface, before the inset
+    inset_mesh: Mesh  # after it; the same mesh without an inset
+    component_size: Any  # (particles,) int32, particles in the component of each
+    blocks: Blocks
+    cells: PointList
+    coefficients: Any
+    facet_normal: Any
+    offset_direction: Any
+    sample_place: Any
+    seconds: dict[str, float] = field(default_factory=dict)  # time of each stage [s], if measured
+    padded: Samples | None = None  # the samples with unused capacity, see `RecordedSurface`, or None
+    most_in_a_cell: int | None = None  # largest number of particles in one cell, or None: not computed
+    unfound: bool | None = None  # whether a sample has no particle, or None: not computed
 
 
 class Reconstruction:

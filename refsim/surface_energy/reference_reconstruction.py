@@ -17,8 +17,7 @@ from refsim.sparse_grid import Blocks, PointList
 from refsim.sparse_grid.reference import Lookup, covering
 from refsim.sparse_grid.tables import blocks_of, keys_at
 from refsim.surface_energy import LARGEST_INSET, Dice, SurfaceTerm, Tension, operations, surface_term
-from refsim.surface_energy.reconstruction import AREA_UNITS, CANDIDATES, DENSEST
-from refsim.surface_energy.surface import Liquid, Samples, Surface
+from refsim.surface_energy.reconstruction import AREA_UNITS, CANDIDATES, DENSEST, Liquid, Samples, Surface
 
 FARTHEST = (1 << 20) - 16  # cells from the origin up to which there are blocks
 

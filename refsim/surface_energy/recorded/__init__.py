@@ -20,10 +20,9 @@ from refsim.isosurface import Mesh, case_tables
 from refsim.sparse_grid import Blocks, PointList, nodes
 from refsim.surface_energy import Tension
 from refsim.surface_energy.kernels import look_up_members
-from refsim.surface_energy.reconstruction import Reconstruction
+from refsim.surface_energy.reconstruction import Reconstruction, Samples, Surface
 from refsim.surface_energy.recorded import stages
 from refsim.surface_energy.recorded.cells_cuda import EDGES, FACETS, MADE, MISSING, MOST, UNFOUND, VERTICES
-from refsim.surface_energy.surface import Samples, Surface
 
 MARGIN = 4  # a capacity is larger by 1/MARGIN than what was found last
 GRAPHS = 4  # particles may stand in so many arrays by turns
