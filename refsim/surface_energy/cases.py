@@ -15,13 +15,12 @@ from refsim.sparse_grid.reference import node_table
 from refsim.sparse_grid.tables import blocks_of, keys_at
 from refsim.surface_energy import Dice, SurfaceTerm, Tension, operations, reference, surface_term
 from refsim.surface_energy.effect import SurfaceEnergy
+from refsim.surface_energy.reconstruction import area_before
 
 cases.example(
     SurfaceEnergy(surface_tension=5.0, enclose_volume=True, iterations=2, smallest=8),
     brings="cluster_share crowding greatest_crowding inverse_spread",
 )
-
-UNITS = float(1 << 20)  # units of area in a cell's face
 
 
 def tension_of(case) -> Tension:
@@ -38,12 +37,6 @@ def listed(case, position, dtype, shift=0.0):
     """Points by cell on the case's blocks."""
     grid = SparseGrid(Backend("cpu"), case.dim, dtype, cell_size(case))
     return grid.by_cell(position.astype(dtype), extraction(case.name, dtype)["blocks"], shift)
-
-
-def area_units(area, h, dim) -> np.ndarray:
-    """(facets + 1,) int64: running sum of areas in whole units of h^(dim-1)/2^20."""
-    whole = np.round(np.asarray(area, dtype=float) * (UNITS / h ** (dim - 1))).astype(np.int64)
-    return np.concatenate([np.zeros(1, np.int64), np.cumsum(whole)])
 
 
 @functools.cache
@@ -66,7 +59,7 @@ def reconstruction(name: str, dtype: str) -> dict:
         return {n: v.astype(dtype) if v.dtype.kind == "f" else v.astype(np.int32) for n, (v, _) in answer.items()}
 
     arrays |= work_out("facet_samples", "vertex_position", "facets")
-    arrays["area_before"] = area_units(arrays["sample_area"], h, dim)
+    arrays["area_before"] = area_before(arrays["sample_area"], h, dim)
     arrays["dice"] = Dice(np.int64(7), np.int64(min(4 * len(before["facets"]), 300)))
     arrays |= work_out("candidates", "vertex_position", "facets", "area_before", "dice")
     arrays["candidate_cells"] = listed(case, arrays["candidate_position"], dtype)

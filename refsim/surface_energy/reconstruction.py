@@ -61,6 +61,12 @@ class Surface:
     unfound: bool | None = None  # whether a sample has no particle, or None: not computed
 
 
+def area_before(area: Any, h: float, dim: int) -> Any:
+    """(facets + 1,) int64: running sum of areas in whole units, AREA_UNITS of them in h^(dim-1)."""
+    units = np.rint(area.astype(float) * (AREA_UNITS / h ** (dim - 1))).astype(np.int64)
+    return np.concatenate([np.zeros(1, np.int64), np.cumsum(units)])
+
+
 class Reconstruction:
     """Reconstructs surfaces with one set of parameters.
 
@@ -158,7 +164,8 @@ class Reconstruction:
         place, area, normal = self._facet_samples(mesh)
         if self.tension.quadrature == "facets":
             return place, area, normal, None
-        before, units = self._area_before(area)
+        before = area_before(area, float(self.term.cell_size), self.dim)
+        units = float(before[-1]) / AREA_UNITS
         count = math.ceil(CANDIDATES * DENSEST[self.dim] * units / self.tension.disk_radius ** (self.dim - 1))
         dice = Dice(*map(np.int64, (self.tension.seed + 7919 * step, count)))  # type: ignore[arg-type]
         facet, candidate = self._empty(count, np.int32), self._empty((count, 3))
@@ -294,13 +301,6 @@ class Reconstruction:
         self.backend.synchronize()
         self._seconds[name] = self._seconds.get(name, 0.0) + time.perf_counter() - began
         return result
-
-    def _area_before(self, area: Any) -> tuple[Any, float]:
-        """(running sum of areas in whole units, their sum in units of h^(dim-1))."""
-        per_unit = AREA_UNITS / float(self.term.cell_size) ** (self.dim - 1)
-        units = np.rint(area.astype(float) * per_unit).astype(np.int64)
-        before = np.concatenate([np.zeros(1, np.int64), np.cumsum(units)])
-        return before, float(before[-1]) / AREA_UNITS
 
     def _rescaled(self, area: Any, facet: Any, mesh: Mesh, inset_mesh: Mesh) -> Any:
         """Areas of Poisson-disk samples times the change of their facet's area."""
