@@ -182,3 +182,17 @@ def test_options_of_the_patent_and_an_extrapolated_pressure_exclude_each_other(t
         make_plan(basin(tmp_path, 0.0, layers=2))
     with pytest.raises(rs.InputError, match="needs an extrapolated pressure at all walls"):
         make_plan(basin(tmp_path, 0.0, model="mirrored"))
+
+
+def test_heavy_bodies_rest_on_the_floor_and_on_each_other():
+    """Of twice the water's density: they sank by half a spacing, and by 0.75 into each other, and planes held them."""
+    bodies = [((2, 2, 0), (3, 3, 2)), ((2, 2, 2), (3, 3, 2))]
+    simulation = rs.Simulation(at_rest(bodies, (7, 7, 6)), "cpu", threads=1)
+    found = []
+    while simulation.steps < 300:
+        simulation.step()
+        found.append(lifts(bodies, simulation))
+    high = [simulation.field("position")[18 * k : 18 * (k + 1), 2].mean() / 0.1 for k in (0, 1)]
+    assert high == pytest.approx([1.0, 3.0], abs=0.25)
+    assert simulation.stopped_at_walls == 0
+    assert np.mean(found[150:], axis=0) == pytest.approx(np.tile([0.0, 0.0, 2.0], (2, 1)), abs=0.1)

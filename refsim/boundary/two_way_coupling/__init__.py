@@ -43,7 +43,9 @@ SOLID_NUMBER = Field(
     "solid_number", "-", "number of the particle's solid, from 1; 0 in the liquid", dtype="int32", state=True
 )
 WET = Field("wet", "-", "sum of W over the liquid near a solid's particle, over W(0); a quarter of that beside it")
-SUCTION = Field("suction", "Pa", "pressure below which a film between solids or at walls breaks")
+SUCTION = Field("suction", "Pa", "least pressure of a film: below 0, where it breaks, above 0, where bodies overlap")
+ALLOWED_SHARE = Field("allowed_share", "-", "share of space that bodies may fill at a solid", state=True)
+FILM = WET, SUCTION, ALLOWED_SHARE
 TOLD_WET = Field("told_wet", "-", "wetness of solids in the step before", state=True)
 TOLD_PRESSURE = Field("told_pressure", "Pa", "pressure in the step before", state=True)
 TOLD_SUCTION = Field("told_suction", "Pa", "suction in the step before", state=True)
@@ -52,7 +54,9 @@ FOLLOWED_VELOCITY = Field(
     "followed_velocity", "m/s", "velocity that follows the particle's; their difference is the acceleration of solids",
     3, state=True,
 )  # fmt: skip
+DRAWN = 1e3  # share above all, before the first step: what overlaps as drawn is not pressed apart
 PASSED = 0.25  # of its wetness that a solid's particle passes on
+STIFFNESS, DAMPED = 2.0, 0.4  # of what overlaps [rho0 c^2], and of how fast [h/c]
 DELAY = 4.0  # of the followed velocity [h/c]
 
 
@@ -60,6 +64,15 @@ class Delay(NamedTuple):
     """What smooths the acceleration of solids, as the kernels take it."""
 
     tau: float  # [s]
+
+
+class Overlapping(NamedTuple):
+    """What presses bodies apart that overlap, as the kernels take it."""
+
+    volume: float  # 1/sum W of a lattice [m^dim]
+    whole: float  # 1/sum V W of a lattice [-]
+    stiffness: float  # [Pa]
+    delay: float  # by which the growth of an overlap counts [s]
 
 
 class Coupling(NamedTuple):
@@ -173,7 +186,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
 
     def fields(self, others: Others) -> tuple[Field, ...]:
         if liquid_of(others).advances():
-            return (DENSITY, PRESSURE, REST_DENSITY, PHASE, SOLID_NUMBER, FOLLOWED_VELOCITY, WET, SUCTION, *TOLD)
+            return (DENSITY, PRESSURE, REST_DENSITY, PHASE, SOLID_NUMBER, FOLLOWED_VELOCITY, *FILM, *TOLD)
         return (DENSITY, PRESSURE, REST_DENSITY, PHASE, RELATIVE_CONTRIBUTION, VOLUME)
 
     def initial(self, grid: Discretisation, state: "InitialState", others: Others) -> Mapping[str, np.ndarray]:
@@ -186,7 +199,8 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
         if not liquid_of(others).advances():
             return {"rest_density": rest_density}
         told = told_at_start(grid, state, others)
-        return {"rest_density": rest_density, "solid_number": number, "followed_velocity": state.velocity, **told}
+        told |= {"followed_velocity": state.velocity, "allowed_share": np.full(grid.count, DRAWN)}
+        return {"rest_density": rest_density, "solid_number": number, **told}
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         liquid = liquid_of(others)
@@ -212,6 +226,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
             Pass("sph.state", writes=("pressure",)),
             Pass("two_way_coupling.extrapolation", writes=("wet", "suction"), updates=("pressure",)),
             Pass("two_way_coupling.spread", updates=("wet", "suction", "pressure")),
+            Pass("two_way_coupling.overlap", updates=("allowed_share", "suction")),
             Pass("two_way_coupling.push", updates=("acceleration",), names=names),
             *((Pass("two_way_coupling.hold", updates=("acceleration",), names=names),) if self.no_slip else ()),
             Pass(
@@ -233,7 +248,14 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
         if liquid.advances():
             delay = Delay(grid.real(DELAY * grid.support_radius / liquid.sound_speed))
             friction = liquid.central_friction(grid) if self.no_slip else {}
-            return {"delay": delay, **friction, **liquid.spreading(grid, others), **lean(grid, others)}
+            number = liquid.rest_number_density(grid)
+            overlap = (
+                1 / number, 1 / (number * liquid.particle_volume(grid)),
+                STIFFNESS * liquid.rest_density * liquid.sound_speed**2,
+                DAMPED * grid.support_radius / liquid.sound_speed,
+            )  # fmt: skip
+            own = {"delay": delay, "overlapping": Overlapping(*map(grid.real, overlap))}
+            return own | friction | liquid.spreading(grid, others) | lean(grid, others)
         printed = self.printed()
         exponent = 7 if liquid.state == "tait" else 1
         viscous = liquid.dynamic_viscosity > 0

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from refsim.boundary.two_way_coupling import Coupling, Delay, TwoWayCoupling
+from refsim.boundary.two_way_coupling import Coupling, Delay, Overlapping, TwoWayCoupling
 from refsim.core import cases
 from refsim.core.cases import REST_DENSITY, Case, Exact, at, closed_form, example, groups, particles, takes, vectors
 from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
@@ -72,6 +72,17 @@ def _suction(case, random):
 particles(told_pressure=lambda case, random: 4e4 * random.uniform(-0.5, 1.0, case.count), told_suction=_suction)
 # of centimetres a second
 particles(followed_velocity=lambda case, random: 0.05 * vectors(case, random))
+# none yet, and near those of the cases
+particles(allowed_share=lambda case, random: random.choice([1e3, 1.3, 1.0, 0.9], case.count))
+
+
+@groups("overlapping")
+def _overlapping(case, grid):
+    """Twice what half of a lattice needs, as half of the particles are solids."""
+    numbers = 2 * grid.spacing**grid.dim, 1.0, 8e5, 0.02 * case.support_radius
+    return {"overlapping": Overlapping(*map(grid.real, numbers))}
+
+
 # four crossings of the support radius at 20 m/s
 groups(delay=lambda case, grid: Delay(grid.real(4 * case.support_radius / 20.0)))
 
@@ -234,6 +245,31 @@ for_each_kernel(
     one_was_wet=lambda w: _film([0.75, 9500.0, -40.0], told_wet=[3.0, 7.0, 0.0]),
     all_were_dry=lambda w: _film(np.zeros(3), told_wet=[0.0, 7.0, 1e-21]),
     liquid_keeps_its_pressure=lambda w: _film([0.0, 7.0, 0.0], phase=[SURFACE, FLUID, FLUID], pressure=[5.0, 7.0, 9.0]),
+)
+
+
+def _overlapping_by(w, push, allowed, **changes):
+    """Twice W(0)/W(0) of a solid's particle that moves down to another one, with 3 m/s; both bear the same."""
+    inputs = {
+        "velocity": [[0.0, 0.0, 0.0], [0.0, -3.0, 0.0]], "phase": [SURFACE, INTERIOR], "allowed_share": [1e3, 1e3],
+        "suction": [-5.0, -5.0], "overlapping": Overlapping(2 / w.at_zero, 5.0, 100.0, 0.25), "walls": None,
+    } | changes  # fmt: skip
+    return Exact(PAIR, inputs, {"allowed_share": np.broadcast_to(allowed, 2), "suction": np.broadcast_to(push, 2)})
+
+
+def _pressed(w):
+    """100 Pa (2 (1 + W(h/2)/W(0)) - 1 + 0.25 s 3 m/s |W'(h/2)| 2/W(0))."""
+    return 100 * (1 + 2 * w.share + 1.5 * w.slope / w.at_zero)
+
+
+for_each_kernel(
+    "two_way_coupling.overlap",
+    solids_that_overlap=lambda w: _overlapping_by(w, _pressed(w), 1.0, allowed_share=[1.0, 1.0]),
+    # what is drawn is allowed, and what has no other solid around it is half of a lattice
+    as_drawn=lambda w: _overlapping_by(w, -5.0, 2 * (1 + w.share)),
+    apart=lambda w: _overlapping_by(w, -5.0, 1.0, overlapping=Overlapping(0.4 / w.at_zero, 5.0, 100.0, 0.25)),
+    # liquid does not count: 100 Pa (2 - 1.5)
+    beside_liquid=lambda w: _overlapping_by(w, [-5.0, 50.0], [9.0, 1.5], phase=WATER_AND_ICE, allowed_share=[9.0, 1.5]),
 )
 
 

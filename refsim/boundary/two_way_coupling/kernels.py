@@ -1,7 +1,7 @@
 """What one neighbour and one particle do in two-way coupling."""
 
 from refsim.backends.compile import formula, kernel
-from refsim.backends.tuples import added, difference, over, scaled
+from refsim.backends.tuples import added, difference, dot, over, scaled
 from refsim.boundary.two_way_coupling import PASSED
 from refsim.boundary.two_way_coupling.formulas import tait_pressure
 from refsim.neighbours.forces import force
@@ -220,6 +220,48 @@ def spread(
 
 
 @pair
+def overlap_pair(r, x_ij, velocity_i, velocity_j, phase_j, smoothing):
+    """W_ks of a solid's particle [1/m^dim], and how fast it grows [1/(s m^dim)]."""
+    if phase_j == FLUID:
+        return type(r)(0), type(r)(0)
+    approach = dot(difference(velocity_i, velocity_j), x_ij)
+    return kernel_value(r, smoothing), approach * gradient_factor(r, smoothing)
+
+
+@pair
+def wall_overlap_pair(r, x_ij, velocity_i, volume_j, smoothing):
+    """V_b W_kb of a wall particle, dimensionless, and how fast it grows [1/s]."""
+    growth = dot(velocity_i, x_ij) * gradient_factor(r, smoothing)
+    return volume_j * kernel_value(r, smoothing), volume_j * growth
+
+
+@kernel(lanes=True)
+def overlap(
+    i, lane, position, velocity, phase, neighbours, walls, smoothing, overlapping, allowed_share, suction
+):  # fmt: skip
+    """Least pressure of a film [Pa] at a solid's particle around which solids and walls fill more of a lattice than
+    they ever did, 1 at least."""
+    if phase[i] == FLUID:
+        return
+    zero = type(smoothing.support_radius)(0)
+    number, growth = neighbour_sum(
+        overlap_pair, i, lane, neighbours, position, None, velocity, phase, smoothing
+    )  # fmt: skip
+    share, growth = (number + own_share(smoothing)) * overlapping.volume, growth * overlapping.volume
+    if walls is not None:
+        of_walls, faster = neighbour_sum(
+            wall_overlap_pair, i, lane, walls, position, None, velocity, walls.volume, smoothing
+        )  # fmt: skip
+        share, growth = share + of_walls * overlapping.whole, growth + faster * overlapping.whole
+    if first_lane(lane):
+        allowed = min(allowed_share[i], max(share, type(zero)(1)))
+        allowed_share[i] = allowed
+        if not share <= allowed:  # NaN goes on
+            pressed = share - allowed + overlapping.delay * growth
+            suction[i] = zero if pressed < zero else overlapping.stiffness * pressed
+
+
+@pair
 def push_pair(
     r, x_ij, phase_i, phase_j, solid_number_i, solid_number_j, mass_j, density_j, pressure_i, pressure_j, suction_i,
     suction_j, smoothing, fluid,
@@ -269,4 +311,5 @@ def follow(
     for c in range(3):
         before = followed_velocity[i, c]
         followed_velocity[i, c] = before + (velocity[i, c] - before) * timestep[1] / (timestep[1] + delay.tau)
-    told_wet[i], told_pressure[i], told_suction[i] = wet[i], pressure[i], suction[i]
+    told_wet[i], told_pressure[i] = wet[i], pressure[i]
+    told_suction[i] = suction[i] if not suction[i] > type(delay.tau)(0) else type(delay.tau)(0)

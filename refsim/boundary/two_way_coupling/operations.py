@@ -152,6 +152,26 @@ def spread(
     }
 
 
+@operation(
+    "contact", paper="this project", outputs="allowed_share suction", optional="walls", entrywise=True, tolerance=16.0,
+    reason="one rounding in each of distance, kernel, product and sum; the size counts both shares",
+)  # fmt: skip
+def overlap(position, velocity, phase, walls, smoothing, overlapping, allowed_share, suction, rows=None):
+    """Least share that solids and walls have filled around a solid's particle, at least 1, and the least pressure of a
+    film [Pa], which presses apart what fills more."""
+    i = Fields(position=position, velocity=velocity, allowed=allowed_share, before=suction, **kinds(phase))
+    around, at_walls = (neighbours(i, j, smoothing, rows=rows) for j in (i, wall_particles(walls)))
+    volume, whole, stiffness, delay = map(float, overlapping)
+    share = around(ref.share_of_solids, volume=volume) + at_walls(ref.share_of_walls, whole=whole)
+    growth = around.others(ref.growth_by_solids, volume=volume) + at_walls(ref.growth_at_walls, whole=whole)
+    solid, allowed = around.i.solid.value > 0, minimum(around.i.allowed, maximum(share, 1))
+    push = ref.pressed(share, allowed, growth, stiffness, delay)
+    return {
+        "allowed_share": where(solid, allowed, around.i.allowed),
+        "suction": where(solid & (share.value > allowed.value), push, around.i.before),
+    }
+
+
 def near_solids(i, smoothing, lean, delay, rows):
     """(pairs of `rows`, which have g - a_k [m/s^2] as `pull`, and of all particles; the fields of `rows`)."""
     solid = i.at(rows)
@@ -201,5 +221,5 @@ def follow(velocity, wet, pressure, suction, delay, timestep, followed_velocity,
     told = Fields(velocity=velocity, followed=followed_velocity, wet=wet, pressure=pressure, suction=suction).at(rows)
     return {
         "followed_velocity": ref.follow(told, float(timestep[1]), float(delay.tau)), "told_wet": told.wet,
-        "told_pressure": told.pressure, "told_suction": told.suction,
+        "told_pressure": told.pressure, "told_suction": minimum(told.suction, 0),
     }  # fmt: skip

@@ -103,6 +103,31 @@ def suction(k, s, ks):
     return weight_of_film(k, s, ks) * s.suction
 
 
+def share_of_solids(k, s, ks, volume):
+    """phi_k = sum_s W_ks/sum W of solids, k itself included, over a lattice's; `volume` = 1/sum W; dimensionless."""
+    return volume * s.solid * ks.W
+
+
+def share_of_walls(k, b, kb, whole):
+    """phi_k += sum_b V_b W_kb/sum V W of walls; `whole` = 1/sum V W of a lattice; dimensionless."""
+    return whole * b.volume * kb.W
+
+
+def growth_by_solids(k, s, ks, volume):
+    """d phi_k/dt = sum_s (v_k - v_s).grad W_ks/sum W of solids [1/s]; `volume` = 1/sum W."""
+    return volume * s.solid * ((k.velocity - s.velocity) @ ks.gradient)
+
+
+def growth_at_walls(k, b, kb, whole):
+    """d phi_k/dt = sum_b V_b v_k.grad W_kb/sum V W of walls at rest [1/s]; `whole` = 1/sum V W."""
+    return whole * b.volume * (k.velocity @ kb.gradient)
+
+
+def pressed(share, allowed, growth, stiffness, delay):
+    """s_k = K (phi - phi_0 + tau d phi/dt) [Pa], at least 0: solids and walls that fill more than phi_0 overlap."""
+    return stiffness * maximum(share - allowed + delay * growth, 0)
+
+
 def push(i, j, ij, s):
     """J(10) a_i = -(s/rho_i) sum_j V_j (p_i + p_j) grad W_ij [m/s^2], V = m/rho; 0 within one solid.
 
