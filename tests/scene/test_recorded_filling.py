@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from refsim.core.effect import Discretisation
-from refsim.scene.shapes import AROUND, PARTS, Room, filled, room_in, room_of_block
+from refsim.scene.shapes import AROUND, COLUMNS, DEEP, Room, filled, room_in, room_of_block
 
 D = 0.2
 
@@ -33,9 +33,9 @@ def test_what_fills_a_room_is_as_ever(recorded):
 
 
 def test_a_cell_of_which_one_place_lies_in_a_body_has_its_centre_there():
-    corner, place = np.full(3, AROUND * D), np.array([0.125, -0.375, 0.375]) * D
+    corner, place = np.full(3, AROUND * D), np.array([0.5, 0.5, 0.5 / DEEP]) / COLUMNS * D - 0.5 * D
     room = Room(np.zeros((1, 3)), np.full(1, 0.5), np.zeros((1, 3)))
-    for known, share, centre in (([corner, place], 0.5 / PARTS**3, place), ([corner], 0.0, 0 * place)):
+    for known, share, centre in (([corner, place], 0.5 / (COLUMNS * DEEP), place), ([corner], 0.0, 0 * place)):
         found = room_in(room, D, lambda points, known=known: (points[:, None] == known).all(2).any(1))
         assert found.share == pytest.approx([share])
         assert found.centre == pytest.approx(centre[None])
