@@ -128,7 +128,7 @@ def test_what_a_note_says_of_a_model_s_drops_is_what_was_measured():
     """Rows of `python -m validation measure tension`: least and most by jump and by frequency."""
     stored = json.loads((DATA / "tension.json").read_text()).values()
     rows = [row for row in stored if not row["stopped"] and row["liquid"] == "continuity"]
-    for name, model in tension.MODELS.items():
+    for name, model in tension.SPH.items():
         for dim, said in model.shown.items():
             for words, yardstick in zip(said, ("laplace", "rayleigh"), strict=True):
                 least, most = (0.0, 0.0) if words == "none" else map(float, (words.split(" to ") * 2)[:2])

@@ -33,6 +33,7 @@ from refsim.study.panels.drops import (
     fit_oscillation,
     inner_pressure,
     inside,
+    radius_of,
 )
 from refsim.surface_tension.calibration import BASE, BESIDE, SETTINGS
 from validation.measure.stirring import (
@@ -54,8 +55,8 @@ from validation.running import run_to
 FITTED_FROM = 3.0  # support radii: drops that are smaller are not fitted against 1/R
 # omega = omega_0 (1 - s A^2) at amplitude A: 3D after Tsamopoulos & Brown 1983, 2D of a plane drop's potential flow
 SOFTENING = {2: 0.773, 3: 34409 / 58800}
-# Random kicks tear it, and it needs none: its force acts at the surface only, and no stresses freeze.
-UNSTIRRED = ("csf",)
+# Random kicks tear them, and they need none: their forces act at the surface only, and no stresses freeze.
+UNSTIRRED = ("csf", "mpm")
 # The first two have no drop at BASE: it flies apart. The iteration of the third wants few neighbours.
 OTHER_BASE: dict[str, dict[str, Any]] = {
     "csf": {"kernels": "wendland"}, "he": {"kernels": "wendland"}, "akinci_iisph": {"support": 2.0},
@@ -265,8 +266,13 @@ def _rest(simulation: Simulation, point: Point) -> dict[str, float]:
     away = np.linalg.norm(x - x.mean(0), axis=1)
     if away.min() > INNER * point.radius or away.max() > 10 * point.radius:
         raise Dispersed
-    density, radius = inside(simulation, point.radius)
     rms = math.sqrt(((v - v.mean(0)) ** 2).sum(1).mean())
+    if point.model == "mpm":  # volumes J of particles, which have the pressure (1 - J)/S
+        ratio = simulation.field("volume_ratio").astype(float)
+        pressure = ((1 - ratio) * ratio).sum() / (ratio.sum() * point.stiffness)
+        radius = radius_of(ratio.sum(), point.dim)
+        return {"pressure": pressure, "density": 1 / ratio.mean(), "radius": radius, "rms": rms}
+    density, radius = inside(simulation, point.radius)
     return {"pressure": inner_pressure(simulation, BALLS * radius), "density": density, "radius": radius, "rms": rms}
 
 

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim.boundary.akinci_2012 import BoxWalls
-from refsim.core.effect import Discretisation
+from refsim.core.effect import Discretisation, Effect
 from refsim.engine.simulation import Simulation
+from refsim.mpm import MpmLiquid
 from refsim.scene.scene import Scene
 from refsim.scene.shapes import Ball, Cloud
 from refsim.sph import Gravity, WeaklyCompressible
@@ -89,8 +90,11 @@ def relaxed(
     return simulation
 
 
-def _liquid(point: Any, ohnesorge: float) -> WeaklyCompressible:
+def _liquid(point: Any, ohnesorge: float) -> Effect:
     """The liquid of a drop, with a viscosity mu = Oh sqrt(rho sigma R)."""
+    if point.model == "mpm":
+        viscosity = ohnesorge * math.sqrt(point.radius)
+        return MpmLiquid(rest_density=1.0, bulk_modulus=1 / point.stiffness, dynamic_viscosity=viscosity)
     return WeaklyCompressible(
         rest_density=1.0, sound_speed=1 / math.sqrt(point.stiffness),
         dynamic_viscosity=ohnesorge * math.sqrt(point.radius), kernels=point.kernels, density=point.liquid,

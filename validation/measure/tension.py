@@ -1,4 +1,4 @@
-"""The tension that acts: drops whose `surface_tension` is 1, with every model, of the default liquid and summed ones.
+"""The tension that acts: drops whose `surface_tension` is 1, by every model, in default and summed liquid and MPM.
 
 A row's `laplace` and `rayleigh` are the tensions by pressure jump and by frequency over the one that was asked for;
 `share` is the measured over the nominal one that the model took for it, 1 where it knows none.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import refsim
@@ -18,11 +19,12 @@ from validation.measure import drops
 from validation.measure.sigma_map import with_motion
 from validation.measure.stirring import CALM, free_drop
 
-MODELS: dict[str, Any] = {
+SPH: dict[str, Any] = {
     "akinci": refsim.Akinci2013, "becker_teschner": refsim.BeckerTeschner2007, "csf": refsim.CsfWang2019,
     "dong": refsim.Dong2016, "he": refsim.He2014, "jiang_zhu": refsim.JiangZhu2023,
     "tartakovsky_meakin": refsim.TartakovskyMeakin2005,
 }  # fmt: skip
+MODELS = SPH | {"mpm": partial(refsim.SurfaceEnergy, enclose_volume=True)}
 RADII = {2: (11.0, 16.0, 24.0), 3: (8.5, 10.0, 12.0)}  # in spacings
 SUPPORTS = (2.3, 3.0)  # h in spacings, beside 2.6
 STIFFNESS = 0.001  # S of water in a scene of one's own, 0.072 N/m, d = 1 mm, c = 8.5 m/s; beside 0.01
@@ -49,7 +51,8 @@ class Point(drops.Point):
     liquid: Any = "continuity"
 
     def tension(self) -> tuple[Any, ...]:
-        return MODELS[self.model](surface_tension=1.0), *(() if drops.summed(asdict(self)) else (ParticleShifting(),))
+        shifted = self.model in SPH and not drops.summed(asdict(self))
+        return MODELS[self.model](surface_tension=1.0), *((ParticleShifting(),) if shifted else ())
 
 
 def points(models: tuple[str, ...] = tuple(MODELS), dims: tuple[int, ...] = (2, 3)) -> Iterator[Point]:
@@ -59,6 +62,10 @@ def points(models: tuple[str, ...] = tuple(MODELS), dims: tuple[int, ...] = (2, 
     """
     for model, dim in itertools.product(models, dims):
         first, middle, last = RADII[dim]
+        if model == "mpm":  # whose h is three spacings
+            for radius, seed in itertools.product((6.0, 8.0, 12.0, 20.0), JUDGES):
+                yield Point(model, dim, support=3.0, radius=radius, seed=seed)
+            continue
         for radius, stiffness in ((first, 0.01), (first, STIFFNESS), (last, 0.01)):
             yield Point(model, dim, radius=radius, stiffness=stiffness, liquid="summation")
         if (model, dim) in JUDGED:
@@ -78,6 +85,8 @@ def points(models: tuple[str, ...] = tuple(MODELS), dims: tuple[int, ...] = (2, 
 def measure(point: Point, backend: str = "cpu") -> dict[str, Any]:
     """The row of a drop: see `drops.measure`; the pressure has the part of the random motion."""
     row = drops.measure(point, backend)
+    if point.model not in SPH:
+        return row
     plan = make_plan(free_drop(point, drops.start(point), None, CALM))
     tension: Any = plan.effects[MODELS[point.model].name]
     return {
