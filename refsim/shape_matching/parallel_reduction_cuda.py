@@ -17,9 +17,11 @@ def _opposites(pair, half_width):
     that sums stay small.
     """
     n = np.uint32(2 * half_width + 1)
-    column = np.uint32(pair) // n
-    a, plane = np.int32(np.uint32(pair) - column * n), np.int32(column // n)
-    b = np.int32(column) - plane * np.int32(n)
+    over = (np.uint32(1 << 16) + n - np.uint32(1)) // n  # times a number below 2^13: 2^16 of its whole quotient by n
+    column = (np.uint32(pair) * over) >> np.uint32(16)
+    plane = (column * over) >> np.uint32(16)
+    a, b = np.int32(np.uint32(pair) - column * n), np.int32(column - plane * n)
+    plane = np.int32(plane)
     slot = (a * np.int32(n) + b) * np.int32(n) + plane
     last = np.int32(n) * np.int32(n) * np.int32(n) - 1
     return slot, last - slot, (a - half_width, b - half_width, plane - half_width)
@@ -37,7 +39,7 @@ def _summed(part, lane):
     return sum_of_lanes(part, lane, kernels.LANES)
 
 
-@cuda_kernel(lanes=kernels.LANES)
+@cuda_kernel(lanes=kernels.LANES, registers=64)
 def match(solid_position, region_share, region, matching, region_center, region_anchor, rotation):
     """Center, rotation and anchor of every region."""
     s, lane = cuda.grid(1) // kernels.LANES, cuda.grid(1) % kernels.LANES
