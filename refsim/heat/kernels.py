@@ -177,14 +177,6 @@ def flow_to(i, lane, own, temperature, exchanges):
     return neighbour_sum(flow_pair, i, lane, exchanges, None, None, temperature, own)
 
 
-@kernel(lanes="exchanges")
-def flow(i, lane, exchanges, temperature, flow):
-    """dt Q_i = sum_j g (T_j - T_i) [J]."""
-    total = flow_to(i, lane, temperature[i], temperature, exchanges)
-    if first_lane(lane):
-        flow[i] = total
-
-
 @formula(ordered=True)
 def stage_change(y, start, change, flow, flow_start, rate, coefficients):
     """y' - y of a stage. In another order its differences become those of products, and the mean drifts."""
@@ -205,15 +197,16 @@ def advance(i, lane, exchanges, stage, inverse, substance, plan, k, new_temperat
     y' = y + before (y_before - y) + start (y_start - y) + (flow Q(y) + flow_start Q(y_start)) dt/C, the coefficients
     in row k of the plan's table. The `change` y - y_before is stored in place of y_before: from the difference of two
     values the rounding of each is fed back, and the mean, which no flow pulls back, drifts with the square of the
-    number of stages. With latent heat y are enthalpies, `now` their gain since the start. The first stage stores its
-    flow in `flow_start`.
+    number of stages. With latent heat y are enthalpies, `now` their gain since the start. The first stage has the
+    flow `flow_start`.
     """
     table, number = plan
     if k < number[0]:
-        total = flow_to(i, lane, stage.temperature[i], stage.temperature, exchanges)
+        total = stage.flow_start[i]
+        if k > 0:
+            total = flow_to(i, lane, stage.temperature[i], stage.temperature, exchanges)
         if first_lane(lane):
             if k == 0:
-                stage.flow_start[i] = total
                 stage.change[i] = 0
             y, rate, origin = stage.now[i], inverse[i], stage.start[i]
             if substance is not None:

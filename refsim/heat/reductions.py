@@ -10,15 +10,15 @@ from refsim.backends.fast.staging import AT_A_TIME, buffer, gathered
 from refsim.backends.reductions import CHUNKS, limits
 from refsim.backends.tuples import three
 from refsim.heat.formulas import missing_factor
-from refsim.heat.kernels import capacity_of, scaled_distance, weight_at
+from refsim.heat.kernels import capacity_of, flow_to, scaled_distance, weight_at
 from refsim.heat.shapes import ExchangeRows
 from refsim.neighbours.formulas import to_nearest_image
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import row_of
 
 
-def weigh_exchanges(body, neighbours, step, scratch):
-    """(exchanges, 1/C_i [K/J], array (1,) of the largest s_i, infinite where a sum is not finite)."""
+def weigh_exchanges(body, neighbours, step, scratch, temperature):
+    """(exchanges, 1/C_i [K/J], array (1,) of the largest s_i, infinite where a sum is not finite, dt Q_i [J])."""
     n, real, capacity = len(body.volume), body.volume.dtype, len(neighbours.entries)
     exchanges = ExchangeRows(
         neighbours.start,
@@ -31,7 +31,10 @@ def weigh_exchanges(body, neighbours, step, scratch):
     partial = scratch.array("heat largest of chunks", CHUNKS, real)
     exchange_weights(body, neighbours, step, exchanges, inverse, partial)
     largest[0] = partial.max()
-    return exchanges, inverse, largest
+    start = scratch.array("heat flow", n, real)
+    if temperature is not None:
+        flow(exchanges, temperature, start)
+    return exchanges, inverse, largest, start
 
 
 @formula
@@ -99,6 +102,12 @@ def exchange_weights(chunk, conductor, neighbours, step, exchanges, inverse, par
             diagonal = real(np.inf)
         most = max(most, diagonal)
     partial[chunk] = most
+
+
+@kernel
+def flow(i, exchanges, temperature, flow):
+    """dt Q_i = sum_j g (T_j - T_i) [J]."""
+    flow[i] = flow_to(i, None, temperature[i], temperature, exchanges)
 
 
 # Conjugate gradients; dots (3,): r z of this pass, p A p, r z of the pass before; all in float64

@@ -7,8 +7,9 @@ import math
 
 import numpy as np
 
+from refsim.backends import device
 from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel
-from refsim.backends.primitives import four_of, largest_of_block, set_four, sum_of_block
+from refsim.backends.primitives import four_of, largest_of_block, sum_of_block
 from refsim.heat.kernels import capacity_of, factor_in, weight_at
 from refsim.heat.reductions import flow_along, new_direction, new_solution, step_ratio
 from refsim.heat.shapes import ExchangeColumns
@@ -16,32 +17,25 @@ from refsim.neighbours.formulas import to_nearest_image
 from refsim.neighbours.rows import over_lanes, row_of
 
 
-def weigh_exchanges(body, neighbours, step, scratch):
-    """(exchanges, 1/C_i [K/J], array (1,) of the largest s_i, infinite where a sum is not finite)."""
+def weigh_exchanges(body, neighbours, step, scratch, temperature):
+    """(exchanges, 1/C_i [K/J], array (1,) of the largest s_i, infinite where a sum is not finite, dt Q_i [J])."""
     n, real, capacity = body.volume.shape[0], body.volume.dtype, neighbours.entries.shape[0]
     weights = scratch.array("heat weight", capacity, real)
     exchanges = ExchangeColumns(neighbours.count, neighbours.entries, weights, neighbours.lanes)
     inverse = scratch.array("heat inverse", n, real)
     largest = scratch.array("heat largest", 1, real)
+    flow = scratch.array("heat flow", n, real)
     placed = scratch.array("placed", (n, 4), real)
-    begin(body.position, body.volume, placed, largest)
-    exchange_weights(placed, body, step, exchanges, inverse, largest)
-    return exchanges, inverse, largest
-
-
-@cuda_kernel(rows_of="placed")
-def begin(position, volume, placed, largest):
-    """Rows (x, V), which a thread reads at once; the largest s_i is 0 so far."""
-    i = cuda.grid(1)
-    if i < placed.shape[0]:
-        set_four(placed, i, position[i, 0], position[i, 1], position[i, 2], volume[i])
-    if i == 0:
-        largest[0] = 0
+    device.side_by_side(
+        lambda: device.packed((body.position,), (body.volume,), (placed,)), lambda: device.fill(largest, 0)
+    )
+    exchange_weights(placed, body, step, temperature, exchanges, inverse, largest, flow)
+    return exchanges, inverse, largest, flow
 
 
 @cuda_kernel(rows_of="inverse", lanes="exchanges")
-def exchange_weights(placed, conductor, step, exchanges, inverse, largest):
-    """The weights of every particle's neighbours [J/K], 0 beyond h, 1/C_i [K/J], and the largest s_i."""
+def exchange_weights(placed, conductor, step, temperature, exchanges, inverse, largest, flow):
+    """The weights of every particle's neighbours [J/K], 0 beyond h, 1/C_i [K/J], the largest s_i, and dt Q_i [J]."""
     conductivity, conduction = conductor.conductivity, step.conduction
     lanes = len(exchanges.lanes)
     i, lane = cuda.grid(1) // lanes, cuda.grid(1) % lanes
@@ -49,7 +43,7 @@ def exchange_weights(placed, conductor, step, exchanges, inverse, largest):
     diagonal = real(0)
     if i < inverse.shape[0]:
         first, stride, count = row_of(exchanges, i, (lane, lanes))
-        total = type(conduction.support_radius)(0)
+        total = given = type(conduction.support_radius)(0)
         x, y, z, own_volume = four_of(placed, i)
         own_conductivity = conductivity[i]
         if count > 0:
@@ -74,9 +68,12 @@ def exchange_weights(placed, conductor, step, exchanges, inverse, largest):
                 g *= factor_in(conductor, i, exchanges.entries[at], step.period)
                 exchanges.weight[at] = g
                 total += g
+                if temperature is not None:
+                    given += g * (temperature[exchanges.entries[at]] - temperature[i])
                 xj, yj, zj, volume_j, conductivity_j = xn, yn, zn, next_volume, next_conductivity
-        total = over_lanes(total, (lane, lanes))
+        total, given = over_lanes(total, (lane, lanes)), over_lanes(given, (lane, lanes))
         if lane == 0:
+            flow[i] = given
             inverse[i] = capacity_of(i, conductor, conduction)
             diagonal = inverse[i] * total
             if not diagonal < real(np.inf):

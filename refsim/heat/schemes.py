@@ -10,7 +10,6 @@ from refsim.heat.kernels import (
     compensate,
     copy,
     copy_rows,
-    flow,
     note_rounds,
     plan_chebyshev,
     sweep,
@@ -29,17 +28,17 @@ from refsim.heat.stages import (
 
 
 def reduced(scratch):
-    """(weigh_exchanges, update_direction, update_solution) of `reductions`, on the backend of the scratch memory."""
+    """The module of the sums over all particles for the backend of the scratch memory."""
     if scratch.backend.name != "cuda":
-        return reductions.weigh_exchanges, reductions.update_direction, reductions.update_solution
+        return reductions
     from refsim.heat import reductions_cuda  # loads numba.cuda
 
-    return reductions_cuda.weigh_exchanges, reductions_cuda.update_direction, reductions_cuda.update_solution
+    return reductions_cuda
 
 
-def weighed(body, neighbours, step, scratch):
+def weighed(body, neighbours, step, scratch, temperature=None):
     """As `reductions.weigh_exchanges`, on the backend of the scratch memory."""
-    return reduced(scratch)[0](body, neighbours, step, scratch)
+    return reduced(scratch).weigh_exchanges(body, neighbours, step, scratch, temperature)
 
 
 def compensation(
@@ -93,12 +92,12 @@ def planned(largest, conduction, scratch, real):
     return table, number
 
 
-def run_stages(plan, exchanges, inverse, substance, scratch, enthalpy, temperature):
+def run_stages(plan, exchanges, inverse, flow_start, substance, scratch, enthalpy, temperature):
     """Take the stages of a plan (table, number) one after the other, from the state and into it."""
     table, number = plan
     state = temperature if substance is None else enthalpy
     n, real = state.shape[0], state.dtype
-    flow_start, change = scratch.array("heat flow", n, real), scratch.array("heat change", n, real)
+    change = scratch.array("heat change", n, real)
     values = [scratch.array(f"heat buffer {k}", n, real) for k in range(2)]
     warm, now, source = [None] * 2, state, temperature
     if substance is not None:  # values are gains of enthalpy
@@ -140,14 +139,14 @@ def known(largest, enthalpy, temperature, scratch):
 
 def explicit(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
     """Forward Euler."""
-    exchanges, inverse, _ = weighed(body, neighbours, step, scratch)
+    exchanges, inverse, _, flow = weighed(body, neighbours, step, scratch, temperature)
     plan = written([EXPLICIT], scratch, temperature.dtype)
-    run_stages(plan, exchanges, inverse, substance_of(body, melting), scratch, enthalpy, temperature)
+    run_stages(plan, exchanges, inverse, flow, substance_of(body, melting), scratch, enthalpy, temperature)
 
 
 def one_sided(body: Body, neighbours, step: Step, scratch, temperature):
     """M(4) read literally (R1): every particle by itself, forwards, then backwards."""
-    exchanges, inverse, _ = weighed(body, neighbours, step, scratch)
+    exchanges, inverse, *_ = weighed(body, neighbours, step, scratch)
     for backwards in (0, 1):
         old = copied(temperature, "heat start", scratch)
         sweep(exchanges, inverse, step.conduction, np.int32(backwards), old, temperature)
@@ -158,7 +157,7 @@ def chebyshev(body: Body, melting: Melting, neighbours, step: Step, scratch, ent
 
     With `planned_passes` a GPU finds the number of passes itself, so that a step waits for nothing.
     """
-    exchanges, inverse, largest = weighed(body, neighbours, step, scratch)
+    exchanges, inverse, largest, flow = weighed(body, neighbours, step, scratch, temperature)
     start = None if enthalpy is None else copied(temperature, "heat start", scratch)
     plan, real = None, temperature.dtype
     if step.conduction.planned_passes and scratch.backend.name == "cuda":
@@ -171,38 +170,35 @@ def chebyshev(body: Body, melting: Melting, neighbours, step: Step, scratch, ent
         if passes <= step.conduction.most_passes:
             plan = written(list(chebyshev_stages(most, passes)), scratch, real)
     if plan is None:
-        solve(exchanges, inverse, step.conduction, scratch, temperature)
+        solve(exchanges, inverse, flow, step.conduction, scratch, temperature)
     else:
-        run_stages(plan, exchanges, inverse, None, scratch, None, temperature)
+        run_stages(plan, exchanges, inverse, flow, None, scratch, None, temperature)
     if enthalpy is not None:
         take_up(start, substance_of(body, melting), enthalpy, temperature)
 
 
 def conjugate_gradient(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
     """Backward Euler by conjugate gradients; with latent heat Chernoff's formula."""
-    exchanges, inverse, largest = weighed(body, neighbours, step, scratch)
+    exchanges, inverse, largest, flow = weighed(body, neighbours, step, scratch, temperature)
     if known(largest, enthalpy, temperature, scratch) is None:
         return
     start = None if enthalpy is None else copied(temperature, "heat start", scratch)
-    solve(exchanges, inverse, step.conduction, scratch, temperature)
+    solve(exchanges, inverse, flow, step.conduction, scratch, temperature)
     if enthalpy is not None:
         take_up(start, substance_of(body, melting), enthalpy, temperature)
 
 
-def solve(exchanges, inverse, conduction, scratch, temperature):
-    """Conjugate gradients, scaled by C, for the change of the temperatures.
+def solve(exchanges, inverse, residual, conduction, scratch, temperature):
+    """Conjugate gradients, scaled by C, for the change of the temperatures; the residual is the flow at the start [J].
 
     Every direction is a polynomial in A/C of the old temperatures, so that sum C T is kept without a correction.
     """
     n, real = temperature.shape[0], temperature.dtype
-    names = ("residual", "gradient", "direction", "next_direction", "image", "solution")
-    residual, gradient, direction, next_direction, image, solution = (
-        scratch.array(f"heat {k}", n, real) for k in names
-    )
+    names = ("gradient", "direction", "next_direction", "image", "solution")
+    gradient, direction, next_direction, image, solution = (scratch.array(f"heat {k}", n, real) for k in names)
     dots = scratch.array("heat dots", 3, np.float64)
     every = 8 if scratch.backend.name == "cuda" else 1  # passes between looks at the residual, which a GPU waits for
-    _, update_direction, update_solution = reduced(scratch)
-    flow(exchanges, temperature, residual)
+    update_direction, update_solution = reduced(scratch).update_direction, reduced(scratch).update_solution
     for array in (direction, image, solution, dots):
         scratch.backend.assign(array, 0)
     update_solution(inverse, direction, image, dots, solution, residual, gradient, scratch)
@@ -223,10 +219,10 @@ def solve(exchanges, inverse, conduction, scratch, temperature):
 
 def runge_kutta_legendre(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
     """RKL2 on temperatures, RKL1 on enthalpies."""
-    exchanges, inverse, largest = weighed(body, neighbours, step, scratch)
+    exchanges, inverse, largest, flow = weighed(body, neighbours, step, scratch, temperature)
     most = known(largest, enthalpy, temperature, scratch)
     if most is None:
         return
     stages = list((legendre_stages if enthalpy is None else first_legendre_stages)(most))
     plan = written(stages, scratch, temperature.dtype)
-    run_stages(plan, exchanges, inverse, substance_of(body, melting), scratch, enthalpy, temperature)
+    run_stages(plan, exchanges, inverse, flow, substance_of(body, melting), scratch, enthalpy, temperature)

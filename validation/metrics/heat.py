@@ -104,7 +104,7 @@ class Conductor:
                 break
 
     def weighed(self, seconds: float) -> tuple[Any, ...]:
-        """Exchanges, 1/C_i and the largest s_i of a step, as schemes have them."""
+        """Exchanges, 1/C_i and the largest s_i of a step, without a flow, as schemes have them."""
         from refsim.heat import schemes
 
         given = {**self.arguments, "timestep": np.array([0.0, seconds])}

@@ -102,7 +102,7 @@ def column(scheme: str, seed: int | None = None) -> tuple[Conductor, np.ndarray]
 def swept(made: Conductor, seconds: float, passes: int, reverse: bool) -> None:
     """One step of M(4) in so many passes of equal parts; every second one backwards, or none."""
     t = made.temperature
-    exchanges, inverse, _ = made.weighed(seconds / passes)
+    exchanges, inverse, *_ = made.weighed(seconds / passes)
     for k in range(passes):
         kernels.sweep(exchanges, inverse, made.conduction, np.int32(reverse and k % 2), t.copy(), t)
 
