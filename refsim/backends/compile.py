@@ -123,13 +123,12 @@ class CudaKernel:
     """
 
     def __init__(
-        self, function: Callable, *, fastmath: bool = False, rows_of: str | None = None,
-        lanes: bool | str | int = False, block_for_each_row: bool = False, threads: int | None = None,
-        registers: int | None = None, looping: bool = False,
+        self, function: Callable, *, rows_of: str | None = None, lanes: bool | str | int = False,
+        block_for_each_row: bool = False, threads: int | None = None, registers: int | None = None,
+        looping: bool = False,
     ) -> None:  # fmt: skip
         names = list(inspect.signature(function).parameters)
-        self.function, self.fastmath, self.block_for_each_row = function, fastmath, block_for_each_row
-        self.looping = looping
+        self.function, self.block_for_each_row, self.looping = function, block_for_each_row, looping
         if isinstance(lanes, bool):
             lanes = "neighbours" if lanes else 1
         self.lanes = 1 if isinstance(lanes, str) else lanes
@@ -141,7 +140,7 @@ class CudaKernel:
         self.__doc__ = function.__doc__
         self.__wrapped__ = function
         self.__signature__ = inspect.signature(function)
-        options: dict[str, Any] = {"fastmath": fastmath}
+        options: dict[str, Any] = {}
         if not simulated():  # the simulator takes None as it is and has no such options
             options["extensions"] = [_AbsentArgument()]
             if registers is not None:
@@ -237,15 +236,15 @@ class Kernel:
     The body takes the row's number `i`, with `lanes` also `lane`, and then the arguments, outputs last. Rows are those
     of the last argument, or of `rows_of`. With `lanes` (the name of a list, True for `neighbours`, or a number) so many
     neighbouring CUDA threads share a row: `lane` is (number of the thread, number of threads), and None on a CPU.
-    `ordered` and `packed` are options of `cpu_kernel`, `registers` and `fastmath` of `cuda_kernel`. Only with
-    `allocates` may the body, or a formula that it calls, make an array on the CPU.
+    `ordered` and `packed` are options of `cpu_kernel`, `registers` of `cuda_kernel`. Only with `allocates` may the
+    body, or a formula that it calls, make an array on the CPU.
 
     Called itself, it runs the program for the backend on which the array of rows lives.
     """
 
     def __init__(
         self, function: Callable, *, rows_of: str | None = None, lanes: bool | str | int = False, ordered: bool = False,
-        packed: bool = False, allocates: bool = False, fastmath: bool = False, registers: int | None = None,
+        packed: bool = False, allocates: bool = False, registers: int | None = None,
     ) -> None:  # fmt: skip
         names = list(inspect.signature(function).parameters)
         function.shown_as = f"{function.__name__}_of_row"  # type: ignore[attr-defined]
@@ -256,7 +255,7 @@ class Kernel:
         self.lanes = "neighbours" if lanes is True else lanes
         self.options: dict[str, dict[str, Any]] = {
             "cpu": {"ordered": ordered, "packed": packed},
-            "cuda": {"rows_of": self.rows, "lanes": lanes, "fastmath": fastmath, "registers": registers},
+            "cuda": {"rows_of": self.rows, "lanes": lanes, "registers": registers},
         }
         self.__name__, self.__doc__, self.__module__ = function.__name__, function.__doc__, function.__module__
         self.__wrapped__ = function

@@ -15,7 +15,7 @@ from refsim.core.capabilities import BringsWalls, CorrectsPositions, NeedsCellOr
 from refsim.core.walls import WallParticles
 from refsim.engine.limits import StepOutcome
 from refsim.neighbours import NeighbourSearch, Particles
-from refsim.neighbours.limits import FEW_STEPS, MANY_STEPS
+from refsim.neighbours.limits import FEW_STEPS, GPU_SKINS, MANY_STEPS
 from refsim.scene.plan import Plan
 from refsim.sph import SHIFT
 
@@ -46,7 +46,9 @@ class Lists:
         self.search: NeighbourSearch | None = None
         if plan.list_radius > 0 and backend.name != "numpy":
             period = plan.shared["period"]
-            self.skins = plan.scene.skins[: 1 if backend.name == "cuda" else None]
+            self.skins = plan.scene.skins
+            if backend.name == "cuda" and len(self.skins) > 1:
+                self.skins = GPU_SKINS
             options = plan.list_radius, self.skins[0], period, max(self.skins)
             self.search = NeighbourSearch(backend, grid.dim, grid.dtype, *options)
         self.latest: tuple[Any, Any, Any] | None = None
@@ -80,6 +82,11 @@ class Lists:
         """Whether there is a list."""
         return self.latest is not None
 
+    @property
+    def brief(self) -> bool:
+        """Whether the list is a GPU's narrowest: to build it anew is quicker than to compare displacements."""
+        return self.search is not None and self.search.looks_ahead and self.search.skin < self.skins[0]
+
     def in_first_order(self, values: np.ndarray) -> np.ndarray:
         """A table of the wall particles in the order in which the effects gave them."""
         return values if self.static is None else self.static.in_first_order(values)
@@ -97,7 +104,7 @@ class Lists:
     def keeps(self, particles: Particles) -> bool:
         """Whether relative displacements allow to keep the list; then `margin` [m] says for how long."""
         search = self.search
-        if search is None or not math.isfinite(self.squared_displacement):
+        if search is None or self.brief or not math.isfinite(self.squared_displacement):
             return False
         if not (self.by_forces or search.looks_ahead):
             return False
@@ -140,12 +147,15 @@ class Lists:
     def choose_skin(self, steps: int) -> None:
         """The skin of the next list, by the number of steps that the latest one served until step number `steps`.
 
-        A wider list takes longer to build and to sum over, and is built more rarely.
+        A wider list takes longer to build and to sum over, and is built more rarely; not where a particle crosses the
+        widest skin in one step, so that it is tried at every MANY_STEPS-th only.
         """
         assert self.search is not None
-        if self.outlasts(steps):
+        served, crossing = steps - self.built_at, (max(self.skins) * self.search.radius) ** 2
+        hurried = served == 1 and crossing < self.squared_displacement < math.inf
+        if self.outlasts(steps) or (hurried and steps % MANY_STEPS):
             self.search.reach_further(min(self.skins))
-        elif (served := steps - self.built_at) < FEW_STEPS:
+        elif served < FEW_STEPS:
             self.search.reach_further(max(self.skins))
         elif served > MANY_STEPS and self.search.skin > self.skins[0]:
             self.search.reach_further(self.skins[0])

@@ -27,7 +27,7 @@ def look_ahead(state: State) -> bool:
     lists = state.lists
     expected = lists.expects_look()
     if lists.search is not None and lists.built:
-        lists.search.look_ahead(_particles(state), expected)
+        lists.search.look_ahead(_particles(state), expected and not lists.brief)
     return expected
 
 

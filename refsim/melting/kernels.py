@@ -4,12 +4,9 @@ from collections import namedtuple
 
 from refsim.backends.compile import formula, kernel
 from refsim.backends.reductions import reduction
-from refsim.backends.runtime import simulated
 from refsim.neighbours.rows import first_lane, lane_slots, over_lanes
+from refsim.shape_matching.kernels import LANES
 from refsim.shape_matching.phases import EMPTY, FLUID, SURFACE
-
-LANES = 1 if simulated() else 8  # CUDA threads that share a node; the simulator has no shuffles
-
 
 # What decides whether particles melt; without latent heat enthalpies and latent heats are None
 Heated = namedtuple("Heated", "identity temperature enthalpy melting_point latent_heat")

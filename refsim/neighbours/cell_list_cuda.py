@@ -53,7 +53,7 @@ class CellSearch:
         self.period, self.periodic = period, periodic_cells(period, reach)
         self.lists = {}
         self.sorter = self.boxes = self.auditor = None
-        self.together = (), None  # lists that are built in one graph, and the graph
+        self.together = (), {}  # lists that are built in one graph, and the graph by how far they reach
         self.counted = ()  # whose bytes the log has
         self.wanted = False  # whether an audit is to be launched with the next sorting
 
@@ -176,16 +176,16 @@ class CellSearch:
             return
         while True:
             if self.together[0] != lists:
-                self.together = lists, device.CudaGraph(lambda: self._launch(lists))
+                self.together = lists, {}
                 self.counted = ()
-            self.together[1]()
+            self.together[1].setdefault(self.listed, device.CudaGraph(lambda: self._launch(lists)))()
             lists[-1].mirror.read()
             if self.sorter is not None and not self.sorter.ended():
                 continue
             fitting = [held.fits() for held in lists]
             if all(fitting):
                 break
-            self.together = (), None
+            self.together = (), {}
         parts = (*self.lists.values(), *(part for part in (self.sorter, self.boxes) if part is not None))
         if parts != self.counted:
             self.counted, self.log.list_bytes = parts, sum(part.nbytes for part in parts)

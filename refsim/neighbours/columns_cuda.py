@@ -81,12 +81,9 @@ def build_list(query, run, low, high, placed, radius, exclude_self, period, repo
                 before, together = sum_before_lane(first + second + third + fourth, lane, lanes)
                 at = total + before
                 write_found(i, n, j, first, at, capacity, listed)
-                at += first
-                write_found(i, n, j + 1, second, at, capacity, listed)
-                at += second
-                write_found(i, n, j + 2, third, at, capacity, listed)
-                at += third
-                write_found(i, n, j + 3, fourth, at, capacity, listed)
+                write_found(i, n, j + 1, second, at + first, capacity, listed)
+                write_found(i, n, j + 2, third, at + first + second, capacity, listed)
+                write_found(i, n, j + 3, fourth, at + first + second + third, capacity, listed)
                 total += together
         if lane == 0:
             listed.count[i] = total
@@ -150,7 +147,7 @@ class ListOf:
         """Build the list behind `find_cells`; launches only."""
         queries, table, search = self.queries, self.table, self.search
         cell_ranges(table.cells, table.first, queries.cells, queries.report, search.periodic, self.low, self.high)
-        radius = self.position.dtype.type(search.reach)
+        radius = self.position.dtype.type(search.listed)
         exclude_self = int(self.table is self.queries)
         build_list(
             self.position, queries.run, self.low, self.high, self.placed, radius, exclude_self, search.period,

@@ -4,8 +4,9 @@ MOST_NEIGHBOURS = 4096  # a particle with more is inside a collapsed clump
 NEIGHBOUR_CAPACITY = 48  # entries per particle that a list on the CPU begins with
 WALL_CAPACITY = 4  # the same of the list of wall particles near each particle
 SKINS = 0.1, 0.2, 0.05  # shares of the radius by which a list reaches further, unless the scene says otherwise
-FEW_STEPS = 8  # that the narrower list served: the next one, on a CPU, is the wider
-MANY_STEPS = 20  # that the wider list served: the next one is the first; that the first served: see `Lists.outlasts`
+GPU_SKINS = 0.1, 0.02  # the same on a GPU
+FEW_STEPS = 8  # that a list served: the next one is the widest
+MANY_STEPS = 20  # that the wider list served: the next one is the first. For others see `refsim.engine.lists`
 PARTICLES_PER_CELL = 6  # for which a GPU's table of occupied cells has entries at first
 
 

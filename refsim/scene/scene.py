@@ -29,8 +29,8 @@ class Scene(Checked, frozen=True, kw_only=True):
     end_time        where `refsim run` stops [s]
     step            fixed step [s]; 0 lets the stable step decide
     step_factor     share of the stable step that is taken
-    skin            share of the support radius by which the neighbour list reaches further; by default 0.1, and on a
-                    CPU 0.2 while lists serve few steps and 0.05 where particles hardly move
+    skin            share of the support radius by which the neighbour list reaches further; by default 0.1, on a CPU
+                    0.2 while lists serve few steps; 0.05 (GPU: 0.02) where particles rest or cross skins in a step
     period          lengths of a periodic box along x, y and z [m]; 0 along axes without a period
     period_lower    lower corner of that box [m]
     motion          how gravity or faces of walls move in time

@@ -4,8 +4,7 @@ import numpy as np
 
 from refsim.backends.compile import cuda
 from refsim.shape_matching.formulas import best_rotation
-
-PRECISION = 1e-17  # of the eigensolver in float64
+from refsim.shape_matching.rotation import PRECISION
 
 
 def solved_rotation(moments, before, floor, lost):

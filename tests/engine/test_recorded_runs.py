@@ -55,7 +55,7 @@ class Known:
 
     def __init__(self, rng, ahead):
         self.allowed_displacement, self.looks_ahead, self.rng = 0.3, ahead, rng
-        self.skin, self.asked = None, []
+        self.skin, self.asked, self.radius = 0.1, [], 1.0
 
     def ahead(self, length):
         return 5.0 * length if self.looks_ahead else 0.0
@@ -112,6 +112,8 @@ def test_lists_are_kept_as_the_margins_of_a_second_program_say(seed):
             of.choose_skin(number)
             served = number - before
             skin = 0.3 if served < lists.FEW_STEPS else 0.1 if served > lists.MANY_STEPS else of.search.skin
+            if served == 1 and 0.3 < squared**0.5 < 1 and number % lists.MANY_STEPS:
+                skin = 0.1
             assert of.search.skin == skin
             of.after_build(number)
             assert of.built_at == number

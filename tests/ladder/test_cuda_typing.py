@@ -278,7 +278,7 @@ def assert_compiles(cuda, kernel, values, dtype):
     kinds = tuple(numba.typeof(value) for value in values)
     if (kernel, kinds, dtype) in COMPILED:  # several operations launch it
         return
-    ptx, _ = cuda.compile_ptx(kernel.function, kinds, cc=CAPABILITY, fastmath=kernel.fastmath)
+    ptx, _ = cuda.compile_ptx(kernel.function, kinds, cc=CAPABILITY)
     entry = ptx[ptx.index(".entry") :]
     assert entry[: entry.index(")")].count(".param") == sum(map(slots, kinds)), "the launch passes other parameters"
     assert_launches(kernel, values, sum(map(slots, kinds)))
@@ -314,7 +314,7 @@ def test_what_rounding_takes_from_a_position_is_not_cancelled(compiler, monkeypa
         values = operation_arguments("sph.kick_drift", "cuda", variant, "float32").values()
         (kernel, given), *_ = launches(monkeypatch, REGISTRY["sph.kick_drift"].program("cuda"), values)[-1:]
         kinds = tuple(numba.typeof(value) for value in given)
-        ptx, _ = compiler.compile_ptx(kernel.function, kinds, cc=CAPABILITY, fastmath=kernel.fastmath)
+        ptx, _ = compiler.compile_ptx(kernel.function, kinds, cc=CAPABILITY)
         found.append(len(re.findall(r"\b(?:add|sub)(?:\.rn)?\.f32\b", ptx)))
     assert found[1] - found[0] == 3 * 6
 
