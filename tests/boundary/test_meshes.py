@@ -3,7 +3,6 @@
 import json
 import os
 import random
-import time
 
 import numpy as np
 import pytest
@@ -15,9 +14,6 @@ from refsim.boundary.signed_distance import signed_distance
 from refsim.core.errors import InputError
 from refsim.scene import overlaps
 from refsim.scene.meshes import mesh_files, read_mesh
-from refsim.scene.overlaps import winding
-from refsim.scene.solids import SolidMesh
-from refsim.winding_number.reference import solid_angles
 from tests.boundary import damaged_meshes
 from tests.running import python, rows
 
@@ -97,14 +93,6 @@ def test_corners_that_differ_by_rounding_make_the_same_union(noise):
     assert mesh.notes[0].startswith("assumed of the mesh: 72 corners of open edges joined, which lay up to ")
 
 
-def test_float32_coordinates_far_from_the_origin_are_in_one_plane():
-    """As a binary STL holds them: a turned pair of bricks 40 m away, rounded to 3.8e-6 m."""
-    vertices, faces = bricks([[0, 0, 0], [2, 2, 1]], [[0, 0, 1], [1, 1, 2]])
-    moved = (vertices @ TURN.T + 40).astype(np.float32).astype(float)
-    mesh = surface_mesh(*soup(moved, faces))
-    assert (mesh.volume, mesh.area) == (pytest.approx(5.0, rel=1e-5), pytest.approx(20.0, rel=1e-5))
-
-
 def gaps(part):
     """A ball whose triangles are drawn towards their middles by a share of their size."""
     corners = np.asarray(BALL.vertices)[BALL.faces]
@@ -118,59 +106,6 @@ def test_triangles_with_gaps_are_joined(part):
     assert (mesh.volume, len(mesh.vertices)) == (pytest.approx(BALL.volume, rel=1e-9 + part), len(BALL.vertices))
     distance, _ = signed_distance(mesh, 0.1).at(np.array([[0.0, 0, 0], [0, 0, 0.8], [0, 0, 1.2]]))
     assert distance == pytest.approx([-0.3, -0.2, 0.2], abs=0.01)
-
-
-def test_meshes_are_repaired_and_thin_features_left_alone():
-    thin = trimesh.creation.box((1.0, 1.0, 2e-5))
-    assert surface_mesh(*soup(thin.vertices, thin.faces)).volume == pytest.approx(2e-5, rel=1e-9)
-    with pytest.raises(InputError, match="is open"):
-        surface_mesh(*gaps(0.5))
-    vertices = np.vstack([BALL.vertices, 1.2 * BALL.vertices[BALL.faces[::100, 0]], 0.5 * BALL.vertices[:1]])
-    tips = len(BALL.vertices) + np.arange(14)
-    edges = np.vstack([BALL.faces[::100, :2], BALL.faces[7:8, :2]])
-    mesh = surface_mesh(vertices, np.vstack([BALL.faces, np.column_stack([edges, tips])]))
-    assert mesh.notes == ("assumed of the mesh: 14 triangles of open sheets, which enclose nothing, left out",)
-    assert mesh.volume == pytest.approx(BALL.volume)
-    vertices, faces = bricks([[0, 0, 0], [3, 3, 3]], [[1.0, 1, 1], [3.5, 2, 2]])
-    mesh = surface_mesh(vertices, faces[:, ::-1])
-    assert (mesh.volume, mesh.area) == (pytest.approx(27.5), pytest.approx(56.0))
-    assert "2 bodies turned inside out" in mesh.notes[0]
-    box = BOX.subdivide()
-    shared = (box.faces[:, :, None] == box.faces[5][None, None]).any(2).sum(1)
-    mesh = surface_mesh(box.vertices, box.faces[shared != 2])
-    assert (len(mesh.faces), mesh.volume, mesh.area) == (48, pytest.approx(1.0), pytest.approx(6.0))
-
-
-def test_edges_of_four_triangles_are_taken():
-    """Two boxes with an edge in common, and a ball of which pairs of vertices are one."""
-    vertices, faces = bricks([[0, 0, 0], [1, 1, 1]], [[1, 1, 0], [2, 2, 1]])
-    occupied = np.zeros((2, 2, 1), bool)
-    occupied[0, 0] = occupied[1, 1] = True
-    mesh = assert_union(vertices, faces, occupied)
-    assert mesh.notes == ("assumed of the mesh: inside is where the winding number exceeds 1/2",)
-    near = np.argsort(np.linalg.norm(BALL.vertices - BALL.vertices[0], axis=1))
-    one, other = near[0], near[10]
-    pinched = surface_mesh(BALL.vertices, np.where(BALL.faces == other, one, BALL.faces))
-    assert pinched.volume == pytest.approx(BALL.volume, rel=2e-3)
-    band = signed_distance(pinched, 0.1)
-    place = np.random.default_rng(3).uniform(-1.3, 1.3, (2000, 3))
-    clear = np.abs(np.linalg.norm(place, axis=1) - 1) > 0.05
-    assert np.array_equal((band.at(place)[0] < 0)[clear], (np.linalg.norm(place, axis=1) < 1)[clear])
-
-
-def test_two_holes_are_filled_and_a_bowl_is_refused():
-    middle = BALL.triangles_center
-    kept = (middle[:, 2] < 0.97) & (middle[:, 0] > -0.97)
-    mesh = surface_mesh(BALL.vertices, BALL.faces[kept])
-    assert mesh.notes[0].startswith(
-        "assumed of the mesh: holes filled with 24 triangles, 2.5 % of the surface, the largest"
-    )
-    assert mesh.volume == pytest.approx(BALL.volume, rel=0.01)
-    distance, _ = signed_distance(mesh, 0.05).at(np.array([[0, 0, 0.9], [0, 0, 1.05], [-0.9, 0, 0], [-1.05, 0, 0]]))
-    assert distance[0] < 0 < distance[1]
-    assert distance[2] < 0 < distance[3]
-    with pytest.raises(InputError, match=r"is open \(\d+ edges where it ends\).* 3\d % of its surface would be filled"):
-        surface_mesh(BALL.vertices, BALL.faces[middle[:, 2] < 0])
 
 
 def quad(a, b, c, d):
@@ -243,54 +178,6 @@ def test_triangles_that_cut_each_other_without_end_are_refused(monkeypatch):
     monkeypatch.setattr(overlaps, "PIECES_EACH", 0)
     with pytest.raises(InputError, match="cut each other into more than 10 pieces; unite its bodies"):
         surface_mesh(*wall_with_a_hole("sheets"))
-
-
-def test_a_segment_is_compared_with_all_pieces_of_a_triangle_at_once():
-    """60 long segments cut a triangle into hundreds of pieces; 800 short ones that follow take less than 5 s."""
-    draw, began = np.random.default_rng(1), time.process_time()
-    long = draw.dirichlet(np.ones(3), (60, 2))
-    short = draw.dirichlet(np.ones(3), (800, 1)) + [[0, 0, 0], [1e-3, -1e-3, 0]]
-    corner = np.array([[0.0, 0, 0], [2, 0, 0], [0, 1, 0]])
-    pieces = overlaps._cut(corner, [ends @ corner for ends in (*long, *short)], 1e-9, 10**6)
-    fans = [[[points[0], points[k], points[k + 1]] for k in range(1, len(points) - 1)] for points in pieces]
-    assert len(pieces) > 1000
-    assert overlaps.areas(np.concatenate(fans)).sum() == pytest.approx(1.0, rel=1e-12)
-    assert time.process_time() - began < 5.0
-
-
-@pytest.mark.parametrize("scale", [1.0, 1e-8])
-def test_points_on_rays_along_edges_are_inside_where_the_body_is(tmp_path, scale):
-    """Of an octahedron, whose edges and corners columns of points touch: such a ray may count one crossing."""
-    corners = np.concatenate([np.eye(3), -np.eye(3)])
-    trimesh.convex.convex_hull(corners).export(tmp_path / "octahedron.obj")
-    points = np.stack(np.meshgrid(*[np.arange(-5, 6) / 4] * 3), axis=-1).reshape(-1, 3) + [0.0, 0.0, 0.1]
-    body = SolidMesh(file=str(tmp_path / "octahedron.obj"), center=(0.0, 0.0, 0.0), size=2 * scale)
-    found = body.inside(scale * points)
-    assert found.tolist() == (np.abs(points).sum(1) < 1).tolist()
-
-
-@pytest.mark.parametrize(("begin", "end", "within"), [
-    ((-1.0, 1.0), (4.0, 1.0), 2.0), ((0.6, 0.25), (0.6, 0.75), 0.5), ((1.0, -13.0), (1.0, -9.3), 0.7),
-    ((-0.5, -9.5), (0.5, -10.5), 0.0), ((1.5, 0.5), (3.0, 2.0), 0.5**0.5),
-    ((0.0, -5.0), (0.0, 5.0), 0.0), ((0.5, 10.0), (1.5, 10.0), 0.0),
-])  # fmt: skip
-def test_a_segment_runs_in_a_polygon_for_a_length(begin, end, within):
-    """In a rectangle of 2 by 20, one corner twice: across, inside, into it, by a corner, out aslant, along edges."""
-    rectangle = np.array([[0.0, -10.0], [2.0, -10.0], [2.0, 10.0], [2.0, 10.0], [0.0, 10.0]])
-    for ends in ((begin, end), (end, begin)):
-        given = [np.array(each) for each in ends]
-        assert overlaps._runs_through(rectangle, *given, within - 0.01) or not within
-        assert not overlaps._runs_through(rectangle, *given, within + 0.01)
-
-
-def test_clusters_are_the_winding_number():
-    """Of a ball of 5,120 triangles, at points around it, and near two crossing balls."""
-    ball = trimesh.creation.icosphere(4)
-    corners = np.concatenate([ball.triangles, ball.triangles * 0.5 + [0.7, 0.1, 0.2]])
-    place = np.random.default_rng(1).uniform(-1.4, 1.4, (200, 3))
-    exact = solid_angles(place, corners).sum(1) / (4 * np.pi)
-    assert np.abs(winding(place, corners) - exact).max() < 0.01
-    assert set(np.round(exact).astype(int)) == {0, 1, 2}
 
 
 PLY = rows(__file__, "ply")

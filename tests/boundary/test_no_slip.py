@@ -1,4 +1,4 @@
-"""Liquid beside walls that hold it: flows of layers that slide along each other, and the step that friction takes."""
+"""Liquid beside walls that hold it: flows of layers that slide along each other."""
 
 import math
 
@@ -7,7 +7,6 @@ import pytest
 import trimesh
 
 import refsim as rs
-from refsim.engine.limits import step_limits
 from refsim.scene.plan import make_plan
 from tests import layers
 from tests.running import rows
@@ -88,24 +87,3 @@ def test_a_mesh_holds_liquid_as_planes_do(tmp_path):
     volumes = mirrored.effects["mesh_boundary"].layer_volumes(mirrored.grid, mirrored.effects)
     for k, wanted in enumerate(volumes):
         assert volume[inside & np.isclose(x[:, 2], -k)].sum() / 36 == pytest.approx(wanted, rel=0.15)
-
-
-@pytest.mark.parametrize("viscosity", ["central", "laplacian"])
-@pytest.mark.parametrize("model", ["extrapolated", "mirrored"])
-def test_the_step_of_the_friction_holds_particles_at_a_wall(model, viscosity):
-    """dt times the fastest decay, of liquid 0.6 d off the wall's first layer, is below 2, from where on kicks grow."""
-    simulation = rs.Simulation(channel(reach=2.6, model=model, viscosity=viscosity), "numpy")
-    limits = step_limits(simulation.plan)
-    seconds = min(limits[name].length / limits[name].speed for name in ("viscous", "wall friction"))
-    x = simulation.field("position")
-    x[:, 1] = np.where(x[:, 1] < 1, 0.1, x[:, 1])
-    simulation.set_field("position", x)
-    simulation.set_field("velocity", np.zeros_like(x))
-    simulation.evaluate()
-    rest = simulation.field("acceleration")
-    mode = np.random.default_rng(1).normal(size=x.shape) * [1, 1, 0]
-    for _ in range(30):  # power iteration
-        simulation.set_field("velocity", mode / np.linalg.norm(mode))
-        simulation.evaluate()
-        mode = simulation.field("acceleration") - rest
-    assert 0.5 < np.linalg.norm(mode) * seconds < 2

@@ -6,10 +6,8 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from refsim.backends.arrays import on_threads
-from refsim.boundary import sampling
 from refsim.boundary.mesh import surface_mesh
-from refsim.boundary.sampling import isosurface, sample
-from refsim.boundary.signed_distance import signed_distance
+from refsim.boundary.sampling import sample
 from refsim.core.errors import InputError
 from tests.running import rows
 
@@ -40,14 +38,6 @@ def test_particles_are_even_and_on_the_mesh_and_the_same_by_their_seed(on_ball):
     assert not np.array_equal(on_ball.position, other.position)
 
 
-@pytest.mark.parametrize("level", [0.0, -0.2])
-def test_the_surface_of_a_level_encloses_what_is_below_it(level):
-    """The volume of its facets, which is negative where they turn inwards, is that of the smaller ball."""
-    corner, facets = isosurface(signed_distance(BALL, 0.05, 0.3), level)
-    found = trimesh.Trimesh(corner, facets, process=False).volume
-    assert found == pytest.approx(BALL.volume * (1 + level) ** 3, rel=0.02)
-
-
 def test_a_box_keeps_its_edges_and_the_printed_step_does_not_converge():
     made = sample(BOX, 0.06)
     assert made.converged
@@ -57,15 +47,6 @@ def test_a_box_keeps_its_edges_and_the_printed_step_does_not_converge():
     assert not printed.converged
     assert "still move" in printed.notes[-1]
     assert sample(BOX, 0.06, most_iterations=300).converged
-
-
-def test_all_facets_beneath_a_surface_have_their_particles(monkeypatch):
-    facets = []
-    monkeypatch.setattr(sampling, "relaxed", lambda _, level, position, *__: (position, [], True))
-    monkeypatch.setattr(
-        sampling, "facet_counts", lambda area, *_: facets.append(len(area)) or np.arange(1, len(area) + 1, dtype="i4")
-    )
-    assert len(sampling.sample_beneath(BOX, 0.2, 0.1, 0.2)) == facets[0] > 0
 
 
 @pytest.mark.parametrize("options, words", rows(__file__, "bad_samples"))

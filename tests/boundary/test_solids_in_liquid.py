@@ -1,4 +1,4 @@
-"""Solids and meshes in a liquid with an advanced density: lift, rise, weight, momentum; what is refused."""
+"""Solids and meshes in a liquid with an advanced density: films, tanks that sway, flow between blocks, refusals."""
 
 import msgspec
 import numpy as np
@@ -47,14 +47,6 @@ def lifts(bodies, simulation):
     counts = [int(np.prod(size)) for _, size in bodies]
     parts = np.split(force, np.cumsum(counts))
     return [part.sum(0) / (runs.DENSITY * runs.GRAVITY * 1e-3 * count) for part, count in zip(parts, counts)]
-
-
-def test_a_solid_beside_a_mesh_has_the_lift_of_archimedes(tmp_path):
-    """One cell above a mesh that stands two cells high in the tank, and one cell from the tank's sides."""
-    trimesh.creation.box(bounds=[[-1.0, -1.0, -1.0], [2.0, 2.0, 0.2]]).export(tmp_path / "block.obj")
-    bodies, mesh = [((1, 1, 3), (3, 2, 2))], rs.MeshBoundary(file=str(tmp_path / "block.obj"))
-    (found,) = lifts(bodies, rs.Simulation(at_rest(bodies, (5, 4, 8), mesh, floor=2), "numpy"))
-    assert found == pytest.approx([0.0, 0.0, 1.0], abs=0.005)
 
 
 def test_a_film_bears_the_tension_of_the_liquid_around_it():

@@ -1,4 +1,4 @@
-"""Signs of wrong answers: each guess in numbers, and where the limits lie between which an error has a sign."""
+"""Signs of wrong answers: each guess in numbers, lists that are kept, rows beyond their bounds."""
 
 import dataclasses
 import types

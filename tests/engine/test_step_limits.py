@@ -1,4 +1,4 @@
-"""Every scene has a step in which no particle goes far: what acts alone, and what moves by itself."""
+"""Every scene has a step in which no particle goes far."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Melting: which particles melt, the tables of nodes, bookkeeping, whole runs, bad input."""
+"""Melting: what becomes of mass and rest density."""
 
 import numpy as np
 import pytest

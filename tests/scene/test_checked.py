@@ -1,4 +1,4 @@
-"""Values of the wrong kind are refused when an object is made, by the name of their field; one parameter is changed."""
+"""Values of the wrong kind are refused when an object is made, by the name of their field."""
 
 import copy
 import pickle

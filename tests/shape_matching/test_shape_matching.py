@@ -1,4 +1,4 @@
-"""Lattice shape matching: rotations of collapsed regions, lost shapes, coupling, bad input."""
+"""Lattice shape matching: rotations of collapsed regions, sums far away, coupling, bad input."""
 
 import zlib
 

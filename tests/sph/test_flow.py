@@ -1,4 +1,4 @@
-"""Flow beyond the sound speed: noted before a run, noted and stopped in it; tension too large for its sound speed."""
+"""Tension too large for its sound speed, and terms that hold no drop together, are noted."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Scenes in a periodic box: what they refuse, and that images of particles are the particles."""
+"""Scenes in a periodic box: what they refuse."""
 
 import re
 

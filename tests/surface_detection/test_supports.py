@@ -1,4 +1,4 @@
-"""Detection at all support radii: limits that follow from the lattice, and what `refsim plan` says of them."""
+"""Detection at all support radii: what `refsim plan` says of its limits holds."""
 
 import itertools
 
