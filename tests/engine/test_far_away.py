@@ -1,13 +1,11 @@
 """Scenes far from the origin: slow motion, forces and all that names a place are as in the same scene at the origin."""
 
-import json
-
 import numpy as np
 import pytest
 import trimesh
 
 import refsim as rs
-from refsim import make_plan, open_run, simulate
+from refsim import open_run, simulate
 from refsim.study.observables import observable_of
 from tests.running import advanced
 
@@ -130,22 +128,6 @@ def test_a_scene_far_away_is_the_scene_at_the_origin(kind, at, ball):
     assert far.stopped_at_walls == near.stopped_at_walls
 
 
-@pytest.mark.parametrize("kind", ["solid", "mpm"])
-def test_slow_solids_and_liquid_on_a_grid_move_by_their_velocity(kind):
-    at, velocity = np.array([FAR, 10_000, -FAR]), np.array([1e-5, -0.5e-5, 0.0]) * C
-    if kind == "mpm":
-        scene = block(at, tuple(velocity), effects=(rs.MpmLiquid(bulk_modulus=1000 * C**2),))
-    else:
-        body = rs.SolidBox(lower=tuple((at - 2) * D), upper=tuple((at + 2) * D), velocity=tuple(velocity))
-        effects = (LIQUID, rs.ShapeMatching(), rs.TwoWayCoupling())
-        scene = block(at + [20, 0, 0], tuple(velocity), cells=(3, 3, 3), solid=(body,), effects=effects)
-    simulation = rs.Simulation(scene, "numpy")
-    start = place(simulation)
-    moved = place(advanced(simulation, 20)) - start
-    assert moved.mean(0) == pytest.approx(simulation.time * velocity, rel=0.01, abs=1e-8)
-    assert moved[:64].mean(0) == pytest.approx(simulation.time * velocity, rel=0.01, abs=1e-8)
-
-
 # What leaves
 def test_frames_reports_and_observables_are_places_in_the_scene(tmp_path):
     at = np.array([FAR, FAR, 0])
@@ -161,51 +143,3 @@ def test_frames_reports_and_observables_are_places_in_the_scene(tmp_path):
     assert simulation.plan.walls.position.min(0)[:2] == pytest.approx(np.array(low[:2]) - 0.5 * D, abs=1e-6 * D)
     front = observable_of("front:+x", simulation.plan)
     assert front(simulation) == pytest.approx(simulation.field("position")[:, 0].max() + 0.5 * D)
-
-
-def test_messages_and_post_mortems_name_places_in_the_scene_and_set_ones_are_such(tmp_path):
-    simulation = rs.Simulation(scenes("walls", (FAR, FAR, 0)), "numpy")
-    simulation.fields["velocity"][7] = np.nan
-    with pytest.raises(Exception, match=r"finite|diverged"):
-        simulate(simulation, until=1e-2, output=tmp_path / "run")
-    found = json.loads((tmp_path / "run" / "postmortem.json").read_text())
-    assert np.abs(np.array(found["particle"]["position_at_list_build"]) / D - [FAR, FAR, 0]).max() < 6
-    inside, box = block((FAR, FAR, 0), dim=2), walls((FAR, FAR + 2, 0), 3.0)
-    with pytest.raises(rs.InputError, match=r"particle 0 at \(9999.97, 9999.97\) m is behind a wall"):
-        make_plan(inside.with_(effects=(LIQUID, box)))
-    simulation = advanced(rs.Simulation(scenes("walls", (FAR, FAR, 0)), "numpy"), 5)
-    wanted = simulation.field("position") + [0.25 * D, 0.0, 0.0]
-    simulation.set_field("position", wanted)
-    assert simulation.field("position") == pytest.approx(wanted, abs=1e-6 * D)
-    assert not simulation.field("position_residual").any()
-    with pytest.raises(rs.InputError, match="no state"):
-        simulation.set_field("position_residual", np.zeros((simulation.count, 3)))
-
-
-# What is not changed, and what is not reached
-def test_scenes_near_the_origin_keep_it_and_wide_ones_move_by_their_velocity():
-    """2,000 spacings apart they have no common origin that helps, so that only the residual keeps what they move."""
-    assert make_plan(block((80, 0, 0))).grid.origin == (0.0, 0.0, 0.0)
-    assert make_plan(block((1_000, 0, 0), cells=(700, 2, 1))).grid.origin == (0.0, 0.0, 0.0)
-    for at in ((0, 0, 0), (FAR, 0, 0)):
-        plan = make_plan(block(at, dtype="float64"))
-        assert plan.grid.origin == (0.0, 0.0, 0.0)
-        assert "position_residual" not in plan.fields
-    parts = [block((x, 0, 0), (1e-5 * C, 1e-4 * C, 0), dim=2).fluid[0] for x in (-900, 1_100)]
-    simulation = rs.Simulation(
-        rs.Scene(spacing=D, support_radius=2.6 * D, dim=2, fluid=tuple(parts), effects=(LIQUID,))
-    )
-    assert simulation.plan.grid.origin == (0.0, 0.0, 0.0)
-    start = place(simulation)
-    moved = place(advanced(simulation, 100)) - start
-    assert simulation.field("position").dtype == np.float32
-    for part in (slice(36), slice(36, None)):
-        assert moved[part].mean(0) == pytest.approx(simulation.time * np.array([1e-5, 1e-4, 0]) * C, rel=0.01)
-
-
-@pytest.mark.parametrize("reach, noted", [(400, False), (4_000, True)])
-def test_the_plan_says_where_the_scene_itself_is_too_wide(reach, noted):
-    parts = tuple(block((FAR + x, 0, 0), cells=(3, 3, 3)).fluid[0] for x in (-reach, reach))
-    notes = make_plan(block((0, 0, 0)).with_(fluid=parts)).notes
-    assert any("resolves distances to" in note and "float64" in note for note in notes) == noted
-    assert not any("resolves" in n for n in make_plan(block((0, 0, 0), dtype="float64").with_(fluid=parts)).notes)

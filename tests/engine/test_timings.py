@@ -3,12 +3,9 @@
 import json
 import os
 import time
-import types
 
 import pytest
 
-from refsim.engine import driver
-from refsim.engine.timings import Timings
 from tests.running import python
 from tests.tank_file import tank
 
@@ -19,24 +16,6 @@ def add_up(seconds):
     for each in (seconds, seconds["processor"]):
         assert all(each[name] >= -1e-9 for name in PARTS)
         assert sum(each[name] for name in PARTS) == pytest.approx(each["total"], abs=1e-9)
-
-
-@pytest.mark.parametrize("name", ["numpy", "cuda"])
-def test_a_profile_has_the_seconds_of_the_loop_and_on_a_gpu_a_note(name, monkeypatch):
-    """Also those that a run counted before it was resumed."""
-    monkeypatch.setattr(driver, "time", types.SimpleNamespace(perf_counter=lambda: 107.0))
-    timings = Timings(wait=lambda: None)
-    timings.run("density", lambda: None)
-    timings.run("density", lambda: None)
-    backend = types.SimpleNamespace(name=name)
-    loop = types.SimpleNamespace(
-        simulation=types.SimpleNamespace(timings=timings, backend=backend), loop_began=100.0, counted_before=2.0
-    )
-    found = driver._Run._profile(loop)
-    assert ("one by one" in found["note"]) == (name == "cuda")
-    assert sum(stage["seconds"] + stage["first"] for stage in found["stages"]) == pytest.approx(9.0)
-    timings.wait = None
-    assert driver._Run._profile(loop) is None
 
 
 @pytest.mark.skipif(os.name != "posix", reason="children's seconds are read by getrusage")
