@@ -1,7 +1,6 @@
 """`refsim contract`: a third party's programs, found, bound, judged and reported; the page's example works."""
 
 import ctypes
-import itertools
 import json
 import re
 import sys
@@ -11,7 +10,6 @@ import pytest
 
 from refsim import contract
 from refsim.__main__ import main
-from refsim.contract import apart
 from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY
 
@@ -135,15 +133,6 @@ def test_a_parameter_that_the_operation_has_not_is_bad_input(name):
         judged(program)
 
 
-def test_parts_of_the_ladder_that_are_not_there_are_bad_input():
-    with pytest.raises(InputError, match="there is no step 'T8'; choose from T1"):
-        judged(lambda field: None, steps=("T8",))
-    with pytest.raises(InputError, match=r"sph.gravity has no variant 5; it has 0 to 0"):
-        judged(lambda field: None, variants=(5,))
-    with pytest.raises(InputError, match="mine does not compute in 'float32'; choose from float64"):
-        judged(lambda field: None, dtypes=("float32",))
-
-
 # What a program may not touch
 def ended(program):
     """Outcomes of T2 by trial."""
@@ -185,18 +174,6 @@ def test_a_right_answer_that_destroys_something_fails(name):
         assert not outcome.passed
         assert said in outcome.words
         assert outcome.error <= 1  # the answer itself is right
-
-
-def test_lists_that_a_program_changed_are_whole_in_the_next_trial():
-    def destroying(position, neighbours, density, number_density=None, asymmetry=None):
-        density[:] = 1
-        neighbours.count[:] = 0
-
-    programs = contract.Programs({"sph.density": destroying}, dtypes=("float32",), name="mine")
-    broken = list(contract.trials(programs, "sph.density", variants=(0,), steps=("T2",)))
-    assert any("it changed its input neighbours.count" in o.words for o in broken)
-    sound = contract.climb(contract.Target(REGISTRY["sph.density"], "cpu", "float32"), ("T2",))
-    assert all(o.passed for o in sound)
 
 
 # Programs that break their process
@@ -255,39 +232,6 @@ def test_a_broken_program_fails_in_that_trial_and_the_rest_is_judged(folder, cap
     }  # fmt: skip
     assert len({operation["trials"] for operation in operations.values()}) == 1
     assert len(found["not_offered"]) == len(REGISTRY) - 3
-
-
-@pytest.mark.parametrize("said, most, told", [
-    # e: the process ends in the next trial; a, b: an operation is done. Told: where processes begin, and what fails
-    ("e a e e", 2, "0 a 1 b 3 b!"), ("e e e e", 2, "0 a 1 a! 0 b 3 b!"), ("e a e b", 2, "0 a 1 b 3"),
-    ("e e a e e e", 3, "0 a 1 a 2 b 4 b 5 b!"), ("a e", 1, "0 b!"),
-])  # fmt: skip
-def test_ends_of_processes_are_counted_for_each_operation(said, most, told, monkeypatch):
-    rest, number, found = said.split(), itertools.count(), []
-
-    class Child:
-        def __init__(self, request, names, stopped=None):
-            self.names, self.begun, self.stopped = list(names), False, stopped
-            found.append(str(request.first))
-
-        def message(self, seconds):
-            self.begun = not self.begun
-            if self.begun:
-                return "begin", [self.names[0], "float64", 0, "T1", "trial", next(number)]
-            if (word := rest.pop(0)) == "e":
-                raise apart._Gone("it ended")
-            self.names.remove(word)
-            return "done", word
-
-        def close(self):
-            pass
-
-    monkeypatch.setattr(apart, "_Child", Child)
-    monkeypatch.setattr(apart, "MOST_ENDINGS", most)
-    request = apart.Request("own")
-    for outcome in apart._outcomes(Child(request, "ab"), "ab", "numpy", request):
-        found.append(outcome.operation + "!" * outcome.words.endswith("; the trials behind this one are not judged"))
-    assert (" ".join(found), rest) == (told, [])
 
 
 @pytest.mark.parametrize("options", [

@@ -1,16 +1,14 @@
 """Right programs pass that know no private convention: sums compared by distance, heat as the textbooks have it."""
 
 import dataclasses
-import inspect
 import math
-import re
 
 import numpy as np
 
 from refsim import contract
 from refsim.contract.apart import LibraryDescription, Request
-from refsim.contract.inputs import Inputs, groups_of, shape_acts
-from refsim.contract.report import gaps, junit, report, text
+from refsim.contract.inputs import shape_acts
+from refsim.contract.report import junit, report, text
 from refsim.core import cases
 from refsim.core.operation import REGISTRY
 from refsim.smoothing import SHAPES
@@ -50,25 +48,6 @@ def test_a_standard_heat_code_passes():
     assert not failures(STANDARD, "heat.explicit", steps=("T1", "T2", "T5", "T7", "T9", "T10"))
 
 
-def test_a_flag_that_is_printed_otherwise_is_a_reading():
-    """By the comment behind it: an erratum, or what is printed. Of no group a member is named that it has not."""
-    cases.discover()
-    inputs = Inputs(cases.CASES["few"](), "float32")
-    groups = {name: group for operation in REGISTRY.values() for name, group in groups_of(operation, inputs).items()}
-    for name, members in cases.READINGS.items():
-        assert set(members) <= set(groups[name]._fields), name
-    flags = []
-    for name, group in groups.items():
-        for member, words in re.findall(r"^    (\w+): .*?# (.*)$", inspect.getsource(type(group)), re.M):
-            told = re.search(r"\b[A-Z]\d+\b|\bprinted\b|\breading\b", words)
-            if told and isinstance(getattr(group, member), int | np.integer):
-                declared = cases.READINGS.get(name, (None,))
-                assert member in declared or not declared, f"{name}.{member}"
-                flags.append(f"{name}.{member}")
-    assert {"liquid.linear_stress", "fan_scan.printed", "coupling.printed_volume"} <= set(flags)
-    assert len(flags) > 15
-
-
 # What was not judged
 def cubic(position, mass, smoothing, density):
     h, dim = float(smoothing.support_radius), int(smoothing.dim)
@@ -82,24 +61,6 @@ OWN = contract.Programs(
     {"sph.density": cubic}, kernels=("cubic_spline",), dtypes=("float64",), walls=False, name="cubic",
     without=("number_density", "asymmetry", "period"),
 )  # fmt: skip
-
-
-def test_what_is_declared_and_met_no_trial_is_a_gap():
-    outcomes = list(contract.trials(OWN, "sph.density", steps=("T1", "T2")))
-    assert all(o.passed or o.not_judged for o in outcomes)
-    declared = {"dtypes": ["float64"], "dims": [2, 3], "kernels": ["cubic_spline"], "left_out": OWN.left_out}
-    request = Request("cubic")
-    assert gaps("sph.density", declared, request, outcomes) == []
-    more = declared | {"dtypes": ["float32", "float64"], "kernels": ["cubic_spline", "spiky"], "left_out": ["period"]}
-    assert gaps("sph.density", more, request, outcomes) == [
-        "float32", "the kernel spiky in 2 dimensions", "the kernel spiky in 3 dimensions", "with asymmetry",
-        "with number_density", "with walls",
-    ]  # fmt: skip
-    flat = [o for o in outcomes if o.dim == 2 and o.step != "T1"]
-    assert gaps("sph.density", declared, request, flat) == [
-        "an answer in closed form (T1)", "the kernel cubic_spline in 3 dimensions",
-    ]  # fmt: skip
-    assert gaps("sph.density", declared, Request("cubic", steps=("T7",)), []) == []
 
 
 def reported(outcomes, allowed):

@@ -142,15 +142,6 @@ def test_vtk_files_are_read(other, tmp_path):
         trajectory(tmp_path)
 
 
-def test_frames_without_velocity_and_mass_are_judged_by_position(other, tmp_path, capsys):
-    scene, frames = other
-    folder = written(tmp_path / "run", [{k: f[k] for k in ("time", "position")} for f in frames])
-    code, _, measures = judged(capsys, scene, folder, "--at", f"{frames[20]['time']!r}")
-    assert code == 0, measures
-    assert "potential energy" in measures
-    assert "kinetic energy" not in measures
-
-
 # Files of other codes
 def bgeo(frame, packed=False):
     """The bytes that Partio writes: positions, identities and velocities, all big-endian."""
@@ -219,13 +210,3 @@ def test_bad_input_gets_one_sentence(name, other, tmp_path, capsys):
     err = capsys.readouterr().err
     assert said in err
     assert err.count("\n") == 1
-
-
-@pytest.mark.parametrize("asked", ["0.0300172", "0.030017216"])
-def test_a_time_as_printed_finds_the_only_frame(asked, other, tmp_path, capsys):
-    """Of a frame at 0.03001722 s; a time that lies farther away is told with all its digits."""
-    scene, frames = other
-    folder = written(tmp_path / "run", [{"time": 0.03001722, "position": frames[-1]["position"]}])
-    judged(capsys, scene, folder, "--at", asked)
-    assert main(["contract", "--run", str(scene), folder, "--at", "0.0300175"]) == 2
-    assert "has no frame at 0.0300175 s; the nearest is at 0.03001722 s" in capsys.readouterr().err
