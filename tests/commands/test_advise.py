@@ -6,7 +6,6 @@ import os
 import pytest
 
 from refsim.__main__ import main
-from refsim.commands import study
 from refsim.scene.files import load_scene
 from refsim.study import advice
 from refsim.study.panels import panel
@@ -99,16 +98,3 @@ def test_the_run_of_an_answer_s_scene_has_its_error(folder, capsys, name):
     if name == "implicit_pressure":  # whose run is watched, and not resumed
         assert main(["run", f"{name}.toml", "--resume", f"{name}_run", *words[3:], "--quiet"]) == 2
         assert "read during the whole run" in capsys.readouterr().err
-
-
-def test_a_panel_of_clouds_is_studied_by_its_settings(folder, capsys, monkeypatch):
-    """It has no other spacings: `refsim study NAME` measures the settings on file."""
-    asked = []
-
-    def measured(of, keys, **given):
-        asked.append((of.name, keys))
-        return of
-
-    monkeypatch.setattr(study.measuring, "measured", measured)
-    assert (main(["study", "implicit_pressure", "--quiet"]), asked) == (0, [("implicit_pressure", ())])
-    assert "density advanced, d = H/10, float32" in capsys.readouterr().out

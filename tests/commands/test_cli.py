@@ -7,18 +7,16 @@ import re
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
 import refsim
-from refsim import Simulation, make_plan
+from refsim import Simulation
 from refsim.__main__ import main
 from refsim.backends.arrays import unavailable
 from refsim.commands import COMMANDS, discover, doctor
 from refsim.core.effect import EFFECTS
 from refsim.core.operation import BACKENDS, REGISTRY
 from refsim.scene import solids
-from refsim.scene.files import load_scene
 from tests.running import python, rows
 
 ROOT = pathlib.Path(__file__).parents[2]
@@ -118,24 +116,6 @@ def test_what_never_ends_is_not_read(tmp_path, make):
         assert "it is a pipe or a device, and not a file" in one_sentence(err)
 
 
-@pytest.mark.parametrize("suffix", ["obj", "ply", "glb", "xyz"])
-@pytest.mark.parametrize(
-    "content", [b"\xff\xfe\xfa\x80abc", b"", b"ply\nformat ascii 1.0\nelement vertex 99999999999\n"],
-    ids=["bytes", "none", "ply"],
-)  # fmt: skip
-def test_what_is_no_mesh_is_told_of_a_solid_as_of_a_boundary(scene, capsys, suffix, content):
-    pathlib.Path(f"m.{suffix}").write_bytes(content)
-    parts = {"solid mesh: ": MESH.format(f"m.{suffix}"), "mesh: ": f'[effects.mesh_boundary]\nfile = "m.{suffix}"'}
-    for words, part in parts.items():
-        fluid = '[[fluid]]\nshape = "box"\ncells = [2, 2, 2]\n[effects.weakly_compressible]\nsound_speed = 1.0\n'
-        scene.write_text("spacing = 0.1\nsupport_radius = 0.2\n" + fluid + part)
-        assert main(["plan", str(scene)]) == 2
-        told = one_sentence(capsys.readouterr().err)
-        assert words in told
-        assert f"m.{suffix}" in told
-        assert "charset_normalizer" not in told
-
-
 def array(kind, rows):
     """Bytes of an .npy file with the head of an array, and of no more numbers than six."""
     head = f"{{'descr': '{kind}', 'fortran_order': False, 'shape': ({rows}, 3), }}".encode().ljust(117)
@@ -191,28 +171,6 @@ def test_with_json_a_mistake_is_one_object_and_a_byte_order_mark_is_none(scene, 
 
 
 # -- commands
-def test_plan_shows_what_the_run_allocates_and_launches(scene, capsys):
-    assert main(["plan", str(scene), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    simulation = Simulation(load_scene(scene))
-    simulation.step()
-    arrays = {name: array.nbytes for name, array in simulation.fields.items()}
-    assert {name: f["bytes"] for name, f in found["fields"].items()} == arrays
-    assert found["bytes"]["fields"] == sum(arrays.values())
-    assert [p["operation"] for p in found["passes"]] == [name for name, _, _ in simulation.force_calls]
-    for p in found["passes"] + found["runner"]:
-        module, function = p["kernel"].rsplit(".", 1)
-        assert hasattr(sys.modules[module], function)
-    assert found["wall_particles"] == simulation.plan.walls.position.shape[0]
-    assert found["step"]["limiter"] == simulation.last.limiter == "acoustic"
-    assert found["step"]["length"] == pytest.approx(simulation.last.length, rel=1e-6)
-    assert set(found["step"]["limits"]) == set(simulation.last.limits)
-    assert found["effects"]["weakly_compressible"]["fields"] == ["density", "pressure"]
-    assert found["effects"]["box_walls"]["wall_particles"] == found["wall_particles"]
-    kept = sum(a.nbytes for a in simulation.shared["neighbours"] if isinstance(a, np.ndarray))
-    assert kept == pytest.approx(found["bytes"]["neighbour_list"], rel=0.02)
-
-
 def test_list_tells_the_registry(capsys):
     assert main(["list", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -292,36 +250,6 @@ def test_run_writes_a_folder_and_a_report(scene, capsys):
     assert "nothing was left to do" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("backend", ["numpy", "cpu"])
-def test_a_profile_lists_the_seconds_by_pass_and_changes_nothing(scene, capsys, backend):
-    """Every launch of the plan is there with its number, the longest first, and the run ends with the same bits."""
-    plain = ["run", str(scene), "--backend", backend, "--until", "0.01", "--quiet"]
-    assert main([*plain, "--output", "plain", "--json"]) == 0
-    without = json.loads(capsys.readouterr().out)
-    assert without["profile"] is None
-    assert main([*plain, "--output", "timed", "--json", "--profile"]) == 0
-    report = json.loads(capsys.readouterr().out)
-    ends = [Simulation.resume(pathlib.Path(folder)) for folder in ("plain", "timed")]
-    for name, f in ends[0].plan.fields.items():
-        assert not f.state or np.array_equal(ends[0].field(name), ends[1].field(name)), name
-    assert report["steps"] == without["steps"] > 3
-    stages = {cost["stage"]: cost for cost in report["profile"]["stages"]}
-    assert report["profile"]["note"] == ""
-    seconds = [cost["seconds"] for cost in report["profile"]["stages"]]
-    assert seconds == sorted(seconds, reverse=True)
-    assert sum(cost["share"] for cost in stages.values()) == pytest.approx(1.0)
-    shown = {*make_plan(load_scene(scene)).launches(on_demand=True), "sph.extremes", "sph.kick_drift"}
-    shown |= {"frames", "writing", "checkpoints", "other"}
-    assert shown | ({"neighbours"} if backend == "cpu" else set()) == set(stages)
-    assert (stages["sph.kick_drift"]["launches"], stages["frames"]["launches"]) == (report["steps"], report["frames"])
-    counted = sum(seconds) + sum(cost["first"] for cost in stages.values())
-    assert 0.5 * report["seconds"]["total"] < counted < report["seconds"]["total"] + 0.1
-    assert main([*plain, "--output", "told", "--profile"]) == 0
-    lines = capsys.readouterr().out.partition("\n\n")[2].splitlines()
-    assert "launches" in lines[0]
-    assert sorted(line.split()[0] for line in lines[2:]) == sorted(stages)
-
-
 def test_without_a_command_help_is_shown(capsys):
     assert main([]) == 0
     out = capsys.readouterr().out
@@ -350,20 +278,3 @@ def test_example_replaces_no_file_unless_it_may(tmp_path, capsys):
     assert "surface_tension" in (tmp_path / "droplet.toml").read_text()
     assert main(["example", "dropplet"]) == 2
     assert "did you mean droplet?" in capsys.readouterr().err
-
-
-def test_list_takes_a_filter(capsys):
-    assert main(["list", "sph.density", "gravity"]) == 0
-    out = capsys.readouterr().out
-    assert out.startswith("sph.density\n")
-    assert "[effects.gravity]" in out
-    assert "acceleration" in out
-    assert max(map(len, out.splitlines())) <= 100
-    assert main(["list", "tait", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["operations"]
-    assert all("Tait" in operation["paper"] for operation in found["operations"].values())
-    assert main(["list", "melthing"]) == 2
-    assert "did you mean melting?" in capsys.readouterr().err
-    assert main(["list", "--all"]) == 0
-    assert len(capsys.readouterr().out.splitlines()) > 300

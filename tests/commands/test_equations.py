@@ -6,9 +6,8 @@ from pathlib import Path
 import pytest
 
 from refsim.__main__ import main
-from refsim.commands.equations import equation, equations, page
+from refsim.commands.equations import equations, page
 from refsim.commands.show import shown
-from refsim.core.operation import REGISTRY
 from tests.running import rows
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -56,17 +55,3 @@ def test_an_equation_is_shown_with_its_code(name, parts, capsys):
     assert main(["show", name]) == 0
     text = capsys.readouterr().out
     assert all(part in text for part in parts)
-
-
-def test_equations_are_found_through_what_an_operation_calls(capsys):
-    """Also through other functions of operations.py, local ones, and classes; what no source has is said."""
-    called = {name: {f.__name__ for f in REGISTRY[name].equations()} for name in (
-        "sph.momentum", "iisph.relax", "mpm.particle_to_grid", "heat.explicit",
-    )}  # fmt: skip
-    assert called["sph.momentum"] == {"pressure_force", "wall_pressure_force", "viscous_force"}
-    assert called["iisph.relax"] >= {"moved", "moved_at_walls", "relaxed", "density_error"}
-    assert called["mpm.particle_to_grid"] >= {"node_mass", "node_momentum", "stress_force", "spline_weight"}
-    assert called["heat.explicit"] >= {"flow", "conductance", "temperature_of"}
-    assert equation("J(22)") is None
-    assert main(["show", "J(22)"]) == 2
-    assert "no operation or equation 'J(22)'" in capsys.readouterr().err

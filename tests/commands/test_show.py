@@ -47,18 +47,6 @@ def files():
     return {key: text for key, text in texts.items() if text is not None}
 
 
-def test_every_kernel_that_is_one_loop_has_a_file(files):
-    found = [name for name, backend in files if backend == "cpu"]
-    kernels = [name for name, operation in REGISTRY.items() if kernel_of(operation, "cpu") is not None]
-    assert found == kernels
-    assert len([text for text in files.values() if "def example(" in text]) > len(files) / 2
-    for (name, backend), text in files.items():
-        assert "refsim" not in text, name
-        parts = ("@njit(parallel=True", "in prange(") if backend == "cpu" else ("@cuda.jit\n", "i = cuda.grid(1)")
-        assert all(part in text for part in parts), (name, backend)
-        compile(text, name, "exec")
-
-
 def test_files_say_what_the_references_do(files, monkeypatch):
     monkeypatch.setattr(numba.config, "DISABLE_JIT", True)
     compared = 0

@@ -40,22 +40,6 @@ def test_front_and_energy_are_those_of_the_report_and_a_lonely_point_has_none(si
         value(simulation, "field:density@5,5")
 
 
-def test_own_functions(simulation, tmp_path):
-    assert observable_of(lambda s: s.count / 2, simulation.plan)(simulation) == 26
-    file = tmp_path / "own.py"
-    file.write_text("def pair(simulation):\n    return 2\ndef bad(simulation):\n    return 1 / 0\nnumber = 3\n")
-    found = observable_of(f"{file}:pair", simulation.plan)
-    assert (found.name, found(simulation)) == ("own.pair", 2.0)
-    with pytest.raises(InputError, match=r"own.bad: it cannot be read \(ZeroDivisionError"):
-        value(simulation, f"{file}:bad")
-    for wrong, words in ((f"{file}:no", "no function 'no'"), (f"{file}:number", "no function"), ("no.py:f", "no file")):
-        with pytest.raises(InputError, match=words):
-            observable_of(wrong, simulation.plan)
-    file.write_text("def pair(simulation:\n")
-    with pytest.raises(InputError, match="cannot be run"):
-        observable_of(f"{file}:pair", simulation.plan)
-
-
 @pytest.mark.parametrize("name, words", rows(__file__, "missing_observables"))
 def test_what_is_not_there_gets_a_sentence(simulation, name, words):
     with pytest.raises(InputError, match=words):

@@ -112,25 +112,6 @@ def test_pressures_of_iisph_act_by_both_masses_and_those_of_a_cube_over_its_bott
     assert (exact.tolist(), chosen, bottom) == ([50.0, 100.0], slice(None), pytest.approx(981.0))
 
 
-@pytest.mark.parametrize("solver", ["iisph", "none"])
-def test_pressures_at_rest_are_compared_in_the_bulk(monkeypatch, solver):
-    resting = SimpleNamespace(pressure=lambda y: 100 * y)
-    monkeypatch.setattr(observables, "column_of", lambda effects, mass: resting if mass == 6.0 else None)
-    plan = {
-        "effects": {solver: 1}, "grid": SimpleNamespace(support_radius=0.2),
-        "state": SimpleNamespace(mass=np.array([2.0, 4.0])),
-    }  # fmt: skip
-    place = np.array([[0.5, 0.5, 0], [0.1, 0.5, 0], [0.9, 0.5, 0], [0.5, 0.1, 0], [0.5, 0.9, 0], [0.3, 0.7, 0]])
-    run = standing(plan=plan, fields={"position": place, "pressure": np.arange(6.0)})
-    where, pressure, known = observables.implicit_pressure(run)
-    exact, bulk, bottom = known(where)
-    assert exact == pytest.approx(9810 * (1 - place[:, 1]) if solver == "iisph" else 100 * place[:, 1])
-    assert (bulk.tolist(), bottom, pressure.tolist()) == ([True, *[False] * 4, True], 9810.0, list(range(6)))
-    samples = [(place, 2 * exact, known), (place, 2 * exact + 2 * 98.1, known)]
-    off = (2 * exact + 98.1 - exact)[bulk] / 9810
-    assert observables.implicit_pressure.reduce(None, samples) == pytest.approx(math.sqrt((off**2).mean()))
-
-
 def test_discs_of_mpm_have_laplaces_pressure_and_rayleighs_frequency():
     """Modulus 1000 N/m; 314 particles of 0.1 m make a disc of radius 0.9997 m."""
     cloud = SimpleNamespace(position=np.zeros((314, 3)))
@@ -170,23 +151,6 @@ def test_a_drop_is_measured_against_its_models_flat_surface(monkeypatch):
     pressure, size, flat = observables.surface_tension_jump(run)
     assert (pressure, size, flat) == (pytest.approx(3.0 * np.linspace(0.4, 0.7, 7).sum()), 3.0, 0.75)
     assert observables.surface_tension_jump.reduce(None, [(1.0, 2.0, 4.0), (3.0, 2.0, 4.0)]) == 1.0
-
-
-TIMES = {  # readings, the first and the last, of a scene that ends at 6
-    "front": (43, 0.95 * observables.FALL, 3.05 * observables.FALL), "droplet": (46, 0.0, 6.0),
-    "coupling": (101, 3.5, 6.0), "wall_force": (61, 4.8, 6.0), "detection_2d": (21, 0.0, 0.0),
-    "implicit_pressure": (61, 4.8, 6.0),
-    "tank_pressure": (41, 5.0, 6.0),
-    "mpm_pressure": (301, 1.5, 6.0), "mpm_frequency": (401, 0.0, 6.0), "surface_tension_jump": (40, 2.1, 6.0),
-    "surface_tension_frequency": (55, 0.0, 6.0), "contact_angle": (45, 6 / 45, 6.0),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", TIMES)
-def test_observables_are_read_at_their_times(name):
-    times = getattr(observables, name).times(SimpleNamespace(end_time=6.0))
-    assert (len(times), times[0], times[-1]) == pytest.approx(TIMES[name])
-    assert np.diff(times, 2) == pytest.approx(0, abs=1e-12)
 
 
 # Scenes

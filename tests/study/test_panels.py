@@ -9,7 +9,7 @@ import pytest
 from refsim.core.errors import InputError
 from refsim.scene.plan import make_plan
 from refsim.study import advice
-from refsim.study.advice import cheapest, duration, least, most, settings
+from refsim.study.advice import cheapest, least, settings
 from refsim.study.observables import observable_of
 from refsim.study.panels import FOLDER, OWN, Machine, Panel, PanelSpec, Point, abouts, as_text, panel, parse
 from refsim.study.panels import measured as measuring
@@ -52,18 +52,6 @@ def test_the_cheapest_within_the_error_is_advised():
     assert {kind: [(e, p.key) for e, p in settings(of, kind)] for kind in advice.KINDS} == {
         "cpu": [(0.04, "ours")], "gpu": [(0.04, "cuda_ours")], "peer": [(0.01, "theirs")],
     }  # fmt: skip
-
-
-def test_errors_are_taken_from_the_converged_value_and_scattered_seconds_told():
-    """v(d) = 2 + d: the limit is 2 and the error d/2; the uncertainty is 1.25 times the error of the finest."""
-    points = [point(f"d{n}", 9.9, 1.0, value=2 + 1 / n, knobs={"spacing": 1 / n}) for n in (5, 10, 20)]
-    of = made(*points, limit_of=("d5", "d10", "d20"))
-    assert [of.error(p) for p in points] == pytest.approx([0.1, 0.05, 0.025])
-    assert of.reference() == pytest.approx((2.0, 2.0, 1.25 * 0.025))
-    assert most(of, points[0]) == pytest.approx(0.1 + 1.25 * 0.025)
-    assert duration([1.0, 1.01, 0.99, 1.0, 1.005]) == "1 s"
-    assert duration([1.0, 1.3, 0.7, 1.2, 0.8]) == "1 s (700 ms to 1.3 s)"
-    assert duration([2e-5]) == "20 us"
 
 
 # What is stored

@@ -13,7 +13,6 @@ import pytest
 import refsim
 from refsim import Box, Gravity, Scene, SolidMesh, WeaklyCompressible, make_plan
 from refsim.study import runs
-from refsim.study.local_modules import forget, local_modules
 from refsim.study.observables import observable_of
 from tests.running import rows
 
@@ -120,22 +119,6 @@ def test_a_key_follows_the_modules_that_an_observable_imports(where, tmp_path, m
         values.append(observable(None))
     assert values == [1.0, 1000.0, 1000.0]
     assert keys[0] != keys[1] == keys[2]
-
-
-def test_what_is_installed_and_what_lies_elsewhere_counts_by_its_version(tmp_path):
-    """Virtual environments below the folder, the standard library, refsim: not their files."""
-    installed = tmp_path / ".venv" / "lib" / "site-packages"
-    installed.mkdir(parents=True)
-    (installed / "thing.py").write_text("")
-    (tmp_path / "own.py").write_text(f"import sys\nsys.path.append({str(installed)!r})\nimport thing, json, refsim\n")
-    assert local_modules(tmp_path / "own.py") == {}
-    (tmp_path / "json.py").write_text("import own\nimport thing\n")
-    assert local_modules(tmp_path / "own.py") == {"json": tmp_path / "json.py"}
-    forget(local_modules(tmp_path / "own.py"))
-    assert sys.modules["json"] is json
-    (tmp_path / "own.py").write_bytes(b"# -*- coding: latin-1 -*-\n# caf\xe9\nimport json\ndef f(s): return 1.0\n")
-    assert list(local_modules(tmp_path / "own.py")) == ["json"]
-    assert observable_of(f"{tmp_path / 'own.py'}:f", make_plan(block()))(None) == 1.0
 
 
 def test_the_digest_of_the_sources_covers_a_line_of_each_package(tmp_path):

@@ -59,51 +59,6 @@ def test_a_known_order_gives_value_error_and_cheapest_setting(order):
     assert advice.seconds == min(r.seconds for s, r in found.of("spacing") if s.scene.spacing in allowed)
 
 
-def test_each_other_setting_is_changed_alone():
-    found = studied("kinetic_energy", knobs=("step", "precision", "effects"))
-    kinds = [(s.kind, s.label) for s, _ in found.runs]
-    assert kinds == [
-        ("spacing", "spacing 0.01 m"), ("step", "half the step"), ("precision", "float64"),
-        ("effect", "without weakly_compressible"), ("effect", "without gravity"),
-    ]  # fmt: skip
-    by_label = {s.label: (s, r) for s, r in found.runs}
-    assert by_label["half the step"][1].steps > 1.8 * found.base.steps
-    assert by_label["float64"][0].scene.dtype == "float64"
-    assert by_label["without gravity"][1].value == pytest.approx(0.0, abs=1e-3 * found.base.value)
-    assert set(found.sources()) == {"step", "precision"}
-    step = by_label["half the step"][1].value
-    assert found.sources()["step"] == pytest.approx(2 * abs(step - found.base.value) / found.base.value)
-    row = next(row for row in found.rows() if row["setting"] == "without gravity")
-    assert row["change"] == pytest.approx(-1.0, abs=1e-3)
-    assert row["cost"] == pytest.approx(by_label["without gravity"][1].seconds / found.base.seconds)
-
-
-def test_a_wider_support_is_a_source_of_error_and_what_cannot_be_changed_is_left_out():
-    """An observable that depends on h/d alone, with a known change."""
-
-    def value(simulation):
-        grid = simulation.plan.grid
-        return 5.0 + 0.8 * (grid.spacing / grid.support_radius) ** 3
-
-    found = studied(value, knobs=("support",), error=0.01)
-    wider = next(s.scene for s, _ in found.of("support"))
-    assert (wider.support_radius, wider.spacing) == (pytest.approx(0.025), 0.01)
-    change = 0.1 * (1 - 1.25**-3) / 5.1
-    assert found.sources() == {"support": pytest.approx(2 * change)}
-    assert "note: sums over a support of 2 spacings make an error of up to 1.9 %" in found.text()
-    assert "note: sums" not in studied(value, knobs=("support",), error=0.05).text()
-    tank = rs.Scene(
-        dim=2, spacing=0.1, support_radius=0.2, end_time=1e-3, fluid=(rs.Box(cells=(4, 4, 1)),),
-        effects=(rs.MpmLiquid(bulk_modulus=1e4),),
-    )  # fmt: skip
-    alone = studied("kinetic_energy", scene=tank, knobs=("support",))
-    assert alone.left_out == ("another support radius left out: no effect of this scene sums over neighbours",)
-    walls = rs.BoxWalls(lower=(0, 0, 0), upper=(0.3, 0.3, 0), open_faces=("+y",))
-    found = studied("kinetic_energy", scene=block(effects=(*block().effects, walls)), knobs=("effects",))
-    assert [s.label for s, _ in found.runs if s.kind == "effect"] == ["without gravity", "without box_walls"]
-    assert any("without weakly_compressible left out: Effect 'box_walls' needs" in line for line in found.left_out)
-
-
 def test_a_study_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
     done = []
     own = runs.measure

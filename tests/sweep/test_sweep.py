@@ -2,14 +2,12 @@
 
 import csv
 import json
-import shutil
 
 import pytest
 
 from refsim import InputError
 from refsim.__main__ import main
 from refsim.cluster import perform
-from refsim.cluster.tasks import Outcome
 from refsim.io.store import write_stored
 from refsim.study import runs, tasks
 from refsim.sweep import TABLE, sweep
@@ -94,32 +92,6 @@ def test_a_result_that_holds_no_number_is_set_aside_and_computed_anew(folder, ca
         for file in files:
             assert any(f"{file.name} is damaged (it " in note for note in found["notes"])
             (folder / "out" / f"{file.name}.damaged").unlink()
-
-
-def test_what_another_process_has_computed_meanwhile_is_not_reported_as_missing(folder, monkeypatch):
-    whole = sweep("grid.toml", folder="whole", jobs=2)
-
-    def fails(tasks, **options):
-        for task in tasks:
-            yield Outcome(task, error=InputError("checkpoint cannot be written"))
-        for file in (folder / "whole").glob("*.json"):  # the other one ends
-            shutil.copy(file, folder / "out" / file.name)
-
-    monkeypatch.setattr(tasks, "perform", fails)
-    found = sweep("grid.toml", folder="out", jobs=2)
-    assert found.readings == whole.readings
-    assert not found.missing
-
-
-def test_the_results_of_many_runs_lie_in_folders_beside_those_of_few(folder, monkeypatch):
-    (folder / "few.toml").write_text(SWEEP.replace("[1.0, 2.0]", "[1.0]"))
-    few = len(sweep("few.toml", folder="out", jobs=2).points)
-    monkeypatch.setattr(tasks, "MANY", few)
-    many = sweep("grid.toml", folder="out", jobs=2)
-    keys = [file.stem for file in (folder / "out").glob("*/*.json")]
-    assert many.computed == len(many.points) - few == len(keys) > 0
-    assert all((folder / "out" / key[:2] / f"{key}.json").exists() for key in keys)
-    assert sweep("grid.toml", folder="out", jobs=2).computed == 0
 
 
 def test_a_run_that_diverges_is_a_result_with_a_reason(folder, capsys):
