@@ -90,20 +90,6 @@ def test_a_plan_uses_each_field_and_launches_each_pass_once(name):
     assert {effect.name for effect in brought} <= set(plan.effects)
 
 
-def test_shifting_without_a_surface_takes_none_from_another_effect():
-    """The optional fields of a pass are those that its own effect asks for; a density correction brings one of them."""
-    shifting, marked = (
-        rs.ParticleShifting(surface="none"),
-        rs.JiangZhu2023(surface_tension=0.0, density_correction=True),
-    )
-    tank, alone = rs.BoxWalls(lower=(0, 0, 0), upper=(0.4, 0.4, 0.4)), []
-    for more in ((), (DETECTION,)):
-        simulation = rs.Simulation(scene(ADVANCED, tank, shifting, marked, *more), "numpy")
-        simulation.set_field("velocity", np.sin(20 * simulation.field("position")[:, [1, 2, 0]]))
-        alone.append(running.advanced(simulation, 2).field("position"))
-    assert np.array_equal(*alone)
-
-
 def held_by_grid(simulation):
     """{what: (bytes held, bytes by the plan or by the numbers of nodes and points)} of MPM; {} without it."""
     plan, backend = simulation.plan, simulation.backend.name

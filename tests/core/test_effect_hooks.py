@@ -3,9 +3,8 @@
 from typing import ClassVar
 
 import numpy as np
-import pytest
 
-from refsim import Box, Gravity, InputError, Scene, Simulation, WeaklyCompressible, make_plan
+from refsim import Box, Gravity, Scene, Simulation, WeaklyCompressible
 from refsim.core.effect import Effect, Pass, StepLimit
 from refsim.core.fields import PLACE, Field
 
@@ -58,22 +57,3 @@ def test_values_tables_and_places():
     assert simulation.field("table").tolist() == [0, 1, 2]
     identity, place = (simulation.backend.host(simulation.fields[k]) for k in ("identity", "place"))
     assert (identity[place] == np.arange(simulation.count)).all()
-
-
-def test_motion_comes_last_and_acts():
-    """The table is added to the acceleration after the forces: velocities differ by its share of the step."""
-    plan = make_plan(scene(LIQUID, Extra()))
-    assert [p.operation for _, p in plan.motion] == ["sph.gravity", "sph.kick_drift"]
-    assert plan.launches()[-2:] == ("sph.gravity", "sph.kick_drift")
-    effect, leap_frog = make_plan(scene(LIQUID, Extra(moves=False))).motion[-1]
-    assert (effect, leap_frog.operation) == (None, "sph.kick_drift")
-    with pytest.raises(InputError, match="would both move the particles; keep one"):
-        make_plan(scene(LIQUID, Extra(), Other()))
-    step, velocity = 2e-4, []
-    for effects in ((Extra(),), ()):
-        simulation = Simulation(scene(LIQUID, *effects, step=step, dtype="float64"), "numpy")
-        simulation.step()
-        velocity.append(simulation.field("velocity"))
-    assert np.allclose(velocity[0] - velocity[1], 0.5 * step * np.array([0.0, 1.0, 2.0]), atol=1e-15)
-    with pytest.raises(ValueError, match="gives 'table' the shape"):
-        make_plan(scene(LIQUID, Extra(shape=4)))

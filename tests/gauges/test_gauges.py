@@ -110,29 +110,3 @@ def test_a_scene_may_name_the_kinds_that_there_are_and_give_their_keys(part, kin
     assert set(get_args(get_type_hints(part)["kind"])) == kinds.keys()
     for kind in kinds.values():
         assert set(kind.takes) <= set(part.__struct_fields__)
-
-
-def test_means_and_scatters_are_of_the_instants_between_two_values(tmp_path):
-    """As of a gauge that reads in every step; a restart goes on with them."""
-    every = 0.05
-    gauges = (
-        rs.Gauge(name="each", kind="pressure", at=(0.0, 0.0, 0.0)),
-        rs.Gauge(name="point", kind="pressure", at=(0.0, 0.0, 0.0), every=every, instants=10**6),
-        rs.Gauge(name="few", kind="force", on="-x", every=every, instants=4),
-    )
-    run = run_to(rs.Simulation(tank(5, gauges), "numpy"), 2.5 * every)
-    run.checkpoint(tmp_path / "here")
-    for simulation in (run, rs.Simulation.resume(tmp_path / "here", backend="numpy")):
-        run_to(simulation, 4.5 * every)
-        each, point, few = (simulation.gauge(gauge.name) for gauge in gauges)
-        assert point.columns == ("pressure", "pressure_mean", "pressure_scatter")
-        assert few.columns == tuple(f"{name}{kind}" for kind in ("", "_mean", "_scatter")
-                                    for name in ("force_x", "force_y", "torque_z"))  # fmt: skip
-        assert len(point) == len(few) == 5
-        for k in range(1, 5):
-            since = (each.time > point.time[k - 1]) & (each.time <= point.time[k])
-            read = each["pressure"][since]
-            assert since.sum() > 3
-            assert point.values[k] == pytest.approx([read[-1], read.mean(), read.std()], rel=1e-12)
-        assert (few["force_x_scatter"][1:] > 0).all()
-        assert (np.abs(few["force_x_mean"][1:] / few["force_x"][1:] - 1) < 0.2).all()

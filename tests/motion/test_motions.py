@@ -3,13 +3,11 @@
 import math
 
 import msgspec
-import numpy as np
 import pytest
 
-from refsim import Box, BoxWalls, Gravity, InputError, Motion, Scene, Simulation, WeaklyCompressible
+from refsim import Box, BoxWalls, Gravity, InputError, Motion, Scene, WeaklyCompressible
 from refsim import make_plan as planned
-from refsim.engine.motions import turned
-from tests.running import rows, run_to
+from tests.running import rows
 
 G, DENSITY = 9.81, 1000.0
 SWAY = Motion(of="gravity", kind="sway", direction=(2.0, 0.0, 0.0), amplitude=0.01, period=0.5)
@@ -64,25 +62,6 @@ def test_motions_without_what_they_move_are_refused():
     across = Motion(of="moving_faces", kind="formula", direction=(0.0, 1.0, 0.0), formula="0.1*t")
     with pytest.raises(InputError, match="part across the face -y"):
         planned(tank(motion=(across,), walls={"moving_faces": ("-y",), "viscosity": 1.0}))
-
-
-def test_a_free_particle_flies_straight_as_a_turning_tank_sees_it():
-    """Its place in the tank is that in the world, turned back; all fictitious accelerations together."""
-    angle = "0.3*sin(4*t) + 0.2*t"
-    turn = Motion(of="turn", kind="formula", direction=(1.0, 2.0, -0.5), pivot=(0.2, -0.1, 0.4), formula=angle)
-    start, speed, pull, step = np.array([1.0, 0.3, -0.2]), np.array([0.4, -0.7, 0.9]), np.array([0.0, 0.0, -G]), 1e-4
-    moved, axis, pivot = turn.at(0.0), turn.unit(), np.array(turn.pivot)
-    seen = turned(speed - moved.velocity * np.cross(axis, start - pivot), axis, -moved.place)
-    scene = Scene(
-        dtype="float64", spacing=0.1, support_radius=0.2, step=step, motion=(turn,),
-        fluid=(Box(cells=(1, 1, 1), lower=tuple(start - 0.05), velocity=tuple(seen)),),
-        effects=(WeaklyCompressible(sound_speed=50.0, density="summation"), Gravity(acceleration=tuple(pull))),
-    )  # fmt: skip
-    simulation = run_to(Simulation(scene, "numpy"), 0.2)
-    t = simulation.time
-    flown = start + speed * t + 0.5 * pull * t * t
-    wanted = pivot + turned(flown - pivot, axis, -turn.at(t).place)
-    assert simulation.field("position")[0] == pytest.approx(wanted, abs=1e-4)
 
 
 @pytest.mark.parametrize(("changes", "words"), rows(__file__, "bad_turns"))

@@ -1,15 +1,11 @@
 """Values of the wrong kind are refused when an object is made, by the name of their field."""
 
-import copy
-import pickle
 import typing
 
 import msgspec
-import numpy as np
 import pytest
 
 import refsim as rs
-from refsim import make_plan
 from tests import pairs
 from tests.running import rows
 
@@ -68,61 +64,6 @@ def test_a_number_beyond_its_bound_is_refused_by_the_name_of_its_field(name):
                     value = (limit + way,) * 3 if field == "period" and name == "Scene" else limit + way
                     with pytest.raises(rs.InputError, match=rf"{field}\S* = "):
                         msgspec.structs.replace(BOUNDED[name], **{field: value})
-
-
-def test_numbers_of_numpy_are_taken_and_one_parameter_is_changed_by_one_call():
-    made = scene(
-        spacing=np.float32(0.1), support_radius=np.float64(0.2),
-        fluid=[rs.Box(cells=np.array([2, 2, 2])), rs.Cloud(position=np.ones((1, 3)))],
-        effects=[rs.Gravity(acceleration=np.array([0.0, 0.0, -9.81]))],
-    )  # fmt: skip
-    assert make_plan(made).grid.count == 9
-    before = scene()
-    after = before.with_(
-        spacing=0.05, weakly_compressible__sound_speed=20.0, fluid__1__radius=0.3, fluid__1__velocity=(1.0, 0.0, 0.0),
-        name="finer",
-    )  # fmt: skip
-    assert (after.spacing, after.name) == (0.05, "finer")
-    assert after.effects[0] == rs.WeaklyCompressible(sound_speed=20.0, density="summation")
-    assert after.effects[1] is before.effects[1]
-    assert after.fluid == (before.fluid[0], rs.Ball(radius=0.3, center=(1.0, 1.0, 1.0), velocity=(1.0, 0.0, 0.0)))
-    assert before == scene()
-
-
-def test_a_scene_keeps_what_it_was_made_of_and_equal_ones_have_one_hash():
-    """A later change of the caller's lists and arrays changes no scene; copies keep arrays that cannot be written."""
-    place, cells, effects = np.ones((2, 3)), np.array([2, 2, 2]), [rs.Gravity(acceleration=(0, 0, -1))]
-    rows = [[0.0, 0.0, 0.0]]
-
-    def made():
-        fluid = [rs.Cloud(position=place), rs.Box(cells=cells), rs.Cloud(position=rows)]
-        return scene(fluid=fluid, effects=effects, solid=[rs.SolidCells(cells=cells[None])])
-
-    first, second = made(), made()
-    assert first == second
-    assert len({first, second}) == 1
-    place[0], cells[0], rows[0][0] = 5.0, 7, 9.0
-    effects.append(None)
-    assert first == second
-    assert len(first.effects) == 1
-    assert (first.fluid[0].position == 1.0).all()
-    assert first.fluid[1].cells == (2, 2, 2)
-    assert first.fluid[2].position == ((0.0, 0.0, 0.0),)
-    assert (first.solid[0].cells == 2).all()
-    effects.pop()
-    assert first != made()
-
-    class Other(rs.BoxWalls, frozen=True, kw_only=True):
-        """Walls of the same values and another class."""
-
-        name = ""
-
-    assert scene(effects=(rs.BoxWalls(**WALLS),)) != scene(effects=(Other(**WALLS),))
-    for copied in (copy.deepcopy(first), pickle.loads(pickle.dumps(first)), first.with_(name="scene")):
-        assert copied == first
-        assert hash(copied) == hash(first)
-        with pytest.raises(ValueError, match="read-only"):
-            copied.fluid[0].position[0] = 0.0
 
 
 @pytest.mark.parametrize("changes, sentence", rows(__file__, "impossible_changes"))

@@ -8,7 +8,6 @@ import pytest
 import refsim as rs
 from refsim import make_plan
 from refsim.commands.plan import _text, describe_plan
-from refsim.core.capabilities import with_scene_defaults
 
 EXAMPLES = pathlib.Path(rs.__file__).parent / "examples"
 PEBBLE = str(EXAMPLES / "pebble.obj")
@@ -17,10 +16,6 @@ PULL = rs.Gravity(acceleration=(0.0, -9.81, 0.0))
 SOLID = (rs.SolidBox(lower=(0.0, 0.0, 0.1), upper=(0.2, 0.2, 0.2)),)
 MOLTEN = (rs.HeatConduction(melting_point=0.0),)
 COUPLED = (rs.ShapeMatching(), rs.TwoWayCoupling())
-ADVANCED, OWN, PAPERS = (
-    ("continuity", "central", "extrapolated"), ("summation", "central", "mirrored"),
-    ("summation", "laplacian", "mirrored"),
-)  # fmt: skip
 
 
 def scene(*effects, solid=(), walls=None, **liquid):
@@ -29,27 +24,6 @@ def scene(*effects, solid=(), walls=None, **liquid):
         spacing=0.05, support_radius=0.13, solid=solid, fluid=(rs.Box(cells=(4, 4, 4), lower=(0.1, 0.1, 0.2)),),
         effects=(*box, rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0, **liquid), PULL, *effects),
     )  # fmt: skip
-
-
-@pytest.mark.parametrize(("made", "expected"), [
-    (scene(walls={}), ADVANCED), (scene(*COUPLED, solid=SOLID, walls={}), ADVANCED),
-    (scene(walls={}, viscosity="laplacian"), ("continuity", "laplacian", "extrapolated")),
-    (scene(walls={}, density="summation"), PAPERS), (scene(walls={}, literal=("E24",)), PAPERS),
-    (scene(*COUPLED, *MOLTEN, rs.Melting(), solid=SOLID, walls={}), ADVANCED),
-    (scene(*COUPLED, *MOLTEN, rs.Melting(bookkeeping="immiscible"), solid=SOLID, walls={}), PAPERS),
-    (scene(*COUPLED[:1], rs.TwoWayCoupling(density_weighted=True), solid=SOLID, walls={}), PAPERS),
-    (scene(walls={"model": "mirrored"}), OWN), (scene(walls={"literal": ("g",)}), OWN),
-    (scene(rs.Akinci2013(surface_tension=0.1), walls={}), ADVANCED), (scene(rs.Akinci2013(gamma=0.1), walls={}), OWN),
-    (scene(rs.Akinci2013(surface_tension=0.1, adhesion=0.1), walls={}), OWN),
-    (scene(rs.JiangZhu2023(surface_tension=0.1, literal=("E10",)), walls={}), OWN),
-    (scene(rs.ImplicitPressure(), walls={}), OWN),
-    (scene(rs.MeshBoundary(file=PEBBLE, center=(0.2, 0.2, 0.1), size=0.1, adhesion=1e-9), walls={}), OWN),
-])  # fmt: skip
-def test_what_is_left_open_follows_the_scene(made, expected):
-    effects = make_plan(made).effects
-    liquid, walls = effects["weakly_compressible"], effects["box_walls"]
-    assert (liquid.density, liquid.viscosity, walls.model) == expected
-    assert effects.get("mesh_boundary", walls).model == walls.model
 
 
 @pytest.mark.parametrize(("made", "joins"), [
@@ -68,14 +42,6 @@ def test_shifting_joins_a_liquid_that_names_no_density_and_has_none_summed(made,
     assert plan.effects["weakly_compressible"].restoring == (0.003 if joins else 0.0)
     off = msgspec.structs.replace(made, effects=(*made.effects, rs.ParticleShifting(strength=0.0)))
     assert "particle_shifting.shift" not in make_plan(off).launches()
-
-
-@pytest.mark.parametrize(("gravity", "density"), [
-    (rs.Gravity(), "continuity"), (rs.Gravity(acceleration=(0.0, 0.0, 0.0)), "summation"),
-])  # fmt: skip
-def test_a_tank_with_tension_is_known_before_its_dimension(gravity, density):
-    liquid, walls, tension = scene(walls={}).effects[1], rs.BoxWalls(**BOX), rs.JiangZhu2023(surface_tension=0.1)
-    assert with_scene_defaults((liquid, walls, gravity, tension))["weakly_compressible"].density == density
 
 
 @pytest.mark.parametrize(("density", "bookkeeping"), [(None, "water"), ("summation", "immiscible")])

@@ -43,19 +43,6 @@ def test_toml_gives_the_same_scene_back_bit_for_bit():
     assert again.mass == (1.0, 2.0)
 
 
-@pytest.mark.parametrize("suffix", ["npy", "csv"])
-def test_a_file_of_positions_lies_beside_the_scene(tmp_path, monkeypatch, suffix):
-    points = np.random.default_rng(1).random((5, 3))
-    if suffix == "npy":
-        np.save(tmp_path / "points.npy", points)
-    else:
-        np.savetxt(tmp_path / "points.csv", points, delimiter=",", fmt="%.17g")
-    path = tmp_path / "scene.toml"
-    path.write_text(f'spacing = 0.1\nsupport_radius = 0.2\n[[fluid]]\nshape = "cloud"\nfile = "points.{suffix}"\n')
-    monkeypatch.chdir("/")
-    assert np.array_equal(make_plan(load_scene(path)).state.position, points)
-
-
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_examples_load_and_plan_without_a_note(path):
     plan = make_plan(load_scene(path))

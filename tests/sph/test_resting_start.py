@@ -4,43 +4,10 @@ import math
 
 import numpy as np
 import pytest
-import trimesh
 from scipy.integrate import solve_ivp
 
 import refsim as rs
 from refsim.sph.resting import RestingColumn
-
-D, PULL, SOUND = 0.1, 9.81, 40.0
-BODY = ((3, 2, 2), (6, 4, 5))  # lowest and first free cell of a solid
-
-
-def tank(parts, cells, dim=3, solid=(), file=""):
-    """A tank of so many cells with liquid in `parts`: (lowest cell, cells) of boxes, or cells (n, 3) of a cloud."""
-    liquid = [
-        rs.Box(lower=tuple(D * np.array(p[0])), cells=p[1]) if isinstance(p, tuple)
-        else rs.Cloud(position=(np.array(p) + 0.5) * D * [1, 1, dim - 2])
-        for p in parts
-    ]  # fmt: skip
-    pull = (0.0, -PULL, 0.0) if dim == 2 else (0.0, 0.0, -PULL)
-    more = [rs.ShapeMatching(), rs.TwoWayCoupling()] if solid else []
-    more += [rs.MeshBoundary(file=file)] if file else []
-    upper = D * np.array(cells) * (1, *((1, 2) if dim == 3 else (2, 0)))
-    return rs.Scene(
-        dim=dim, spacing=D, support_radius=3 * D, dtype="float64", fluid=tuple(liquid), solid=solid,
-        effects=(
-            rs.WeaklyCompressible(sound_speed=SOUND), rs.Gravity(acceleration=pull),
-            rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=tuple(upper)), *more,
-        ),
-    )  # fmt: skip
-
-
-def started(scene):
-    """Of the liquid, in the order of places: pressure over rho0 g d at the start, and place in spacings."""
-    state = rs.make_plan(scene).state
-    first = len(state.position) - sum(state.sizes[len(scene.solid) :])
-    place = np.round(state.position[first:] / D - 0.5, 6)
-    order = np.lexsort(place.T)
-    return state.values["advanced_excess"][first:][order] * SOUND**2 / (1000 * PULL * D), place[order]
 
 
 def cells(low, size):
@@ -59,37 +26,6 @@ def test_a_given_mass_stays_however_small_it_is(spacing):
         effects=(rs.WeaklyCompressible(sound_speed=10.0), rs.Gravity(acceleration=(0.0, -0.1 / spacing, 0.0)), walls),
     )  # fmt: skip
     np.testing.assert_array_equal(rs.make_plan(scene).state.mass, mass)
-
-
-def test_each_column_of_a_step_has_its_own_surface_and_liquid_in_the_air_none():
-    """A tower on a pool, which is not in balance: under it its weight, beside it none; in the air the rest density."""
-    found, place = started(tank([((0, 0, 0), (9, 9, 2)), ((3, 3, 2), (3, 3, 4))], (9, 9, 6)))
-    under = ((place[:, :2] >= 3) & (place[:, :2] < 6)).all(1)
-    assert np.abs(found - np.where(under, 6, 2) + 0.5 + place[:, 2]).max() < 1e-9
-    found, place = started(tank([((0, 0, 0), (5, 4, 2)), ((1, 1, 4), (2, 2, 2))], (5, 4, 6)))
-    assert np.abs(found - np.where(place[:, 2] >= 4, 0, 1.5 - place[:, 2])).max() < 1e-9
-
-
-def around(size):
-    """Boxes below, above and beside a body in a tank of 9 x 6 x `size` cells."""
-    (a, b, c), (d, e, f) = BODY
-    return [
-        ((0, 0, 0), (9, 6, c)), ((0, 0, f), (9, 6, size - f)),
-        ((0, 0, c), (a, 6, f - c)), ((d, 0, c), (9 - d, 6, f - c)), ((a, 0, c), (d - a, b, f - c)),
-        ((a, e, c), (d - a, 6 - e, f - c)),
-    ]  # fmt: skip
-
-
-@pytest.mark.parametrize("kind", ["solid", "mesh"])
-def test_liquid_under_a_body_bears_the_column_beside_it(kind, tmp_path):
-    low, high = D * np.array(BODY)
-    solid, file = (rs.SolidBox(lower=tuple(low), upper=tuple(high)),), ""
-    if kind == "mesh":
-        solid, file = (), str(tmp_path / "body.stl")
-        trimesh.creation.box(bounds=[low, high]).export(file)
-    found, place = started(tank(around(8), (9, 6, 8), solid=solid, file=file))
-    assert len(found) == 9 * 6 * 8 - 3 * 2 * 3
-    assert np.abs(found - 7.5 + place[:, 2]).max() < 1e-9
 
 
 G, RHO = 9.81, 1000.0

@@ -2,7 +2,6 @@
 
 import math
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -59,20 +58,6 @@ def test_what_the_choice_does_not_go_with_is_refused():
         make_plan(rs.Scene(**place, solid=solid, effects=(liquid("central"), rs.ShapeMatching(), rs.TwoWayCoupling())))
     with pytest.raises(rs.InputError, match=r"printed sign of J\(11\), which viscosity = 'central' does not use"):
         make_plan(rs.Scene(**place, effects=(liquid("central", literal=("E3",)),)))
-
-
-@pytest.mark.parametrize(("dim", "alpha", "worth"), [(2, 0.02, 6.5), (3, 0.1, 26.0)])
-def test_an_artificial_viscosity_adds_what_monaghan_says(dim, alpha, worth):
-    """nu = alpha (h/2) c/(2 (dim + 2)) beside mu; what walls hold with and the viscous step follow both."""
-    box = rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(1.0, 1.0, 1.0), no_slip=True)
-    water = rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=0.5, artificial_viscosity=alpha)
-    block = rs.Box(cells=(4, 4, 4 if dim == 3 else 1))
-    made = rs.Scene(dim=dim, spacing=0.1, support_radius=0.26, fluid=(block,), effects=(water, box))
-    effects = make_plan(made).effects
-    assert effects["weakly_compressible"].dynamic_viscosity == pytest.approx(0.5 + worth)
-    plain = rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=effects["weakly_compressible"].dynamic_viscosity)
-    same = make_plan(msgspec.structs.replace(made, effects=(plain, box)))
-    assert dict(same.effects) == dict(effects)
 
 
 @pytest.mark.parametrize("backend", ["cpu", "cuda"])
