@@ -46,21 +46,3 @@ def test_a_thin_bar_conducts_as_a_wide_one_where_the_support_is_wide():
 def test_a_plan_tells_of_rods_that_conduct_too_strongly(laplacian, h, told):
     notes = bar(lattice(2, 2), 3, h, {"laplacian": laplacian}).plan.notes
     assert any("conduct up to 21 %" in note for note in notes) == told
-
-
-def test_moving_particles_are_compensated_anew_and_resting_ones_are_not():
-    """The sums over neighbours are taken at the start, where positions are set, and in steps in which one moves."""
-    run = bar(lattice(2), 2, 2.5, {"scheme": "explicit"})
-    run.step()
-    first = run.field("compensation_x")
-    stored = run.fields["compensation_x"]
-    stored[...] = 7.0  # which a particle at rest keeps
-    run.step()
-    assert (stored == 7.0).all()
-    x = run.field("position")
-    run.set_field("position", x + [0.5, 0.0, 0.0])
-    run.step()
-    assert run.field("compensation_x") == pytest.approx(first, abs=1e-12)
-    run.set_field("velocity", 1e-3 * x)
-    run.step()
-    assert (abs(run.field("compensation_x") - first) > 1e-6).any()

@@ -6,7 +6,6 @@ import pytest
 from refsim import Box, Cloud, HeatConduction, InputError, RunStopped, Scene, Simulation, load_scene, make_plan
 from refsim.engine import launching
 from refsim.engine.conserved_totals import conserved_totals
-from refsim.heat import operations, stages
 from tests.running import advanced, rows
 from validation.metrics import heat as exact
 
@@ -56,55 +55,6 @@ def hard_cloud(kind, scheme, melts, dtype="float64", **options):
     given |= {"held": (0,), **ICE} if melts else {}
     effects = (HeatConduction(**{**given, **options}),)
     return Scene(spacing=0.1, support_radius=0.25, fluid=parts, effects=effects, dtype=dtype, end_time=1e9)
-
-
-KINDS = ("masses 1:2", "masses 1:100", "cloud", "pairs")
-
-
-@pytest.mark.parametrize(
-    "kind, melts, dtype",
-    [(kind, k % 2 > 0, ("float64", "float32")[k % 2]) for k, kind in enumerate(KINDS)],
-)
-def test_explicit_conduction_keeps_its_range_at_the_runners_own_step(kind, melts, dtype):
-    """200 steps at the largest step that the particles' own sums allow; before, |T| grew to 1e43."""
-    simulation = Simulation(hard_cloud(kind, "explicit", melts, dtype), "numpy")
-    for _ in range(200):
-        length = simulation.step().length
-        values = simulation.field("temperature")
-        assert values.min() >= -10 - 1e-4
-        assert values.max() <= 50 + 1e-4
-    of_particles = (simulation.field(k) for k in ("position", "mass", "volume", "heat_capacity", "conductivity"))
-    rates = operations.exchange_rate(
-        *of_particles, simulation.field("reservoir") if melts else None, simulation.field("compensation_x"),
-        simulation.field("compensation_rest"), simulation.plan.parameters["heat_conduction"]["conduction"], None,
-    )["exchange_rate"][0]  # fmt: skip
-    assert length * rates.max() <= 1 + 1e-5
-    assert simulation.last.limiter == ("exchange" if length * rates.max() > 1 - 1e-5 else "conduction")
-
-
-@pytest.mark.parametrize("kind", KINDS[:2])
-def test_enthalpies_of_lighter_particles_limit_the_step(kind):
-    """RKL1 with latent heat at the runner's own step; before, temperatures left their range by 15 % of it."""
-    values = ran(hard_cloud(kind, "runge_kutta_legendre", True), 60).field("temperature")
-    assert values.min() >= -10 - 1e-9
-    assert values.max() <= 50 + 1e-9
-
-
-@pytest.mark.parametrize("literal", [("M26",), ()], ids=["plain", "compensated"])
-def test_the_step_follows_the_sums_while_particles_move(literal):
-    """A cloud that flies together: the limit falls, and holds for the sums of that very step."""
-    scene = hard_cloud("cloud", "explicit", False, literal=literal)
-    simulation = Simulation(scene, "numpy")
-    x = simulation.field("position")
-    simulation.set_field("velocity", -2e-4 * (x - 0.3))
-    lengths = []
-    for _ in range(6):
-        simulation.evaluate()
-        largest = float(simulation.field("exchange_rate").max())
-        lengths.append(simulation.step().length)
-        assert lengths[-1] * largest <= 1 + 1e-12
-    assert lengths[-1] < 0.8 * lengths[0]
-    assert simulation.field("temperature").max() <= 50
 
 
 def test_a_temperature_that_a_user_sets_begins_a_new_range():
@@ -214,13 +164,3 @@ def test_one_sided_exchange_stops_unless_its_loss_is_allowed():
     assert stop.value.reason == "heat_lost"
     with pytest.raises(InputError, match="largest_drift"):
         make_plan(bar(largest_drift=-0.1))
-
-
-@pytest.mark.parametrize(("scheme", "most"), [
-    (stages.first_legendre_stages, lambda s: 0.4 * (s**2 + s)),
-    (stages.legendre_stages, lambda s: (s**2 + s - 2) / 4),
-])  # fmt: skip
-def test_a_step_at_the_bound_of_its_stages_takes_no_more(scheme, most):
-    """Meyer, Balsara & Aslam 2014: RKL1, with a margin of 5/4, and RKL2; the number s of stages is odd."""
-    for s in (3, 5, 21, 101):
-        assert [len(list(scheme(share * most(s)))) for share in (0.999, 1.0, 1.001)] == [s, s, s + 2]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from refsim import contract
-from refsim.backends.arrays import choose, unavailable
+from refsim.backends.arrays import unavailable
 from refsim.contract import inputs as contract_inputs
 from refsim.contract.answers import typed
 from refsim.core import cases
@@ -131,22 +131,6 @@ def test_every_step_hands_a_kernel_the_types_of_a_run(dtype):
                 assert numba.typeof(given) == numba.typeof(usual[name]), (maker.__name__, name)
                 compared.add(name)
     assert {"background", "boxes", "grid", "solid_field", "surface_term", "planes"} <= compared
-
-
-def test_lists_of_a_trial_reach_as_far_as_the_skin():
-    """Those of walls beside the liquid and of the liquid beside walls hold the same pairs, also across a border."""
-    made, operation, backend = contract.inputs, REGISTRY["adami_2012.extrapolation"], choose("cpu")
-    for name in ("cloud_3d", "few"):
-        inputs = contract.Inputs(cases.CASES[name](), "float64")
-        period, radius = made.period_of(operation, inputs), inputs.case.list_radius
-        near = made.value_of(operation, "liquid_near_walls", inputs, None, None, backend)
-        _, walls = made.all_pairs(inputs, backend, period)
-        apart = np.concatenate([
-            far for _, far in made.distances(inputs["position"], inputs["walls"].position, period=period)
-        ])  # fmt: skip
-        within = apart < radius * (1 + inputs.case.skin)
-        assert (near.count.tolist(), walls.count.tolist()) == (within.sum(0).tolist(), within.sum(1).tolist())
-        assert (within & (apart > radius)).any()
 
 
 def test_an_argument_that_nothing_makes_is_named():

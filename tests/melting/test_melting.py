@@ -1,6 +1,5 @@
 """Melting: what becomes of mass and rest density."""
 
-import numpy as np
 import pytest
 
 import refsim as rs
@@ -39,26 +38,3 @@ def test_mass_and_rest_density_of_the_melt(bookkeeping, change):
     advanced(simulation, 4)
     assert simulation.field("mass").sum() - before == pytest.approx(125 * change * volume, abs=1e-9 * before)
     assert (simulation.field("rest_density")[:125] == (1000.0 if change else 917.0)).all()
-
-
-# Runs
-
-
-def test_cells_of_a_mesh_outlive_its_file(tmp_path):
-    import trimesh
-
-    from refsim import SolidMesh
-
-    path = tmp_path / "ball.stl"
-    trimesh.creation.icosphere(subdivisions=3, radius=1.0).export(path)
-    mesh = SolidMesh(file=str(path), center=(0.9, 0.9, 1.6), size=1.3, rotation=(10.0, 20.0, 30.0))
-    simulation = rs.Simulation(scene(solid=(mesh,)), "numpy")
-    volume = 4 / 3 * np.pi * 0.65**3
-    assert simulation.plan.grid.solids.lattice.first[1] * 0.2**3 == pytest.approx(volume, rel=0.1)
-    simulation.step()
-    simulation.checkpoint(tmp_path / "saved.h5")
-    path.unlink()
-    again = rs.Simulation.resume(tmp_path / "saved.h5")
-    simulation.step()
-    again.step()
-    assert (again.field("position") == simulation.field("position")).all()

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 import refsim as rs
-from refsim import make_plan, simulate
+from refsim import make_plan
 from refsim.mpm import Counting
 from refsim.surface_energy.effect import CROWDED, OVERFULL
 from tests.running import advanced
-from validation.experiments.mpm_droplet.scene import drop_scene, ellipsoid
 from validation.metrics.mpm import CELL, DENSITY, Transfers
 
 CUBES = {2: (8, 8, 1), 3: (5, 5, 5)}
@@ -107,31 +106,3 @@ def test_crowding_of_particles_strewn_at_random(dim):
     own, anywhere = strewn(dim, "own"), strewn(dim, "any")
     assert own.max() < 1.2 < CROWDED < anywhere.max() < OVERFULL
     assert own.mean() + own.std() < 1.05 < own.max()
-
-
-def crowded(ratio):
-    """A disc whose J says that it is thinner than the grid counts it."""
-    liquid = {"initial_ratio": ratio, "bulk_modulus": 10.0}
-    return drop_scene(ellipsoid(6.0, 2), 2, liquid=liquid, tension={"surface_tension": 0.01})
-
-
-def test_run_says_from_when_on_particles_gather(tmp_path):
-    """Above 1.25 a note, once, in the run, in the checkpoint and in the report; above 2 a stop."""
-    disc = crowded(1.3)
-    run = rs.Simulation(disc)
-    assert not run.notes
-    run.step()
-    assert len(run.notes) == 1
-    assert "surface_energy: from step 1 on" in run.notes[0]
-    assert "the grid counts 1.3" in run.notes[0]
-    run.checkpoint(tmp_path / "c.h5")
-    for each in (run, rs.Simulation.resume(tmp_path / "c.h5")):
-        each.step()
-        assert (each.notes, len(each.notes)) == (run.notes, 1)
-    assert simulate(disc, 2.5e-4).notes == run.notes
-    calm = rs.Simulation(crowded(1.2))
-    calm.step()
-    assert not calm.notes
-    with pytest.raises(rs.RunStopped, match=r"the grid counts 2\.1") as stop:
-        rs.Simulation(crowded(2.1)).step()
-    assert stop.value.reason == "clumped"

@@ -10,7 +10,6 @@ from refsim.backends.arrays import choose, on_threads
 from refsim.core import cases
 from refsim.core.period import period_group
 from refsim.core.walls import Bounds
-from refsim.engine.neighbour_lists import sort, update
 from refsim.neighbours import (
     AUDIT_MARGIN,
     MOST_NEIGHBOURS,
@@ -200,47 +199,6 @@ def test_positions_that_are_no_numbers_harm_no_other_particle(value):
 
 
 # Skin, rebuilds and the audit
-def test_two_that_turn_and_meet_are_listed_in_time():
-    """The margin shrinks by the way of both: moving together leaves all of it, then each goes 0.045 h a step."""
-    h, step = 0.1, 1e-3
-    speed = 0.045 * h / step
-    scene = rs.Scene(
-        dim=2, spacing=0.05, support_radius=h, step=step, skin=0.2,
-        fluid=(rs.Cloud(position=[[0.0, 0.0, 0.0], [1.21 * h, 0.0, 0.0]]),),
-        effects=(rs.WeaklyCompressible(sound_speed=10.0, density="summation"),),
-    )  # fmt: skip
-    simulation, looks = rs.Simulation(scene, "cpu"), []
-    simulation.write_field("velocity", np.array([[speed, 0.0, 0.0]] * 2))
-    for number in range(12):
-        if number == 3:  # they have been compared once: each has moved by 0.135 h, both alike
-            simulation.write_field("velocity", np.array([[speed, 0.0, 0.0], [-speed, 0.0, 0.0]]))
-        simulation.step()
-        update(simulation)
-        apart = np.ptp(simulation.fields["position"][:, 0])
-        looks.append((apart < h, simulation.shared["neighbours"].count.max() > 0))
-    assert [near for near, _ in looks].count(True) > 1
-    assert all(listed for near, listed in looks if near)
-
-
-def test_rows_of_a_new_order_follow_in_all_that_a_step_computes():
-    """Also what only a step writes, such as a shift, which is read after a later list is built."""
-    walls = rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.4, 0.6, 0.0), open_faces=("+y",))
-    box = rs.Box(cells=(8, 8, 1), velocity=(0.3, 0.1, 0.0))
-    effects = rs.WeaklyCompressible(sound_speed=10.0), rs.ParticleShifting(), rs.Gravity(), walls
-    scene = rs.Scene(dim=2, spacing=0.05, support_radius=0.13, fluid=(box,), effects=effects)
-    simulation = rs.Simulation(scene, "cpu")
-    advanced(simulation, 3)
-    names = [name for name in simulation.plan.particle_fields if simulation.plan.is_of_steps(name)]
-    before = {name: simulation.field(name) for name in names}
-    assert names
-    assert all(np.abs(values).max() > 0 for values in before.values())
-    turned = simulation.fields["position"][::-1].copy()
-    simulation.backend.assign(simulation.fields["position"], turned)
-    sort(simulation, simulation.search)
-    for name, values in before.items():
-        assert (simulation.stored(name) == values).all(), name
-
-
 def test_audit_looks_where_the_list_was_last_used_and_leaves_out_what_a_plane_stopped():
     """After a step that halves all distances the list would look short; the audit steps back first, by shifts too."""
     case = cases.CASES["cloud_3d"]()
@@ -296,30 +254,6 @@ def test_lists_of_the_default_liquid_are_audited(monkeypatch):
     monkeypatch.setattr(simulation.search, "allowed_displacement", 20 * simulation.search.allowed_displacement)
     with pytest.raises(rs.RunStopped, match="lacked"):
         advanced(simulation, 200)
-
-
-def test_a_state_set_between_steps_keeps_the_list_and_the_audit_right():
-    """Velocities that are set did not lead to the positions, and positions that are set need another list."""
-    position = np.random.default_rng(1).uniform(0, 1.2, (300, 3))
-    liquid = rs.WeaklyCompressible(sound_speed=100.0, rest_density=1000.0, density="summation")
-    drop = rs.Cloud(position=position)
-    simulation = rs.Simulation(
-        rs.Scene(spacing=0.1, support_radius=0.2, fluid=(drop,), effects=(liquid,), step=5e-4, dtype="float64")
-    )
-    for seed in range(4):
-        advanced(simulation, 5)
-        thrown = np.random.default_rng(seed).normal(0, 40, position.shape)
-        simulation.set_field("velocity", thrown)
-        assert np.array_equal(simulation.field("velocity"), thrown)
-        simulation.evaluate()  # builds the list where it must, and must not audit it by these velocities
-    simulation.step()
-    assert simulation.search.log.missed_neighbours == 0
-    simulation.set_field("position", position[::-1])
-    simulation.evaluate()
-    listed = simulation.shared["neighbours"]
-    expected = neighbour_list(simulation.fields["position"], simulation.search.radius)
-    assert all(set(near) <= set(row) for row, near in zip(rows(listed), expected))
-    assert np.array_equal(simulation.field("position"), position[::-1])
 
 
 # Particles that move together need no new list

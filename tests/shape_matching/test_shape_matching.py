@@ -11,7 +11,6 @@ from refsim.core.operation import REGISTRY
 from refsim.scene.solids import lattice_of
 from refsim.shape_matching import Matching, floors, operations, reference
 from refsim.shape_matching.boxes import boxes_of
-from tests.running import advanced
 
 
 # Rotations
@@ -75,37 +74,6 @@ def test_collapsed_regions_turn_as_the_reference_says(name, program):
 
 
 # Whole bodies
-def spinning(**more):
-    """A cube of 27 cells, a scene of its own, that turns once a second about an axis of symmetry."""
-    body = rs.SolidBox(lower=(0, 0, 0), upper=(0.6, 0.6, 0.6), spin=(0.0, 0.0, 2 * np.pi))
-    effect = rs.ShapeMatching(damping=0.0, summation="gather")
-    given = {"spacing": 0.2, "support_radius": 0.5, "fluid": (), "dtype": "float64", "end_time": 1.0} | more
-    return rs.Simulation(rs.Scene(solid=(body,), effects=(effect,), **given))
-
-
-def test_a_body_that_has_lost_its_shape_stops_the_run_and_one_in_pieces_does_not():
-    """A fixed step of a whole turn leaves particles where their first step took them; liquid nodes count in no mean."""
-    whole, tenth = (spinning(step=step) for step in (1.0, 0.1))
-    assert "keep their size to 1 %" in whole.notes[0]
-    with pytest.raises(rs.RunStopped, match=r"number 1 are .* spacings apart") as stopped:
-        advanced(whole, 3)
-    assert (stopped.value.reason, stopped.value.exit_code) == ("shape_lost", 3)
-    advanced(tenth, 8)
-    assert any("apart in the mean" in note for note in tenth.notes)
-    assert not advanced(spinning(), 64).notes
-    solids = rs.SolidBox(lower=(0, 0, 0), upper=(0.6, 0.2, 0.2))
-    plan = make_plan(
-        rs.Scene(spacing=0.2, support_radius=0.5, fluid=(), solid=(solids,), effects=(rs.ShapeMatching(),))
-    )
-    effect = plan.effects["shape_matching"]
-    fields = {"position": np.array([[0, 0, 0], [0.2, 0, 0], [9.0, 0, 0]]), "place": np.arange(3), "phase": [1, 1, 0]}
-    assert effect.inspected(plan.grid, lambda name: np.array(fields[name])) is None
-    fields["phase"] = [1, 1, 1]
-    assert effect.inspected(plan.grid, lambda name: np.array(fields[name]))[0] == "shape_lost"
-    fields["position"] = np.zeros((3, 3))  # in one place, from where it comes back
-    assert effect.inspected(plan.grid, lambda name: np.array(fields[name]))[0] == ""
-
-
 def test_fast_sums_are_exact_far_from_the_first_particle():
     """float32, two particles that spin 4 m from their body's first one: sums taken from there need float64.
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from refsim import Ball, Box, BoxWalls, Cloud, InputError, Scene, Simulation, SurfaceDetection, WeaklyCompressible
+from refsim import Ball, Box, Cloud, InputError, Scene, Simulation, SurfaceDetection, WeaklyCompressible
 from refsim.core.effect import Discretisation
 from refsim.scene.plan import make_plan
 from tests.running import rows
@@ -81,36 +81,6 @@ def test_a_missing_particle_makes_no_surface_but_a_hole_does():
 @pytest.mark.parametrize("method", METHODS)
 def test_spray_is_surface(method, count, dim):
     assert surface(np.arange(count)[:, None] * [0.6, 0.8, 0.0], dim=dim, method=method).all()
-
-
-def test_the_full_radius_sees_across_a_gap_and_the_printed_cone_nothing():
-    """Jiang & Zhu E5: with "<" the second line is the outside of the cone, where the liquid lies."""
-    block = lattice(Box(cells=(8, 12, 1)))
-    apart = 3.6  # wider than h = 2.6, within reach of a ball of radius h
-    position = np.vstack([block, block + [7.0 + apart, 0, 0]])
-    facing = np.isin(np.round(position[:, 0], 6), np.round([7.5, 7.5 + apart], 6)) & (np.abs(position[:, 1] - 6) < 3)
-    assert facing.sum() == 12
-    assert surface(position, scan_radius="half")[facing].all()
-    assert not surface(position, scan_radius="full")[facing].any()
-    np.testing.assert_array_equal(surface(position, literal=("E6",)), surface(position, scan_radius="full"))
-    assert surface(disc()).any()
-    assert not surface(disc(), literal=("E5",)).any()
-    assert not surface(disc(), literal=("all",)).any()
-
-
-# Films and filaments
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_a_film_on_a_wall_is_surface_and_one_between_two_walls_is_not(dim):
-    side = 20 if dim == 2 else 9
-    film = lattice(Box(cells=(side, 1, 1 if dim == 2 else side)), dim)
-    inner = (np.abs(film - film.mean(0)) < side / 2 - 3).all(1)
-    for faces, found in ((("+y",), True), ((), False)):
-        walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(side, 1.0, side), open_faces=faces)
-        flags = surface(film, dim=dim, walls=(walls,), method="fan_scan")
-        assert (flags[inner] == found).all()
-    assert inner.any()
 
 
 # As part of a scene

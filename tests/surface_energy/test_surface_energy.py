@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import lstsq
 
 from refsim import Cloud, MpmLiquid, Scene, Simulation, SurfaceEnergy
-from refsim.backends.arrays import Backend, on_threads
+from refsim.backends.arrays import Backend
 from refsim.core.errors import InputError, RunStopped
 from refsim.sparse_grid.reference import node_table
 from refsim.surface_energy import Tension, operations
@@ -33,16 +33,6 @@ def reconstructed(place, dim=3, dtype="float64", h=H, number=None, **parameters)
     return made, made.surface((h * place).astype(dtype), number=number)
 
 
-def test_inset_brings_the_surface_back_to_the_liquid():
-    _, far = reconstructed(ball(9), inset=-1.0)
-    _, near = reconstructed(ball(9))
-    radius = [np.linalg.norm(s.samples.position, axis=1).mean() / H for s in (far, near)]
-    assert 10.3 < radius[0] < 10.7
-    assert 8.85 < radius[1] < 9.2
-    assert near.samples.area.sum() == pytest.approx(4 * np.pi * (9 * H) ** 2, rel=0.04)
-    assert np.array_equal(far.mesh.vertices, near.mesh.vertices)
-
-
 @pytest.mark.parametrize("dim", [2, 3])
 def test_poisson_disk_samples_keep_their_distance_and_leave_no_gap(dim):
     made, surface = reconstructed(ball(5, dim=dim), dim, quadrature="poisson", inset=-1.0)
@@ -57,28 +47,6 @@ def test_poisson_disk_samples_keep_their_distance_and_leave_no_gap(dim):
     assert not np.array_equal(again.samples.position[:20], surface.samples.position[:20])
     redrawn = made.surface((H * ball(5, dim=dim)), step=0)
     assert np.array_equal(redrawn.samples.position, surface.samples.position)
-
-
-# The surface
-
-
-@pytest.mark.parametrize("jitter", [0.25, 0.0])
-@pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_same_particles_give_the_same_bits_in_any_order_on_any_threads(dim, dtype, jitter):
-    """Also in a lattice, where samples are equally near to several particles."""
-    import numba
-
-    place = ball(3.5, dim=dim, jitter=jitter)
-    order = np.random.default_rng(1).permutation(len(place)).astype(np.int32)
-    surfaces = []
-    for threads in (1, numba.config.NUMBA_NUM_THREADS):
-        with on_threads(threads):
-            surfaces += [reconstructed(place[n], dim, dtype, number=n)[1] for n in (np.sort(order), order)]
-    for surface in surfaces[1:]:
-        for name in ("position", "normal", "area"):
-            assert getattr(surface.samples, name).tobytes() == getattr(surfaces[0].samples, name).tobytes()
-    assert np.array_equal(order[surfaces[1].samples.nearest], surfaces[0].samples.nearest)
 
 
 # The fit

@@ -1,6 +1,5 @@
 """From newtons per metre to coefficients: `calibrate` and the map behind it."""
 
-import itertools
 import json
 import math
 from pathlib import Path
@@ -17,7 +16,7 @@ from tests.running import rows
 from validation.measure import sigma_map as condensing
 from validation.measure import tension
 from validation.measure.command import DATA
-from validation.measure.drops import SOFTENING, fit_laplace, points
+from validation.measure.drops import points
 
 EXAMPLE = Path(rs.__file__).parent / "examples" / "water_drop.toml"
 WATER = {"spacing": 1e-3, "rest_density": 1000.0}
@@ -189,69 +188,6 @@ def test_the_published_map_is_that_of_the_published_drops(tmp_path):
 
 
 # Condensing
-def rows_of(sigma=1.7, left=0.01, radii=(8.0, 11.0, 16.0, 24.0)):
-    """Drops whose pressure jump is sigma/R + left, part of it balanced by their motion."""
-    made = []
-    for radius in radii:
-        moving = 0.4
-        made.append({
-            "model": "akinci", "dim": 2, "support": 2.6, "stiffness": 0.01, "kernels": "mueller", "radius": radius,
-            "seed": 1, "stopped": "", "effective_radius": radius, "spurious": moving,
-            "pressure": sigma / radius + left - moving**2 / radius / 2,
-            "laplace": sigma + left * radius - moving**2 / 2,
-            **({"rayleigh": 1.8, "misfit": 0.1} if radius >= 16 else {}),
-        })  # fmt: skip
-    return made
-
-
-def test_a_planted_tension_is_found_with_its_motion_and_what_is_left():
-    (entry,) = condensing.condensed([condensing.with_motion(row) for row in rows_of()])
-    assert (entry["laplace"], entry["intercept"]) == (pytest.approx(1.7, abs=1e-9), pytest.approx(0.01, abs=1e-9))
-    assert [d["radius"] for d in entry["drops_by_radius"]] == [16.0, 24.0]
-    assert entry["drops_by_radius"][0]["laplace"] == pytest.approx(1.7 + 0.01 * 16)
-    ended = {**rows_of()[0], "stopped": "diverged"}
-    (entry,) = condensing.condensed([*rows_of()[:2], ended])
-    assert entry["stopped"] == {"diverged": 1}
-    assert math.isnan(entry["laplace"])  # two radii are no fit
-    assert math.isnan(fit_laplace(rows_of()[:2])[0])
-
-
-def plane_drop(kick, step=0.01, points=16):
-    """(frequency over sqrt(6), amplitude) of mode 2 of a plane drop of potential flow with sigma = rho = R = 1."""
-    angle, order = (np.arange(points) + 0.5) * np.pi / 2 / points, 2 * np.arange(points // 2)
-    cosine, sine = np.cos(np.outer(angle, order)), order * np.sin(np.outer(angle, order))
-    to_series = np.linalg.pinv(cosine)
-
-    def change(state):
-        r, potential = state @ cosine.T
-        along, bend = -sine @ state[0], -(cosine * order**2) @ state[0]
-        powers = r[:, None] ** order
-        flow = np.linalg.lstsq(cosine * powers, potential, rcond=None)[0]
-        radial, turning = (cosine * order * powers) @ flow / r, -(sine * powers) @ flow / r
-        moved = radial - along * turning / r
-        curvature = (r**2 + 2 * along**2 - r * bend) / (r**2 + along**2) ** 1.5
-        pushed = radial * moved - 0.5 * (radial**2 + turning**2) - curvature
-        return np.array([moved, pushed]) @ to_series.T
-
-    state = np.zeros((2, len(order)))
-    state[0, 0], state[1, 1] = 1, kick * math.sqrt(6) / 2
-    seen = [0.0]
-    while sum(a < 0 < b for a, b in itertools.pairwise(seen)) < 2:
-        k1 = change(state)
-        k2 = change(state + step / 2 * k1)
-        k3 = change(state + step / 2 * k2)
-        state = state + step / 6 * (k1 + 2 * k2 + 2 * k3 + change(state + step * k3))
-        seen.append(state[0, 1])
-    up = [i + a / (a - b) for i, (a, b) in enumerate(itertools.pairwise(seen)) if a < 0 < b]
-    return 2 * math.pi / ((up[1] - up[0]) * step * math.sqrt(6)), max(seen)
-
-
-def test_a_plane_drop_swings_the_slower_the_larger_its_swing():
-    """As the frequencies of measured drops are taken back to small swings."""
-    frequency, amplitude = plane_drop(0.04)
-    assert (1 - frequency) / amplitude**2 == pytest.approx(SOFTENING[2], rel=0.01)
-
-
 def test_the_example_of_the_water_drop_has_the_tension_of_water():
     """In the liquid of the measured drops; that it plans without a note says that it is none beyond them."""
     plan = make_plan(load_scene(EXAMPLE))
