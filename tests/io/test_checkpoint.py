@@ -3,7 +3,6 @@
 import errno
 import os
 import random
-import time
 
 import h5py
 import numpy as np
@@ -184,16 +183,6 @@ def test_the_previous_checkpoint_is_named_when_it_is_whole(tmp_path):
         whole_checkpoint(tmp_path)
     with pytest.raises(InputError, match="does not exist"):
         whole_checkpoint(tmp_path / "nowhere")
-
-
-def test_the_newest_wins_whatever_the_file_times_say(tmp_path, monkeypatch):
-    write_checkpoint(tmp_path / "b.h5", {}, {"step": 1})
-    write_checkpoint(tmp_path / "a.h5", {}, {"step": 2})
-    os.utime(tmp_path / "a.h5", (0, 0))
-    assert whole_checkpoint(tmp_path)[0] == tmp_path / "a.h5"
-    monkeypatch.setattr(time, "time_ns", lambda: 5)  # the clock is set back
-    write_checkpoint(tmp_path / "a.h5", {}, {"step": 3})
-    assert whole_checkpoint(tmp_path)[1].attributes["step"] == 3
 
 
 # -- kills and full disks

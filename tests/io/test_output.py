@@ -1,6 +1,5 @@
 """Frames come back bit for bit, ParaView's own reader opens them, and kills and full disks cost no frame."""
 
-import dataclasses
 import errno
 import os
 import xml.etree.ElementTree
@@ -11,7 +10,7 @@ import vtk
 from vtk.util.numpy_support import vtk_to_numpy
 
 from refsim.core.errors import InputError, RunStopped
-from refsim.io.frames import OLDER, Frame, Origin, ParticleWriter, frame_files, read_origin, read_particles
+from refsim.io.frames import Frame, Origin, ParticleWriter, frame_files, read_origin, read_particles
 from refsim.io.vtp import write_vtp
 
 FIELDS = {
@@ -158,81 +157,7 @@ def test_what_made_the_frames_is_said_until_another_origin_replaces_it(tmp_path)
         assert read_origin(path).scene == scene
 
 
-def test_append_refuses_what_does_not_fit_and_older_versions(tmp_path):
-    path = tmp_path / "run.pvd"
-    with ParticleWriter(path, FIELDS) as writer:
-        write_frames(writer, [frame(0)])
-    (file,) = frame_files(path)
-    before = file.read_bytes()
-    for fields in ({}, FIELDS | {"density": (1, "float64")}, FIELDS | {"velocity": (2, "float32")}):
-        with pytest.raises(InputError, match=r"velocity \(3 x float32\)"):
-            ParticleWriter(path, fields, append=True)
-    for content, words in [
-        (before[:-10], "cut short"), (before[:300], "cut short"), (b"time = 3", "does not begin as one"),
-        (before.replace(b"version 1,", b"version 2,", 1), "has version 2"),
-    ]:  # fmt: skip
-        file.write_bytes(content)
-        for use in (lambda: ParticleWriter(path, FIELDS, append=True), lambda: read_particles(path)):
-            with pytest.raises(InputError, match=words):
-                use()
-        assert file.read_bytes() == content
-    assert sorted(one.name for one in tmp_path.iterdir()) == ["run", "run.pvd"]
-    (tmp_path / OLDER).write_bytes(b"")
-    for use in (
-        lambda: ParticleWriter(tmp_path / "a.pvd", {}, append=True),
-        lambda: read_particles(tmp_path / "a.pvd"),
-    ):
-        with pytest.raises(InputError, match=r"written by an earlier version.*run the scene again"):
-            use()
-
-
 # -- bad input
-def test_frames_that_do_not_fit_are_refused_and_leave_the_files_alone(tmp_path):
-    path = tmp_path / "run.pvd"
-    _, position, fields = frame(1)
-    with ParticleWriter(path, FIELDS) as writer:
-        first, second = (Frame(*frame(step)) for step in range(2))
-        for bad in ([first, first], [second, first], [first, dataclasses.replace(second, fields={})]):
-            with pytest.raises(ValueError, match=r"time|fields"):
-                writer.append(bad)
-        assert not path.with_suffix("").exists()
-        write_frames(writer, [frame(0)])
-        for time, place, extra, words in [
-            (0.0, position, {}, "not later"),
-            (float("nan"), position, {}, "not later"),
-            (1.0, position[:, :2], {}, "position"),
-            (1.0, position.astype(int), {}, "position"),
-            (1.0, position.astype(np.float64), {}, r"position \(3 x float64\).* writes .*position \(3 x float32\)"),
-            (1.0, position, {"density": fields["density"][:-1]}, "'density'"),
-            (1.0, position, {"density": fields["density"].astype(np.float64)}, r"density \(1 x float64\)"),
-            (1.0, position, {"velocity": fields["density"]}, r"velocity \(1 x float32\)"),
-            (1.0, position, {"heat": fields["density"]}, "heat"),
-        ]:
-            with pytest.raises(ValueError, match=words):
-                writer.write(time, place, **(fields | extra))
-        assert_files(path, [frame(0)])
-        write_frames(writer, [frame(1)])
-    with pytest.raises(ValueError, match="closed"):
-        writer.write(2.0, position, **fields)
-    writer.close()
-    assert len(read_particles(path)) == 2
-
-
-def test_declarations_and_paths_that_cannot_be(tmp_path):
-    for fields in ({"a": (0, "float32")}, {"a/b": (1, "float32")}, {"a": (1, "float16")}, {"": (1, "int32")}):
-        with pytest.raises(ValueError, match="cannot be written"):
-            ParticleWriter(tmp_path / "run.pvd", fields)
-    with pytest.raises(InputError, match="folder that exists"):
-        ParticleWriter(tmp_path / "no" / "run.pvd", {})
-    with pytest.raises(InputError, match="folder that exists"):
-        write_vtp(tmp_path / "no" / "run.vtp", np.zeros((1, 3)))
-    with pytest.raises(ValueError, match="'a'"):
-        write_vtp(tmp_path / "run.vtp", np.zeros((2, 3)), a=np.zeros(3))
-    with pytest.raises(InputError, match="no frames"):
-        read_particles(tmp_path / "run.pvd")
-    assert not list(tmp_path.iterdir())
-
-
 def test_damage_anywhere_is_told(tmp_path):
     """A flipped bit at the ends of the head and at seeded places, zeros, a file cut."""
     path, rng = tmp_path / "run.pvd", np.random.default_rng(5)

@@ -94,29 +94,6 @@ def test_ledger_and_report_are_those_of_the_run(folder):
     assert "<td>mass</td>" in run.ledger._repr_html_()
 
 
-def test_tables_within_the_report_are_tables(tmp_path):
-    """Also where they are empty; an unknown entry gets a sentence."""
-    simulate(scene(), 1e-3, backend="numpy", output=tmp_path)
-    report, written = open_run(tmp_path).report, json.loads((tmp_path / "report.json").read_text())
-    for entry, value in written.items():
-        assert report[entry] == value or isinstance(value, dict | list)
-    assert report["ledger"]["start"]["mass"] == report["ledger.start.mass"] == written["ledger"]["start"]["mass"]
-    assert "ledger" in report
-    assert report.get("ledgers") is None
-    with pytest.raises(rs.InputError, match=r"report: there is no row .stepz.; did you mean steps\?"):
-        report["stepz"]
-
-
-def test_a_time_as_printed_finds_its_frame(tmp_path):
-    """The last frame's time to six digits may lie beyond it."""
-    simulate(scene(step=0.0), 3.0017216e-4, backend="numpy", output=tmp_path, every=1e-4)
-    run = open_run(tmp_path)
-    for time in (float(f"{run.times[-1]:.6g}"), 1.000004 * run.times[-1]):
-        assert run.at(time).number == len(run) - 1
-    with pytest.raises(rs.InputError, match=f"no frame at {1.0001 * run.times[-1]:.9g} s"):
-        run.at(1.0001 * run.times[-1])
-
-
 def test_sorted_rows_are_the_same_particle_in_every_frame(tmp_path):
     run = shuffled(tmp_path / "mixed.pvd")
     assert run[0]["identity"].tolist() != sorted(run[0]["identity"])

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
-from scipy.ndimage import maximum_filter, minimum_filter
 
 from refsim import Box, BoxWalls, Gravity, InputError, Scene, Simulation, WeaklyCompressible, simulate
 from refsim.__main__ import main
@@ -19,7 +18,7 @@ from refsim.render.pictures import Look, Series, moving, pace, write_film, write
 from refsim.render.plane import loops
 from refsim.render.saved_run import SavedRun, chosen_frames, open_run
 from refsim.render.space import Body, Stage
-from refsim.render.surfaces import _band, distances, surface_around
+from refsim.render.surfaces import surface_around
 from tests.running import rows
 
 SMALL = (320, 240)
@@ -91,24 +90,6 @@ def test_the_surface_reaches_to_a_solid_and_is_flat_up_to_walls():
     top = mesh.vertices[mesh.vertices[:, 2] > 4.5]
     assert np.ptp(top[(top[:, :2] > 0.2).all(1) & (top[:, :2] < 9.8).all(1), 2]) < 0.05
     assert np.ptp(mesh.vertices[:, :2], axis=0) == pytest.approx([10.1, 10.1], abs=0.2)
-
-
-def test_the_grid_and_the_band_of_a_surface_are_no_larger_than_they_must():
-    box, wide = (np.full(3, -0.5), np.full(3, 9.5)), (np.full(3, -np.inf), np.full(3, np.inf))
-    x, stray = lattice((9, 9, 5)) + 0.1, np.array([[40.0, 4.0, 4.0]])
-    low, phi, _ = distances(np.concatenate([x, stray]), 1.0, 0.5, box)
-    assert low.tolist() == [-3, -3, -3]
-    assert phi.shape == (25, 25, 22)  # up to the margin of the stray; without the walls it would be 97 nodes long
-    first, whole, _ = distances(x, 1.0, 0.5, wide)
-    within = tuple(slice(a, a + n) for a, n in zip(low - first, phi.shape))
-    assert np.abs(phi - whole[within]).max() < 1e-4
-    assert len(surface_around(stray, 1.0, box=box).facets) == 0
-    for inside in np.random.default_rng(3).random((3, 7, 6, 5)) > 0.97:
-        mixed = maximum_filter(inside, 3) & ~minimum_filter(inside, 3)
-        assert np.array_equal(_band(inside), np.argwhere(maximum_filter(mixed, 3)))
-    assert len(surface_around(np.zeros((0, 3)), 1.0).facets) == 0
-    with pytest.raises(InputError, match="draw particles"):
-        surface_around(np.array([[0.0, 0, 0], [1e4, 1e4, 1e4]]), 1.0)
 
 
 def test_lines_in_the_plane_close():

@@ -17,14 +17,13 @@ from tests.running import python
 from validation import __main__ as command
 from validation import checks, experiments, judging, results
 from validation import perform as performing
-from validation.checks import Check, Checks
+from validation.checks import Check
 from validation.experiment import Experiment, Options, Picture, RunSpec, discover
 from validation.experiments.dam_break import runs as dam_runs
 from validation.experiments.droplet import runs as droplet_runs
 from validation.experiments.heat import runs as heat_runs
 from validation.report import report
 from validation.results import Result
-from validation.running import Context
 from validation.tables import Table
 
 pytestmark = pytest.mark.usefixtures("coarse_pictures")
@@ -120,31 +119,6 @@ def test_a_damaged_result_is_said_set_aside_and_computed_anew(options, capsys):
     assert len(CALLS) == 7
 
 
-def test_verdicts(tmp_path):
-    for name in "xy":
-        (tmp_path / name).mkdir()
-    (tmp_path / "x" / "expected.toml").write_text(
-        '[check.low]\nkind="verdict"\nwhat="a"\nunit="m"\nsource="s"\nat_most=0.5\npaper="1"\n'
-        '[check.high]\nkind="verdict"\nwhat="b"\nunit="m"\nsource="s"\nat_least=2\n'
-        '[check.same]\nkind="verdict"\nwhat="c"\nunit="-"\nsource="s"\nequals=0\n'
-        '[check.free]\nkind="verdict"\nwhat="d"\nunit="-"\nsource="s"\n'
-    )
-    check = Checks("x", folder=tmp_path)
-    cases = [("low", 0.5, "pass"), ("low", 0.51, "fail"), ("low", float("nan"), "fail"), ("high", 2.0, "pass")]
-    cases += [
-        ("low", None, "fail"), ("high", 1.9, "fail"), ("same", 0, "pass"), ("same", 1, "fail"),
-        ("free", float("nan"), "shown"),
-    ]  # fmt: skip
-    for name, value, verdict in cases:
-        assert check(name, value).verdict == verdict, (name, value)
-    made = check("low", 0.1, "run_2", "second run")
-    assert (made.name, made.what, made.bar) == ("low.run_2", "a, second run", "at most 0.5")
-    assert [c.verdict for c in check.results] == [*(verdict for *_, verdict in cases), "pass"]
-    (tmp_path / "y" / "expected.toml").write_text('[low]\nwhat="a"\n')
-    with pytest.raises(ValueError, match=r"an entry is \[check.NAME\].*low"):
-        Checks("y", folder=tmp_path)
-
-
 def test_a_stopped_run_is_reported_and_the_others_go_on(options):
     both = [fake(function=stopping, parameters={}), fake(judge=lambda found: [measurement(verdict="fail")])]
     outcomes = performing.perform([each.part(options) for each in both], options)
@@ -205,17 +179,6 @@ def test_pictures_are_drawn_from_their_files_alone(options, monkeypatch):
 
 
 # Tiny runs of the real cases
-
-
-def test_ledger_finds_a_lost_particle_and_gained_energy():
-    simulation = Context().simulation(dam_runs.column_scene(4), "numpy")
-    simulation.evaluate()
-    ledger = dam_runs.Ledger(simulation, (1.0, 4.0, 1.0))
-    ledger.add(simulation)
-    ledger.energy.append(1.5 * ledger.energy[0])
-    simulation.fields["position"][0] = (-5.0, 0.0, 0.0)
-    values = ledger.values(simulation)
-    assert (values["lost_particles"], values["energy_rise"]) == (1, pytest.approx(0.5))
 
 
 def test_the_main_job_needs_no_package_of_the_tests():
