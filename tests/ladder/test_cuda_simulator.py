@@ -15,8 +15,7 @@ from refsim.backends import arrays as backend
 from refsim.backends import runtime
 from refsim.commands.show import printed
 from refsim.core.operation import REGISTRY, backend_of
-from refsim.core.period import period_group
-from refsim.neighbours.reference import neighbour_list, pair_blocks
+from refsim.neighbours.reference import neighbour_list
 from refsim.study.memory import bytes_of
 from tests.across import test_composition as composition
 from tests.running import advanced
@@ -111,23 +110,6 @@ def test_particles_are_sorted_stably_by_cell(cuda, name):
     assert sorter.by_count is None or bool(sorter.mirror.read()[6]) == flung
 
 
-@pytest.mark.parametrize("lengths, dim", [((0.9, 0.0, 0.0), 2), ((0.46, 0.7, 0.0), 2), ((0.7, 0.0, 0.9), 3)])
-def test_list_in_a_periodic_box(cuda, lengths, dim):
-    """Two, three and four cells along an axis; a third of the particles several periods away."""
-    position = cloud(60, dim)
-    position[::3] += np.array([3.0, -2.0, 1.0]) * lengths
-    search = neighbours.NeighbourSearch(cuda, dim, "float64", RADIUS, SKIN, period_group(lengths, "float64"))
-    there = cuda.asarray(position)
-    there = search.reorder(there, search.order(there))
-    listed = search.build(there)
-    expected = neighbour_list(cuda.host(there), RADIUS * (1 + SKIN), period=lengths)
-    for own, true in zip(columns(cuda, listed), expected, strict=True):
-        assert list(own) == list(true)  # in the order of the particles, so that sums repeat
-    search.audit(there, cuda.asarray(0 * position), cuda.asarray(np.zeros(2)), listed)
-    search.build(there)
-    assert search.log.missed_neighbours == 0
-
-
 def test_particle_at_no_place_has_no_neighbours_and_hides_none(cuda):
     position = cloud(30, 3)
     position[11, 1] = np.nan
@@ -164,20 +146,6 @@ def test_list_larger_than_the_device_stops_the_run(cuda, monkeypatch):
     with pytest.raises(rs.RunStopped, match="neighbour list needs") as stopped:
         built(cuda, cloud(20, 3), 3)
     assert stopped.value.reason == "out_of_memory"
-
-
-def test_walls_near_each_particle(cuda):
-    fluid, walls = cloud(30, 2), cloud(25, 2, seed=2) - [0.1, 0.1, 0]
-    search, ordered, _ = built(cuda, fluid, 2)
-    static = search.static_set(walls)
-    assert np.array_equal(cuda.host(static.position), walls[static.order])
-    near = search.build_against(cuda.asarray(ordered), static)
-    distance = np.concatenate([block for _, _, block in pair_blocks(ordered, walls[static.order])])
-    for own, true in zip(columns(cuda, near), distance, strict=True):
-        assert sorted(own) == list(np.flatnonzero(true < RADIUS * (1 + SKIN)))
-    around = search.build_around(search.programs.lists["own"].position, static)
-    for own, true in zip(columns(cuda, around), distance.T, strict=True):
-        assert sorted(own) == list(np.flatnonzero(true < RADIUS * (1 + SKIN)))
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -223,45 +191,6 @@ def test_particles_of_mpm_are_sorted_without_the_host(cuda):
     with pytest.raises(rs.RunStopped) as stopped:
         grid.attend(lost)
     assert stopped.value.reason == "out_of_grid"
-
-
-@pytest.mark.parametrize(("reused", "volume", "parameters"), [
-    (True, None, {}), (False, None, {"normals": "facets"}), (True, None, {"normals": "offsets", "inset": -1.0}),
-    (True, 0.06, {"normals": "gradient"}),
-])  # fmt: skip
-def test_surface_is_the_cpus(cuda, monkeypatch, reused, volume, parameters):
-    """A lone particle beside a drop, in few blocks: each of their 64 threads is one of Python's here."""
-    from refsim.sparse_grid.block_search_cuda import BlockSearch
-    from refsim.surface_energy import Tension
-    from refsim.surface_energy.recorded import RecordedSurface
-    from refsim.surface_energy.run_surface import reconstruction_on
-
-    whole = BlockSearch.with_margin
-    monkeypatch.setattr(BlockSearch, "with_margin", lambda search, *reach: whole(search, *reach[:3], 0))
-    drop = 0.05 * np.array([[i + 3, j + 3, 0.0] for i in range(4) for j in range(3)]) + 0.01 * cloud(12, 2)
-    position = np.vstack([drop, [[0.65, 0.2, 0.0]]])
-    tension = Tension(surface_tension=1.0, smallest=5, iterations=2, **parameters)
-    found = []
-    for place in (backend.choose("cpu"), cuda):
-        made = reconstruction_on(place, 2, "float64", 0.1, tension, reused=reused)
-        there = place.asarray(position)
-        number = place.asarray(np.arange(13, dtype=np.int32)[::-1].copy())
-        surface = made.surface(there, volume=volume, number=number)
-        assert isinstance(surface, RecordedSurface) == (place is cuda and reused)
-        force = made.force(surface.samples, surface.blocks)
-        arrays = (
-            *surface.samples, *surface.mesh, *surface.inset_mesh, surface.component_size, surface.coefficients,
-            surface.facet_normal, surface.offset_direction, surface.sample_place, force,
-            np.array([made.most_in_a_cell(surface), made.finds_all(surface)]),
-        )  # fmt: skip
-        found.append([a if isinstance(a, np.ndarray) else np.array(place.host(a)) for a in arrays])
-    assert (found[0][2] == 0).any()
-    assert (found[0][2] > 0).any()
-    for own, other in zip(*found, strict=True):
-        assert own.shape == other.shape
-        assert np.abs(own.astype(float) - other).max() < 1e-12
-    away = cuda.asarray(position[:1] + 0.8 * np.arange(13)[:, None])
-    assert made._graph.surface(away, number) is None  # particles that leave the blocks need another graph
 
 
 def test_poisson_disk_samples_are_refused_on_a_gpu(cuda):
@@ -346,52 +275,6 @@ def test_ways_are_compared_in_cells_up_to_two_apart(cuda, dim, walls):
         assert np.array(found) == pytest.approx(
             np.array([bounds(way), bounds(way + search.ahead(0.01) * velocity)]), rel=1e-12
         )
-
-
-@pytest.mark.parametrize("capacity", [2, 3, 6, 20])
-def test_occupied_cells_are_found_or_counted(cuda, capacity):
-    from refsim.neighbours import cell_table_cuda as programs
-
-    position = 1.1 * np.array([[0, 0, 0], [0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 0, 0], [0, 3, 0]]) + 0.5
-    table = programs.CellTable(cuda, 1.0, cuda.asarray(position))
-    table.set_capacity(capacity)
-    table.fill()
-    assert list(cuda.host(table.run)) == [1, 1, 2, 2, 2, 3]
-    assert cuda.host(table.report)[0] == 3
-    assert table.fits() == (capacity >= 3)
-    if capacity >= 3:
-        keys, (cells, first) = cuda.host(table.keys), (cuda.host(a) for a in (table.cells, table.first))
-        assert list(cells[:3]) == sorted(set(keys))
-        assert list(first[:4]) == [0, 2, 5, 6]
-        assert (cells[3:] == programs.FARTHEST).all()
-
-
-def test_largest_values_do_not_outlive_their_call(cuda):
-    from refsim.sph import DensityBounds
-
-    extremes, kick_drift = (REGISTRY[f"sph.{name}"].program("cuda") for name in ("extremes", "kick_drift"))
-    out = cuda.asarray(np.array([1e9, 1e9, 7.0, 1e9, 1e9, 7.0, 7.0]))
-    velocity = np.random.default_rng(6).normal(size=(21, 3))
-    velocity[3] = np.nan
-    velocity[20] = [3.0, 4.0, 12.0]
-    extremes(cuda.asarray(velocity), cuda.asarray(0.5 * velocity), *[None] * 6, out)
-    assert np.allclose(cuda.host(out), [169.0, 42.25, 1.0, 0.0, 0.0, 0.0, 0.0])
-    warmth, rates = np.linspace(-3.0, 7.0, 21), np.linspace(1.0, 2.0, 21)
-    warmth[4] = rates[5] = np.nan
-    bounds = cuda.asarray(np.array([-2.5, 5.0]))
-    crowding = cuda.asarray(np.linspace(1.0, 1.6, 21)), None, DensityBounds(1.0, 1.1, 1.5)
-    extremes(
-        cuda.asarray(velocity), cuda.asarray(0.5 * velocity), cuda.asarray(warmth), bounds, cuda.asarray(rates),
-        *crowding, out,
-    )  # fmt: skip
-    assert np.allclose(cuda.host(out), [169.0, 42.25, 3.0, 2.0, 2.0, 17.0, 4.0])
-    place = cuda.asarray(np.zeros((21, 3)))
-    way = cuda.asarray(np.array([1e9, 5.0]))
-    steps = cuda.asarray(np.array([0.0, 0.1]))
-    velocity = cuda.asarray(velocity)
-    kick_drift(place, cuda.asarray(np.zeros((21, 3))), None, steps, None, None, velocity, place, way)
-    assert cuda.host(way)[0] == np.inf  # the particle that is nowhere
-    assert cuda.host(way)[1] == 0
 
 
 @pytest.mark.parametrize(("name", "program", "variant"), [
@@ -693,18 +576,6 @@ def test_passes_that_need_nothing_of_each_other_may_come_in_any_order(monkeypatc
     assert any(turned)
     for field in runs[0].plan.fields:
         np.testing.assert_array_equal(runs[1].field(field), runs[0].field(field), err_msg=field)
-
-
-@pytest.mark.parametrize("share, holds", [(1, True), (2, False)])
-def test_a_third_partys_program_on_device_arrays_is_judged(share, holds):
-    def gravity(field, acceleration):
-        for _ in range(share):
-            REGISTRY["sph.gravity"].program("cuda")(field, acceleration)
-
-    programs = contract.Programs({"sph.gravity": gravity}, arrays="cuda", dtypes=("float32",), name="mine")
-    found = list(contract.trials(programs, "sph.gravity", steps=("T1", "T7")))
-    assert found
-    assert all(outcome.passed for outcome in found) == holds
 
 
 def test_printed_files_run_as_they_stand():
