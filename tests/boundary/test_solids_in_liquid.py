@@ -96,7 +96,7 @@ def test_what_does_not_fit_is_refused_in_a_sentence(changed, words):
 
 
 @pytest.mark.parametrize(("held", "low", "high"), [(True, 0.99, 1.01), (False, 1.3, 1.5)])
-@pytest.mark.parametrize("reach", [2.6, 3.0, 3.2])
+@pytest.mark.parametrize("reach", [3.0, *(pytest.param(r, marks=pytest.mark.slow) for r in (2.6, 3.2))])
 def test_liquid_between_blocks_flows_as_poiseuille_says(held, low, high, reach):
     """The steady flow through 10 cells over H^3/(12 nu), nu the viscosity of the lattice; without no_slip it slips.
 
