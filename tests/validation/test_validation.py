@@ -24,6 +24,7 @@ from validation.experiments.droplet import runs as droplet_runs
 from validation.experiments.heat import runs as heat_runs
 from validation.report import report
 from validation.results import Result
+from validation.running import Context
 from validation.tables import Table
 
 pytestmark = pytest.mark.usefixtures("coarse_pictures")
@@ -179,6 +180,17 @@ def test_pictures_are_drawn_from_their_files_alone(options, monkeypatch):
 
 
 # Tiny runs of the real cases
+
+
+def test_ledger_finds_a_lost_particle_and_gained_energy():
+    simulation = Context().simulation(dam_runs.column_scene(4), "numpy")
+    simulation.evaluate()
+    ledger = dam_runs.Ledger(simulation, (1.0, 4.0, 1.0))
+    ledger.add(simulation)
+    ledger.energy.append(1.5 * ledger.energy[0])
+    simulation.fields["position"][0] = (-5.0, 0.0, 0.0)
+    values = ledger.values(simulation)
+    assert (values["lost_particles"], values["energy_rise"]) == (1, pytest.approx(0.5))
 
 
 def test_the_main_job_needs_no_package_of_the_tests():
