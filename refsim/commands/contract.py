@@ -83,13 +83,10 @@ def execute(options: argparse.Namespace) -> CommandResult:
         return _whole_run(options)
     if options.export is not None:
         return _export(options)
-    if options.template:
-        return _template(options.names, options.backend or "cpu")
-    if options.header:
-        return _header(options.names, options.header)
-    if options.guide:
-        text = resources.files("refsim.contract").joinpath("guide.md").read_text(encoding="utf-8")
-        return CommandResult({"guide": text}, text, verbatim=True)
+    for mode, text_of in PRINTED.items():
+        if getattr(options, mode):
+            text = text_of(options)
+            return CommandResult({mode: text}, text, verbatim=True)
     if options.arguments:
         return _arguments(options.names, options.backend or "cpu")
     if not options.names:
@@ -182,19 +179,12 @@ def _replayed(request: Any, name: str) -> Any:
 
 MODES = ("run", "export", "template", "header", "arguments", "replay", "guide")
 OF_MODES: dict[str, tuple[str, ...]] = {
-    "at": ("run",),
-    "within": ("run",),
-    "allow": ("run",),
-    "chaos_only": ("run",),
-    "without_sensitivity": ("run",),
+    **dict.fromkeys(("at", "within", "allow", "chaos_only", "without_sensitivity"), ("run",)),
     "backend": ("run", "arguments", "template"),
-    "step": ("",),
-    "seed": ("",),
-    "known_failures": ("",),
-    "jobs": ("",),
-    "allow_untried": ("",),
+    **dict.fromkeys(("step", "seed", "known_failures", "jobs", "allow_untried"), ("",)),
+    **dict.fromkeys(("dtype", "variant"), ("", "export")),
+    "junit": ("",),
 }
-OF_MODES |= {"dtype": ("", "export"), "variant": ("", "export"), "junit": ("",)}
 
 
 def _check_modes(options: argparse.Namespace) -> None:
@@ -248,21 +238,27 @@ def _arguments(names: Sequence[str], arrays: str) -> CommandResult:
     return CommandResult({"arrays": arrays, "operations": data}, "\n".join(lines).rstrip())
 
 
-def _template(names: Sequence[str], arrays: str) -> CommandResult:
+def _template(options: argparse.Namespace) -> str:
     """A stub for the operations, which runs and computes nothing."""
     from refsim.contract import describe
 
-    text = describe.template([operation.name for operation in _known(names, arrays)], arrays)
-    return CommandResult({"template": text}, text, verbatim=True)
+    arrays = options.backend or "cpu"
+    return describe.template([operation.name for operation in _known(options.names, arrays)], arrays)
 
 
-def _header(names: Sequence[str], language: str) -> CommandResult:
+def _header(options: argparse.Namespace) -> str:
     """The declarations of the operations' functions in C or Fortran."""
     from refsim.contract import native
 
-    made = native.header if language == "c" else native.module
-    text = "\n".join(made(operation) for operation in _known(names, "cpu"))
-    return CommandResult({"header": text}, text, verbatim=True)
+    made = native.header if options.header == "c" else native.module
+    return "\n".join(map(made, _known(options.names, "cpu")))
+
+
+def _guide(options: argparse.Namespace) -> str:
+    return resources.files("refsim.contract").joinpath("guide.md").read_text(encoding="utf-8")
+
+
+PRINTED = {"template": _template, "header": _header, "guide": _guide}
 
 
 def _allowed(text: str) -> tuple[str, float]:
@@ -297,15 +293,12 @@ def _whole_run(options: argparse.Namespace) -> CommandResult:
         for m in compared_measures
     ]  # fmt: skip
     head = ("measure", "at [s]", folder, "refsim", "difference", "chaos", "resolution", "unit", "verdict")
+    with_coarser = not isinstance(coarser, str)
+    resolution = f", resolution the difference to one with a spacing of {coarser:.4g} m" if with_coarser else ""
     lines = [
         f"{folder} against {scene} up to {time:g} s, each measure where it is farthest off; chaos is {within:g} times"
-        " the largest width of refsim's runs from three starts that differ by 1e-6 spacings"
-        + (
-            f", resolution the difference to one with a spacing of {coarser:.4g} m"
-            if not isinstance(coarser, str)
-            else ""
-        )
-        + ". The larger of the two is allowed.",
+        f" the largest width of refsim's runs from three starts that differ by 1e-6 spacings{resolution}. The larger of"
+        " the two is allowed.",
         "",
         table(rows, head, (1, 2, 3, 4, 5, 6)),
         "",
@@ -321,16 +314,12 @@ def _whole_run(options: argparse.Namespace) -> CommandResult:
     if options.chaos_only:
         until = f"up to {decides:.4g} s: from there on it is more than 5 % of the range of {by}"
         lines.append(f"The chaos decides {until if decides <= time else f'up to {time:.4g} s, the last frame'}.")
-    data = {
-        "scene": scene,
-        "time": time,
-        "holds": all(m.holds for m in compared_measures),
-        "within": within,
-        "coarser": coarser,
-    }
+    holds = all(m.holds for m in compared_measures)
+    data = {"scene": scene, "time": time, "holds": holds, "within": within, "coarser": coarser}
     data["decides_until"] = min(decides, time)
     if not options.without_sensitivity:
-        noticed, idle = _sensitivity(load_scene(scene), compared, options.backend or "cpu")
+        noticed = list(whole_runs.sensitivities(load_scene(scene), compared, options.backend or "cpu"))
+        idle = whole_runs.untouched(load_scene(scene), compared, {s.parameter: s.error for s in noticed})
         data |= {"sensitivity": {s.parameter: s.error if s.by else None for s in noticed}, "untouched": idle}
         rows = [(s.parameter, f"{s.error:.2g}" if s.by else "none", s.by or "-") for s in noticed]
         lines += [
@@ -338,20 +327,10 @@ def _whole_run(options: argparse.Namespace) -> CommandResult:
             table(rows, ("parameter", "least error noticed", "by"), (1,)),
             "Errors are shares of the parameter.",
         ]
-        lines.append(
-            f"Never touched up to {time:g} s: {', '.join(idle)}." if idle else "Every wall, gauge and effect acted."
-        )
-    return CommandResult(
-        data | {"measures": whole_runs.report(compared_measures)}, "\n".join(lines), 0 if data["holds"] else 4
-    )
-
-
-def _sensitivity(scene: Any, compared: Any, backend: str) -> tuple[list[Any], list[str]]:
-    """What the comparison would have noticed, and what nothing touched."""
-    from refsim.contract.whole_runs import sensitivities, untouched
-
-    noticed = list(sensitivities(scene, compared, backend))
-    return noticed, untouched(scene, compared, {s.parameter: s.error for s in noticed})
+        acted = "Every wall, gauge and effect acted."
+        lines.append(f"Never touched up to {time:g} s: {', '.join(idle)}." if idle else acted)
+    data["measures"] = whole_runs.report(compared_measures)
+    return CommandResult(data, "\n".join(lines), 0 if data["holds"] else 4)
 
 
 def _export(options: argparse.Namespace) -> CommandResult:
@@ -362,12 +341,9 @@ def _export(options: argparse.Namespace) -> CommandResult:
     from refsim.contract.programs import check_names
 
     check_names(options.names, options.dtype, options.variant)
-    told = say if wanted() else lambda name: None
-    vectors = export(Path(options.export), options.names, options.dtype, options.variant, told)
+    begins = say if wanted() else lambda name: None
+    vectors = export(Path(options.export), options.names, options.dtype, options.variant, begins)
     files = [file for operation in vectors.operations for file in operation.files]
-    lines = [
-        f"{options.export}: {sum(len(file.cases) for file in files)} test vectors of {len(vectors.operations)}"
-        f" operations in {len(files)} npz files; {INDEX} names them, {SCHEMA} is its schema, {READER} reads"
-        " them in C++."
-    ]
-    return CommandResult(msgspec.to_builtins(vectors), "\n".join(lines))
+    told = f"{sum(len(file.cases) for file in files)} test vectors of {len(vectors.operations)} operations"
+    in_files = f"in {len(files)} npz files; {INDEX} names them, {SCHEMA} is its schema, {READER} reads them in C++."
+    return CommandResult(msgspec.to_builtins(vectors), f"{options.export}: {told} {in_files}")

@@ -77,11 +77,7 @@ def _places(name: str) -> tuple[list[CodeLocation], CodeLocation]:
     operation = REGISTRY[name]
     locations = [CodeLocation(f.__module__, f.__name__) for f in operation.equations()]
     equations = [place for place in locations if place.module.split(".")[1] not in SEARCHES]
-    whole, entry = (
-        CodeLocation(f"{operation.folder}.{operation.entry('numpy').module}", operation.function),
-        operation.entry("cpu"),
-    )
-    program = CodeLocation(f"{entry.folder or operation.folder}.{entry.module}", entry.function or operation.function)
+    whole, program = (CodeLocation(*operation.place(name)) for name in ("numpy", "cpu"))
     return equations or [whole], program
 
 

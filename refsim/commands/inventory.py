@@ -36,12 +36,8 @@ def _functions(module: str) -> frozenset[str]:
 
 def programs_of(operation: Operation) -> list[str]:
     """Names of the programs that the operation has: backends, and backend:algorithm where there are more."""
-    entries = {name: operation.entry(name) for name in operation.names()}
-    return [
-        name
-        for name, entry in entries.items()
-        if (entry.function or operation.function) in _functions(f"{entry.folder or operation.folder}.{entry.module}")
-    ]
+    places = {name: operation.place(name) for name in operation.names()}
+    return [name for name, (module, function) in places.items() if function in _functions(module)]
 
 
 def _parameters(effect: type[Effect]) -> list[dict[str, Any]]:
@@ -62,19 +58,18 @@ def _parameters(effect: type[Effect]) -> list[dict[str, Any]]:
 def execute(options: argparse.Namespace) -> CommandResult:
     """List the registry and the effects: by method, or in full those that the words name."""
     operations: dict[str, dict[str, Any]] = {
-        o.name: {
-            "paper": o.paper, "equation": o.equation, "programs": programs_of(o),
-            "roundings": o.tolerance, "counts": o.tolerance_reason,
-        }
+        o.name: {"paper": o.paper, "equation": o.equation, "programs": programs_of(o)}
+        | {"roundings": o.tolerance, "counts": o.tolerance_reason}
         for o in REGISTRY.values()
-    }  # fmt: skip
+    }
     effects: dict[str, dict[str, Any]] = {
         name: {
-            "summary": (inspect.getdoc(effect) or "").split("\n")[0], "parameters": _parameters(effect),
+            "summary": (inspect.getdoc(effect) or "").split("\n")[0],
+            "parameters": _parameters(effect),
             "paper": None,
         }
         for name, effect in sorted(EFFECTS.items())
-    }  # fmt: skip
+    }
     for name, effect in EFFECTS.items():
         if issubclass(effect, HasErrata):  # what literal = "paper" takes
             taken = {"errata": list(effect.improvements), "parameters": dict(effect.paper)}

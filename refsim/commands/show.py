@@ -108,12 +108,7 @@ def called_by(module: str, name: str) -> list[tuple[str, str]]:
                 target = (full.rpartition(".")[0], full.rpartition(".")[2])
             else:
                 continue
-            if (
-                target not in callees
-                and target[0]
-                and file_of(target[0]) is not None
-                and _function(*target) is not None
-            ):
+            if target not in callees and target[0] and file_of(target[0]) and _function(*target):
                 callees[target] = None
                 waiting.append(target)
     return list(callees)
@@ -121,19 +116,16 @@ def called_by(module: str, name: str) -> list[tuple[str, str]]:
 
 def describe(operation: Operation, program: str) -> dict[str, list[Source]]:
     """Formulas, reference, program and helpers of the operation as Source objects, by heading."""
-    reference, entry = operation.entry("numpy"), operation.entry(program)
-    module, name = f"{entry.folder or operation.folder}.{entry.module}", entry.function or operation.function
+    module, name = operation.place(program)
     called = called_by(module, name)
-    description = {
+    helpers = [place for place in called if place[0].startswith(operation.folder) and place[0] == module]
+    return {
         "formulas": [source_of(*place) for place in called if place[0].endswith(".formulas")],
         "equations": [source_of(f.__module__, f.__name__) for f in operation.equations()],
-        "reference": [source_of(f"{operation.folder}.{reference.module}", operation.function)],
+        "reference": [source_of(*operation.place("numpy"))],
         "program": [source_of(module, name)],
-        "helpers": [
-            source_of(*place) for place in called if place[0].startswith(operation.folder) and place[0] == module
-        ],
+        "helpers": [source_of(*place) for place in helpers],
     }
-    return description
 
 
 def shown(equation: Equation) -> CommandResult:
@@ -235,16 +227,10 @@ def kernel_of(operation: Operation, program: str) -> Any:
     from refsim.backends.compile import Kernel  # which loads Numba, as no other command needs it
     from refsim.backends.reductions import Reduction
 
-    entry = operation.entry(program)
-    candidate = getattr(
-        importlib.import_module(f"{entry.folder or operation.folder}.{entry.module}"),
-        entry.function or operation.function,
-    )
-    return (
-        candidate
-        if isinstance(candidate, Kernel) and not isinstance(candidate, Reduction) and not entry.packed
-        else None
-    )
+    module, name = operation.place(program)
+    found = getattr(importlib.import_module(module), name)
+    whole = isinstance(found, Kernel) and not isinstance(found, Reduction) and not operation.entry(program).packed
+    return found if whole else None
 
 
 def printed(operation: Operation, program: str) -> str | None:

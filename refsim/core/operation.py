@@ -110,9 +110,12 @@ class Operation:
 
     def program(self, name: str) -> Callable:
         """The function that is the program called `name`, imported at first use."""
+        return _program(*self.place(name), backend_of(name), self.entry(name).packed)
+
+    def place(self, name: str) -> tuple[str, str]:
+        """(module, function) of the program called `name`."""
         entry = self.entry(name)
-        module = f"{entry.folder or self.folder}.{entry.module}"
-        return _program(module, entry.function or self.function, backend_of(name), entry.packed)
+        return f"{entry.folder or self.folder}.{entry.module}", entry.function or self.function
 
     def as_computed_by(self, name: str) -> "Operation":
         """The operation that judges the program called `name`: this one, with what the program's entry changes.
