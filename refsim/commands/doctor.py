@@ -1,6 +1,7 @@
 """`refsim doctor`: what is installed, which backends run here, and whether their results are right."""
 
 import argparse
+import contextlib
 import dataclasses
 import platform
 import time
@@ -92,15 +93,9 @@ def _self_test(backend: str) -> dict[str, Any]:
     expected, computed = values
     largest = float(np.abs(computed / expected - 1).max())
     bound = REGISTRY[TESTED].tolerance * (neighbours + 1) * float(np.finfo(plan.grid.dtype).eps)
-    return {
-        "operation": TESTED,
-        "particles": plan.grid.count,
-        "dtype": plan.grid.dtype,
-        "largest_relative_error": largest,
-        "bound": bound,
-        "verdict": "pass" if largest <= bound else "fail",
-        "seconds": time.perf_counter() - began,
-    }
+    told = {"operation": TESTED, "particles": plan.grid.count, "dtype": plan.grid.dtype}
+    told |= {"largest_relative_error": largest, "bound": bound, "verdict": "pass" if largest <= bound else "fail"}
+    return told | {"seconds": time.perf_counter() - began}
 
 
 def _threads() -> dict[str, Any]:
@@ -123,10 +118,8 @@ def _cache() -> dict[str, Any]:
     files = [p for p in root.rglob("*") if p.is_file()] if root.is_dir() else []
     size = 0
     for path in files:
-        try:
+        with contextlib.suppress(OSError):  # another process has just deleted it
             size += path.stat().st_size
-        except OSError:  # another process has just deleted it
-            continue
     return {"folder": str(root), "bytes": size, "files": len(files), "writable": is_writable()}
 
 
@@ -138,13 +131,9 @@ def _gpu() -> dict[str, Any]:
     device = cuda.get_current_device()
     name = device.name.decode() if isinstance(device.name, bytes) else str(device.name)
     free, total = cuda.current_context().get_memory_info()
-    driver = ".".join(map(str, cuda.runtime.get_version()))
-    return {
-        "name": name,
-        "compute_capability": ".".join(map(str, device.compute_capability)),
-        "memory": {"total": int(total), "free": int(free)},
-        "cuda_runtime": driver,
-    }
+    driver, capability = (".".join(map(str, v)) for v in (cuda.runtime.get_version(), device.compute_capability))
+    told = {"name": name, "compute_capability": capability, "memory": {"total": int(total), "free": int(free)}}
+    return told | {"cuda_runtime": driver}
 
 
 def _free(memory: dict[str, Any]) -> str:

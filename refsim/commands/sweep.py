@@ -24,15 +24,9 @@ def execute(options: argparse.Namespace) -> CommandResult:
     """Compute what is missing; print all runs."""
     folder = results_folder(options.output, options.sweep, "sweep")
     with kept_in(folder):
-        swept = sweep(
-            options.sweep,
-            folder=folder,
-            jobs=options.jobs,
-            scheduler=options.scheduler,
-            checkpoint_every=options.checkpoint_every,
-            say=(lambda text: None) if options.quiet else say,
-            bar=not options.quiet and wanted(),
-        )
+        given = {name: getattr(options, name) for name in ("jobs", "scheduler", "checkpoint_every")}
+        tell, bar = ((lambda text: None), False) if options.quiet else (say, wanted())
+        swept = sweep(options.sweep, folder=folder, say=tell, bar=bar, **given)
     worked = any(reading is not None and not reading.failed for reading in swept.readings)
     code = 0 if worked and not swept.missing else FAILED
     return CommandResult(swept.data() | {"folder": str(folder)}, f"{swept.text()}\n{folder / TABLE}", code)

@@ -53,13 +53,9 @@ def _other_kernel() -> Outcome:
 
 
 def _of_kernel(target: Target, inputs: Inputs) -> bool:
-    wanted = target.kernel.split()
-    names = ("smoothing", "gradient_smoothing")
-    return all(
-        int(inputs[name].shape) == SHAPES[shape]
-        for name, shape in zip(names, (wanted[0], wanted[-1]))
-        if name in shape_acts(target.operation)
-    )
+    wanted, acting = target.kernel.split(), shape_acts(target.operation)
+    shapes = zip(("smoothing", "gradient_smoothing"), (wanted[0], wanted[-1]))
+    return all(int(inputs[name].shape) == SHAPES[shape] for name, shape in shapes if name in acting)
 
 
 def exact_forms(operation: Operation, variant: Mapping[str, Any]) -> Iterator[tuple[str, cases.Exact]]:
@@ -293,10 +289,8 @@ def _takes(target: Target) -> Iterator[Trial]:
                     change = differs(answer, oracle(operation, other))
                     moved[name, member] = (change, acts(operation, name, member, inputs))
     for (name, member), (change, wanted) in moved.items():
-        message = (
-            "" if change == wanted else "changes nothing" if wanted else "changes the answer, and is not in `takes`"
-        )
-        error = 0.0 if change == wanted else np.inf
+        wrong = "changes nothing" if wanted else "changes the answer, and is not in `takes`"
+        error, message = (0.0, "") if change == wanted else (np.inf, wrong)
         yield Trial(f"{name}.{member} acts", functools.partial(target.outcome, error, message))
 
 
@@ -320,11 +314,8 @@ def extended(name: str) -> Operation:
     plain, variants, broken = operation.variants[0], list(operation.variants), dict(operation.broken)
     present_names = [present(operation, variant) for variant in operation.variants]
     for feature in operation.optional:
-        if (
-            feature in present_names[0]
-            or present_names[0] | {feature} in present_names
-            or feature not in frozenset().union(*present_names)
-        ):
+        there = feature in present_names[0] or present_names[0] | {feature} in present_names
+        if there or feature not in frozenset().union(*present_names):
             continue
         alone = {key: value for key, value in plain.items() if key != feature}
         if _acts(operation, alone, feature):

@@ -118,10 +118,8 @@ class Bounds:
         self, operation: Operation, inputs: Inputs, rows: np.ndarray | None = None, share: float = 1.0
     ) -> None:
         self.operation, self.inputs, self.rows, self.share = operation, inputs, rows, share
-        self.tiny, self.factor = (
-            float(np.finfo(inputs.dtype).tiny),
-            operation.tolerance * float(np.finfo(inputs.dtype).eps),
-        )
+        about = np.finfo(inputs.dtype)
+        self.tiny, self.factor = float(about.tiny), operation.tolerance * float(about.eps)
         self.near = functools.cache(functools.partial(neighbour_counts, operation, inputs, rows))
         self.conditioned = functools.cache(functools.partial(conditioning, operation, inputs, rows))
         self.jumps = functools.cache(functools.partial(edge_terms, operation, inputs, rows))

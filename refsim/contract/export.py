@@ -117,12 +117,9 @@ def export(
     for name in names or REGISTRY:
         begins(name)
         operation = extended(name)
-        files = [
-            _written(folder, operation, dtype, variant)
-            for dtype in dtypes or ("float32", "float64")
-            for variant in range(len(operation.variants))
-            if not variants or variant in variants
-        ]
+        chosen = [k for k in range(len(operation.variants)) if not variants or k in variants]
+        both = dtypes or ("float32", "float64")
+        files = [_written(folder, operation, dtype, variant) for dtype in both for variant in chosen]
         told = list(_arguments(operation))
         outputs, adds, exact = map(list, (operation.outputs, operation.adds, operation.exact))
         exported.append(VectorOperation(name, operation.paper, operation.equation, told, outputs, adds, exact, files))
@@ -154,11 +151,8 @@ def _written(folder: Path, operation: Operation, dtype: str, number: int) -> Vec
     for vector in _vectors(Target(operation, "numpy", dtype, number)):
         case = vector.inputs.case
         arrays |= vector.arrays(operation)
-        told.append(
-            VectorCase(
-                vector.name, vector.step, vector.like, case.count, case.dim, case.spacing, case.support_radius
-            )
-        )  # fmt: skip
+        sizes = case.count, case.dim, case.spacing, case.support_radius
+        told.append(VectorCase(vector.name, vector.step, vector.like, *sizes))
     file = f"{operation.name}/variant_{number}_{dtype}.npz"
     (folder / operation.name).mkdir(exist_ok=True)
     write_file(folder / file, made_by(np.savez, allow_pickle=False, **arrays))

@@ -35,9 +35,8 @@ def parts(operation: Operation) -> dict[str, tuple[Argument, list[Argument]]]:
             groups[group][1].append(row)
         else:
             groups[group] = (row, [])
-    return {
-        name: part for name, part in groups.items() if part[1] or part[0].kind[0].islower()
-    }  # no memory of refsim's
+    ours = {name for name, (row, members) in groups.items() if not members and not row.kind[0].islower()}
+    return {name: part for name, part in groups.items() if name not in ours}  # no memory of refsim's
 
 
 def sizes(operation: Operation) -> list[str]:
@@ -67,13 +66,8 @@ def argument_comment(row: Argument) -> str:
 
 def header(operation: Operation) -> str:
     """The C header of the function that computes an operation."""
-    lines = [
-        "#include <stdint.h>",
-        "#ifndef REAL",
-        "#define REAL double /* or float, with -DREAL=float */",
-        "#endif",
-        "",
-    ]
+    real = "#define REAL double /* or float, with -DREAL=float */"
+    lines = ["#include <stdint.h>", "#ifndef REAL", real, "#endif", ""]
     taken = [f"int64_t {size}" for size in sizes(operation)]
     for argument, (row, members) in parts(operation).items():
         const = "const " if row.role == "in" else ""

@@ -42,6 +42,9 @@ DIMS = (2, 3)
 AS_PRINTED = "a reading as printed"
 
 Program = Callable[..., Any]
+Names = Sequence[str]
+Numbers = Sequence[int]
+Seed = int | str | None
 
 
 @dataclass(frozen=True)
@@ -170,11 +173,8 @@ class Programs:
 
 def reads_otherwise(operation: Operation, inputs: Inputs) -> bool:
     """Whether a parameter group has another reading of a paper than the adopted one."""
-    return any(
-        getattr(group, member) != getattr(usual_value(name, inputs.dtype), member)
-        for name, group in groups_of(operation, inputs).items()
-        for member in cases.READINGS.get(name, ())
-    )
+    members = ((name, g, m) for name, g in groups_of(operation, inputs).items() for m in cases.READINGS.get(name, ()))
+    return any(getattr(g, m) != getattr(usual_value(name, inputs.dtype), m) for name, g, m in members)
 
 
 def refsim_programs(backend: str) -> Programs:
@@ -264,9 +264,7 @@ def among(values: Sequence[Any], known: Sequence[Any], words: str) -> None:
             raise InputError(f"{words} {value!r}; choose from {', '.join(map(str, known))}.")
 
 
-def check_names(
-    operations: Sequence[str] = (), dtypes: Sequence[str] = (), variants: Sequence[int] = (), steps: Sequence[str] = ()
-) -> None:
+def check_names(operations: Names = (), dtypes: Names = (), variants: Numbers = (), steps: Names = ()) -> None:
     """Raise InputError for a name or number that no library has; needs no library."""
     for name in operations:
         _operation(name, "the contract")
@@ -380,12 +378,7 @@ def ladder(
 
 
 def trials(
-    programs: Programs,
-    operation: str,
-    dtypes: Sequence[str] = (),
-    variants: Sequence[int] = (),
-    steps: Sequence[str] = (),
-    seed: int | None = None,
+    programs: Programs, operation: str, dtypes: Names = (), variants: Numbers = (), steps: Names = (), seed: Seed = None
 ) -> Iterator[Outcome]:
     """Outcomes of the ladder for one operation as they come; all dtypes of the backend, variants and steps by default.
 

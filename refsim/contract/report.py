@@ -27,11 +27,9 @@ def report(about: LibraryDescription, request: Request, outcomes_of: Found, seco
     for name, outcomes in outcomes_of.items():
         lacking = [] if about.offered is None else gaps(name, about.declared, request, outcomes)
         operations[name] = _judged(outcomes, lacking, request.allow_untried)
-    return {
-        "programs": about.name,
-        "arrays": about.arrays,
-        "holds": all(operation["holds"] for operation in operations.values()),
-        "seconds": round(seconds, 1),
+    holds = all(operation["holds"] for operation in operations.values())
+    told = {"programs": about.name, "arrays": about.arrays, "holds": holds, "seconds": round(seconds, 1)}
+    return told | {
         "allow_untried": request.allow_untried,
         "operations": operations,
         "not_offered": [] if about.offered is None else [n for n in REGISTRY if n not in about.offered],
@@ -85,9 +83,7 @@ def text(data: Mapping[str, Any], outcomes_of: Found) -> str:
         if o["gaps"]:
             lines += ["", f"{name} is declared, and not judged: {', '.join(o['gaps'])}."]
         for size, count in o["untried"].items():
-            first = next(
-                outcome.words for outcome in outcomes_of[name] if outcome.untried and outcome.not_judged == size
-            )
+            first = next(each.words for each in outcomes_of[name] if each.untried and each.not_judged == size)
             lines += ["", f"{name} is not tried {size} ({count} trial{'s' if count > 1 else ''}): {first}."]
     if not data["allow_untried"] and any(o["untried"] for o in operations.values()):
         lines += ["", "Declare most_particles, or take --allow-untried where that is enough."]

@@ -82,12 +82,8 @@ def _listed(folder: Path) -> dict[str, float]:
     """{name of a file: time [s]} of `times.txt`."""
     path = folder / "times.txt"
     try:
-        lines = (
-            [line.split() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
-            if path.is_file()
-            else []
-        )
-        return {name: float(seconds) for name, seconds in lines}
+        text = path.read_text(encoding="utf-8") if path.is_file() else ""
+        return {name: float(seconds) for name, seconds in map(str.split, filter(str.strip, text.splitlines()))}
     except (OSError, ValueError) as error:
         raise InputError(f"{path} is no list of times: {error}; write a line 'FILE SECONDS' for each frame.") from None
 

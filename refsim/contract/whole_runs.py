@@ -153,7 +153,9 @@ def compare(
     frames = [frame for frame in frames if 0 <= frame.time <= time]
     simulation = Simulation(scene, backend)
     gravity, total = _gravity(simulation), float(np.asarray(simulation.field("mass"), dtype=float).sum())
-    theirs = [measures(_with_mass(frame, total), scene.dim, gravity) for frame in frames]
+    equal = [replace(frame, mass=np.full(len(frame.position), total / len(frame.position))) for frame in frames]
+    weighed = (same if frame.mass is None else frame for frame, same in zip(frames, equal))
+    theirs = [measures(frame, scene.dim, gravity) for frame in weighed]
     names = [name for name in theirs[-1] if all(name in values for values in theirs)]
     given = dict(allowed or {})
     unknown = ", ".join(given.keys() - set(names))
@@ -199,13 +201,6 @@ def _coarser(
         except (InputError, RunStopped) as error:
             why = why or str(error)
     return None, why
-
-
-def _with_mass(frame: Snapshot, total: float) -> Snapshot:
-    """The frame with equal shares of the mass [kg] where it has none."""
-    if frame.mass is not None:
-        return frame
-    return replace(frame, mass=np.full(len(frame.position), total / len(frame.position)))
 
 
 def _gravity(simulation: Simulation) -> np.ndarray | None:

@@ -151,13 +151,9 @@ def simulate(
         with simulation.at_work():
             run.go(bar or (progress if callable(progress) else None), asked_to_stop)
     except MemoryError:
-        raise run.stopped(
-            RunStopped(
-                "out_of_memory",
-                f"No memory was left in step {simulation.steps} at {simulation.time:.6g} s; take fewer particles or a"
-                " larger machine.",
-            )
-        ) from None
+        where = f"No memory was left in step {simulation.steps} at {simulation.time:.6g} s"
+        stop = RunStopped("out_of_memory", f"{where}; take fewer particles or a larger machine.")
+        raise run.stopped(stop) from None
     except RunStopped as stop:
         raise run.stopped(stop) from stop.__cause__
     finally:
@@ -167,13 +163,6 @@ def simulate(
     report = run.report()
     log().info("%s: reached %.6g s in %d steps", report.scene, report.time, report.steps)
     return report
-
-
-def _same_folder(first: Path, second: Path) -> bool:
-    try:
-        return os.path.samefile(first, second)
-    except OSError:  # one of them is not there
-        return False
 
 
 class _Run:
@@ -212,7 +201,8 @@ class _Run:
     def _open_folder(self, overwrite: bool) -> None:
         assert self.folder is not None
         source, checkpoint = self.simulation.source, self.folder / CHECKPOINT
-        goes_on = self.resumed_at is not None and (source is None or _same_folder(source.parent, self.folder))
+        same = source is None or (self.folder.exists() and source.parent.samefile(self.folder))
+        goes_on = self.resumed_at is not None and same
         if not goes_on and not overwrite and any(map(os.path.lexists, (self.folder / REPORT, checkpoint))):
             raise InputError(
                 f"folder {self.folder} holds an earlier run; resume that one (--resume), give another folder (--output)"
@@ -391,31 +381,26 @@ class _Run:
         """The report as of now."""
         simulation = self.simulation
         plan, stop, timings = simulation.plan, self.stop, simulation.timings
+        given: dict[str, Any] = {"reason": stop.reason, "message": str(stop)} if stop else {}
+        given |= {name: getattr(simulation, name) for name in ("time", "steps", "stopped_at_walls")}
+        given |= {name: getattr(self, name) for name in ("until", "frames", "checkpoints")}
+        given |= {name: getattr(plan.grid, name) for name in ("dtype", "dim")}
         return RunReport(
             scene=plan.scene.name,
             backend=simulation.backend.name,
-            dtype=plan.grid.dtype,
-            dim=plan.grid.dim,
             versions=versions(),
             particles=simulation.count,
-            reason=stop.reason if stop else None,
-            message=str(stop) if stop else None,
-            time=simulation.time,
-            steps=simulation.steps,
-            until=self.until,
             resumed_at_step=self.resumed_at,
             step_limiters=dict(simulation.limiters),
             last_step=asdict(simulation.last) if simulation.last else None,
             search=asdict(simulation.search.log) if simulation.search else None,
-            stopped_at_walls=simulation.stopped_at_walls,
             density=simulation.counting.report(),
             ledger={"start": conserved_totals(plan), "end": conserved_totals(simulation)},
-            frames=self.frames,
-            checkpoints=self.checkpoints,
             seconds={**timings.account(), "stages": dict(timings.stages)},
             profile=self._profile(),
-            files=dict(self.files),
             notes=list(simulation.notes),
+            files=dict(self.files),
+            **given,
         )
 
     def _profile(self) -> dict[str, Any] | None:

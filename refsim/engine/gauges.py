@@ -120,11 +120,8 @@ class Gauges:
             what = f"above the {most:.3g} Pa of rho0 c v, v = {speed:.3g} m/s of the fastest particle, and twice the"
             what += " weight"
         advice = f"take {gauge.columns(self.dim)[0][0]}_mean" if gauge.instants else "give it instants, and take means"
-        run.add_note(
-            f"gauge {gauge.name}",
-            f"gauge {gauge.name}: at {run.time:.6g} s it reads {pressure:.4g} Pa, {what}:"
-            f" {advice}, or a smaller spacing",
-        )
+        reads = f"gauge {gauge.name}: at {run.time:.6g} s it reads {pressure:.4g} Pa"
+        run.add_note(f"gauge {gauge.name}", f"{reads}, {what}: {advice}, or a smaller spacing")
 
     # At points
 
@@ -152,9 +149,8 @@ class Gauges:
         grid = run.plan.grid
         pressure = run.backend.zeros((len(self.places),), grid.dtype)
         lean = WallFrameGravity(*map(grid.real, _gravity(run)))
-        launch_pass(
-            run, Pass("adami_2012.extrapolation"), self._near_points(run), {"lean": lean, "wall_pressure": pressure}
-        )
+        given = {"lean": lean, "wall_pressure": pressure}
+        launch_pass(run, Pass("adami_2012.extrapolation"), self._near_points(run), given)
         return self._in_first_order(run, pressure)
 
     def _sample(self, run: State) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -23,21 +23,10 @@ from refsim.io.checkpoint import KEPT
 from refsim.neighbours.reference import nearest_image
 
 POSTMORTEM, POSTMORTEM_FIELDS = "postmortem.json", "postmortem.npz"
-AFTER_THESE = (
-    "non_finite",
-    "diverged",
-    "step_too_small",
-    "collapsed",
-    "compressed",
-    "miscounted",
-    "missed_neighbours",
-    "particles_lost",
-)
-GREATEST = {
-    "step_too_small": "acceleration",
-    "missed_neighbours": "velocity",
-    "diverged": "velocity",
-}  # the particle that is reported
+AFTER_THESE = {"non_finite", "diverged", "step_too_small", "collapsed", "compressed", "miscounted"}
+AFTER_THESE |= {"missed_neighbours", "particles_lost"}
+# The particle that is reported
+GREATEST = {"step_too_small": "acceleration", "missed_neighbours": "velocity", "diverged": "velocity"}
 SHOWN = 500  # particles at most in the neighbourhood
 
 
@@ -62,21 +51,15 @@ def examine(simulation: State, stop: RunStopped) -> tuple[dict[str, Any], dict[s
     limits = _limits_now(simulation, fields)
     built = np.array(simulation.backend.host(simulation.build_position))
     fields["position_at_list_build"] = simulation.plan.grid.absolute(built)
-    record = {
-        "reason": stop.reason,
-        "message": str(stop),
-        "step": simulation.steps,
-        "time": simulation.time,
-        "backend": simulation.backend.name,
-        "dtype": simulation.plan.grid.dtype,
-        "cause": cause,
-        "bad_particles": count,
-        "particle": None if row is None else {name: values[row].tolist() for name, values in fields.items()},
-        "last_step_limits": simulation.last.limits if simulation.last else None,
-        "last_step_length": simulation.last.length if simulation.last else None,
-        "limits_now": limits,
-    }
-    return record, {} if row is None else _neighbourhood(simulation, fields, row)
+    record: dict[str, Any] = {"reason": stop.reason, "message": str(stop)}
+    record |= {"step": simulation.steps, "time": simulation.time}
+    record |= {"backend": simulation.backend.name, "dtype": simulation.plan.grid.dtype}
+    record |= {"cause": cause, "bad_particles": count, "limits_now": limits}
+    record |= {f"last_step_{name}": getattr(simulation.last, name, None) for name in ("limits", "length")}
+    if row is None:
+        return record | {"particle": None}, {}
+    record["particle"] = {name: values[row].tolist() for name, values in fields.items()}
+    return record, _neighbourhood(simulation, fields, row)
 
 
 def _cause(simulation: State, stop: RunStopped) -> tuple[str, int | None, int]:
@@ -84,11 +67,8 @@ def _cause(simulation: State, stop: RunStopped) -> tuple[str, int | None, int]:
     for name in ("position", "velocity", "mass"):
         bad = _not_finite(_host(simulation, name))
         if len(bad):
-            return (
-                f"sph.kick_drift wrote {name}" if name != "mass" else "mass of the scene",
-                _first(simulation, bad),
-                len(bad),
-            )
+            what = f"sph.kick_drift wrote {name}" if name != "mass" else "mass of the scene"
+            return what, _first(simulation, bad), len(bad)
     if stop.reason == "collapsed":
         return "neighbours.build", *_most_crowded(simulation)
     if stop.reason == "temperature_out_of_range":
@@ -132,9 +112,8 @@ def _most_crowded(simulation: State) -> tuple[int, int]:
 
 def _limits_now(simulation: State, fields: dict[str, np.ndarray]) -> dict[str, float] | None:
     with np.errstate(all="ignore"):
-        speed, force = (
-            float(np.sqrt((fields[name].astype(float) ** 2).sum(1).max())) for name in ("velocity", "acceleration")
-        )
+        both = (fields[name].astype(float) for name in ("velocity", "acceleration"))
+        speed, force = (float(np.sqrt((values**2).sum(1).max())) for values in both)
     if not (math.isfinite(speed) and math.isfinite(force)):
         return None
     rate = float(np.max(fields.get("exchange_rate", np.zeros(1))))

@@ -30,16 +30,9 @@ from refsim.io.vtp import read_arrays
 from refsim.scene.scene import Scene
 
 PARTICLES, REPORT = "particles.pvd", "report.json"
-UNITS = {  # of the ledger, in 3D
-    "particles": "-",
-    "outside_walls": "-",
-    "greatest_speed": "m/s",
-    "mass": "kg",
-    "momentum": "kg m/s",
-    "angular_momentum": "kg m^2/s",
-    "kinetic_energy": "J",
-    "potential_energy": "J",
-}
+# Units of the ledger, in 3D
+UNITS = {"particles": "-", "outside_walls": "-", "greatest_speed": "m/s", "mass": "kg", "momentum": "kg m/s"}
+UNITS |= {"angular_momentum": "kg m^2/s", "kinetic_energy": "J", "potential_energy": "J"}
 INTENSIVE = ("-", "m/s")  # units of the ledger that are the same in 2D; the other quantities are per metre of depth
 SAME_TIME = 5e-6  # relative difference of two times that are the same to the six digits in which times are printed
 
@@ -218,12 +211,8 @@ class Run(Shown):
         counts = sorted({head.count for head in self._heads})
         particles = f"{counts[0]:,}" + (f" to {counts[-1]:,}" if len(counts) > 1 else "") if counts else "none"
         units = (f"{name} [{field.unit}]" if field.unit else name for name, field in self.fields.items())
-        return "Run", [
-            ("folder", str(self.folder)),
-            ("frames", f"{len(self)}{span}"),
-            ("particles", particles),
-            ("fields", ", ".join(units)),
-        ]
+        frames, fields = f"{len(self)}{span}", ", ".join(units)
+        return "Run", [("folder", str(self.folder)), ("frames", frames), ("particles", particles), ("fields", fields)]
 
 
 @plainly

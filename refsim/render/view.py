@@ -163,24 +163,12 @@ def _head(run: SavedRun, chosen: Sequence[int], count: int, low: NDArray, high: 
             box[1][axis] = min(box[1][axis], high[axis])
         else:
             box[0][axis] = max(box[0][axis], low[axis])
-    return {
-        "title": run.plan.scene.name,
-        "particles": count,
-        "times": [run.times[k] for k in chosen],
-        "low": low.tolist(),
-        "extent": (high - low).tolist(),
-        "seen": [corner.tolist() for corner in run.seen(*run.framed(chosen))],
-        "spacing": run.spacing,
-        "flat": run.dim == 2,
-        "up": run.up.tolist(),
-        "east": east.tolist(),
-        "north": north.tolist(),
-        "box": None if box is None else [corner.tolist() for corner in box],
-        "mesh": run.mesh is not None,
-        "tint": list(OBSTACLE),
-        "ramp": ramp,
-        "parts": palette,
-    }
+    places = {"low": low, "extent": high - low, "up": run.up, "east": east, "north": north, "box": box}
+    places |= {"seen": run.seen(*run.framed(chosen)), "tint": OBSTACLE}
+    head = {name: None if place is None else np.array(place).tolist() for name, place in places.items()}
+    head |= {"title": run.plan.scene.name, "particles": count, "times": [run.times[k] for k in chosen]}
+    head |= {"spacing": run.spacing, "flat": run.dim == 2, "mesh": run.mesh is not None}
+    return head | {"ramp": ramp, "parts": palette}
 
 
 def _corner_normals(mesh: Any) -> NDArray[np.float64]:

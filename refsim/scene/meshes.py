@@ -40,9 +40,8 @@ def _unpacks(path: str | os.PathLike[str]) -> bool:
     size = os.path.getsize(path)
 
     def grows(name: str, item: Any) -> bool | None:
-        return (
-            hasattr(item, "nbytes") and (item.id.get_create_plist().get_nfilters() > 0 or item.nbytes > size)
-        ) or None
+        held = hasattr(item, "nbytes")
+        return (held and (item.id.get_create_plist().get_nfilters() > 0 or item.nbytes > size)) or None
 
     with contextlib.suppress(OSError, RuntimeError), h5py.File(path, "r") as root:  # reading the mesh reports it
         return bool(root.visititems(grows))
@@ -98,13 +97,9 @@ def read_mesh(path: str | os.PathLike[str], what: str = "mesh", opened: list[str
             " save it again."
         ) from None
     except ImportError as error:
-        package = (
-            f"needs the package {error.name}" if error.name else f"needs a package ({' '.join(str(error).split())})"
-        )
-        raise InputError(
-            f"{what}: {str(path)!r} cannot be read: its format needs {package}, which is not installed; check the"
-            " file, or install the package."
-        ) from None
+        named = f"the package {error.name}" if error.name else f"a package ({' '.join(str(error).split())})"
+        needs = f"needs {named}, which is not installed; check the file, or install the package."
+        raise InputError(f"{what}: {str(path)!r} cannot be read: its format {needs}") from None
     except Exception as error:  # trimesh raises whatever its readers do
         reason = getattr(error, "strerror", None) or " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{what}: {str(path)!r} cannot be read ({reason}); give a mesh file.") from None

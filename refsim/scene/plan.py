@@ -134,10 +134,8 @@ def _planned(scene: Scene, grid: Discretisation, given: Mapping[str, Effect], ab
     brought = [effect.walls(grid, effects) for effect in bringing]
     walls = [part for part in brought if part is not None]
     ends = np.cumsum([0 if part is None else len(part.volume) for part in brought]).tolist()
-    rows = {
-        "solids": 0 if grid.solids is None else len(grid.solids.lattice.key),
-        "walls": sum(len(w.volume) for w in walls),
-    }
+    solids = 0 if grid.solids is None else len(grid.solids.lattice.key)
+    rows = {"solids": solids, "walls": sum(len(w.volume) for w in walls)}
     for name, effect in effects.items():
         fields |= {f.name: _counted(f, rows) for f in effect.fields(effects)}
         shared |= effect.shares(grid, effects)
@@ -152,12 +150,8 @@ def _planned(scene: Scene, grid: Discretisation, given: Mapping[str, Effect], ab
     checks.check_places(state, shared.get("bounds"), grid.solids)
 
     replaced = _replaced(effects)
-    asked = [
-        (e, with_reads(p, fields))
-        for e in effects.values()
-        for p in e.passes(effects)
-        if p.operation not in replaced - set(e.replaces())
-    ]
+    every = ((e, p) for e in effects.values() for p in e.passes(effects))
+    asked = [(e, with_reads(p, fields)) for e, p in every if p.operation not in replaced - set(e.replaces())]
     for moving in frame_passes(scene.motion, effects):
         asked.append((effects["gravity"], with_reads(moving, fields)))
         parameters["gravity"] = {"turning": np.zeros(9, grid.dtype), **parameters["gravity"]}
@@ -166,35 +160,23 @@ def _planned(scene: Scene, grid: Discretisation, given: Mapping[str, Effect], ab
     if walls:
         merged = type(walls[0])(*(np.concatenate(parts) for parts in zip(*walls)))
         merged = merged._replace(position=grid.absolute(merged.position))
-    return Plan(
-        scene=scene,
-        grid=grid,
-        effects=given,
-        state=dataclasses.replace(state, position=absolute.position),
-        fields=fields,
-        start=tuple(of["start"]),
-        begin=tuple(of["begin"]),
-        passes=ordered_passes(merged_passes(of["forces"], parameters)),
-        motion=motion_passes(of["motion"]),
-        list_radius=list_radius,
-        shared=shared,
-        parameters=parameters,
-        walls=merged,
-        wall_rows=dict(zip((effect.name for effect in bringing), zip([0, *ends], ends))),
-        notes=(
-            *checks.few_neighbours(grid, effects),
-            *checks.coarse_places(grid, state),
-            *checks.crowded(grid, state, merged, scene, effects),
-            *checks.unequal_masses(state, effects),
-            *(
-                note
-                for e in effects_with(effects, JudgesStart)
-                for note in e.notes_on_start(grid, state, merged, effects)
-            ),
-            *(f"[[solid]] number {k}: {note}" for k, body in enumerate(scene.solid, 1) for note in body.notes()),
-            *(note for e in effects.values() for note in e.notes(grid, effects)),
-        ),
+    passes = ordered_passes(merged_passes(of["forces"], parameters)), motion_passes(of["motion"])
+    judging = effects_with(effects, JudgesStart)
+    notes = (
+        *checks.few_neighbours(grid, effects),
+        *checks.coarse_places(grid, state),
+        *checks.crowded(grid, state, merged, scene, effects),
+        *checks.unequal_masses(state, effects),
+        *(note for e in judging for note in e.notes_on_start(grid, state, merged, effects)),
+        *(f"[[solid]] number {k}: {note}" for k, body in enumerate(scene.solid, 1) for note in body.notes()),
+        *(note for e in effects.values() for note in e.notes(grid, effects)),
     )
+    stages = tuple(of["start"]), tuple(of["begin"]), *passes
+    wall_rows = dict(zip((effect.name for effect in bringing), zip([0, *ends], ends)))
+    state = dataclasses.replace(state, position=absolute.position)
+    prepared: dict[str, Any] = {"list_radius": list_radius, "shared": shared, "parameters": parameters}
+    prepared |= {"walls": merged, "wall_rows": wall_rows, "notes": notes}
+    return Plan(scene, grid, given, state, fields, *stages, **prepared)
 
 
 def _replaced(effects: Mapping[str, Effect]) -> frozenset[str]:
@@ -203,9 +185,8 @@ def _replaced(effects: Mapping[str, Effect]) -> frozenset[str]:
     for name, effect in effects.items():
         for operation in effect.replaces():
             if operation in owner:
-                raise InputError(
-                    f"Effects {owner[operation]!r} and {name!r} take the place of {operation!r}; keep one."
-                )
+                both = f"{owner[operation]!r} and {name!r}"
+                raise InputError(f"Effects {both} take the place of {operation!r}; keep one.")
             owner[operation] = name
     return frozenset(owner)
 

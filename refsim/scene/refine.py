@@ -49,14 +49,10 @@ def refined(scene: Scene, factor: float, with_spacing: Sequence[str] = ()) -> Sc
         stable = resting_step(scene, spacing, support_radius)
         step = min(step, scene.step * stable / rest) if math.isfinite(rest) else step
     fluid, solid = _with_masses(scene)
+    parts = tuple(_box(part, factor, scene) if isinstance(part, Box) else part for part in fluid)
+    effects = tuple(_effect(effect, factor) for effect in scene.effects)
     finer = msgspec.structs.replace(
-        scene,
-        spacing=spacing,
-        support_radius=support_radius,
-        step=step,
-        fluid=tuple(_box(part, factor, scene) if isinstance(part, Box) else part for part in fluid),
-        solid=solid,
-        effects=tuple(_effect(effect, factor) for effect in scene.effects),
+        scene, spacing=spacing, support_radius=support_radius, step=step, fluid=parts, solid=solid, effects=effects
     )
     return _scaled(finer, factor, with_spacing) if with_spacing else finer
 

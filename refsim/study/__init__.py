@@ -91,19 +91,10 @@ def study(
     place = None if folder is None else Path(folder)
     runs = _measured(settings, watched, reaches, threads, place, say, progress, remarks)
     worked = [(s.scene.spacing, r.value) for s, r in runs if s.kind == "spacing" and not r.failed]
-    return Study(
-        scene=scene,
-        observable=watched.name if reaches is None else f"time({watched.name} = {reaches:g})",
-        unit=watched.unit if reaches is None else "s",
-        runs=tuple(runs),
-        convergence=replace(converge(*zip(*worked)), scale=reference.scale if reference else 0.0) if worked else None,
-        error=error,
-        notes=(*notes(scene, factors), *remarks),
-        machine=machine(),
-        threads=threads,
-        left_out=tuple(left_out),
-        reference=reference,
-    )
+    what = (watched.name, watched.unit) if reaches is None else (f"time({watched.name} = {reaches:g})", "s")
+    limit = replace(converge(*zip(*worked)), scale=reference.scale if reference else 0.0) if worked else None
+    told = (*notes(scene, factors), *remarks)
+    return Study(scene, *what, tuple(runs), limit, error, told, machine(), threads, tuple(left_out), reference)
 
 
 def _settings(

@@ -140,13 +140,8 @@ class Swept:
             parts.append(f"{failed} without a value")
         if self.missing:
             parts.append(f"{len(self.missing)} not computed")
-        lines = [
-            table(rows, head, right=range(len(head))),
-            "",
-            *reasons,
-            *(f"note: {note}" for note in self.notes),
-            ", ".join(parts),
-        ]
+        notes = (f"note: {note}" for note in self.notes)
+        lines = [table(rows, head, right=range(len(head))), "", *reasons, *notes, ", ".join(parts)]
         if self.computed:
             lines.append(
                 f"{in_time(self.task_seconds)} of {self.workers} workers in {in_time(self.wall)}: efficiency"
@@ -156,17 +151,9 @@ class Swept:
 
     def data(self) -> dict[str, Any]:
         """The same as plain values, for JSON."""
-        return {
-            "observable": self.observable.name,
-            "unit": self.observable.unit,
-            "runs": self.rows(),
-            "computed": self.computed,
-            "task_seconds": self.task_seconds,
-            "wall_seconds": self.wall,
-            "workers": self.workers,
-            "efficiency": self.efficiency,
-            "notes": list(self.notes),
-        }
+        data: dict[str, Any] = {"observable": self.observable.name, "unit": self.observable.unit, "runs": self.rows()}
+        data |= {name: getattr(self, name) for name in ("computed", "task_seconds", "workers", "efficiency")}
+        return data | {"wall_seconds": self.wall, "notes": list(self.notes)}
 
 
 def read_sweep(path: str | os.PathLike[str]) -> Sweep:
@@ -259,17 +246,10 @@ def sweep(
     for key in missing:  # another process may have computed it since
         if (stored := batch.kept(key)) is not None:
             readings[key] = stored
-    swept = Swept(
-        points=tuple(points),
-        readings=tuple(map(readings.get, batch.keys)),
-        observable=observable,
-        computed=len(readings) - on_file,
-        missing={k: missing[key] for k, key in enumerate(batch.keys) if key not in readings},
-        task_seconds=progress.task_seconds,
-        wall=time.perf_counter() - began,
-        workers=progress.workers,
-        notes=tuple(notes),
-    )
+    lacking = {k: missing[key] for k, key in enumerate(batch.keys) if key not in readings}
+    found, took = tuple(map(readings.get, batch.keys)), (progress.task_seconds, time.perf_counter() - began)
+    computed = len(readings) - on_file
+    swept = Swept(tuple(points), found, observable, computed, lacking, *took, progress.workers, tuple(notes))
     _writable(place)
     with writing("table", place / TABLE, KEPT), in_turn(place / f"{TABLE}.lock"):
         replace_file(place / TABLE, swept.csv().encode())

@@ -23,37 +23,30 @@ class Feature:
     costs: str
 
 
+def _of(module: str, names: str) -> list[str]:
+    return [module + name for name in names.split()]
+
+
 FEATURES = {
     "fast": Feature(
-        (
-            "numba.core:cgutils", "numba.core.cgutils:voidptr_t", "numba.core.cgutils:intp_t",
-            "numba.core.cgutils:get_or_insert_function", "numba.core.cgutils:pack_struct",
-            "numba.core.cgutils:alloca_once_value", "numba.core.cgutils:for_range",
-            "numba.core.cgutils:unpack_tuple", "numba.core.cgutils:get_null_value",
-            "numba.core.compiler_lock:global_compiler_lock",
-        ),
+        ("numba.core:cgutils", "numba.core.compiler_lock:global_compiler_lock", *_of(
+            "numba.core.cgutils:", "voidptr_t intp_t get_or_insert_function pack_struct alloca_once_value for_range"
+            " unpack_tuple get_null_value")),
         "kernels run as plain loops, which take longer to compile and to run (see docs/guarantees.md)",
     ),
     "bodies": Feature(
-        (
-            "numba.core.cpu:CPUContext", "numba._dynfunc:make_function", "numba.core.cpu:CPUContext.get_executable",
-            "numba.core.codegen:CPUCodeLibrary._finalize_final_module",
-        ),
+        ("numba._dynfunc:make_function", "numba.core.codegen:CPUCodeLibrary._finalize_final_module",
+         *_of("numba.core.cpu:", "CPUContext CPUContext.get_executable")),
         "kernels take an eighth longer to compile",
     ),
     "cache": Feature(
-        (
-            "numba.core.caching:Cache._index_key", "numba.core.caching:IndexDataCacheFile._load_index",
-            "numba.core.caching:IndexDataCacheFile._save_index", "numba.core.caching:IndexDataCacheFile._load_data",
-            "numba.core.caching:IndexDataCacheFile._save_data", "numba.core.caching:IndexDataCacheFile._data_name",
-            "numba.core.caching:IndexDataCacheFile._data_path",
-            "numba.core.caching:IndexDataCacheFile._open_for_write",
-        ),
+        ("numba.core.caching:Cache._index_key", *_of(
+            "numba.core.caching:IndexDataCacheFile._", "load_index save_index load_data save_data data_name data_path"
+            " open_for_write")),
         "compiled kernels are not kept, and every process compiles them anew",
     ),
     "launch": Feature(
-        ("numba.cuda.cudadrv.driver:_to_core_stream", "numba.cuda.typing.typeof:Purpose",
-         "numba.cuda.typing.typeof:typeof"),
+        ("numba.cuda.cudadrv.driver:_to_core_stream", *_of("numba.cuda.typing.typeof:", "Purpose typeof")),
         "CUDA kernels are launched through Numba's public call, about 0.1 ms slower each",
     ),
 }  # fmt: skip

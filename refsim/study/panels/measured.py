@@ -124,13 +124,9 @@ def text(stored: Panel, measured_panel: Panel) -> str:
             failed.append(f"{row['setting']}: {row['failed']}")
             continue
         old, before = row["stored_value"], row["stored_seconds"]
-        cells.append(
-            (
-                row["setting"], f"{row['value']:.6g}", percent(row["error"]), "-" if old is None else f"{old:.6g}",
-                duration(row["seconds"]), duration(before) if before else "-",
-                "-" if row["bytes"] is None else in_bytes(row["bytes"]), f"{row['particles']:,}",
-            )
-        )  # fmt: skip
+        found = row["setting"], f"{row['value']:.6g}", percent(row["error"]), "-" if old is None else f"{old:.6g}"
+        took = duration(row["seconds"]), duration(before) if before else "-"
+        cells.append((*found, *took, "-" if row["bytes"] is None else in_bytes(row["bytes"]), f"{row['particles']:,}"))
     head = ("setting", "value", "error", "stored value", "seconds", "stored seconds", "memory", "particles")
     known = f" (± {percent(uncertainty)}: {about.uncertain})" if uncertainty else ""
     lines = [f"{about.words}: {about.observed}", f"reference {value:.6g}{known}: {about.reference}", ""]
