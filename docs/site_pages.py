@@ -172,7 +172,7 @@ def lesson(name: str, repository: str = "") -> str:
 
     repository  its address, for the link to Binder
     """
-    from refsim.io.lessons import cells, lessons
+    from refsim.io.exercises import cells, lessons
     from scripts.release import binder
 
     stored = json.loads((ROOT / "docs" / "lessons" / f"{name}.ipynb").read_text(encoding="utf-8"))

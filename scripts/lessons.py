@@ -31,7 +31,7 @@ sys.path.insert(0, str(ROOT))
 from refsim.core.errors import InputError  # noqa: E402
 from refsim.core.streams import any_letter  # noqa: E402
 from refsim.core.writing import made_by, write_file  # noqa: E402
-from refsim.io.lessons import cells, judges, lessons, notebook  # noqa: E402
+from refsim.io.exercises import cells, judges, lessons, notebook  # noqa: E402
 from validation.experiment import chosen  # noqa: E402
 from validation.perform import EXIT_FAILED, EXIT_FINE  # noqa: E402
 

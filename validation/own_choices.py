@@ -39,7 +39,7 @@ def jiang_zhu(literal: tuple[str, ...]) -> Measured:
 def detection(literal: tuple[str, ...]) -> Measured:
     """1 - F1 of the panel `detection_2d`, against the exact cover."""
     from refsim.study.panels import FOLDER
-    from refsim.study.panels.scene_factories import detection
+    from refsim.study.panels.scenes import detection
     from validation.metrics.surface_truth import detection_score
 
     simulation = Simulation(detection("detection_2d", {"effect": {"literal": literal}, "dtype": "float64"}))

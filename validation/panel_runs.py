@@ -6,7 +6,7 @@ import numpy as np
 
 from refsim.study.panels import Point
 from refsim.study.panels.observables import FALL, kept
-from refsim.study.panels.scene_factories import GRAVITY, REYNOLDS, SHARE
+from refsim.study.panels.scenes import GRAVITY, REYNOLDS, SHARE
 from refsim.study.runs import Reading
 from validation.experiments.dam_break.runs import DENSITY, HEIGHT, LID, viscosity
 from validation.peers import pysph_flows, splishsplash

@@ -20,7 +20,7 @@ from refsim.backends import runtime
 from refsim.engine.binding import step_launches
 from refsim.engine.launching import ready
 from refsim.scene.plan import Plan, make_plan
-from refsim.study.memory import bytes_of
+from refsim.study.cost import bytes_of
 from validation.running import take_steps
 
 PEBBLE = str(Path(__file__).resolve().parent.parent / "refsim" / "examples" / "pebble.obj")

@@ -173,7 +173,9 @@ def cached(dispatcher: Any, function: Callable) -> Any:
     return dispatcher
 
 
-# Files of the cache
+# Files of the cache. Numba unpickles what it finds in its cache and runs it. Each file therefore ends with a SHA-256
+# over its name and its content. A file that does not match is deleted and its kernel is compiled anew, with a warning
+# once in a process. The digest detects damage; the check of the folder's owner and rights protects against other users.
 
 
 DIGEST_BYTES = 32

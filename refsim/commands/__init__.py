@@ -20,7 +20,7 @@ from refsim.core.tables import table as table
 from refsim.core.writing import replace_file, writing
 from refsim.scene.plan import Plan, make_plan
 from refsim.scene.scene import Scene
-from refsim.study.memory import check_boxes, check_memory
+from refsim.study.cost import check_boxes, check_memory
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Any
 from refsim.commands import CommandResult, command, table, takes, write_new
 from refsim.core.checked import suggestion
 from refsim.core.errors import InputError
-from refsim.io.lessons import lessons, notebook, script, shown, title
+from refsim.io.exercises import lessons, notebook, script, shown, title
 from refsim.scene.files import parse_scene
 
 DESCRIPTION = (

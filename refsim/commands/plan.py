@@ -20,72 +20,49 @@ from refsim.engine.limits import stable_steps, step_limits
 from refsim.scene.files import load_scene
 from refsim.scene.plan import Plan
 from refsim.sph import acceleration_of
-from refsim.study.cost import STEPS, Cost, measured
-from refsim.study.memory import bytes_of, neighbour_list
+from refsim.study.cost import STEPS, Cost, bytes_of, measured, neighbour_list
 
 
 def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
     """Everything that `refsim plan` shows, as plain values: bytes, seconds, metres."""
     grid, scene = plan.grid, plan.scene
-    n = grid.count
     per_particle, whole = plan.field_bytes(), plan.bytes_of_fields()
     fields: dict[str, dict[str, Any]] = {
-        name: {
-            "unit": f.unit,
-            "meaning": f.meaning,
-            "dtype": str(f.numpy_dtype(grid.dtype)),
-            "components": f.components,
-            "state": f.state,
-            "bytes_per_particle": per_particle.get(name, 0),
-            "bytes": whole[name],
-            "brought_by": _owner(plan, name),
-        }
+        name: {key: getattr(f, key) for key in ("unit", "meaning", "components", "state")}
+        | {"dtype": str(f.numpy_dtype(grid.dtype)), "brought_by": _owner(plan, name)}
+        | {"bytes_per_particle": per_particle.get(name, 0), "bytes": whole[name]}
         for name, f in plan.fields.items()
     }
     passes = [
-        {
-            "operation": p.operation,
-            "effect": effect.name,
-            "kernel": kernel_name(p.operation, backend, p.algorithm),
-            "reads": list(p.reads),
-            "writes": list(p.writes),
-            "updates": list(p.updates),
-            "when": "on demand" if p.on_demand else "at the start" if p.stage == "start" else "every step",
-        }
+        {"operation": p.operation, "effect": effect.name, "kernel": kernel_name(p.operation, backend, p.algorithm)}
+        | {key: list(getattr(p, key)) for key in ("reads", "writes", "updates")}
+        | {"when": "on demand" if p.on_demand else "at the start" if p.stage == "start" else "every step"}
         for effect, p in plan.all_passes()
         if effect is not None
     ]
     loop_operations = ["sph.extremes", *(p.operation for effect, p in plan.motion if effect is None)]
-    runner = [
-        {"operation": name, "kernel": kernel_name(name, backend), "when": "every step"} for name in loop_operations
-    ]
-    neighbours = neighbour_list(plan, backend)
-    walls = 0 if plan.walls is None else len(plan.walls.position)
+    runner = [{"operation": name, "kernel": kernel_name(name, backend)} for name in loop_operations]
     steps = _first_step(plan)
+    others = (effect.other_memory() for effect in effects_with(plan.effects, HoldsOtherMemory))
     return {
         "scene": scene.name,
         "backend": backend,
         "dtype": grid.dtype,
         "dim": grid.dim,
-        "particles": n,
-        "wall_particles": walls,
-        "spacing": grid.spacing,
-        "support_radius": grid.support_radius,
-        "period": list(grid.period),
-        "origin": list(grid.origin),
+        "particles": grid.count,
+        "wall_particles": 0 if plan.walls is None else len(plan.walls.position),
+        **{key: getattr(grid, key) for key in ("spacing", "support_radius")},
+        **{key: list(getattr(grid, key)) for key in ("period", "origin")},
         "fields": fields,
         "passes": passes,
-        "runner": runner,
+        "runner": [one | {"when": "every step"} for one in runner],
         "effects": {name: _brings(plan, name, steps) for name in plan.effects},
-        "neighbour_list": neighbours,
+        "neighbour_list": neighbour_list(plan, backend),
         "bytes": bytes_of(plan, backend),
-        "not_counted": [
-            held for effect in effects_with(plan.effects, HoldsOtherMemory) if (held := effect.other_memory())
-        ],
+        "not_counted": list(filter(None, others)),
         "step": steps,
         "end_time": scene.end_time,
-        "gauges": _listed(scene.gauge),
-        "motions": _listed(scene.motion),
+        **{f"{kind}s": _listed(getattr(scene, kind)) for kind in ("gauge", "motion")},
         "margins": [
             {"of": of, **dict(zip(m._fields[:-1], m)), "factor": m.factor if math.isfinite(m.factor) else None}
             for of, m in _margins(plan, steps)
@@ -124,8 +101,7 @@ def kernel_name(operation: str, backend: str, algorithm: str = "") -> str:
         procedure = PROCEDURES[operation]
         return f"{procedure.owner}.{procedure.method}: {len(procedure.operations)} operations"
     registered = REGISTRY[operation]
-    entry = registered.entry(registered.chosen(backend, algorithm))
-    return f"{entry.folder or registered.folder}.{entry.module}.{entry.function or registered.function}"
+    return ".".join(registered.place(registered.chosen(backend, algorithm)))
 
 
 def _owner(plan: Plan, name: str) -> list[str]:
@@ -168,14 +144,8 @@ def _first_step(plan: Plan) -> dict[str, Any]:
     length = limits[limiter] * plan.scene.step_factor
     if plan.scene.step > 0:
         length, limiter = plan.scene.step, "fixed"
-    return {
-        "length": length,
-        "limiter": limiter,
-        "limits": limits,
-        "speed": speed,
-        "acceleration": force,
-        "steps_to_end_at_least": math.ceil(plan.scene.end_time / length),
-    }
+    step = {"length": length, "limiter": limiter, "limits": limits, "speed": speed, "acceleration": force}
+    return step | {"steps_to_end_at_least": math.ceil(plan.scene.end_time / length)}
 
 
 def _margins(plan: Plan, steps: dict[str, Any]) -> Iterator[tuple[str, capabilities.Margin]]:

@@ -16,8 +16,7 @@ from refsim.study import KNOBS
 from refsim.study.convergence import Reference
 from refsim.study.panels import abouts, panel
 from refsim.study.panels import measured as measuring
-from refsim.study.panels.scene_factories import SCENE_FACTORIES
-from refsim.study.panels.scenes import PACKED, packaged
+from refsim.study.panels.scenes import PACKED, SCENE_FACTORIES, packaged
 
 DESCRIPTION = """Run a scene at several spacings, and with every other setting changed alone, and say how accurate the
 observable is, where its error comes from, and which setting is the cheapest for an error. Each run's result is kept in

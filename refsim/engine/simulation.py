@@ -15,14 +15,13 @@ from refsim.core.checked import plainly, suggestion
 from refsim.core.errors import InputError
 from refsim.core.tables import Shown
 from refsim.engine.checkpoints import load_checkpoint, restore, snapshot
-from refsim.engine.counting import Counting
+from refsim.engine.counting import Balances, Counting, watch
 from refsim.engine.gauges import Gauges
 from refsim.engine.launching import bind, bring, needed, ready, refresh, replay, start
 from refsim.engine.neighbour_lists import follow, sort_now_and_then
 from refsim.engine.state import State, StepResult
 from refsim.engine.stepping import DeviceStepper, advance, checked_extremes
 from refsim.engine.timings import Timings
-from refsim.engine.watching import Balances, watch
 from refsim.gauges import GaugeSeries
 from refsim.io.checkpoint import Checkpoint, check_same_scene, write_checkpoint
 from refsim.scene.checks import check_coincident, check_values

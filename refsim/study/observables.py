@@ -29,6 +29,7 @@ from refsim.core.errors import InputError
 from refsim.engine.simulation import Simulation
 from refsim.neighbours.reference import nearest_image
 from refsim.scene.files import suggestion
+from refsim.scene.overlaps import connected
 from refsim.scene.plan import Plan
 from refsim.scene.scene import Scene
 from refsim.study.local_modules import forget, local_modules
@@ -147,8 +148,6 @@ def _front(name: str, direction: str, plan: Plan) -> Observable:
 
     def front(simulation: Simulation) -> float:
         """Edge of the largest connected group of liquid, half a spacing beyond its outermost particle."""
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
         from scipy.spatial import cKDTree
 
         grid = simulation.plan.grid
@@ -156,8 +155,7 @@ def _front(name: str, direction: str, plan: Plan) -> Observable:
         if not len(points):
             raise InputError(f"observable {name!r}: the scene has no liquid; choose another observable.")
         pairs = cKDTree(points).query_pairs(LINK * grid.spacing, output_type="ndarray")
-        graph = coo_array((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
-        group = connected_components(graph, directed=False)[1]
+        group = connected(len(points), *pairs.T)
         reach = sign * points[group == np.argmax(np.bincount(group)), axis]
         return sign * (float(reach.max()) + 0.5 * grid.spacing)
 

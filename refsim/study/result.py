@@ -4,6 +4,8 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from refsim.core.tables import in_bytes, in_time, table
 from refsim.core.writing import made_by
 from refsim.scene.scene import Scene
@@ -89,24 +91,15 @@ class Study:
         reference = self.convergence.value if setting.kind == "spacing" and self.convergence else None
         if setting.kind != "spacing":
             reference = None if base is None else base.value
-        return {
-            "what": setting.kind,
-            "setting": setting.label,
-            "spacing": setting.scene.spacing,
-            "particles": reading.particles,
-            "mass": reading.mass,
-            "steps": reading.steps,
-            "seconds": reading.seconds,
-            "wall_seconds": reading.wall,
-            "unsettled": reading.unsettled,
-            "bytes": reading.bytes,
-            "value": None if reading.failed else reading.value,
-            "change": None
-            if reading.failed or reference is None
-            else self._relative(reading.value - reference, reference),
-            "cost": None if base is None or not base.seconds or reading.failed else reading.seconds / base.seconds,
-            "failed": reading.failed,
-        }
+        row: dict[str, Any] = {"what": setting.kind, "setting": setting.label, "spacing": setting.scene.spacing}
+        row |= {name: getattr(reading, name) for name in ("particles", "mass", "steps", "seconds")}
+        row |= {"wall_seconds": reading.wall, "unsettled": reading.unsettled, "bytes": reading.bytes}
+        row |= {"value": reading.value, "change": None, "cost": None, "failed": reading.failed}
+        if reading.failed:
+            return row | {"value": None}
+        if reference is not None:
+            row["change"] = self._relative(reading.value - reference, reference)
+        return row | {"cost": reading.seconds / base.seconds} if base is not None and base.seconds else row
 
     def sources(self) -> dict[str, float]:
         """Relative error of the scene as it is, by what causes it.
@@ -144,10 +137,8 @@ class Study:
                     known = other is None or setting.factor == 1
                     scene = setting.scene if other is None else other.scene
                     backend = setting.backend if other is None else other.backend
-                    sufficient.append(
-                        Advice(error, setting.scene.spacing, scene.dtype, backend, reading.seconds * ratio,
-                               reading.bytes * share, known)
-                    )  # fmt: skip
+                    took = reading.seconds * ratio, reading.bytes * share
+                    sufficient.append(Advice(error, setting.scene.spacing, scene.dtype, backend, *took, known))
         if sufficient:
             return min(sufficient, key=lambda advice: (advice.seconds, advice.spacing))
         return self._finer(error)
@@ -247,18 +238,7 @@ class Study:
             )
         return [*lines, *(f"note: {note}" for note in self.notes)]
 
-    HEAD = (
-        "what",
-        "setting",
-        "value",
-        "error or change",
-        "seconds",
-        "cost",
-        "memory",
-        "particles",
-        "mass",
-        "steps",
-    )
+    HEAD = ("what", "setting", "value", "error or change", "seconds", "cost", "memory", "particles", "mass", "steps")
 
     def cells(self) -> list[tuple[str, ...]]:
         """The table of runs that gave a value, as text, without its head (`HEAD`)."""
@@ -270,46 +250,35 @@ class Study:
             known = limit.relative if limit is not None and row["what"] == "spacing" else 0.0
             seconds = f"{row['seconds']:.3g}" + "*" * bool(row["unsettled"])
             cost = "-" if row["cost"] is None else f"{row['cost']:.2f}"
-            made.append(
-                (
-                    row["what"], row["setting"], f"{row['value']:.6g}", _above(row["change"], known, signed=True),
-                    seconds, cost, in_bytes(row["bytes"]), f"{row['particles']:,}", f"{row['mass']:.4g}",
-                    f"{row['steps']:,}",
-                )
-            )  # fmt: skip
+            change, mass = _above(row["change"], known, signed=True), f"{row['mass']:.4g}"
+            what = row["what"], row["setting"], f"{row['value']:.6g}", change, seconds, cost
+            made.append((*what, in_bytes(row["bytes"]), f"{row['particles']:,}", mass, f"{row['steps']:,}"))
         return made
 
     def text(self) -> str:
         """Table and answers for a terminal."""
         runs = table(self.cells(), self.HEAD, range(2, len(self.HEAD)))
-        return "\n".join([runs, *self._without(), "", *self.answers()])
-
-    def _without(self) -> list[str]:
-        """Runs that failed, and what was left out, a line each."""
         failed = [f"{s.kind}, {s.label}: {r.failed}" for s, r in self.runs if r.failed]
-        return [*failed, *self.left_out]
+        return "\n".join([runs, *failed, *self.left_out, "", *self.answers()])
 
     def data(self) -> dict[str, Any]:
         """Everything as plain values."""
         limit = self.convergence
         advice = {name: self.cheapest(e) for name, e in (("error", self.error), ("half_of_it", self.error / 2))}
-        return {
-            "scene": self.scene.name,
-            "observable": self.observable,
-            "unit": self.unit,
-            "machine": self.machine,
-            "value": None if limit is None else limit.value,
-            "uncertainty": None if limit is None else limit.uncertainty,
-            "order": None if limit is None else limit.order,
-            "asymptotic": limit is not None and limit.asymptotic,
-            "words": "" if limit is None else limit.words,
-            "reference": None if self.reference is None else vars(self.reference),
-            "sources": self.sources(),
-            "cheapest": {name: None if setting is None else vars(setting) for name, setting in advice.items()},
-            "runs": self.rows(),
-            "left_out": list(self.left_out),
-            "notes": list(self.notes),
-        }
+        unknown = {"value": None, "uncertainty": None, "order": None, "asymptotic": False, "words": ""}
+        data = {"scene": self.scene.name} | {name: getattr(self, name) for name in ("observable", "unit", "machine")}
+        return (
+            data
+            | {name: getattr(limit, name, other) for name, other in unknown.items()}
+            | {
+                "reference": None if self.reference is None else vars(self.reference),
+                "sources": self.sources(),
+                "cheapest": {name: None if setting is None else vars(setting) for name, setting in advice.items()},
+                "runs": self.rows(),
+                "left_out": list(self.left_out),
+                "notes": list(self.notes),
+            }
+        )
 
     def table(self) -> Any:
         """The rows as a pandas DataFrame; without pandas, as a list of dictionaries."""
@@ -320,9 +289,7 @@ class Study:
         return pandas.DataFrame(self.rows())
 
     def plot(self) -> Any:
-        """The picture, a Matplotlib figure (`refsim.study.picture`)."""
-        from refsim.study.picture import draw
-
+        """The picture, a Matplotlib figure (`draw`)."""
         return draw(self)
 
     def png(self) -> bytes:
@@ -348,3 +315,124 @@ def _above(error: float | None, known: float, signed: bool = False) -> str:
 def _known(reference: Reference, value: float) -> str:
     """The error of a value against a reference, as text."""
     return _above(reference.error(value), reference.uncertainty)
+
+
+# The picture of a study
+
+
+BLUE, VERMILION, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"  # Okabe & Ito's palette
+
+
+def draw(study: Any) -> Any:
+    """A Matplotlib figure of four panels, from a `refsim.study.result.Study`."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11.0, 7.6), layout="constrained")
+    (values, errors), (sources, changes) = figure.subplots(2, 2)
+    _values(study, values)
+    _errors(study, errors)
+    errors.axhline(100 * study.error, color=GREY, lw=1)
+    errors.set_xlabel("seconds of the processor; on a GPU of the clock")
+    _sources(study, sources)
+    _changes(study, changes)
+    figure.suptitle(f"{study.observable} of {study.scene.name}", fontsize=11)
+    return figure
+
+
+def _values(study: Any, axes: Any) -> None:
+    from matplotlib.ticker import MaxNLocator
+
+    levels = study.of("spacing")
+    spacing = [s.scene.spacing for s, _ in levels]
+    axes.plot(spacing, [r.value for _, r in levels], "o-", color=BLUE)
+    stopped = [s.scene.spacing for s, r in study.runs if s.kind == "spacing" and r.failed]
+    if stopped:
+        height = [0.04] * len(stopped)
+        axes.plot(stopped, height, "x", color=VERMILION, ms=9, transform=axes.get_xaxis_transform(), label="stopped")
+        axes.legend(fontsize=9)
+    limit = study.convergence
+    if limit is not None and math.isfinite(limit.uncertainty):
+        width = [0, 1.05 * max(spacing)]
+        axes.fill_between(
+            width, limit.value - limit.uncertainty, limit.value + limit.uncertainty, color=BLUE, alpha=0.15
+        )
+        if limit.asymptotic:
+            h = np.linspace(0, max(spacing), 60)
+            finest = min(levels, key=lambda pair: pair[0].scene.spacing)
+            slope = (finest[1].value - limit.value) / finest[0].scene.spacing ** limit.order
+            axes.plot(h, limit.value + slope * h**limit.order, "--", color=GREY, lw=1)
+            axes.set_title(f"order {limit.order:.2f}, ± {100 * limit.relative:.2g} %", fontsize=9)
+        else:
+            axes.set_title("not in the asymptotic range", fontsize=9)
+    axes.set_xlim(left=0)
+    axes.xaxis.set_major_locator(MaxNLocator(5))
+    axes.set_xlabel("spacing [m]")
+    axes.set_ylabel(f"{study.observable} [{study.unit}]" if study.unit else study.observable)
+
+
+def _errors(study: Any, axes: Any) -> None:
+    limit = study.convergence
+    points = [] if limit is None else [(r.seconds, 100 * limit.bound(r.value)) for _, r in study.of("spacing")]
+    points = [(seconds, error) for seconds, error in points if seconds > 0 and 0 < error < math.inf]
+    if points:
+        axes.loglog(*zip(*points), "o-", color=BLUE, label="spacings")
+    for error, colour in ((study.error, VERMILION), (study.error / 2, GREEN)):
+        advice = study.cheapest(error)
+        if advice is not None and advice.seconds > 0:
+            filled = colour if advice.measured else "none"
+            axes.loglog(
+                [advice.seconds], [100 * error], "D", color=colour, markerfacecolor=filled,
+                label=f"{100 * error:g} %: {advice.spacing:.3g} m" + ("" if advice.measured else ", estimated"),
+            )  # fmt: skip
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(fontsize=8)
+    _plain(axes.xaxis)
+    _plain(axes.yaxis)
+    axes.set_ylabel("bound of the error [%]")
+    axes.set_title("what an error costs", fontsize=9)
+
+
+def _plain(axis: Any) -> None:
+    """Numbers without powers of ten; between them where an axis has less than two decades."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    if axis.get_scale() != "log":
+        return
+    low, high = axis.get_view_interval()
+    few = 0 < low < high < 100 * low
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5) if few else (1,)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _sources(study: Any, axes: Any) -> None:
+    """Bars of the error of the scene as it is, by source."""
+    sources = sorted(study.sources().items(), key=lambda item: item[1])
+    axes.barh([name for name, _ in sources], [100 * error for _, error in sources], 0.6, color=BLUE)
+    for k, (_, error) in enumerate(sources):
+        axes.annotate(f" {100 * error:.2g} %", (100 * error, k), va="center", fontsize=9)
+    axes.axvline(100 * study.error, color=GREY, lw=1)
+    if any(error > 0 for _, error in sources):
+        axes.set_xscale("log")
+        axes.margins(x=0.25)
+        _plain(axes.xaxis)
+    axes.set_xlabel("error of the scene as it is [%]")
+    axes.set_title("where the error comes from", fontsize=9)
+
+
+def _changes(study: Any, axes: Any) -> None:
+    rows = [row for row in study.rows() if row["what"] != "spacing" and row["change"] is not None]
+    rows.reverse()
+    place = np.arange(len(rows))
+    saved = [100 * (1 - row["cost"]) if row["what"] == "effect" else 100 * (row["cost"] - 1) for row in rows]
+    axes.barh(
+        place + 0.2, [100 * row["change"] for row in rows], 0.36, color=VERMILION, label="changes the value by [%]"
+    )
+    axes.barh(place - 0.2, saved, 0.36, color=BLUE, label="costs [% of the seconds]")
+    axes.set_yticks(place, [row["setting"] for row in rows], fontsize=8)
+    axes.axvline(0, color=GREY, lw=0.8)
+    axes.set_xscale("symlog", linthresh=1.0)
+    if rows:
+        axes.set_ylim(-0.7, len(rows) + 0.8)  # the legend stands above the bars
+        axes.legend(fontsize=9, loc="upper right")
+    axes.set_title("each change alone; of an effect, what it costs", fontsize=9)

@@ -128,9 +128,11 @@ def _run(
     checkpoints: Path | None, every: float,
 ) -> Reading:  # fmt: skip
     try:
-        simulation = None if checkpoints is None else _resumed(setting, checkpoints, threads)
-        if simulation is None:
-            simulation = Simulation(make_plan(setting.scene), setting.backend, threads)
+        simulation = None
+        with suppress(InputError):  # there is no whole checkpoint: the run begins anew, with the same result
+            if checkpoints is not None and checkpoints.is_dir():
+                simulation = Simulation.resume(checkpoints, setting.backend, threads, setting.scene)
+        simulation = simulation or Simulation(make_plan(setting.scene), setting.backend, threads)
     except (InputError, RunStopped) as error:
         if getattr(error, "reason", "") in NOT_OF_THE_RUN:
             raise
@@ -153,16 +155,6 @@ def _run(
         value, clock.seconds, clock.wall, held_bytes(simulation), simulation.count, simulation.steps,
         simulation.time, search.log.rebuilds if search else 0, failed, float(simulation.plan.state.mass.sum()),
     )  # fmt: skip
-
-
-def _resumed(setting: Setting, folder: Path, threads: int | None) -> Simulation | None:
-    """The simulation at the newest whole checkpoint of this folder; None where there is none."""
-    try:
-        if not folder.is_dir():
-            return None
-        return Simulation.resume(folder, setting.backend, threads, setting.scene)
-    except InputError:  # there is no whole one: the run begins anew, with the same result
-        return None
 
 
 class _Clock:
@@ -263,13 +255,8 @@ def _when(simulation: Simulation, observable: Observable, reaches: float, clock:
 def held_bytes(simulation: Simulation) -> int:
     """Bytes of the arrays that a simulation holds on its backend: fields, lists, walls, temporary arrays."""
     seen: dict[int, int] = {}
-    _count(
-        (
-            simulation.fields, simulation.shared, simulation.parameters, simulation.extremes, simulation.displacement,
-            simulation.timestep, simulation.build_position, simulation.search, simulation.scratch,
-        ),
-        seen,
-    )  # fmt: skip
+    names = "fields shared parameters extremes displacement timestep build_position search scratch"
+    _count([getattr(simulation, name) for name in names.split()], seen)
     return sum(seen.values())
 
 

@@ -17,7 +17,7 @@ from refsim.engine.simulation import Simulation
 from refsim.scene.plan import make_plan
 from refsim.scene.scene import Scene
 from refsim.study import runs
-from refsim.study.memory import bytes_of
+from refsim.study.cost import bytes_of
 from refsim.study.observables import Observable, digest_of, observable_of
 from refsim.study.runs import Reading, Setting, source_digest
 

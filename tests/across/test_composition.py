@@ -15,7 +15,7 @@ from refsim.core import cases
 from refsim.core.fields import BASE, POSITION_RESIDUAL
 from refsim.core.operation import REGISTRY
 from refsim.mpm.grid import grid_bytes
-from refsim.study.memory import bytes_of
+from refsim.study.cost import bytes_of
 from tests import pairs, running
 from tests.running import python
 from validation import timed

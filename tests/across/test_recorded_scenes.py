@@ -11,7 +11,7 @@ from refsim.core.plain import plain
 from refsim.engine.conserved_totals import conserved_totals
 from refsim.scene.files import parse_scene
 from refsim.scene.refine import notes, refined, spaced
-from refsim.study.memory import neighbour_list
+from refsim.study.cost import neighbour_list
 
 EXAMPLES = pathlib.Path(refsim.__file__).parent / "examples"  # of the package that is tested
 FOLDER = pathlib.Path(__file__).with_name("small_scenes")

@@ -9,11 +9,11 @@ import pytest
 from refsim import InputError, RunStopped, Simulation, make_plan
 from refsim.backends.arrays import choose
 from refsim.engine import counting, lists
+from refsim.engine.counting import watch
 from refsim.engine.driver import simulate
 from refsim.engine.gauges import _row
 from refsim.engine.limits import StepOutcome
 from refsim.engine.postmortem import examine
-from refsim.engine.watching import watch
 from refsim.scene.files import parse_scene
 from tests.across.test_recorded_scenes import SCENES
 

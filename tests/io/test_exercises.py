@@ -10,8 +10,7 @@ import matplotlib
 import numpy as np
 import pytest
 
-from refsim.io.exercises import HELPERS, Exercises, WrongAnswer, number
-from refsim.io.lessons import cells, judges, lessons, notebook
+from refsim.io.exercises import HELPERS, Exercises, WrongAnswer, cells, judges, lessons, notebook, number
 from refsim.smoothing import reference, smoothing
 from tests.running import rows
 

@@ -13,7 +13,7 @@ import sys
 import pytest
 
 from refsim.__main__ import main
-from refsim.io.lessons import cells, lessons, notebook, script
+from refsim.io.exercises import cells, lessons, notebook, script
 
 ROOT = pathlib.Path(__file__).parents[2]
 spec = importlib.util.spec_from_file_location("lessons", ROOT / "scripts" / "lessons.py")

@@ -16,7 +16,7 @@ from refsim.backends import runtime
 from refsim.commands.show import printed
 from refsim.core.operation import REGISTRY, backend_of
 from refsim.neighbours.reference import neighbour_list
-from refsim.study.memory import bytes_of
+from refsim.study.cost import bytes_of
 from tests.across import test_composition as composition
 from tests.running import advanced
 from validation import timed

@@ -14,7 +14,7 @@ import refsim as rs
 from refsim import neighbours
 from refsim.backends import arrays, runtime
 from refsim.commands.plan import describe_plan
-from refsim.study.memory import bytes_of
+from refsim.study.cost import bytes_of
 from tests import pairs
 from validation import timed
 from validation.experiments.melting.scene import scene_of

@@ -7,7 +7,7 @@ import pytest
 
 from refsim import InputError, RunStopped, make_plan
 from refsim.scene.files import scene_from_dict
-from refsim.study.memory import bytes_of
+from refsim.study.cost import bytes_of
 from tests.across.test_recorded_scenes import EXAMPLES, of_others, of_plan, of_run
 from tests.recorded import numbers
 

@@ -88,7 +88,7 @@ def without_walls(**changes):
 def test_a_run_stops_where_planes_hold_the_liquid(tmp_path, monkeypatch, model):
     """Any share is too much here; the checkpoint before stays. A film between mirrored walls goes on."""
     for bound in ("STOPPED", "HELD"):
-        monkeypatch.setattr(f"refsim.engine.watching.{bound}", -1.0)
+        monkeypatch.setattr(f"refsim.engine.counting.{bound}", -1.0)
     scene = rs.Scene(
         dim=2, spacing=0.02, support_radius=0.052, step=1e-4, fluid=(rs.Box(cells=(10, 10, 1)),),
         effects=(

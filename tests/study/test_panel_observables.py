@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from refsim.study.panels import FOLDER, drops, observables, panel
-from refsim.study.panels.scene_factories import SCENE_FACTORIES
-from refsim.study.panels.scenes import scene_of
+from refsim.study.panels.scenes import SCENE_FACTORIES, scene_of
 
 RANDOM = np.random.default_rng(5)
 

@@ -19,7 +19,7 @@ from refsim.core.clock import Compiling
 from refsim.engine import timings
 from refsim.scene import solids
 from refsim.scene.refine import refined
-from refsim.study import cost, memory, runs, tasks
+from refsim.study import cost, runs, tasks
 from refsim.study.convergence import Convergence, Reference, converge
 from refsim.study.observables import observable_of
 from refsim.study.panels import measured, panel
@@ -387,14 +387,14 @@ def test_boxes_of_many_particles_are_counted_before_they_are_laid_out(backend, m
     held += found["positions_at_list_build"] if backend == "cpu" else 0
     held += found["neighbour_list"] if backend == "cpu" else 0
     least = max(held, 280 * plan.grid.count)
-    monkeypatch.setattr(memory, "MANY", plan.grid.count)
-    monkeypatch.setattr(memory, "FEW", plan.grid.count // 4)
+    monkeypatch.setattr(cost, "MANY", plan.grid.count)
+    monkeypatch.setattr(cost, "FEW", plan.grid.count // 4)
     for total, fits in ((least * 1.001, True), (least * 0.999, False)):
         monkeypatch.setattr(solids, "host_memory", lambda total=total: {"total": total})
         if fits:
-            memory.check_boxes(scene, backend)
+            cost.check_boxes(scene, backend)
         else:
             with pytest.raises(errors.InputError, match=r"a run of it makes 800 .* a spacing of 0.0053 m fits"):
-                memory.check_boxes(scene, backend)
-    monkeypatch.setattr(memory, "MANY", plan.grid.count + 1)
-    memory.check_boxes(scene, backend)  # fewer are laid out at once
+                cost.check_boxes(scene, backend)
+    monkeypatch.setattr(cost, "MANY", plan.grid.count + 1)
+    cost.check_boxes(scene, backend)  # fewer are laid out at once

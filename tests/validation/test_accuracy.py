@@ -9,8 +9,7 @@ import msgspec
 import pytest
 
 from refsim.study.panels import FOLDER, OWN, abouts, panel, parse
-from refsim.study.panels.scene_factories import SCENE_FACTORIES
-from refsim.study.panels.scenes import PACKED
+from refsim.study.panels.scenes import PACKED, SCENE_FACTORIES
 from validation import accuracy, accuracy_page
 from validation.peers import in_turns
 from validation.reading import reading

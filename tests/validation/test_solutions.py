@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from refsim.study.panels.scene_factories import compressed
+from refsim.study.panels.scenes import compressed
 from validation.metrics import solutions as scene
 
 

@@ -16,7 +16,7 @@ from refsim.sph.resting import column_of
 from refsim.study.observables import observable_of
 from refsim.study.panels import FOLDER, drops
 from refsim.study.panels.drops import inner_pressure
-from refsim.study.panels.scene_factories import DENSITY, GRAVITY, MODULUS, REYNOLDS, frequency, radius
+from refsim.study.panels.scenes import DENSITY, GRAVITY, MODULUS, REYNOLDS, frequency, radius
 from refsim.surface_tension.calibration import BASE, sigma_map
 
 DIRECTIONS, CONE = 200, np.radians(10)

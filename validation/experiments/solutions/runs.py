@@ -28,7 +28,7 @@ from refsim import (
 from refsim.core.effect import Discretisation
 from refsim.core.walls import WallParticles
 from refsim.sph import operations as sph
-from refsim.study.panels.scene_factories import compressed
+from refsim.study.panels.scenes import compressed
 from refsim.surface_tension.akinci_2013 import operations as akinci
 from refsim.surface_tension.contact_angle import ContactAngle
 from validation.checks import Checks
