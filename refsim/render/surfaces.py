@@ -178,15 +178,8 @@ def _parts(chosen: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
 
 def _band(inside: NDArray[np.bool_]) -> NDArray[np.int64]:
     """(k, dim) nodes of all cells that the surface crosses, and those next to them."""
-    return np.argwhere(_widened(_widened(inside) & _widened(~inside)))
+    from scipy.ndimage import binary_dilation
 
-
-def _widened(chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The chosen nodes and those next to them, also across corners."""
-    for axis in range(chosen.ndim):
-        before, wide = np.moveaxis(chosen, axis, 0), chosen.copy()
-        after = np.moveaxis(wide, axis, 0)
-        after[1:] |= before[:-1]
-        after[:-1] |= before[1:]
-        chosen = wide
-    return chosen
+    beside = np.ones((3,) * inside.ndim, bool)
+    crossed = binary_dilation(inside, beside) & binary_dilation(~inside, beside)
+    return np.argwhere(binary_dilation(crossed, beside))

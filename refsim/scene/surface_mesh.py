@@ -7,7 +7,6 @@ distance from the scene's origin.
 import dataclasses
 import functools
 import itertools
-import math
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -110,11 +109,11 @@ def placed_mesh(
 
 @functools.lru_cache(maxsize=8)
 def _placed(file: str, written: tuple[int, ...], center: Any, size: float, rotation: Any, what: str) -> SurfaceMesh:
+    from scipy.spatial.transform import Rotation
+
     mesh = load_mesh(file, what)
-    vertices = mesh.vertices
-    for axis, angle in enumerate(rotation):
-        if angle:
-            vertices = vertices @ _rotation(axis, math.radians(angle)).T
+    turn = Rotation.from_euler("xyz", rotation, degrees=True)
+    vertices = turn.apply(mesh.vertices) if any(rotation) else mesh.vertices
     middle = 0.5 * (vertices.min(0) + vertices.max(0))
     vertices = vertices - middle
     origin = mesh.origin + middle
@@ -123,15 +122,6 @@ def _placed(file: str, written: tuple[int, ...], center: Any, size: float, rotat
     if center is not None:
         origin = np.array(center, dtype=float)
     return dataclasses.replace(mesh, vertices=vertices, origin=origin)
-
-
-def _rotation(axis: int, angle: float) -> np.ndarray:
-    """(3, 3) matrix of a rotation by `angle` [rad] about an axis."""
-    c, s = math.cos(angle), math.sin(angle)
-    a, b = (axis + 1) % 3, (axis + 2) % 3
-    turn = np.eye(3)
-    turn[a, a], turn[a, b], turn[b, a], turn[b, b] = c, -s, s, c
-    return turn
 
 
 def surface_mesh(vertices: np.ndarray, faces: np.ndarray, source: str = "mesh", what: str = "mesh") -> SurfaceMesh:
@@ -159,7 +149,9 @@ def surface_mesh(vertices: np.ndarray, faces: np.ndarray, source: str = "mesh", 
     side = float(np.median(np.linalg.norm(np.diff(vertices[faces[:, :2]], axis=1), axis=2)))
     near = COPLANAR * size + min(ROUNDINGS * float(np.finfo(np.float32).eps) * rounded, WITHIN * side)
     said: list[str] = []
-    vertices, faces, apart = _welded(*_merged(vertices, faces, size), size, said)
+    cell = np.round(vertices / (SAME_PLACE * size))  # files such as STL repeat vertices for each triangle
+    _, once, place = np.unique(cell, axis=0, return_index=True, return_inverse=True)
+    vertices, faces, apart = _welded(vertices[once], place.reshape(-1)[faces], size, said)
     lines = _lines(vertices[faces])
     if lines.any():
         said.append(f"{_counted(int(lines.sum()), 'triangle')} without area left out")
@@ -171,14 +163,11 @@ def surface_mesh(vertices: np.ndarray, faces: np.ndarray, source: str = "mesh", 
     faces = _turned_outwards(vertices, faces, patch, meet.pairs, near, name, said)
     kept, meeting = np.arange(len(faces)), np.zeros(0, bool)
     if len(meet.pairs) or (np.bincount(edge_numbers(faces)[0].ravel()) != 2).any():
-        turned = ""
+        said.append("inside is where the winding number exceeds 1/2")
         if len(meet.pairs):
             first = _at(vertices[faces[meet.pairs[0, 0]]].mean(0) + origin)
-            count = len(np.unique(meet.pairs))
-            turned = (
-                f" ({_counted(count, 'triangle meets', 'triangles meet')} others, the first near {first} of the file)"
-            )
-        said.append(f"inside is where the winding number exceeds 1/2{turned}")
+            many = _counted(len(np.unique(meet.pairs)), "triangle meets", "triangles meet")
+            said[-1] += f" ({many} others, the first near {first} of the file)"
         vertices, faces, kept, meeting = boundary(vertices, faces, meet, near, name)
         lost = np.setdiff1d(np.flatnonzero(hole == 0), kept).size
         if lost:
@@ -218,13 +207,6 @@ def _counted(number: int, one: str, many: str = "") -> str:
 
 def _at(point: np.ndarray) -> str:
     return f"({', '.join(f'{x:.4g}' for x in np.round(point, 12) + 0.0)})"
-
-
-def _merged(vertices: np.ndarray, faces: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
-    """Merge coincident vertices: files such as STL repeat them for each triangle."""
-    cell = np.round(vertices / (SAME_PLACE * size))
-    _, first, place = np.unique(cell, axis=0, return_index=True, return_inverse=True)
-    return vertices[first], place.reshape(-1)[faces]
 
 
 def _once(faces: np.ndarray, said: list[str]) -> np.ndarray:
@@ -300,11 +282,8 @@ def _wound_alike(faces: np.ndarray, name: str, said: list[str]) -> tuple[np.ndar
     apart = count * (direction.ravel()[one] == direction.ravel()[other])  # one of both has to be turned
     one, other = one // 3, other // 3
     # Face f stands as f and, turned, as f + count: what is linked is wound alike.
-    way = connected(
-        2 * count,
-        np.concatenate([one, one + count]),
-        np.concatenate([other + apart, (other + count + apart) % (2 * count)]),
-    ).reshape(2, count)
+    linked = np.concatenate([other + apart, (other + count + apart) % (2 * count)])
+    way = connected(2 * count, np.concatenate([one, one + count]), linked).reshape(2, count)
     if (way[0] == way[1]).any():
         raise InputError(f"{name} has one side only, like a Moebius strip, and so no interior; give a closed mesh.")
     number = np.bincount(way[0], minlength=int(way.max()) + 1)
@@ -406,10 +385,8 @@ def _turned_outwards(
         about = winding((middle - step)[facets], vertices[faces[~facets]])
         deep[k] = np.average(about > 0.5, weights=areas(corners[facets])) > 0.5 + TIE
     if (deep & ~inverted & ~meets).any():
-        raise InputError(
-            f"{name} has a body inside another body, and neither is wound as a cavity; remove the"
-            " inner one, or turn its faces round to make it a cavity."
-        )
+        both = "has a body inside another body, and neither is wound as a cavity"
+        raise InputError(f"{name} {both}; remove the inner one, or turn its faces round to make it a cavity.")
     wrong = int((inverted & ~deep).sum())
     if wrong:
         said.append(f"{_counted(wrong, 'body', 'bodies')} turned inside out")

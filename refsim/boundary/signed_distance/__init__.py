@@ -15,7 +15,7 @@ from refsim.boundary.signed_distance import operations as operations
 from refsim.core.checked import plainly
 from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY
-from refsim.scene.overlaps import edge_numbers
+from refsim.scene.overlaps import across_edges, edge_numbers
 from refsim.scene.solids import countable
 from refsim.sparse_grid import Blocks, inverse_cell, nodes
 from refsim.sparse_grid.tables import blocks_of
@@ -156,19 +156,18 @@ def triangle_table(mesh: SurfaceMesh, dtype: str) -> Triangles:
     for k in range(3):
         for c in range(3):
             vertex[:, c] += np.bincount(mesh.faces[:, k], angle[:, k] * face[:, c], len(vertex))
-    edges = np.sort(np.stack([mesh.faces, np.roll(mesh.faces, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
-    _, lowest, place = np.unique(edges[:, 0] * len(vertex) + edges[:, 1], return_index=True, return_inverse=True)
-    place = place.reshape(-1, 3)
+    place = edge_numbers(mesh.faces)[0]
+    lowest = np.unique(place, return_index=True)[1] // 3
+    one, other = across_edges(place, np.ones(len(lowest), bool))
+    itself = np.repeat(np.arange(len(face)), 3)
+    across = itself.copy()
+    across[one], across[other] = itself[other], itself[one]
     edge = np.stack([np.bincount(place.ravel(), np.repeat(face[:, c], 3)) for c in range(3)], axis=1)
     normal = np.concatenate([face[:, None], _units(edge)[place], _units(vertex)[mesh.faces]], axis=1)
     _, lowest_corner, corner_place = np.unique(mesh.faces, return_index=True, return_inverse=True)
-    owner = np.concatenate(
-        [np.arange(len(face))[:, None], (lowest // 3)[place], (lowest_corner // 3)[corner_place.reshape(-1, 3)]], axis=1
-    )
-    return Triangles(
-        corners.reshape(-1, 9).astype(dtype), normal.reshape(-1, 21).astype(dtype), owner.astype(np.int32),
-        mesh.faces.astype(np.int32), _across(place),
-    )  # fmt: skip
+    owners = itself[::3, None], lowest[place], (lowest_corner // 3)[corner_place.reshape(-1, 3)]
+    numbers = (each.astype(np.int32) for each in (np.concatenate(owners, axis=1), mesh.faces, across.reshape(-1, 3)))
+    return Triangles(corners.reshape(-1, 9).astype(dtype), normal.reshape(-1, 21).astype(dtype), *numbers)
 
 
 def unclear_features(mesh: SurfaceMesh) -> np.ndarray | None:
@@ -189,18 +188,6 @@ def unclear_features(mesh: SurfaceMesh) -> np.ndarray | None:
     height = 2 * areas(mesh.corners) / np.linalg.norm(sides, axis=2).max(1)
     thin = height < SLENDER * float(mesh.extent.max())
     return np.concatenate([thin[:, None], doubtful[edge], corner[mesh.faces]], axis=1).astype(np.uint8)
-
-
-def _across(edge: np.ndarray) -> np.ndarray:
-    """(t, 3) int32 triangle across each edge, given by the edges' numbers (t, 3); itself where there is no other."""
-    order = np.argsort(edge.ravel(), kind="stable")
-    sorted_edge, owner = edge.ravel()[order], order // 3
-    nearest = owner.copy()
-    twins = np.flatnonzero(sorted_edge[1:] == sorted_edge[:-1])
-    nearest[twins], nearest[twins + 1] = owner[twins + 1], owner[twins]
-    across = np.empty(edge.size, np.int32)
-    across[order] = nearest
-    return across.reshape(-1, 3)
 
 
 def _units(vectors: np.ndarray) -> np.ndarray:

@@ -214,44 +214,13 @@ def mpm_pressure(simulation: Simulation) -> float:
 
 def _over_rayleigh(times: np.ndarray, values: list[Any]) -> float:
     known = values[0][1]
-    return damped_cosine(times, np.array([shape for shape, _ in values]), known)["frequency"] / known
+    return float(np.hypot(*drops.fit_oscillation(times, np.array([shape for shape, _ in values]), known)[:2]) / known)
 
 
 @watched(lambda scene: scene.end_time * np.linspace(0.0, 1.0, 401), _over_rayleigh)
 def mpm_frequency(simulation: Simulation) -> Any:
     """Mode 2 of the disc, and Rayleigh's frequency [rad/s], which its own is held against."""
-    return deformation(simulation.field("position"), 2), frequency(simulation.plan.scene)
-
-
-def deformation(position: np.ndarray, dim: int) -> float:
-    """Mode 2 about x: (<x^2> - <y^2>)/(<x^2> + <y^2>), in space with the mean of y and z."""
-    offset = position - position.mean(0)
-    along = float((offset[:, 0] ** 2).mean())
-    across = float((offset[:, 1:dim] ** 2).mean())
-    return (along - across) / (along + across)
-
-
-def damped_cosine(time: np.ndarray, value: np.ndarray, guess: float) -> dict[str, float]:
-    """Fit of a exp(-g t) cos(w t + p) + c: undamped frequency sqrt(w^2 + g^2) [1/s], its standard error, damping."""
-    from scipy.optimize import curve_fit
-
-    def curve(t: np.ndarray, a: float, w: float, g: float, p: float, c: float) -> np.ndarray:
-        return a * np.exp(-g * t) * np.cos(w * t + p) + c
-
-    fits = []
-    for share in (0.94, 0.98, 1.02):
-        try:
-            fit, spread = curve_fit(curve, time, value, p0=[value[0], share * guess, 0.1, 0.0, 0.0], maxfev=20000)
-        except RuntimeError:
-            continue
-        fits.append((float(((curve(time, *fit) - value) ** 2).mean()), fit, spread))
-    if not fits:
-        return dict.fromkeys(("frequency", "error", "damping", "amplitude", "misfit"), float("nan"))
-    misfit, fit, spread = min(fits, key=lambda f: f[0])
-    return {
-        "frequency": float(np.hypot(fit[1], fit[2])), "error": float(np.sqrt(spread[1, 1])),
-        "damping": float(fit[2]), "amplitude": float(abs(fit[0])), "misfit": float(np.sqrt(misfit)),
-    }  # fmt: skip
+    return drops.second_moment(simulation, 2), frequency(simulation.plan.scene)
 
 
 def _drop(simulation: Simulation) -> tuple[float, float]:
