@@ -152,6 +152,8 @@ class Stage:
 
     def _images(self, bodies: Sequence[Body], *backgrounds: str) -> list[NDArray[np.uint8]]:
         """The picture (height, width, 3) of the bodies on each background."""
+        from PIL import Image
+
         with nullcontext() if self.window else self.kept():
             pv, plotter = pyvista(), self.window
             if self.floor is not None:
@@ -162,7 +164,8 @@ class Stage:
             for background in backgrounds:
                 plotter.set_background(background)
                 plotter.render_window.Render()
-                images.append(_averaged(_pixels(plotter.render_window), self.finer))
+                drawn = Image.fromarray(_pixels(plotter.render_window))
+                images.append(np.asarray(drawn.reduce(self.finer)))
             for actor in actors:
                 plotter.remove_actor(actor, render=False)
             return images
@@ -337,16 +340,6 @@ def _pixels(window: Any) -> NDArray[np.uint8]:
     data = vtkUnsignedCharArray()
     window.GetPixelData(0, 0, width - 1, height - 1, 0, data, 0)
     return np.asarray(vtk_to_numpy(data)).reshape(height, width, 3)[::-1]
-
-
-def _averaged(image: NDArray, by: int) -> NDArray[np.uint8]:
-    """The image with each square of `by` x `by` pixels averaged."""
-    if by == 1:
-        return image
-    height, width = (n // by for n in image.shape[:2])
-    whole = image[: height * by, : width * by]
-    parts = [whole[row::by, column::by] for row in range(by) for column in range(by)]
-    return np.rint(np.sum(parts, axis=0, dtype=np.float32) / by**2).astype(np.uint8)
 
 
 def bar_length(width: float) -> float:

@@ -83,8 +83,11 @@ def make_view(run: SavedRun, chosen: Sequence[int], fields: Sequence[str] | None
         shown.append({"name": name, "label": run.label(name), "unit": run.unit(name), "low": ends[0], "high": ends[1]})
     head = _head(run, chosen, len(loaded[0].position), low, high) | {"fields": shown}
     if run.mesh is not None:
+        import trimesh
+
         corners = (run.mesh.mesh.vertices + run.mesh.mesh.origin)[run.mesh.mesh.faces]
-        blobs["mesh"] = np.stack([corners, _corner_normals(run.mesh.mesh)]).astype("<f4").tobytes()
+        normals = trimesh.Trimesh(run.mesh.mesh.vertices, run.mesh.mesh.faces, process=False).vertex_normals
+        blobs["mesh"] = np.stack([corners, normals[run.mesh.mesh.faces]]).astype("<f4").tobytes()
     return View(_page(run.plan.scene.name, head, blobs), left_out)
 
 
@@ -169,14 +172,3 @@ def _head(run: SavedRun, chosen: Sequence[int], count: int, low: NDArray, high: 
     head |= {"title": run.plan.scene.name, "particles": count, "times": [run.times[k] for k in chosen]}
     head |= {"spacing": run.spacing, "flat": run.dim == 2, "mesh": run.mesh is not None}
     return head | {"ramp": ramp, "parts": palette}
-
-
-def _corner_normals(mesh: Any) -> NDArray[np.float64]:
-    """(f, 3, 3) normals at the corners of the triangles: means over the triangles of each vertex."""
-    corners = mesh.vertices[mesh.faces]
-    facet = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals = np.zeros_like(mesh.vertices, dtype=float)
-    for k in range(3):
-        np.add.at(normals, mesh.faces[:, k], facet)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True).clip(min=1e-300)
-    return normals[mesh.faces]
