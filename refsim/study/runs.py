@@ -30,7 +30,7 @@ from refsim.scene.files import scene_to_toml
 from refsim.scene.meshes import mesh_files
 from refsim.scene.plan import make_plan
 from refsim.scene.scene import Scene
-from refsim.study.observables import Observable, Watching
+from refsim.study.observables import Observable, Watching, observable_of
 
 NOT_READ = ("cluster", "commands", "contract", "render", "study", "sweep")  # packages that change no result of a run
 BUT_READ = ("study/observables.py", "study/runs.py")  # modules of theirs that do
@@ -90,11 +90,12 @@ class Reading:
 
 
 def measure(
-    setting: Setting, observable: Observable, reaches: float | None = None, threads: int | None = None,
+    setting: Setting, given: Observable | str, reaches: float | None = None, threads: int | None = None,
     progress: Watch | None = None, repeats: int = REPEATS, checkpoints: Path | None = None, every: float = 60.0,
 ) -> Reading:  # fmt: skip
     """Run a setting to the scene's end, or until the observable reaches `reaches`, and read the observable.
 
+    given        the observable, or as a text
     repeats      most runs of a short setting
     checkpoints  folder in which the run leaves a checkpoint after every `every` seconds of wall time and from which it
                  goes on, bit for bit; a run with `reaches`, or with an observable that watches it, begins anew
@@ -107,6 +108,10 @@ def measure(
     A run that cannot be made or stops gives a Reading with the sentence why. Raises RunStopped for a reason of
     `NOT_OF_THE_RUN`, which says nothing about the setting.
     """
+    try:
+        observable = observable_of(given, make_plan(setting.scene)) if isinstance(given, str) else given
+    except InputError as error:
+        return Reading(math.nan, 0.0, 0.0, 0, 0, 0, 0.0, failed=str(error))
     place = None if reaches is not None or observable.times is not None else checkpoints
     runs = [_run(setting, observable, reaches, threads, progress, place, every)]
     while not runs[-1].failed and runs[0].seconds <= SHORT and len(runs) < repeats and _apart(runs) >= SETTLED:

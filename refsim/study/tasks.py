@@ -18,7 +18,7 @@ from refsim.scene.plan import make_plan
 from refsim.scene.scene import Scene
 from refsim.study import runs
 from refsim.study.cost import bytes_of
-from refsim.study.observables import Observable, digest_of, observable_of
+from refsim.study.observables import Observable, digest_of
 from refsim.study.runs import Reading, Setting, source_digest
 
 MANY = 10_000  # runs of one call, above which results lie in 256 folders: file systems are slow with a million in one
@@ -99,12 +99,7 @@ def compute(report: Report, work: Work) -> Reading:
     def progress(simulation: Simulation) -> None:
         report(simulation.time / scene.end_time if scene.end_time else 1.0)
 
-    def made() -> Reading:
-        try:
-            observable = observable_of(work.observable, make_plan(scene))
-        except InputError as error:
-            return Reading(float("nan"), 0.0, 0.0, 0, 0, 0, 0.0, failed=str(error))
-        return runs.measure(work.setting, observable, None, 1, progress, 1, place, work.every)
+    made = partial(runs.measure, work.setting, work.observable, None, 1, progress, 1, place, work.every)
 
     read = partial(_read, scene, work.observable)
     reading = runs.kept_or_made(folder, work.key, work.setting, made, read, work.read)

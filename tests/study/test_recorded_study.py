@@ -364,7 +364,7 @@ def test_kept_readings_are_those_that_were_kept_and_a_run_that_cannot_begin_has_
     def refuse(*_):
         raise errors.InputError("no such observable")
 
-    monkeypatch.setattr(tasks, "observable_of", refuse)
+    monkeypatch.setattr(runs, "observable_of", refuse)
     monkeypatch.setattr(tasks, "_read", lambda *_: "read")
     work = tasks.Work(
         "ab", Setting("spacing", "a", 1.0, tank(), "numpy"), "x", str(tmp_path), tasks.made_by(), "read", 9.0
