@@ -48,7 +48,10 @@ def stable_order(keys: Any, out: Any = None) -> Any:
     order = cupy_or_numpy().argsort(as_cupy(keys), kind="stable")
     if out is None:
         return as_numba(order)
-    _put(order, out)
+    if simulated():
+        out.copy_to_device(order)
+    else:
+        as_cupy(out)[...] = order
     return out
 
 
@@ -122,13 +125,6 @@ class RunningSum:
         add_up_tiles(self.values, self.totals)
         add_up_before(self.totals, self.one)
         add_up_within(self.values, self.totals, self.out)
-
-
-def _put(values: Any, out: Any) -> None:
-    if simulated():
-        out.copy_to_device(values)
-    else:
-        as_cupy(out)[...] = values
 
 
 _recording = False  # whether launches are being recorded as a graph

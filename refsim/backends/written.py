@@ -113,12 +113,8 @@ def source_of(function: Callable) -> Source:
     if not isinstance(tree, ast.FunctionDef):
         raise NotPlain(function.__name__)
     tree.decorator_list = []
-    return Source(tree, function.__globals__, _assigned_once(tree))
-
-
-def _assigned_once(tree: ast.FunctionDef) -> frozenset[str]:
     stored = [node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)]
-    return frozenset(name for name in stored if stored.count(name) == 1)
+    return Source(tree, function.__globals__, frozenset(name for name in stored if stored.count(name) == 1))
 
 
 @functools.cache
@@ -140,14 +136,11 @@ def entrywise_source(entry: Callable, length: int, tuples: tuple[bool, ...]) -> 
     parts = []
     for k in range(length):
         called = ast.Call(ast.Name("entry", ast.Load()), [ast.Name(name, ast.Load()) for name in names], [])
-        parts.append(Entry(k).visit(_copied(last.value) if isinstance(last, ast.Return) and single else called))
+        copied = ast.parse(ast.unparse(last.value), mode="eval").body if single else called  # type: ignore[attr-defined]
+        parts.append(Entry(k).visit(copied))
     body = [*source.tree.body[:1], ast.Return(ast.Tuple(parts, ast.Load()))]
     tree = ast.FunctionDef(entry.__name__, source.tree.args, body, [])
     return Source(tree, {**source.space, "entry": entry}, frozenset())
-
-
-def _copied(node: Any) -> Any:
-    return ast.parse(ast.unparse(node), mode="eval").body
 
 
 class Named:

@@ -171,17 +171,12 @@ def execute(options: argparse.Namespace) -> CommandResult:
     if text is not None:
         return CommandResult(about | {"program": program, "file": text}, text.rstrip("\n"), verbatim=True)
     description = describe(operation, program)
-    headings = {
-        "formulas": "Formulas",
-        "equations": "Equations: the term of one pair, or what follows from the sums",
-        "reference": "Reference: NumPy, all pairs, float64",
-        "program": f"Program {program}",
-        "helpers": "Helpers",
-    }
+    more = {"equations": ": the term of one pair, or what follows from the sums", "program": f" {program}"}
+    more["reference"] = ": NumPy, all pairs, float64"
     lines = [operation.name, f"{operation.paper}: {operation.equation}"]
-    for key, heading in headings.items():
-        if description.get(key):
-            lines += ["", f"## {heading}", *(f"\n{source}" for source in description[key])]
+    for key, sources in description.items():
+        if sources:
+            lines += ["", f"## {key.capitalize()}{more.get(key, '')}", *(f"\n{source}" for source in sources)]
     data = {key: [asdict(source) for source in sources] for key, sources in description.items()}
     return CommandResult(about | data, "\n".join(lines), verbatim=True)
 

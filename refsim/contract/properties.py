@@ -59,13 +59,10 @@ def on_grid(target: Target, name: str) -> Inputs:
     dtype = target.dtype
     inputs = Inputs(cases.CASES[name](), dtype)
     walls = inputs["walls"]
-    return target.varied(
-        inputs.replaced(
-            position=np.round(inputs["position"] / GRID) * np.dtype(dtype).type(GRID),
-            velocity=np.round(inputs["velocity"] / GRID) * np.dtype(dtype).type(GRID),
-            walls=walls._replace(position=(np.round(walls.position / GRID) * GRID).astype(dtype)),
-        )
-    )
+    step = np.dtype(dtype).type(GRID)
+    moved = {name: np.round(inputs[name] / GRID) * step for name in ("position", "velocity")}
+    on = walls._replace(position=(np.round(walls.position / GRID) * GRID).astype(dtype))
+    return target.varied(inputs.replaced(**moved, walls=on))
 
 
 def force_bound(target: Target, inputs: Inputs) -> np.ndarray:

@@ -45,25 +45,17 @@ def _judged(every: Sequence[Outcome], lacking: list[str], allowed: bool) -> dict
         counts = steps.setdefault(o.step, {"trials": 0, "failed": 0})
         counts["trials"] += 1
         counts["failed"] += not o.passed
-    return {
-        "holds": bool(outcomes) and not failed and not lacking and (allowed or not untried),
-        "trials": len(outcomes),
-        "failed": len(failed),
-        "gaps": lacking,
-        "cause": first_cause(every),
-        "untried": untried,
-        "not_judged": dict(collections.Counter(o.not_judged for o in every if o.not_judged and not o.untried)),
-        "largest_error": max((o.error for o in outcomes), default=0.0),
-        "steps": steps,
-        "outcomes": [_plain(o) for o in every],
-    }
+    holds = bool(outcomes) and not failed and not lacking and (allowed or not untried)
+    told: dict[str, Any] = {"holds": holds, "trials": len(outcomes), "failed": len(failed), "gaps": lacking}
+    declared = collections.Counter(o.not_judged for o in every if o.not_judged and not o.untried)
+    told |= {"cause": first_cause(every), "untried": untried, "not_judged": dict(declared)}
+    largest = max((o.error for o in outcomes), default=0.0)
+    return told | {"largest_error": largest, "steps": steps, "outcomes": [_plain(o) for o in every]}
 
 
 def _plain(outcome: Outcome) -> dict[str, Any]:
-    told = dataclasses.asdict(outcome)
-    return {k: v for k, v in told.items() if k not in ("operation", "backend", "telling", "sign", "traits")} | {
-        "replay": outcome.replay
-    }
+    told = dataclasses.asdict(outcome) | {"replay": outcome.replay}
+    return {k: v for k, v in told.items() if k not in ("operation", "backend", "telling", "sign", "traits")}
 
 
 def text(data: Mapping[str, Any], outcomes_of: Found) -> str:
@@ -72,7 +64,8 @@ def text(data: Mapping[str, Any], outcomes_of: Found) -> str:
     used = [step for step in STEPS if any(step in o["steps"] for o in operations.values())]
     rows = []
     for name, o in operations.items():
-        cells = [_share(o["steps"].get(step)) for step in used]
+        counts_of = [o["steps"].get(step) for step in used]
+        cells = [f"{c['trials'] - c['failed']}/{c['trials']}" if c else "-" for c in counts_of]
         largest = f"{o['largest_error']:.3g}" if math.isfinite(o["largest_error"]) else "no number"
         rows.append((name, *cells, largest, verdict(o)))
     lines = [f"{data['programs']}, arrays of {data['arrays']}: trials passed, by step of the ladder", ""]
@@ -135,10 +128,6 @@ def _told(alike: Sequence[Outcome]) -> str:
     where = first.replay if first.dtype else f"{first.step} {first.trial}, before the first trial"
     error = "" if not math.isfinite(first.error) else f", {first.error:.3g} of the bound"
     return "\n".join([*lines, f"      {trials}: {where}{error}"])
-
-
-def _share(counts: Mapping[str, int] | None) -> str:
-    return "-" if counts is None else f"{counts['trials'] - counts['failed']}/{counts['trials']}"
 
 
 def junit(data: Mapping[str, Any], outcomes_of: Found) -> bytes:

@@ -17,15 +17,8 @@ import numpy as np
 
 from refsim.core.errors import InputError
 
-IN_TOML = {
-    "float": "a number",
-    "int": "a whole number",
-    "str": "text in quotes",
-    "bool": "true or false",
-    "array": "a list in square brackets",
-    "object": "a table",
-    "null": "nothing",
-}
+IN_TOML = {"float": "a number", "int": "a whole number", "str": "text in quotes", "bool": "true or false"}
+IN_TOML |= {"array": "a list in square brackets", "object": "a table", "null": "nothing"}
 IN_PYTHON = IN_TOML | {"str": "text", "bool": "True or False", "array": "a tuple or a list", "null": "None"}
 
 
@@ -35,14 +28,9 @@ NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
 Count = Annotated[int, msgspec.Meta(ge=1)]
 SIDES = {">": "more than", ">=": "at least", "<": "less than", "<=": "at most"}  # of the bound that a type sets
-WORDS = IN_PYTHON | {
-    "NoneType": "None",
-    "PathLike": "a path",
-    "Callable": "a function",
-    "Sequence": "a tuple or a list",
-    "Iterable": "a tuple or a list",
-    "Mapping": "a mapping",
-}  # of classes in annotations
+# Of classes in annotations
+WORDS = IN_PYTHON | {"NoneType": "None", "PathLike": "a path", "Callable": "a function", "Mapping": "a mapping"}
+WORDS |= dict.fromkeys(("Sequence", "Iterable"), "a tuple or a list")
 MAKERS = {"Scene": " (load_scene reads a file)"}
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -294,18 +282,10 @@ def given_keys(part: Any, owner: str, takes: Mapping[str, tuple[str, ...]]) -> l
 
 def word_for(value: Any) -> str:
     """What kind of value this is, in words."""
-    for kind, word in (
-        (bool, "true or false"),
-        (int, "a whole number"),
-        (float, "a number with decimals"),
-        (str, "text"),
-        (list, "a list"),
-        (dict, "a table"),
-        (type, "a class"),
-    ):
-        if isinstance(value, kind):
-            return word
-    return f"a {type(value).__name__}"
+    words = {bool: "true or false", int: "a whole number", float: "a number with decimals", str: "text"}
+    words |= {list: "a list", dict: "a table", type: "a class"}
+    found = (word for kind, word in words.items() if isinstance(value, kind))
+    return next(found, f"a {type(value).__name__}")
 
 
 def suggestion(word: str, known: Iterable[str]) -> str:

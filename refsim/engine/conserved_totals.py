@@ -22,9 +22,8 @@ def conserved_totals(simulation: Simulation | Plan) -> dict[str, Any]:
         plan, state = simulation, simulation.state
         place = plan.grid.local(state.position).astype(plan.grid.dtype)  # as a run holds it
         values = {"position": plan.grid.absolute(place), "velocity": state.velocity, "mass": state.mass, **state.values}
-        values.setdefault(
-            "volume", np.full(plan.grid.count, plan.grid.spacing**plan.grid.dim)
-        )  # of a lattice's particle
+        lattice = np.full(plan.grid.count, plan.grid.spacing**plan.grid.dim)  # volume of its particles
+        values = {"volume": lattice, **values}
         kinds = {name: f.numpy_dtype(plan.grid.dtype) for name, f in plan.fields.items()} | {"position": float}
 
         def field(name: str) -> np.ndarray:
@@ -34,15 +33,12 @@ def conserved_totals(simulation: Simulation | Plan) -> dict[str, Any]:
     x, v, m = (field(name).astype(float) for name in ("position", "velocity", "mass"))
     bounds, local = plan.shared.get("bounds"), plan.grid.local(x).astype(plan.grid.dtype)
     outside = 0 if bounds is None else int(((local < bounds.lower) | (local > bounds.upper)).any(1).sum())
-    result = {
-        "particles": len(x),
-        "mass": math.fsum(m),
-        "momentum": (m[:, None] * v).sum(0).tolist(),
-        "angular_momentum": (m[:, None] * np.cross(x, v)).sum(0).tolist(),
-        "kinetic_energy": float(0.5 * (m * (v**2).sum(1)).sum()),
-        "greatest_speed": float(np.sqrt((v**2).sum(1).max(initial=0.0))),
-        "outside_walls": outside,
-    }
+    momenta = {"momentum": m[:, None] * v, "angular_momentum": m[:, None] * np.cross(x, v)}
+    result: dict[str, Any] = {"particles": len(x), "mass": math.fsum(m)}
+    result |= {name: each.sum(0).tolist() for name, each in momenta.items()}
+    result["kinetic_energy"] = float(0.5 * (m * (v**2).sum(1)).sum())
+    result["greatest_speed"] = float(np.sqrt((v**2).sum(1).max(initial=0.0)))
+    result["outside_walls"] = outside
     if gravity_of(plan.effects) is not None:
         result["potential_energy"] = float(-(m * (x @ np.array(acceleration_of(plan.effects)))).sum())
     keeping = ((name, effect) for name, effect in plan.effects.items() if isinstance(effect, KeepsLedger))
