@@ -11,16 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from refsim.core.errors import InputError, RunStopped
-from refsim.core.plain import plain as plain
-from refsim.core.tables import columns as columns
-from refsim.core.tables import fitted as fitted
-from refsim.core.tables import in_bytes as in_bytes
-from refsim.core.tables import in_time as in_time
-from refsim.core.tables import table as table
+from refsim.core.plain import plain
+from refsim.core.tables import columns, fitted, in_bytes, in_time, table
 from refsim.core.writing import replace_file, writing
 from refsim.scene.plan import Plan, make_plan
 from refsim.scene.scene import Scene
 from refsim.study.cost import check_boxes, check_memory
+
+__all__ = ["columns", "fitted", "in_bytes", "in_time", "plain", "table"]
 
 
 @dataclass(frozen=True)

@@ -6,18 +6,11 @@ T6 the same bits again, T7 additivity, T9 bad input, T10 other parameters; and f
 comparison; `bindings` gives the arguments of a program by name.
 """
 
-from refsim.contract.binding import to_numpy as to_numpy
-from refsim.contract.inputs import Inputs as Inputs
-from refsim.contract.inputs import bindings as bindings
-from refsim.contract.programs import STEPS as STEPS
-from refsim.contract.programs import Programs as Programs
-from refsim.contract.programs import Step as Step
-from refsim.contract.programs import climb as climb
-from refsim.contract.programs import ladder as ladder
-from refsim.contract.programs import load as load
-from refsim.contract.programs import refsim_programs as refsim_programs
-from refsim.contract.programs import run as run
-from refsim.contract.programs import trials as trials
-from refsim.contract.target import Outcome as Outcome
-from refsim.contract.target import Target as Target
-from refsim.contract.whole_runs import resumes as resumes
+from refsim.contract.binding import to_numpy
+from refsim.contract.inputs import Inputs, bindings
+from refsim.contract.programs import STEPS, Programs, Step, climb, ladder, load, refsim_programs, run, trials
+from refsim.contract.target import Outcome, Target
+from refsim.contract.whole_runs import resumes
+
+__all__ = ["STEPS", "Inputs", "Outcome", "Programs", "Step", "Target", "bindings", "climb", "ladder", "load"]
+__all__ += ["refsim_programs", "resumes", "run", "to_numpy", "trials"]
