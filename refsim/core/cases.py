@@ -370,11 +370,7 @@ def floor_below(position: np.ndarray, dim: int, spacing: float) -> np.ndarray:
 def hard_input(
     name: str, dim: int, position: int | Callable[[], Any], floor: bool = False, common: bool = False, **more: Any
 ) -> None:
-    """Enter a case: of so many particles of a random cloud, or at these positions, on a floor or not.
-
-    common  every operation meets it
-    more    further entries of Case
-    """
+    """Enter a case, of a random cloud or at these positions, for every operation if `common`; `more` goes to Case."""
 
     def made() -> Case:
         spacing = more.get("spacing", 0.1)

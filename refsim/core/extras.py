@@ -13,10 +13,7 @@ EXTRAS = {  # module: (package that brings it, the extra of refsim that has it)
 
 
 def extra(module: str, use: str) -> Any:
-    """The module, imported. Raises InputError, which says how to install it, where it is not there.
-
-    use  what needs it, as the subject of the sentence
-    """
+    """The module, imported; InputError, whose subject is `use`, says how to install one that is missing."""
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:

@@ -129,8 +129,7 @@ def held_back() -> Iterator[None]:
 
 @contextmanager
 def deaf_to_ctrl_c() -> Iterator[None]:
-    """Processes that the block starts get no Ctrl-C: they would print tracebacks, and the one that starts them ends
-    them. Here it comes after the block."""
+    """Processes that the block starts get no Ctrl-C, for which they would print tracebacks; here it comes after it."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return

@@ -8,10 +8,7 @@ from contextlib import contextmanager, suppress
 
 @contextmanager
 def any_letter() -> Iterator[None]:
-    """Inside, a letter that the encoding of a standard stream lacks is written as its number: \\xe4, \\u03c1.
-
-    A command's main function is decorated with it.
-    """
+    """Inside, a letter that a standard stream's encoding lacks is written as its number: \\xe4, \\u03c1."""
     streams = [s for s in (sys.stdout, sys.stderr) if isinstance(s, io.TextIOWrapper)]
     before = [s.errors for s in streams]
     for stream in streams:

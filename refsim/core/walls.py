@@ -16,8 +16,7 @@ class WallParticles(NamedTuple):
 
 
 class Bounds(NamedTuple):
-    """Planes behind the wall particles that no particle passes: the density of spray is too small for the pressure
-    to repel it. Open sides are infinite."""
+    """Planes that no particle passes, as the density of spray is too small to repel it; open sides are infinite."""
 
     lower: Any  # (3,) [m]
     upper: Any  # (3,) [m]

@@ -97,8 +97,7 @@ def temporary_path(path: Path) -> Path:
 
 
 def remove_stale_temporaries(folder: Path, name: str = "") -> None:
-    """Remove what killed writers of a file of this name, of any by default, left in a folder; nothing happens where it
-    is missing or read-only."""
+    """Remove what killed writers of a file of this name, or of any, left in a folder, if it is there and writable."""
     prefix = f".{name}." if name else "."
     with suppress(OSError):
         for entry in list(folder.iterdir()):

@@ -47,8 +47,7 @@ def faces(dim: int) -> list[tuple[int, ...]]:
 
 
 def loops(state: int, dim: int) -> list[Loop]:
-    """Closed loops of cut edges of a cell in space, counter-clockwise as seen from outside; in the plane its segments,
-    with the inside on their left."""
+    """Closed loops of cut edges of a cell, counter-clockwise from outside; in the plane segments, the inside left."""
     number = {frozenset((c, c | 1 << a)): e for e, (c, a) in enumerate(edges(dim))}
     follows: dict[int, int] = {}
     for ring in faces(dim):

@@ -12,10 +12,7 @@ def embed(
     position, surface_sample, sample_owner, background, scratch, carrier_first, carrier_position, carrier_owner,
     cluster_share, inverse_spread,
 ):  # fmt: skip
-    """Embedded points [m] by owner, shares w = 1/(2 C + 1) and E^-1 of the clusters.
-
-    A sample without an owner (-1) is none; the arrays of embedded points then end with NaN.
-    """
+    """Embedded points [m] by owner (-1: none, NaN at the end), shares w = 1/(2 C + 1) and E^-1 of the clusters."""
     lists = lists_of(scratch.called("owners"), position.shape[0], sample_owner.shape[0])
     begin_lists(lists.first, lists.held)
     count_points(sample_owner, lists.held, lists.place)

@@ -43,8 +43,7 @@ def count_missed(position, velocity, shift, timestep, bounds, period, neighbours
 
 
 class CellSearch:
-    """Host side of the GPU search. Buffers belong to the arrays that they were made for, so that launches on them are
-    recorded once and replayed."""
+    """Host side of the GPU search; buffers belong to the arrays they were made for: launches are recorded once."""
 
     looks_ahead, steps_ahead = True, LOOK_AHEAD
 

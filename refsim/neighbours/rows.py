@@ -39,10 +39,7 @@ def cuda_row(neighbours, i):  # noqa: ANN001, ANN201
 
 
 def row_of(neighbours, i, lane=None):  # noqa: ANN001, ANN201
-    """(first, stride, count) of the neighbours of i in `entries`, or of a lane's share of them.
-
-    lane  None, or (number of the thread, number of threads that share the row)
-    """
+    """(first, stride, count) of i's neighbours in `entries`, or of the share of lane (thread, threads to a row)."""
     if hasattr(neighbours, "start"):
         return cpu_row(neighbours, i)
     return cuda_row(neighbours, i) if lane is None else cuda_share_row(neighbours, i, lane[0], lane[1])

@@ -149,10 +149,7 @@ EXCESS = np.array([100.0, -20.0])
 
 
 def _continued(excess, case=None, solid=0, **given):
-    """The excess rho - rho0 that particles of 2 and 3 kg, at rest unless given otherwise, have after 0.25 s.
-
-    solid  particles at the end that keep a density of 900 kg/m^3
-    """
+    """Excess of particles of 2 and 3 kg, at rest by default, after 0.25 s; the last `solid` keep 900 kg/m^3."""
     case, excess = PAIR if case is None else case, np.array(excess)
     density = np.where(np.arange(case.count) < case.count - solid, 1000.0, 900.0) + excess
     inputs = {

@@ -38,10 +38,7 @@ class RestingColumn(NamedTuple):
         return stiffness / k * np.expm1(k * logarithm)
 
     def side_force(self) -> float:
-        """Force on a side [N/m along it; N in 2D], the integral of p over the depth.
-
-        It is the potential energy above the floor, too [J/m^2; J/m in 2D].
-        """
+        """Force on a side [N/m along it; N in 2D], and energy above the floor [J/m^2; J/m in 2D]: the integral of p."""
         k, lift = self.exponent, self.density * self.sound_speed**4 / self.pull
         x = (1 + k * self._weight()) ** (1 / k)
         if k == 1:

@@ -78,10 +78,7 @@ def join_blocks(_, blocks, inside, node_label, one):
 
 @kernel(rows_of="inside")
 def shorten_labels(b, inside, node_label):
-    """Each node of block b takes the last label of its chain.
-
-    A chain may lead through nodes whose labels other threads shorten meanwhile: it ends at the same node.
-    """
+    """Each node of block b takes the last label of its chain, the same while other threads shorten it."""
     if inside[b] != NONE:
         for i in range(64 * b, 64 * b + 64):
             if node_label[i] >= 0:

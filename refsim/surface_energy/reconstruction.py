@@ -68,13 +68,7 @@ def area_before(area: Any, h: float, dim: int) -> Any:
 
 
 class Reconstruction:
-    """Reconstructs surfaces with one set of parameters.
-
-    cell_size  h [m]
-    timed      measure each stage
-
-    Raises InputError where the parameters are not possible.
-    """
+    """Reconstructs surfaces with one set of parameters, which InputError refuses where they are impossible; h [m]."""
 
     def __init__(
         self, backend: Backend, dim: int, dtype: str, cell_size: float, tension: Tension, timed: bool = False

@@ -117,10 +117,7 @@ def force_function(r: NDArray, support_radius: float, dim: int, alpha: float, be
 
 
 def unit_moment(power: int, alpha: float, beta: float, dim: int) -> float:
-    """Integral over q of q^power C(q h) h^dim, with C of J(17); dimensionless, exact by Gauss quadrature.
-
-    The moment of gamma C in SI units is gamma h^(power + 1 - dim) times this.
-    """
+    """Integral of q^power C(q h) h^dim over q, C of J(17), dimensionless; times gamma h^(power + 1 - dim) in SI."""
     node, weight = np.polynomial.legendre.leggauss(16)
 
     def shell(radius: float) -> float:
