@@ -9,6 +9,8 @@ import math
 from refsim.backends.compile import formula
 from refsim.backends.tuples import added, difference, dot, outer, over, scaled
 
+PRECISION = 1e-17  # of the eigensolver of `best_rotation` in float64
+
 
 @formula
 def slot_offset(slot, half_width):

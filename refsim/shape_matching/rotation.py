@@ -3,9 +3,7 @@
 import numpy as np
 
 from refsim.backends.compile import overloaded
-from refsim.shape_matching.formulas import best_rotation
-
-PRECISION = 1e-17  # of the eigensolver in float64
+from refsim.shape_matching.formulas import PRECISION, best_rotation
 
 
 def solved_rotation(moments, before, floor, lost):

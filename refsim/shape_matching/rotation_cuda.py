@@ -3,8 +3,7 @@
 import numpy as np
 
 from refsim.backends.compile import cuda
-from refsim.shape_matching.formulas import best_rotation
-from refsim.shape_matching.rotation import PRECISION
+from refsim.shape_matching.formulas import PRECISION, best_rotation
 
 
 def solved_rotation(moments, before, floor, lost):

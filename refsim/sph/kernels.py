@@ -189,8 +189,8 @@ def continuity(
         shift, smoothing, fluid, diffusion, lean, recount, rest, per_step,
     )  # fmt: skip
     fields = position, velocity, mass, advanced_excess, density_excess, density
-    given = fields, rest, per_step, timestep, smoothing, period
-    put_advanced(i, lane, sums, given, walls, wall_strain, shift, wall_motion, diffusion, recount, filling)
+    given = sums, fields, rest, per_step, timestep, smoothing, period
+    put_advanced(i, lane, given, walls, wall_strain, shift, wall_motion, diffusion, recount, filling)
 
 
 @formula
@@ -201,9 +201,9 @@ def inverse_step(timestep, zero_like):
 
 
 @formula(inlined=True)
-def put_advanced(i, lane, sums, given, walls, wall_strain, shift, wall_motion, diffusion, recount, filling):
+def put_advanced(i, lane, given, walls, wall_strain, shift, wall_motion, diffusion, recount, filling):
     """Write what `continuity` says [kg/m^dim] with the neighbours' sums; the walls' are added."""
-    fields, rest, per_step, timestep, smoothing, period = given
+    sums, fields, rest, per_step, timestep, smoothing, period = given
     position, velocity, mass, advanced_excess, density_excess, density = fields
     rate, spread, fill, filled, held = sums
     strain = type(rest)(0)
@@ -262,8 +262,8 @@ def continuity_and_sums(
         advanced_excess, shift, gradient_smoothing, smoothing, fluid, diffusion, lean, recount, rest, per_step,
     )  # fmt: skip
     fields = position, velocity, mass, advanced_excess, density_excess, density
-    given = fields, rest, per_step, timestep, gradient_smoothing, period
-    put_advanced(i, lane, sums[0:5], given, walls, wall_strain, shift, wall_motion, diffusion, recount, filling)
+    given = sums[0:5], fields, rest, per_step, timestep, gradient_smoothing, period
+    put_advanced(i, lane, given, walls, wall_strain, shift, wall_motion, diffusion, recount, filling)
     if phase is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
         if phase[i] != LIQUID_PHASE and first_lane(lane):
             density_excess[i] = type(rest)(0)

@@ -99,7 +99,7 @@ def handed_on(i, b, ib):
 
 
 def lone(around):
-    """a from 1 where 0.2 of the space around is filled to 0 at 0.3; dimensionless."""
+    """a = (0.3 - s)/0.1 between 0 and 1, s the share of the space around that is filled; dimensionless."""
     return clip((0.3 - around) / 0.1, 0, 1)
 
 
