@@ -28,17 +28,17 @@ from refsim.heat.stages import (
 
 
 def reduced(scratch):
-    """The module of the sums over all particles for the backend of the scratch memory."""
+    """(weigh_exchanges, update_direction, update_solution) of `reductions`, on the backend of the scratch memory."""
     if scratch.backend.name != "cuda":
-        return reductions
+        return reductions.weigh_exchanges, reductions.update_direction, reductions.update_solution
     from refsim.heat import reductions_cuda  # loads numba.cuda
 
-    return reductions_cuda
+    return reductions_cuda.weigh_exchanges, reductions_cuda.update_direction, reductions_cuda.update_solution
 
 
 def weighed(body, neighbours, step, scratch, temperature=None):
     """As `reductions.weigh_exchanges`, on the backend of the scratch memory."""
-    return reduced(scratch).weigh_exchanges(body, neighbours, step, scratch, temperature)
+    return reduced(scratch)[0](body, neighbours, step, scratch, temperature)
 
 
 def compensation(
@@ -198,7 +198,7 @@ def solve(exchanges, inverse, residual, conduction, scratch, temperature):
     gradient, direction, next_direction, image, solution = (scratch.array(f"heat {k}", n, real) for k in names)
     dots = scratch.array("heat dots", 3, np.float64)
     every = 8 if scratch.backend.name == "cuda" else 1  # passes between looks at the residual, which a GPU waits for
-    update_direction, update_solution = reduced(scratch).update_direction, reduced(scratch).update_solution
+    _, update_direction, update_solution = reduced(scratch)
     for array in (direction, image, solution, dots):
         scratch.backend.assign(array, 0)
     update_solution(inverse, direction, image, dots, solution, residual, gradient, scratch)
