@@ -36,6 +36,8 @@ def test_particles_are_even_and_on_the_mesh_and_the_same_by_their_seed(on_ball):
     assert np.array_equal(on_ball.normal, again.normal)
     other = sample(BALL, 0.08, seed=2)
     assert not np.array_equal(on_ball.position, other.position)
+    large, small = (sample(surface_mesh(k * BALL.vertices, BALL.faces), 0.3 * k, seed=1) for k in (100.0, 1.0))
+    assert large.position == pytest.approx(100 * small.position, abs=0.1)
 
 
 def test_a_box_keeps_its_edges_and_the_printed_step_does_not_converge():

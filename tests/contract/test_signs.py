@@ -94,6 +94,14 @@ def test_a_kept_list_is_looked_for_with_fewer_particles_in_two_orders(answers, c
     assert not list(causes.unsteady(w))
 
 
+def test_flags_that_are_right_have_no_error():
+    operation = REGISTRY["surface_detection.near_surface"]
+    inputs = on_grid(Target(operation, "numpy", "float64", seed=1, dims=(2, 3)), CLOUDS[2])
+    answer = oracle(operation, inputs)
+    after = {name: np.array(value) for name, (value, _) in answer.items()}
+    assert not errors(operation, inputs, after, after, None, answer)["near_surface"].any()
+
+
 def test_a_row_is_wrong_beyond_its_bound(monkeypatch):
     """Of ratios about 1 and no number; on some particles a program is right with an error of at most its bound."""
     target, given = judged("sph.density", 2, 2, "thirds")
