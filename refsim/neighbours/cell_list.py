@@ -11,6 +11,7 @@ from refsim.neighbours.limits import NEIGHBOUR_CAPACITY, WALL_CAPACITY
 from refsim.neighbours.rows import NeighbourRows
 
 CHUNKS = 64  # fixed, so that the list does not depend on the number of threads
+ROWS_AROUND = 18  # of cells around one, at most
 
 
 @kernel
@@ -44,10 +45,11 @@ def append_marked(mark, candidates, names, index, at):
 
 @formula
 def build_chunk(chunk, queries, sources, radius, dim, exclude_self, period, periodic, listed):
-    """One chunk of `build_list`, a function because its buffers belong to one thread; the capacity that it needs."""
+    """One chunk of `build_list` with its own buffers; the capacity of the list and of the buffers that it needs."""
     query, query_keys = queries
     source, cells, first = sources
-    start, count, index = listed
+    start, count, index, near, names, mark, low_cell = listed
+    near, names, mark, low_cell = near[chunk], names[chunk], mark[chunk], low_cell[chunk]
     rows = query.shape[0]
     share = index.shape[0] // CHUNKS
     limit = radius * radius
@@ -56,15 +58,12 @@ def build_chunk(chunk, queries, sources, radius, dim, exclude_self, period, peri
     end = (chunk + 1) * rows // CHUNKS
     capacity = share * (chunk + 1)
     at = share * chunk
-    near = np.empty((3, 512), query.dtype)  # positions of the sources in the cells around the query's
-    names = np.empty(512, np.int32)
-    mark = np.empty(512, np.uint8)
     rows_around = 3 * layers
     if periodic is not None:
         rows_around = 6 * layers
-    low_cell = np.empty(18, np.int64)
     current = np.int64(-1)
     candidates = 0
+    widest = 0
     kept = np.int64(0)
     for i in range(begin, end):
         if query_keys[i] != current:
@@ -90,15 +89,10 @@ def build_chunk(chunk, queries, sources, radius, dim, exclude_self, period, peri
                     b += 1
                 low = first[a]
                 size = first[b] - low
-                if candidates + size > names.shape[0]:
-                    grown = 2 * (candidates + size)
-                    wider = np.empty((3, grown), query.dtype)
-                    longer = np.empty(grown, np.int32)
-                    for m in range(candidates):
-                        longer[m] = names[m]
-                        for c in range(3):
-                            wider[c, m] = near[c, m]
-                    near, names, mark = wider, longer, np.empty(WORD * ((grown + WORD - 1) // WORD), np.uint8)
+                widest = max(widest, candidates + size)
+                if widest > names.shape[0]:  # the host makes wider buffers and begins anew
+                    candidates += size
+                    continue
                 if exclude_self and least <= current and current <= most:
                     kept = candidates - low  # this row of cells holds the query itself
                 for m in range(size):
@@ -107,6 +101,8 @@ def build_chunk(chunk, queries, sources, radius, dim, exclude_self, period, peri
                     near[1, candidates + m] = source[low + m, 1]
                     near[2, candidates + m] = source[low + m, 2]
                 candidates += size
+        if widest > names.shape[0]:
+            continue
         mark_near(query[i, 0], query[i, 1], query[i, 2], limit, candidates, period, near, mark)
         for m in range(candidates, WORD * ((candidates + WORD - 1) // WORD)):
             mark[m] = 0
@@ -122,19 +118,22 @@ def build_chunk(chunk, queries, sources, radius, dim, exclude_self, period, peri
                         index[at] = names[m]
                     at += 1
         count[i] = at - start[i]
-    return at - share * chunk
+    return at - share * chunk, widest
 
 
-@kernel(allocates=True)
+@kernel
 def build_list(chunk, queries, sources, radius, dim, exclude_self, period, periodic, listed, needed):
     """Write the sources within `radius` [m] of each query of a chunk into the list's entries, row after row.
 
     queries  positions and keys
     sources  positions, sorted keys of the occupied cells, and the first source of each (cells + 1)
+    listed   the list, and for each chunk positions, numbers and marks of the sources around a query, and rows of cells
     With a `period` distances are those to the nearest image, and `periodic` are the cells of its box.
-    `needed[chunk]` is the capacity that the chunk needs; nothing is written beyond the chunk's share.
+    `needed[chunk]` is the capacity of the list and of the buffers that the chunk needs; nothing is written beyond.
     """
-    needed[chunk] = build_chunk(chunk, queries, sources, radius, dim, exclude_self, period, periodic, listed)
+    needed[chunk, 0], needed[chunk, 1] = build_chunk(
+        chunk, queries, sources, radius, dim, exclude_self, period, periodic, listed
+    )
 
 
 @kernel(rows_of="order")
@@ -246,6 +245,13 @@ def _occupied(keys):
     return (keys[first[:-1]], first) if len(keys) else (keys, np.zeros(1, np.int64))
 
 
+def buffers(dtype, width):
+    """What `build_list` puts together in each chunk, for so many sources around a query."""
+    width = WORD * math.ceil(width / WORD)
+    shapes = ((3, width), dtype), ((width,), np.int32), ((width,), np.uint8), ((ROWS_AROUND,), np.int64)
+    return tuple(np.empty((CHUNKS, *shape), kind) for shape, kind in shapes)
+
+
 class CellSearch:
     """Host side of the CPU search; lists grow until everything fits."""
 
@@ -254,7 +260,7 @@ class CellSearch:
     def __init__(self, backend, dim, reach, log, period=None):
         self.backend, self.dim, self.reach, self.listed, self.log = backend, dim, reach, reach, log
         self.period, self.periodic = period, formulas.periodic_cells(period, reach)
-        self.storage = {}
+        self.storage, self.buffers = {}, ()
         self.cells = self.blocks = None
         self.missed = 0  # neighbours that audits have found missing
 
@@ -298,18 +304,24 @@ class CellSearch:
     def _build(self, name, position, keys, source, cells, first, exclude_self):
         n = len(position)
         start, count = np.empty(n, np.int64), np.empty(n, np.int32)
-        needed = np.zeros(CHUNKS, np.int64)
+        needed = np.zeros((CHUNKS, 2), np.int64)
         index = self.storage.get(name)
         if index is None or len(index) < CHUNKS:
             capacity = WALL_CAPACITY if name == "static" else NEIGHBOUR_CAPACITY
             index = np.empty(max(CHUNKS, capacity * n), np.uint32)
         radius = position.dtype.type(self.listed)
+        queries, sources, around = (position, keys), (source, cells, first), (self.period, self.periodic)
         while True:
-            queries, sources, listed = (position, keys), (source, cells, first), (start, count, index)
-            build_list(queries, sources, radius, self.dim, exclude_self, self.period, self.periodic, listed, needed)
-            if needed.max(initial=0) <= len(index) // CHUNKS:
+            self.buffers, listed = self.buffers or buffers(position.dtype, 512), (start, count, index)
+            listed += self.buffers
+            build_list(queries, sources, radius, self.dim, exclude_self, *around, listed, needed)
+            capacity, width = map(int, needed.max(0))
+            if width > self.buffers[1].shape[1]:
+                self.buffers = buffers(position.dtype, 2 * width)
+            elif capacity > len(index) // CHUNKS:
+                index = np.empty(CHUNKS * (capacity * 5 // 4 + 16), np.uint32)
+            else:
                 break
-            index = np.empty(CHUNKS * (int(needed.max()) * 5 // 4 + 16), np.uint32)
         self.storage[name] = index
         self.log.list_bytes = sum(a.nbytes for a in self.storage.values()) + 12 * n
         return NeighbourRows(start, count, index), int(count.max(initial=0))
