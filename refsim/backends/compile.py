@@ -107,7 +107,7 @@ def _for_cpu(function: Callable, module: str, ordered: bool, packed: bool) -> An
         return plain.PlainKernel(function, module, flags)
     dispatcher = njit(**supported(COMPILE_OPTIONS), fastmath=set(flags), nogil=True)(function)
     if hasattr(dispatcher, "compile"):
-        set_vectors(dispatcher, packed)
+        set_vectors(dispatcher, packed, ordered)
     return cached(dispatcher, function)
 
 

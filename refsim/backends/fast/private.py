@@ -35,9 +35,11 @@ FEATURES = {
         "kernels run as plain loops, which take longer to compile and to run (see docs/guarantees.md)",
     ),
     "bodies": Feature(
-        ("numba._dynfunc:make_function", "numba.core.codegen:CPUCodeLibrary._finalize_final_module",
-         *_of("numba.core.cpu:", "CPUContext CPUContext.get_executable")),
-        "kernels take an eighth longer to compile",
+        ("numba._dynfunc:make_function", "llvmlite.binding.ffi:lib", "llvmlite.binding.ffi:lib._lock._cblist",
+         *_of("numba.core.cpu:", "CPUContext CPUContext.get_executable"), "numba.core.codegen:CPUCodeLibrary",
+         *_of("numba.core.codegen:CPUCodeLibrary.",
+              "add_ir_module add_linking_library finalize _finalize_final_module")),
+        "kernels take a quarter longer to compile",
     ),
     "cache": Feature(
         ("numba.core.caching:Cache._index_key", *_of(
