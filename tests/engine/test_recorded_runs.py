@@ -174,6 +174,16 @@ def test_post_mortems_name_the_worst_particle(name, recorded):
     recorded(found)
 
 
+def test_passes_that_stop_again_are_the_cause_and_name_no_particle(monkeypatch):
+    def replay(simulation):
+        raise RunStopped("collapsed", "again.")
+        yield
+
+    monkeypatch.setattr("refsim.engine.postmortem.replay", replay)
+    told, _ = examine(run_of("tank"), RunStopped("non_finite", "words."))
+    assert (told["cause"], told["bad_particles"]) == ("the passes stop again: collapsed", 0)
+
+
 def test_stops_at_walls_and_dense_particles_are_noted_at_their_bounds(recorded):
     """What a step did is looked at; by counts of particles that a plane stopped, and that are too dense."""
     found = {}

@@ -35,10 +35,11 @@ FEATURES = {
         "kernels run as plain loops, which take longer to compile and to run (see docs/guarantees.md)",
     ),
     "bodies": Feature(
-        ("numba._dynfunc:make_function", "llvmlite.binding.ffi:lib", "llvmlite.binding.ffi:lib._lock._cblist",
-         *_of("numba.core.cpu:", "CPUContext CPUContext.get_executable"), "numba.core.codegen:CPUCodeLibrary",
-         *_of("numba.core.codegen:CPUCodeLibrary.",
-              "add_ir_module add_linking_library finalize _finalize_final_module")),
+        ("numba._dynfunc:make_function", *_of("numba.core.cpu:", "CPUContext CPUContext.get_executable"),
+         "numba.core.codegen:CPUCodeLibrary", *_of(
+             "numba.core.codegen:CPUCodeLibrary.",
+             "add_ir_module add_linking_library finalize _finalize_final_module"),
+         "llvmlite.binding.ffi:lib", "llvmlite.binding.ffi:lib._lock._cblist"),
         "kernels take a quarter longer to compile",
     ),
     "cache": Feature(
