@@ -367,7 +367,7 @@ a side of 1 m, h = 2 d and turns at 1 rad/s, float32; Warp 1.19
 the step: sums over neighbours wait for the memory. The default liquid's sums take 2.5 ms, the papers' 1.8 (1.3 times).
 MPM's surface is 47 launches, each of which waits for the last; instructions limit its searches and sweeps: all sweeps
 in one launch take as long, reading four particles at once takes longer.
-Melting is 44, and a list in 86 % of the steps, because fast water flows among solids.
+Melting is 33, and a list in 59 % of the steps, because fast water flows among solids.
 """
 THREADS = """
 ### Threads of a CPU
