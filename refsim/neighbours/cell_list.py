@@ -260,7 +260,7 @@ class CellSearch:
     def __init__(self, backend, dim, reach, log, period=None):
         self.backend, self.dim, self.reach, self.listed, self.log = backend, dim, reach, reach, log
         self.period, self.periodic = period, formulas.periodic_cells(period, reach)
-        self.storage, self.buffers = {}, ()
+        self.storage, self.width = {}, 512  # sources around a query that the buffers hold
         self.cells = self.blocks = None
         self.missed = 0  # neighbours that audits have found missing
 
@@ -312,12 +312,11 @@ class CellSearch:
         radius = position.dtype.type(self.listed)
         queries, sources, around = (position, keys), (source, cells, first), (self.period, self.periodic)
         while True:
-            self.buffers, listed = self.buffers or buffers(position.dtype, 512), (start, count, index)
-            listed += self.buffers
+            listed = start, count, index, *buffers(position.dtype, self.width)
             build_list(queries, sources, radius, self.dim, exclude_self, *around, listed, needed)
             capacity, width = map(int, needed.max(0))
-            if width > self.buffers[1].shape[1]:
-                self.buffers = buffers(position.dtype, 2 * width)
+            if width > self.width:
+                self.width = 2 * width
             elif capacity > len(index) // CHUNKS:
                 index = np.empty(CHUNKS * (capacity * 5 // 4 + 16), np.uint32)
             else:

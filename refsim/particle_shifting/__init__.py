@@ -68,7 +68,10 @@ class Shifting(NamedTuple):
 
 @functools.lru_cache(maxsize=64)
 def steepest(shape: str, reach: float, dim: int) -> float:
-    """Largest change of g_i, (7), over the displacement of a wave's crest in a lattice [1/d^2], h = `reach` [d]."""
+    """Largest change of g_i, (7), over the displacement of a wave's crest in a lattice [1/d^2], h = `reach` [d].
+
+    Nine wave numbers up to pi/d an axis are tried; between them it is up to 0.4 % larger.
+    """
     from refsim.smoothing.reference import kernel_slope, kernel_value
 
     kernel, x, step = smoothing(shape, reach, dim), lattice(math.ceil(reach), dim)[:, :dim].astype(float), 1e-4

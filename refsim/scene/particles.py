@@ -11,7 +11,6 @@ from refsim.core.capabilities import KnowsParticleMass, NeedsCellOrder, effects_
 from refsim.core.effect import Discretisation, Effect, InitialState, Nodes
 from refsim.core.errors import InputError
 from refsim.scene.checks import check_coincident, check_particles, resolved
-from refsim.scene.overlaps import connected
 from refsim.scene.scene import Scene
 from refsim.scene.shapes import Ball, Box, FluidMesh, Vector, as_floats, filled
 from refsim.scene.solids import countable, moved, voxelised
@@ -55,8 +54,10 @@ def _drop_radius(state: InitialState, bodies: int, grid: Discretisation) -> floa
     first = len(state.position) - np.cumsum(sizes[::-1])[::-1]
     low, high = (bound.reduceat(state.position, first) for bound in (np.minimum, np.maximum))
     near = (low[:, None] <= high + 1.5 * grid.spacing).all(2)
-    whole = connected(len(sizes), *np.nonzero(near & near.T))
-    volume = np.bincount(whole, sizes).min() * grid.spacing**grid.dim
+    whole, before = np.arange(len(sizes)), None
+    while before is None or (whole != before).any():  # the lowest number spreads over parts that touch
+        before, whole = whole, np.where(near & near.T, whole, len(sizes)).min(1)
+    volume = min(sizes[whole == k].sum() for k in whole) * grid.spacing**grid.dim
     return math.sqrt(volume / math.pi) if grid.dim == 2 else (0.75 * volume / math.pi) ** (1 / 3)
 
 

@@ -459,11 +459,34 @@ def box_walls(dim):
     return {"bounds": {"lower": lower, "upper": upper}}
 
 
+@functools.cache
+def steepest_wave(dim):
+    """Largest change of sum_j V (1 + 0.2 (W/W(d))^4) grad W over a crest's displacement [1/m^2], of 9^dim waves."""
+    x = offsets(dim)[1:, :dim]
+    r = lengths(x)
+
+    def crowded(r):
+        return (1 + 0.2 * (kernel("wendland_c2", r, dim) / kernel("wendland_c2", D, dim)) ** 4) * slope(
+            "wendland_c2", r, dim
+        )
+
+    along, across = (crowded(r + 1e-6 * D) - crowded(r - 1e-6 * D)) / (2e-6 * D), crowded(r) / r
+    unit = x / r[:, None]
+    by_pair = across[:, None, None] * np.eye(dim) + (along - across)[:, None, None] * unit[:, :, None] * unit[:, None]
+    waves = np.array(list(itertools.product(np.linspace(0, math.pi / D, 9), repeat=dim)))
+    return D**dim * np.linalg.eigvalsh(np.einsum("nw,nab->wab", 1 - np.cos(x @ waves.T), by_pair)).max()
+
+
 def shifting(dim, strength):
-    """Sun et al. 2017 (7): A 2 h_s = A h; W(d); the longest shift is v_max dt/2; delta0 of the lattice."""
+    """Sun et al. 2017 (7): A 2 h_s = A h; W(d); the longest shift is v_max dt/2; delta0 of the lattice.
+
+    v_max dt counts up to what takes away 1.75 of the steepest wave.
+    """
     neighbour = float(kernel("wendland_c2", D, dim))
     group = {"length": strength * H, "inverse_neighbour": 1 / neighbour, "largest": 0.5, "least": 0.05 / H}
-    return {"shifting": group | {"whole": 1 / rest_number_density(dim), "outer": 0.9, "within": 0.95}}
+    farthest = 1.75 / (strength * H * steepest_wave(dim))
+    return {"shifting": group | {"whole": 1 / rest_number_density(dim), "outer": 0.9, "within": 0.95,
+        "farthest": farthest}}  # fmt: skip
 
 
 def surface_of_run(dim):
@@ -600,7 +623,7 @@ SETUPS = {
     # delta h_s c with h_s = h/2, and the slope rho0 g/c^2 of the density at rest
     "advanced liquid": ((water(density="continuity", diffusion=0.05, restoring=0.4), PULL),
         lambda dim: (liquid(dim, clamp=0) | {"recount": recount(dim, 0.4 * C / H),
-        "diffusion": {"coefficient": 0.025 * H * C, "stretch": RHO / C**2},
+        "diffusion": {"coefficient": 0.025 * H * C, "stretch": RHO / C**2, "release": C / H},
         "lean": {"x": 0.3, "y": -9.7, "z": 0.0}})),
     "shifting": ((rs.ParticleShifting(strength=1.5), WATER), lambda dim: shifting(dim, 1.5)),
     "shifting beside a tension": ((rs.ParticleShifting(), WATER, rs.Akinci2013(gamma=1.0)),
@@ -663,12 +686,14 @@ SETUPS = {
     "iisph, other settings": ((rs.ImplicitPressure(relaxation=0.4, tolerance=2e-3, iterations=(3, 50)), WATER),
         lambda dim: implicit(dim, 0.4, 2e-3, 3, 50)),
     "two-way": ((rs.TwoWayCoupling(), WATER, rs.ShapeMatching()), coupling, (3,)),
-    # four crossings of the support radius by sound; diffusion as in "advanced liquid"
+    # four crossings of the support radius by sound; diffusion as in "advanced liquid"; overlaps by 2 rho0 c^2, 0.4 h/c
     "two-way, advanced liquid": (lambda dim: (rs.TwoWayCoupling(),
         water(density="continuity", diffusion=0.05, restoring=0.4, viscosity="central"), rs.ShapeMatching(), PULL),
         lambda dim: {"delay": {"tau": 4 * H / C}, "lean": {"x": 0.3, "y": -9.7, "z": 0.0},
         "recount": recount(dim, 0.4 * C / H),
-        "diffusion": {"coefficient": 0.025 * H * C, "stretch": RHO / C**2}}, (3,)),
+        "overlapping": {"volume": 1 / rest_number_density(dim), "whole": 1 / (rest_number_density(dim) * D**dim),
+        "stiffness": 2 * RHO * C**2, "delay": 0.4 * H / C},
+        "diffusion": {"coefficient": 0.025 * H * C, "stretch": RHO / C**2, "release": C / H}}, (3,)),
     "two-way, printed": ((rs.TwoWayCoupling(literal=("all",), density_weighted=True), water(state="tait"),
         rs.ShapeMatching()), lambda dim: coupling(dim, 7, 1, 1, 1, 1), (3,)),
     "two-way, Shao & Song M2": ((rs.TwoWayCoupling(literal=("M2",)), WATER, rs.ShapeMatching()),
