@@ -11,8 +11,9 @@ import pytest
 import refsim as rs
 from refsim import simulate
 from refsim.__main__ import main
-from refsim.engine import driver
+from refsim.engine import driver, stepping
 from refsim.engine.checkpoints import load_checkpoint
+from refsim.engine.conserved_totals import check_particles
 from refsim.io.checkpoint import read_checkpoint, whole_checkpoint, write_checkpoint
 from refsim.io.frames import read_particles
 from refsim.scene.files import scene_to_toml
@@ -74,6 +75,28 @@ def test_another_backend_goes_on_and_says_so(tmp_path):
     assert back.search.log.missed_neighbours == 0
 
 
+def test_a_number_that_is_not_finite_never_replaces_a_checkpoint_and_reasons_are_listed(tmp_path):
+    run = rs.Simulation(tank(), "numpy")
+    run.checkpoint(tmp_path / "c.h5")
+    before = (tmp_path / "c.h5").read_bytes()
+    run.previous_length = math.nan
+    with pytest.raises(rs.RunStopped, match="beside its fields is not finite") as caught:
+        run.checkpoint(tmp_path / "c.h5")
+    assert (caught.value.reason, (tmp_path / "c.h5").read_bytes()) == ("non_finite", before)
+    with pytest.raises(ValueError, match="not one of the reasons"):
+        rs.RunStopped("bored", "x")
+
+
+def test_other_versions_are_noted(tmp_path):
+    rs.Simulation(tank(), "numpy").checkpoint(tmp_path / "c.h5")
+    saved = read_checkpoint(tmp_path / "c.h5")
+    clock = json.loads(saved.attributes["clock"])
+    clock["versions"]["numpy"] = "1.0"
+    write_checkpoint(tmp_path / "c.h5", saved.arrays, saved.attributes | {"clock": json.dumps(clock)})
+    note = rs.Simulation.resume(tmp_path / "c.h5").notes[-1]
+    assert "numpy 1.0 -> " in note
+
+
 @pytest.mark.parametrize("other, words", [
     (tank("float64"), "dtype = float32 and the scene has float64"),
     (tank(viscosity=0.06), "effects.weakly_compressible.dynamic_viscosity = 0.05"),
@@ -83,6 +106,25 @@ def test_a_scene_that_is_not_the_checkpoints_is_refused(tmp_path, other, words):
     rs.Simulation(tank(), "numpy").checkpoint(tmp_path / "c.h5")
     with pytest.raises(rs.InputError, match=words):
         rs.Simulation.resume(tmp_path / "c.h5", scene=other)
+
+
+@pytest.mark.parametrize("counts", [(40, 7), (0,), (0, 3)])
+def test_clouds_come_out_of_the_checkpoint(tmp_path, counts):
+    """Each with its own particles, none of them too: beside a box in their midst, and a file that is gone."""
+    random = np.random.default_rng(5)
+    np.save(tmp_path / "points.npy", 2.0 + 0.05 * random.random((5, 3)))
+    clouds = [rs.Cloud(position=0.05 * random.random((n, 3)), mass=1e-3 * np.arange(1.0, n + 1)) for n in counts]
+    file = rs.Cloud(file=str(tmp_path / "points.npy"), velocity=(1.0, 0.0, 0.0))
+    fluid = (*clouds[:1], rs.Box(lower=(1.0, 1.0, 1.0), cells=(3, 3, 3)), *clouds[1:], file)
+    liquid = rs.WeaklyCompressible(sound_speed=20.0, density_bound=1e6, density="summation")
+    run = rs.Simulation(rs.Scene(spacing=0.01, support_radius=0.02, fluid=fluid, effects=(liquid,)), "numpy")
+    run.checkpoint(tmp_path / "c.h5")
+    (tmp_path / "points.npy").unlink()
+    again = rs.Simulation.resume(tmp_path / "c.h5").plan
+    assert [len(part.position) for part in again.scene.fluid if isinstance(part, rs.Cloud)] == [*counts, 5]
+    assert again.state.sizes == run.plan.state.sizes
+    for name in ("position", "velocity", "mass"):
+        assert np.array_equal(getattr(again.state, name), getattr(run.plan.state, name))
 
 
 LOST = object()
@@ -145,6 +187,23 @@ def test_frames_that_are_held_are_written_when_a_run_stops(tmp_path, monkeypatch
         simulate(tank(), backend="numpy", output=tmp_path, every=1e-9, progress=progress)
     assert written == [1, 4]  # the first one with the first checkpoint; no frame of the step that stopped
     assert len(read_particles(tmp_path / "particles.pvd")) == 5
+
+
+@pytest.mark.parametrize(("name", "least"), [("HELD_FOR", 0.0), ("HELD_BYTES", 0)])
+def test_frames_are_held_no_longer_than_stated(tmp_path, monkeypatch, name, least):
+    monkeypatch.setattr(driver, "HELD_FOR", math.inf)
+    monkeypatch.setattr(driver, name, least)
+    seen = []
+
+    def progress(simulation):
+        if simulation.steps:
+            seen.append(len(read_particles(tmp_path / "particles.pvd")))
+        if simulation.steps == 4:
+            raise Killed
+
+    with pytest.raises(Killed):
+        simulate(tank(), backend="numpy", output=tmp_path, every=1e-9, progress=progress)
+    assert seen == [1, 2, 3, 4]
 
 
 def killed_after(steps, scene, out, **options):
@@ -261,6 +320,96 @@ def test_a_diverging_run_stops_with_its_reason(tmp_path, capsys):
     again = json.loads((out / "replay" / "postmortem.json").read_text())
     assert (again["particle"], again["message"]) == (post["particle"], post["message"])
     assert read_checkpoint(out / "checkpoint.h5").attributes == saved.attributes
+
+
+def spoiled(simulation, name, field, value):
+    """The run computes `value` for one particle in the pass `name`."""
+    for k, (operation, rare, call) in enumerate(simulation.force_calls):
+        if operation == name:
+
+            def spoil(call=call):
+                call()
+                row = int(np.flatnonzero(simulation.fields["identity"] == 77)[0])
+                simulation.fields[field][row] = value
+
+            simulation.force_calls[k] = (operation, rare, spoil)
+
+
+@pytest.mark.parametrize("spoil, cause", [
+    (lambda run: spoiled(run, "sph.state", "pressure", np.nan), "sph.state wrote pressure"),
+    (lambda run: run.fields["position"].__setitem__(77, np.inf), "sph.kick_drift wrote position"),
+])  # fmt: skip
+def test_what_is_not_finite_names_its_particle_and_pass_and_leaves_the_checkpoint(tmp_path, spoil, cause):
+    simulation = rs.Simulation(tank(), "numpy")
+
+    def progress(simulation):
+        if simulation.steps == 3:
+            spoil(simulation)
+
+    with pytest.raises(rs.RunStopped) as caught, np.errstate(all="ignore"):
+        simulate(simulation, 1.0, output=tmp_path, progress=progress, checkpoint_every=0.0, every=1.0)
+    assert (caught.value.reason, load_checkpoint(tmp_path / "checkpoint.h5").clock.steps) == ("non_finite", 2)
+    post = json.loads((tmp_path / "postmortem.json").read_text())
+    assert (post["cause"], post["step"], post["particle"]["identity"]) == (cause, 3, 77)
+    assert post["last_step_limits"]["acoustic"] > 0
+    near = load(tmp_path / "postmortem.npz")
+    assert 4 < len(near["identity"]) < 128
+    if "pressure" in cause:
+        assert (post["bad_particles"], post["particle"]["pressure"], near["identity"][0]) == (1, "nan", 77)
+
+
+def no_memory():
+    raise MemoryError
+
+
+@pytest.mark.parametrize(
+    "backend, reason, spoil",
+    [
+        ("cpu", "missed_neighbours", lambda patch, run: patch(run.search, "allowed_displacement", 0.02)),  # 40 times
+        ("numpy", "step_too_small", lambda patch, run: patch(stepping, "stable_steps", lambda *_: {"force": 1e-12})),
+        ("numpy", "out_of_memory", lambda patch, run: patch(run, "step", no_memory)),
+    ],
+)
+def test_a_run_that_cannot_go_on_ends_with_its_reason(tmp_path, monkeypatch, backend, reason, spoil):
+    simulation = advance(rs.Simulation(tank(), backend), 1)
+    spoil(monkeypatch.setattr, simulation)
+    with pytest.raises(rs.RunStopped) as caught:
+        simulate(simulation, 1.0, output=tmp_path)
+    assert caught.value.reason == json.loads((tmp_path / "report.json").read_text())["reason"] == reason
+    post = tmp_path / "postmortem.json"
+    assert post.exists() == (reason != "out_of_memory")
+    assert reason != "step_too_small" or json.loads(post.read_text())["cause"] == "greatest acceleration"
+
+
+@pytest.mark.parametrize("spoil, words", [
+    (lambda fields: fields["identity"].__setitem__(3, 4), "1 of 128 particles are missing"),
+    (lambda fields: fields["mass"].__setitem__(3, 4.0), "1 have another mass"),
+])  # fmt: skip
+def test_no_particle_is_lost_silently(spoil, words):
+    simulation = rs.Simulation(tank(), "numpy")
+    check_particles(simulation)
+    spoil(simulation.fields)
+    with pytest.raises(rs.RunStopped, match=words):
+        check_particles(simulation)
+
+
+def test_a_disk_that_refuses_the_held_frames_leaves_the_reason_and_the_post_mortem(tmp_path, monkeypatch):
+    simulation = rs.Simulation(tank(), "numpy")
+
+    def full(writer, frames):
+        raise rs.RunStopped("disk_full", "frames were not written because the disk is full")
+
+    def progress(simulation):
+        if simulation.steps == 3:
+            monkeypatch.setattr(driver.ParticleWriter, "append", full)
+            spoiled(simulation, "sph.state", "pressure", np.nan)
+
+    with pytest.raises(rs.RunStopped) as caught, np.errstate(invalid="ignore"):
+        simulate(simulation, 1.0, output=tmp_path, progress=progress, every=1e-9)
+    assert caught.value.reason == "non_finite"
+    assert json.loads((tmp_path / "postmortem.json").read_text())["cause"] == "sph.state wrote pressure"
+    assert json.loads((tmp_path / "report.json").read_text())["reason"] == "non_finite"
+    assert whole_checkpoint(tmp_path)[0] == tmp_path / "checkpoint.h5"
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")

@@ -6,6 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial import cKDTree
 
 import refsim as rs
 from refsim.scene.files import parse_scene
@@ -29,6 +30,40 @@ def block(cells, low=(0, 0, 0), **more):
 
 def box(high=2 * DEEP):
     return rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(LONG * D, WIDE * D, high * D))
+
+
+def slope(folder, degrees, toe=3.2):
+    """A wedge that rises from x = `toe` spacings on; its height at x, both in spacings."""
+    rise, far, end = math.tan(math.radians(degrees)), 8, LONG + 8
+    outline = [(toe, 0.0), (end, (end - toe) * rise), (end, -far), (toe, -far)]
+    mesh = trimesh.convex.convex_hull([(x * D, y * D, z * D) for x, z in outline for y in (-far, WIDE + far)])
+    mesh.export(folder / "slope.obj")
+    return rs.MeshBoundary(file=str(folder / "slope.obj")), lambda x: np.maximum(0.0, (x - toe) * rise)
+
+
+def unrest(made):
+    """(largest acceleration over g, below the surface and off the sides; places in spacings; distances in spacings)."""
+    simulation = rs.Simulation(made, "numpy")
+    simulation.evaluate()
+    x = simulation.field("position") / D
+    away = np.linalg.norm(simulation.field("acceleration"), axis=1) / PULL
+    return float(away[x[:, 2] < DEEP - 3.5].max()), x, cKDTree(x).query(x, 2)[0][:, 1]
+
+
+@pytest.mark.parametrize("degrees", [20, 45])
+def test_liquid_on_a_slope_starts_at_rest(degrees, tmp_path):
+    """Its particles have the volume above the slope, and accelerations of a tenth of g; cut from a lattice of g."""
+    wedge, height = slope(tmp_path, degrees)
+    pull, x, apart = unrest(scene((block((LONG, WIDE, DEEP)),), box(), wedge))
+    fine = np.linspace(0, LONG, 10001)
+    volume = WIDE * np.trapezoid(np.clip(DEEP - height(fine), 0, None), fine)
+    assert abs(len(x) - volume) < 1 + 2e-3 * volume
+    assert (x[:, 2] > height(x[:, 0])).all()
+    assert apart.min() > 0.8
+    assert pull < 0.12
+    lattice = (np.indices((LONG, WIDE, DEEP)).reshape(3, -1).T + 0.5) * D
+    cut = lattice[lattice[:, 2] / D > height(lattice[:, 0] / D) + 0.01]
+    assert unrest(scene((rs.Cloud(position=cut),), box(), wedge))[0] > 0.5
 
 
 def vessel(folder):

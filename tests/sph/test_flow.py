@@ -1,4 +1,6 @@
-"""Tension too large for its sound speed, and terms that hold no drop together, are noted."""
+"""Flow beyond the sound speed: noted before a run, noted and stopped in it; tension too large for its sound speed."""
+
+import math
 
 import pytest
 
@@ -6,6 +8,48 @@ import refsim as rs
 from refsim import make_plan
 from refsim.surface_tension.calibration import BESIDE, SETTINGS
 from refsim.surface_tension.cohesion import KEEPS_DENSITY
+
+DOWN = rs.Gravity(acceleration=(0.0, -9.81, 0.0))
+COLUMN = rs.Box(cells=(5, 40, 1))  # 2 m high at a spacing of 0.05 m
+CUBE = rs.BoxWalls(lower=(0.0,) * 3, upper=(1.0,) * 3)
+TANK = rs.BoxWalls(lower=(0.0, -1.0, 0.0), upper=(0.5, 6.0, 0.0))  # H = 3 m
+
+
+def scene(*effects, sound=2.0, fluid=(COLUMN,), **settings):
+    """Liquid in the plane with a sound speed [m/s]."""
+    liquid = rs.WeaklyCompressible(sound_speed=sound, dynamic_viscosity=1.1, density="summation")
+    settings = {"dim": 2, "spacing": 0.05, "support_radius": 0.13, "end_time": 1.0} | settings
+    return rs.Scene(fluid=fluid, effects=(liquid, *effects), **settings)
+
+
+def flow_notes(made):
+    """Notes on a flow near the sound speed, of a scene."""
+    return [note for note in make_plan(made).notes if "a tenth of the sound speed" in note]
+
+
+HEIGHTS = {  # scenes and H [m]: in a tank, tilted to a corner, without a floor (the liquid's extent), in free space
+    "tank": (lambda c: scene(DOWN, TANK, sound=c), 3.0),
+    "corner": (lambda c: scene(rs.Gravity(acceleration=(3.0, -4.0, 0.0)), TANK, sound=c), 0.8 * 3.0 + 0.6 * 0.5),
+    "no floor": (  # to the lowest particle of the side walls
+        lambda c: scene(DOWN, rs.BoxWalls(lower=(0, -1, 0), upper=(0.5, 6, 0), open_faces=("-y",)), sound=c), 3.025,
+    ),
+    "free": (lambda c: scene(DOWN, sound=c), 2.0),
+    "space": (lambda c: scene(rs.Gravity(), CUBE, sound=c, dim=3, fluid=(rs.Box(cells=(4, 4, 8)),)), 0.4),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", HEIGHTS)
+def test_flow_of_a_fall_is_noted_and_the_advice_suffices(name):
+    made, height = HEIGHTS[name]
+    pull = 5.0 if name == "corner" else 9.81
+    speed = math.sqrt(2 * pull * height)
+    (note,) = flow_notes(made(9.9 * speed))
+    assert f"a flow of {speed:.3g} m/s (sqrt(2 g H)" in note
+    assert f"H = {height:.3g} m" in note
+    advised = float(note.split("sound_speed of at least ")[1].split()[0])
+    assert 10 * speed <= advised <= 10.1 * speed
+    assert not flow_notes(made(advised))
+
 
 # Tension
 
@@ -38,3 +82,24 @@ def test_terms_that_hold_no_drop_together_say_so():
     for effect in (rs.NormalDifference2014(area_acceleration=1e-6), rs.Akinci2013(gamma=0.0, area_acceleration=1e-6)):
         assert any("alone holds no drop together" in note for note in make_plan(drop(effect)).notes)
     assert not make_plan(drop(rs.NormalDifference2014(area_acceleration=0.0))).notes[1:]  # the viscosity's
+
+
+# In the run
+def test_a_crushed_liquid_is_noted_and_stops_by_name():
+    walls, crushed = rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.25, 3.0, 0.0)), (rs.Box(cells=(5, 20, 1)),)
+    simulation = rs.Simulation(scene(DOWN, walls, dtype="float64", fluid=crushed), "numpy")
+    densest = []
+
+    def advance():
+        for _ in range(400):
+            simulation.step()
+            densest.append(simulation.field("density").max())  # of the state after the step
+
+    with pytest.raises(rs.RunStopped, match=r"denser than 1\.5 times the rest density") as stopped:
+        advance()
+    assert stopped.value.reason == "compressed"
+    assert max(densest[:-1]) <= 1500 < densest[-1]
+    first = next(step for step, density in enumerate(densest, 2) if density > 1100)
+    assert simulation.field("density").max() == densest[-1]  # the state was not moved
+    (note,) = [n for n in simulation.notes if "denser than 1.1 times" in n]
+    assert note.startswith(f"weakly_compressible: from step {first} on")

@@ -17,6 +17,9 @@ def drop(**parameters):
     return rs.Scene(spacing=0.2, support_radius=0.2 * H, fluid=(rs.Box(cells=(3, 3, 3)),), effects=effects)
 
 
+# Pair modes
+
+
 # Density correction J(14), J(15)
 # In a scene
 @pytest.mark.parametrize("mode", PAIR_MODES)
@@ -29,6 +32,19 @@ def test_a_scene_pays_only_for_what_its_pair_mode_uses(mode):
     }.get(mode, detection)  # fmt: skip
     assert "corrected_normal" not in plan.fields
     assert ("surface" in plan.fields) == (mode not in ("soft", "all"))
+
+
+@pytest.mark.parametrize("kernels, ratio", [("wendland", 0.006), ("cubic_spline", 0.006), ("mueller", 0.01)])
+@pytest.mark.parametrize("direction, share", [("normals", 1.0), ("axial", 2 / 3)])
+def test_an_area_term_that_is_left_open_lets_drops_rest(kernels, ratio, direction, share):
+    """In a plan without a note on it; with Mueller kernels drops rest up to 0.012."""
+    tension = rs.JiangZhu2023(surface_tension=0.07, area_direction=direction)
+    liquid = rs.WeaklyCompressible(sound_speed=30.0, dynamic_viscosity=5.0, kernels=kernels)
+    fluid = rs.Box(cells=(3, 3, 3))
+    plan = make_plan(rs.Scene(spacing=0.01, support_radius=0.026, fluid=(fluid,), effects=(liquid, tension)))
+    most = 0.008 if (kernels, direction) == ("mueller", "axial") else ratio * share
+    assert tension.ratio_of_area(plan.effects) == pytest.approx(most)
+    assert not any("area_ratio" in note for note in plan.notes)
 
 
 def test_detection_shares_its_passes_with_tension():
