@@ -69,7 +69,7 @@ def _initial_state(
         positions, velocities, masses = map(list, zip(_solid_particles(solids, grid, effects)))
     for part in scene.fluid:
         if isinstance(part, FluidMesh) or (isinstance(part, Box) and part.outside):
-            points = filled(part.room(grid), grid, effects, solids)
+            points = filled(part.cell_shares(grid), grid, effects, solids)
         else:
             points = part.positions(grid)
         mass = getattr(part, "mass", None)

@@ -30,7 +30,7 @@ NEAR = 3.0  # spacings from a cut cell up to which particles are packed
 STEPS, LONGEST, AT_REST = 200, 0.1, 2e-3  # of the packing; longest displacement of one, and at its end [spacings]
 
 
-class Room(NamedTuple):
+class CellShares(NamedTuple):
     """Cells of a lattice, those around a part among them.
 
     place   (n, 3) [m]
@@ -43,51 +43,51 @@ class Room(NamedTuple):
     centre: np.ndarray
 
 
-def room_of_block(lower: np.ndarray, cells: np.ndarray, step: np.ndarray, dim: int) -> Room:
-    """Room of a block of cells with edges `step` [m]."""
+def shares_of_block(lower: np.ndarray, cells: np.ndarray, step: np.ndarray, dim: int) -> CellShares:
+    """Shares of a block of cells with edges `step` [m]."""
     around = np.where(np.arange(3) < dim, int(np.ceil(REACH)) + 1, 0)
     index = np.indices(cells + 2 * around).reshape(3, -1).T - around
     place = lower + (index + 0.5) * step
     place[:, dim:] = 0.0
-    return Room(place, ((index >= 0) & (index < cells)).all(1).astype(float), place)
+    return CellShares(place, ((index >= 0) & (index < cells)).all(1).astype(float), place)
 
 
-def room_in(room: Room, spacing: float, inside: Callable[[np.ndarray], np.ndarray]) -> Room:
-    """What of the room's cells, of the spacing [m], lies in a body; `inside` says which places (n, 3) [m] do."""
+def shares_in(block: CellShares, spacing: float, inside: Callable[[np.ndarray], np.ndarray]) -> CellShares:
+    """Shares of the block's cells, of the spacing [m], that lie in a body; `inside` says which places (n, 3) [m] do."""
     around = (np.indices((3, 3, 3)).reshape(3, -1).T - 1) * (AROUND * spacing)
-    held = inside((room.place[:, None] + around).reshape(-1, 3)).reshape(len(room.place), -1)
-    share, centre = held.all(1).astype(float), room.place.copy()
+    held = inside((block.place[:, None] + around).reshape(-1, 3)).reshape(len(block.place), -1)
+    share, centre = held.all(1).astype(float), block.place.copy()
     column, deep = np.indices((COLUMNS, DEEP)).reshape(2, -1)
     across = (np.stack([column, 5 * column % COLUMNS, 13 * column % COLUMNS]) + 0.5) / COLUMNS
     fine = np.stack([*across[:2], (deep + across[2]) / DEEP], 1) * spacing - 0.5 * spacing
     cut = np.flatnonzero(held.any(1) & ~held.all(1))
     for few in np.array_split(cut, 1 + len(cut) // 4096):
-        within = inside((room.place[few, None] + fine).reshape(-1, 3)).reshape(len(few), -1)
+        within = inside((block.place[few, None] + fine).reshape(-1, 3)).reshape(len(few), -1)
         share[few] = within.mean(1)
         centre[few] += (within[..., None] * fine).sum(1) / np.maximum(within.sum(1), 1)[:, None]
-    return Room(room.place, room.share * share, centre)
+    return CellShares(block.place, block.share * share, centre)
 
 
 def filled(
-    room: Room, grid: Discretisation, effects: Mapping[str, Effect], solids: Nodes | None
+    block: CellShares, grid: Discretisation, effects: Mapping[str, Effect], solids: Nodes | None
 ) -> np.ndarray:  # fmt: skip
-    """Places (n, 3) [m] of particles, a cell's volume each, that fill what bodies leave of the room."""
-    taken, centre = _bodies(room.place, grid, effects, solids)
-    open_share, open_centre = _rest(room.place, (taken, centre))
+    """Places (n, 3) [m] of particles, a cell's volume each, that fill what bodies leave of the block."""
+    taken, centre = _bodies(block.place, grid, effects, solids)
+    open_share, open_centre = _rest(block.place, (taken, centre))
     # Where the part's own surface cuts a cell, a body there is what contains it
-    bounded = room.share < np.where(room.share < 1, open_share + SAME, open_share)
-    left = np.where(bounded, room.share, open_share)
-    place = np.where(bounded[:, None], room.centre, open_centre)
+    bounded = block.share < np.where(block.share < 1, open_share + SAME, open_share)
+    left = np.where(bounded, block.share, open_share)
+    place = np.where(bounded[:, None], block.centre, open_centre)
     whole, cut = left > 1 - LEAST, (left > LEAST) & (left <= 1 - LEAST)
     if not cut.any():
-        return room.place[whole]
+        return block.place[whole]
     places = np.flatnonzero(cut)
     best = places[np.argsort(-left[places], kind="stable")][: round(float(left[cut].sum()))]
     kept = np.sort(np.concatenate([np.flatnonzero(whole), best]))
-    beyond, outer = _rest(room.place, (taken, centre), (left, place))
+    beyond, outer = _rest(block.place, (taken, centre), (left, place))
     still = [(centre[taken > LEAST], taken[taken > LEAST]), (outer[beyond > LEAST], beyond[beyond > LEAST])]
     kept_out, volume = (np.concatenate(parts) for parts in zip(*still))
-    return _packed(place[kept], room.place[cut], kept_out, volume, grid)
+    return _packed(place[kept], block.place[cut], kept_out, volume, grid)
 
 
 def _rest(place: np.ndarray, *parts: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -211,9 +211,9 @@ class Box(Checked, tag="box", tag_field="shape", frozen=True, kw_only=True):
         """Distances (3,) [m] of its particles along each axis."""
         return np.array((*self.shares(grid), 1.0)[:3]) * grid.spacing
 
-    def room(self, grid: Discretisation) -> Room:
+    def cell_shares(self, grid: Discretisation) -> CellShares:
         """The cells that it fills as far as bodies leave them."""
-        return room_of_block(np.array(self.lower), np.array(self._counted(grid)), self.steps(grid), grid.dim)
+        return shares_of_block(np.array(self.lower), np.array(self._counted(grid)), self.steps(grid), grid.dim)
 
     def shares(self, grid: Discretisation) -> tuple[float, ...]:
         """Distances of its particles over the spacing, along each axis."""
@@ -322,7 +322,7 @@ class FluidMesh(Checked, tag="mesh", tag_field="shape", frozen=True, kw_only=Tru
     level: float | None = None
     velocity: Vector = (0.0, 0.0, 0.0)
 
-    def room(self, grid: Discretisation) -> Room:
+    def cell_shares(self, grid: Discretisation) -> CellShares:
         """The cells that it fills as far as bodies leave them."""
         if grid.dim != 3:
             raise InputError("fluid mesh: a mesh is a body in space; set dim to 3 or leave it out.")
@@ -338,8 +338,8 @@ class FluidMesh(Checked, tag="mesh", tag_field="shape", frozen=True, kw_only=Tru
         cells = np.ceil((np.append(high[:2], top) - low) / grid.spacing - 1e-9)
         countable(f"fluid mesh: {self.file!r} at a spacing of {grid.spacing} m", cells, CELL, grid=grid)
         lower = np.append(low[:2], top - cells[2] * grid.spacing)
-        room = room_of_block(lower, cells.astype(int), np.full(3, grid.spacing), 3)
-        return room_in(room, grid.spacing, inside.inside)
+        block = shares_of_block(lower, cells.astype(int), np.full(3, grid.spacing), 3)
+        return shares_in(block, grid.spacing, inside.inside)
 
 
 def as_floats(values: Any) -> np.ndarray:

@@ -54,7 +54,7 @@ def bodies_alone(whole: bool) -> Iterator[None]:
     whole  a kernel is optimised once, with all that it calls; else its bodies are before, as packing wants them. Bodies
            with other flags are others, so that none depends on what was compiled before
 
-    Nobody is told there of the ten thousand calls of LLVM, each of which Numba tells else.
+    Numba's event for each call of LLVM, ten thousand of them, is off within it.
     """
     global _alone, _whole
     private: Any = names("bodies")
