@@ -99,6 +99,29 @@ def test_a_vessel_is_filled_up_to_a_level(tmp_path):
         rs.make_plan(scene((rs.FluidMesh(file=file, level=float(bounds[0, 2]) - D),), wall))
 
 
+def drawn_body(draw):
+    """A block, on the lattice or not, or two that cross, on the lattice: turned or not."""
+    edges = D * (draw.integers(3, 8, 3) if draw.random() < 0.5 else draw.uniform(3, 8, 3))
+    parts = [trimesh.creation.box(edges)] + [trimesh.creation.box(edges[[1, 2, 0]])] * int(draw.random() < 0.4)
+    meet = np.minimum(edges, edges[[1, 2, 0]]).prod() * (len(parts) - 1)
+    angles = draw.uniform(-180, 180, 3) * (draw.random() < 0.5)
+    middle = D * (10 + (draw.integers(0, 2, 3) / 2 if draw.random() < 0.5 else draw.random(3)))
+    return trimesh.util.concatenate(parts), len(parts) * edges.prod() - meet, middle, angles
+
+
+def test_bodies_take_their_volume(tmp_path):
+    """Within a particle; none starts inside, also beside edges and corners."""
+    draw, found = np.random.default_rng(60), []
+    for _ in range(12):
+        mesh, volume, middle, angles = drawn_body(draw)
+        mesh.export(tmp_path / "body.obj")
+        body = rs.MeshBoundary(file=str(tmp_path / "body.obj"), center=tuple(middle), rotation=tuple(angles))
+        walls = rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(20 * D,) * 3)
+        made = rs.make_plan(scene((block((20, 20, 20)),), walls, body))
+        found.append(len(made.state.position) - 20**3 + volume / D**3)
+    assert np.abs(found).max() <= 1, found
+
+
 @pytest.mark.parametrize(("keys", "words"), rows(__file__, "bad_fillings"))
 def test_what_cannot_be_filled_is_refused(keys, words):
     text = f'spacing = 0.1\nsupport_radius = 0.3\n[[fluid]]\nshape = "box"\n{keys}\n'

@@ -52,7 +52,7 @@ class PlacedSolid:
         steps = (np.indices((PARTS,) * 3).reshape(3, -1).T + 0.5) / PARTS - 0.5
         for few in np.array_split(cut, 1 + len(cut) // 4096):
             inner = points[few, None, :] + steps * size[few, None, :]
-            depth = -self.distance(inner.reshape(-1, 3)).reshape(inner.shape[:2])
+            depth = self._depth(inner.reshape(-1, 3)).reshape(inner.shape[:2])
             part = np.clip(0.5 + depth * PARTS / size[few].min(1)[:, None], 0, 1)
             share[few] = part.mean(1)
             centre[few] = (part[..., None] * inner).sum(1) / np.maximum(part.sum(1), 1e-300)[:, None]
@@ -88,6 +88,13 @@ class PlacedSolid:
     def distance(self, points: np.ndarray) -> np.ndarray:
         """Signed distances (n,) [m] of points (n, 3) [m], negative inside, clamped to the band."""
         return self.band.at(np.ascontiguousarray(points, dtype=float))[0]
+
+    def _depth(self, points: np.ndarray) -> np.ndarray:
+        """Depths (n,) [m] of points (n, 3) [m] below the surface, exact at edges, where the band's are rounded off."""
+        nearest, normal = self.band.project(points)
+        away, rough = points - nearest, -self.distance(points)
+        side = np.where(np.abs(rough) < 0.5 * self.band.spacing, -(away * normal).sum(1), rough)
+        return np.where(normal.any(1), np.copysign(np.linalg.norm(away, axis=1), side), rough)
 
 
 def flat_faces(triangles: np.ndarray, spacing: float) -> list[np.ndarray]:
