@@ -25,6 +25,7 @@ from refsim.sph import CROWD, DENSE, LIQUID, liquid_of
 EVERY = 256  # steps between two looks; at the density each is as dear as up to 8 of a CPU's
 SELDOM = 32  # times as many on a GPU at most, for which a look is as long as 100 to 250 steps
 LOOKED = "counted density"  # name of its remark
+WHOLE = 0.8  # share from which a cell is full of liquid: sheets from four spacings on have such cells
 LEAST = 16  # cells inside the liquid without which nothing is said
 NOTED = 0.02  # difference of the counted density from the told one, over it, that has a note
 # Above it the run stops. Liquid that stays whole was found to reach 0.09 (a splash of 12 s with shifting); a rotating
@@ -126,7 +127,7 @@ def counted(run: State) -> Counted | None:
         left = left - cells.filled(np.where(wet, 0.0, volume))
     told = cells.filled(np.where(wet, volume, 0.0))
     left = np.broadcast_to(left, told.shape)
-    inside = cells.inside(np.flatnonzero(wet), left <= 0.5)
+    inside = cells.inside(np.flatnonzero(wet), left <= 0.5, told >= WHOLE * left)
     kept, of = np.flatnonzero(inside), wet & inside[cells.cell_of[: grid.count]]
     if len(kept) < LEAST or not of.any():
         return None

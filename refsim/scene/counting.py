@@ -7,6 +7,7 @@ import functools
 import itertools
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -89,19 +90,25 @@ class Cells:
             share[part] += weight * values[cell]
         return share
 
-    def inside(self, liquid: np.ndarray, solid: np.ndarray) -> np.ndarray:
+    def inside(self, liquid: np.ndarray, solid: np.ndarray, whole: np.ndarray) -> np.ndarray:
         """Which cells lie in liquid and all others within REACH cells in liquid or in what is solid (cells,).
 
-        liquid  numbers of its particles; a cell without any is in it if no cell beside it, solid or not, is two away
-                from one: air between a surface and a lid is no liquid
+        liquid  numbers of its particles; a cell without any is in torn liquid if no cell beside it, solid or not, is
+                two away from one, and none within REACH is whole: else it is air between surfaces, or below a lid
+        whole   cells that liquid fills
         """
-        beyond = np.array([False])
+
+        def around(cells: Any) -> np.ndarray:
+            return np.append(cells, False)[self.near]
+
         wet = np.bincount(self.cell_of[liquid], minlength=len(solid)) > 0
-        near = np.append(wet, beyond)[self.near].any(0)
-        deep = near & np.append(near | solid, beyond)[self.near].all(0)
-        deep &= wet | np.append(near, beyond)[self.near].all(0)
+        near, air = around(wet).any(0), whole & ~solid
+        deep = near & around(near | solid).all(0)
         for _ in range(REACH):
-            deep = deep & np.append(deep | solid, beyond)[self.near].all(0)
+            air = around(air).any(0)
+        deep &= wet | (around(near).all(0) & ~air)
+        for _ in range(REACH):
+            deep = deep & around(deep | solid).all(0)
         return deep & ~solid
 
     def _weights(self, first: int, count: int) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:

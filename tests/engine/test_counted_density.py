@@ -2,6 +2,7 @@
 
 import json
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -63,6 +64,24 @@ def test_only_what_has_liquid_around_it_is_counted():
         effects=(water, walls),
     )  # fmt: skip
     assert counted(Simulation(made, "numpy")) is None
+
+
+def test_air_between_surfaces_is_no_torn_liquid():
+    """Sheets of 4 cells and more, 4 to 6 apart over a period. Torn rows with gaps of 3 cells do count."""
+    draw = np.random.default_rng(60)
+    for _ in range(16):
+        thick, air = draw.integers(4, 15), draw.integers(4, 7)
+        place = lattice(2, 14)
+        place = place[place[:, 1] < thick * D] + (0.0, D * draw.random(), 0.0)
+        found = counted(Simulation(sheets(place, (thick + air) * D), "numpy"))
+        assert found is None or abs(found.difference) < 0.01, (thick, air, found)
+    rows = lattice(2, 14)
+    rows = rows[(rows[:, 1] / D).astype(int) % 4 < 1]
+    assert counted(Simulation(sheets(rows, 16 * D), "numpy")).difference < -0.7
+
+
+def sheets(place, period):
+    return msgspec.structs.replace(block(period=(14 * D, period, 0.0)), fluid=(Cloud(position=place),))
 
 
 def test_a_difference_is_noted_once_and_reported(often, tmp_path):
