@@ -233,9 +233,8 @@ class MpmGrid:
         if make_table is not None:
             self.blocks, self.complete, lost = make_table(keys, self.dim, -slack, slack + 1)
             return int(lost)
-        every = np.concatenate([_runs(k) for k in keys])
-        occupied = np.unique(every[every >= 0])
-        self.blocks = blocks_of(reached(occupied, self.dim, -slack, slack + 1), self.dim)
+        every = np.concatenate(keys)
+        self.blocks = blocks_of(reached(every[every >= 0], self.dim, -slack, slack + 1), self.dim)
         neighbour = self.blocks.neighbour
         corners = [k for k, s in enumerate(itertools.product((-1, 0, 1), repeat=self.dim)) if min(s) >= 0]
         complete: Any = (neighbour[:, corners] >= 0).all(1)
@@ -244,19 +243,12 @@ class MpmGrid:
         return sum(int((k < 0).sum()) for k in keys)
 
 
-def _runs(keys: np.ndarray) -> np.ndarray:
-    """`keys` without those that repeat the one before: few where points are in order."""
-    begins = np.ones(len(keys), dtype=bool)
-    begins[1:] = keys[1:] != keys[:-1]
-    return keys[begins]
-
-
 def blocks_at(position: np.ndarray, dim: int, dtype: str, cell_size: float, backend: str) -> int:
     """Blocks that a grid of `cell_size` [m] makes on a backend for particles at `position` (n, 3) [m]."""
     inverse_cell = MpmGrid(dim, dtype, cell_size).inverse_cell
     keys = block_keys(np.asarray(position, dtype=dtype), inverse_cell, dim)
     slack = SLACK.get(backend, 0)
-    return len(reached(np.unique(keys[keys >= 0]), dim, -slack, slack + 1))
+    return len(reached(keys[keys >= 0], dim, -slack, slack + 1))
 
 
 def grid_bytes(

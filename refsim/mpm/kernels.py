@@ -2,15 +2,14 @@
 
 import math
 
-import numpy as np
-
 from refsim.backends.compile import formula, kernel
 from refsim.backends.reductions import reduction
 from refsim.backends.tuples import added, difference, nine, over, product, put, scaled, symmetric, three, transposed
 from refsim.mpm import formulas
 from refsim.mpm.groups import Nodes, Owned, Samples
 from refsim.mpm.limits import FARTHEST
-from refsim.sparse_grid.formulas import block_key, node_coordinates, step_node
+from refsim.sparse_grid.block_search import points_by_cell
+from refsim.sparse_grid.formulas import BLOCK, block_key, node_coordinates, step_node
 
 # Cells and stencils
 
@@ -146,20 +145,12 @@ def embed_samples(i, position, samples, cell_size, carriers, carrier_first, clus
     put(inverse_spread, i, formulas.inverse_spread(xx, xy, xz, yy, yz, zz))
 
 
-def by_owner(sample_owner, count):
-    """(numbers of the samples by owner, place of the first of each owner and the total), int32, stable."""
-    order = np.argsort(sample_owner, kind="stable").astype(np.int32)
-    first = np.zeros(count + 1, np.int32)
-    np.cumsum(np.bincount(sample_owner, minlength=count), out=first[1:])
-    return order, first
-
-
 def embed(
     position, surface_sample, sample_owner, background, scratch, carrier_first, carrier_position, carrier_owner,
     cluster_share, inverse_spread,
 ):  # fmt: skip
     """Embedded points [m] by owner, shares w = 1/(2 C + 1) and E^-1 of the clusters."""
-    order, first = by_owner(sample_owner, position.shape[0])
+    first, order, _ = points_by_cell(sample_owner, -(-position.shape[0] // BLOCK))  # an owner is a cell here
     samples, carriers = Samples(surface_sample, order, first), Owned(carrier_position, carrier_owner)
     embed_samples(position, samples, background.cell_size, carriers, carrier_first, cluster_share, inverse_spread)
 

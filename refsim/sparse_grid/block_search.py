@@ -71,15 +71,18 @@ def count_by_block(c, node, held):
             held[c, node[i] >> 6] += 1
 
 
-@kernel(rows_of="total")
-def sum_chunks(b, held, total):
-    """held[c, b] <- points of block b in the chunks before c; the points of all."""
-    before = 0
+@kernel(rows_of="parts")
+def sum_chunks(part, held, total, parts):
+    """held[c, b] <- points of block b in the chunks before c; the points of all. A part is 64 blocks, so that few
+    threads write to the same lines of memory."""
+    begin, end = 64 * part, min(64 * part + 64, total.shape[0])
+    for b in range(begin, end):
+        total[b] = 0
     for c in range(held.shape[0]):
-        count = held[c, b]
-        held[c, b] = before
-        before += count
-    total[b] = before
+        for b in range(begin, end):
+            count = held[c, b]
+            held[c, b] = total[b]
+            total[b] += count
 
 
 @kernel(rows_of="held")
@@ -124,7 +127,7 @@ def points_by_block(node, blocks):
     """(first of each of so many blocks, points) by block, int32; those of a block by their numbers."""
     held, total = np.empty((chunks_for(len(node)), blocks), np.int32), np.empty(blocks, np.int32)
     count_by_block(node, held)
-    sum_chunks(held, total)
+    sum_chunks(held, total, np.empty(-(-blocks // 64), np.uint8))
     first = np.zeros(blocks + 1, np.int32)
     np.cumsum(total, out=first[1:])
     point = np.empty(first[-1], np.int32)
@@ -161,10 +164,10 @@ class BlockSearch:
         write_runs(position, self.inverse_cell, self.dim, keys, held)
         begin = np.arange(len(held)) * count // len(held)
         runs = [keys[b : b + h] for b, h in zip(begin, held, strict=True)]
-        return self._blocks(np.unique(np.concatenate(runs)), below, above)
+        return self._blocks(np.concatenate(runs), below, above)
 
     def holding(self, coordinates):
-        return self._blocks(np.unique(keys_at(self.block_of(np.asarray(coordinates, np.int64)))), 1, 1)
+        return self._blocks(keys_at(self.block_of(np.asarray(coordinates, np.int64))), 1, 1)
 
     def _blocks(self, occupied, below, above):
         keys = reached(occupied, self.dim, (-below) >> self.bits, (self.width - 1 + above) >> self.bits)

@@ -36,9 +36,18 @@ def key_steps(dim: int, axis: Iterable[int]) -> np.ndarray:
     return np.array([(z << (2 * BITS)) + (y << BITS) + x for z, y, x in itertools.product(*along)], np.int64)
 
 
+def distinct(keys: np.ndarray) -> np.ndarray:
+    """Each key once, ascending; quick for keys in ascending runs."""
+    keys = np.sort(keys, kind="stable")
+    return keys[np.diff(keys, prepend=keys[:1] - 1) > 0]
+
+
 def reached(occupied: np.ndarray, dim: int, low: int, high: int) -> np.ndarray:
     """Keys of the blocks that are `low` to `high` blocks from the `occupied` ones along each axis, ascending."""
-    return np.unique((occupied[:, None] + key_steps(dim, range(low, high + 1))[None, :]).ravel())
+    occupied = distinct(occupied)
+    for axis in range(dim):
+        occupied = distinct(((np.arange(low, high + 1) << (BITS * axis))[:, None] + occupied).ravel())
+    return occupied
 
 
 def blocks_of(keys: Any, dim: int, xp: Any = np) -> Blocks:
