@@ -27,7 +27,7 @@ def at_rest(bodies, cells, *more, floor=0, **changes):
         water &= ((lattice < low) | (lattice >= np.add(low, size))).any(1)
     spacing, (width, depth, height) = 0.1, np.array(cells) * 0.1
     return rs.Scene(
-        dtype="float64", spacing=spacing, support_radius=3 * spacing, **changes,
+        **{"dtype": "float64", **changes}, spacing=spacing, support_radius=3 * spacing,
         solid=tuple(
             rs.SolidBox(lower=tuple(np.array(low) * spacing), upper=tuple(np.add(low, size) * spacing), density=2000.0)
             for low, size in bodies
@@ -179,7 +179,7 @@ def test_options_of_the_patent_and_an_extrapolated_pressure_exclude_each_other(t
 def test_heavy_bodies_rest_on_the_floor_and_on_each_other():
     """Of twice the water's density: they sank by half a spacing, and by 0.75 into each other, and planes held them."""
     bodies = [((2, 2, 0), (3, 3, 2)), ((2, 2, 2), (3, 3, 2))]
-    simulation = rs.Simulation(at_rest(bodies, (7, 7, 6)), "cpu", threads=1)
+    simulation = rs.Simulation(at_rest(bodies, (7, 7, 6), dtype="float32"), "cpu", threads=1)
     found = []
     while simulation.steps < 300:
         simulation.step()
