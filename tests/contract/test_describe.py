@@ -23,9 +23,6 @@ def test_everything_that_an_operation_takes_is_described():
         assert len(told) == len(set(map(str, told))) == len(operation.variants), name
 
 
-cases.discover()
-
-
 def answers(operation, variant):
     """Whether the reference's answer differs from zero in one of the operation's cases under these overrides."""
     for case in ("few", "cloud_2d", *operation.cases):

@@ -37,19 +37,9 @@ def test_a_c_library_holds_by_its_header(tmp_path, capsys):
         pytest.skip("no C compiler is on the path")
     (tmp_path / "density.h").write_text(printed(capsys, "c"))
     for dtype, real in (("float32", "float"), ("float64", "double")):
-        command = [
-            compiler,
-            "-O2",
-            "-Wall",
-            "-Werror",
-            "-shared",
-            "-fPIC",
-            f"-I{tmp_path}",
-            f"-DREAL={real}",
-            FOLDER / "density.c",
-            "-lm",
-        ]
-        subprocess.run([*command, "-o", f"c_{dtype}.so"], check=True, cwd=tmp_path)
+        options = ["-O2", "-Wall", "-Werror", "-shared", "-fPIC", f"-I{tmp_path}", f"-DREAL={real}"]
+        command = [compiler, *options, FOLDER / "density.c", "-o", f"c_{dtype}.so", "-lm"]
+        subprocess.run(command, check=True, cwd=tmp_path)
     holds(tmp_path, "c_{dtype}.so", (0, 6))
 
 

@@ -10,13 +10,7 @@ from refsim.backends.arrays import choose, on_threads
 from refsim.core import cases
 from refsim.core.period import period_group
 from refsim.core.walls import Bounds
-from refsim.neighbours import (
-    AUDIT_MARGIN,
-    MOST_NEIGHBOURS,
-    AuditedRows,
-    NeighbourSearch,
-    Particles,
-)
+from refsim.neighbours import AUDIT_MARGIN, MOST_NEIGHBOURS, AuditedRows, NeighbourSearch, Particles
 from refsim.neighbours.reference import neighbour_list, pair_blocks
 from refsim.neighbours.rows import NeighbourRows
 from tests.running import advanced

@@ -17,9 +17,6 @@ def drop(**parameters):
     return rs.Scene(spacing=0.2, support_radius=0.2 * H, fluid=(rs.Box(cells=(3, 3, 3)),), effects=effects)
 
 
-# Pair modes
-
-
 # Density correction J(14), J(15)
 # In a scene
 @pytest.mark.parametrize("mode", PAIR_MODES)
