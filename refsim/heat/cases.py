@@ -85,7 +85,7 @@ def tight(grid):
 def planned(case, grid):
     """The number of passes is found on the GPU, not on the host."""
     passes = 0 if case.name.startswith("dense_cluster") else MOST_PASSES  # more than a table holds; then they only damp
-    return HeatConduction(residual=tight(grid)).conduction(grid)._replace(planned_passes=passes)
+    return HeatConduction(residual=tight(grid)).conduction(grid)._replace(planned_passes=np.int32(passes))
 
 
 def _conduction_follows(group, inputs, kernel):
