@@ -327,16 +327,13 @@ def he_unit_tension(dim, kernels):
 
 def he(dim, kappa, air=None):
     """He et al. 2014: (kappa/4)(|grad c_i|^2 + |grad c_j|^2); p_atm."""
-    return {
-        "gradient_energy": {"kappa": kappa, "quarter": kappa / 4} if kappa else None,
-        "air_pressure": {"pressure": air} if air else None,
-    }
+    return {"gradient_energy": {"kappa": kappa, "quarter": kappa / 4}, "air_pressure": air and {"pressure": air}}
 
 
-def cosine(dim, strength=None):
+def cosine(dim):
     """Tartakovsky & Meakin 2005: F = s cos(3 pi r/(2 h)) e_ij, independent of the masses."""
     unit = sharp_tension(lambda r: np.cos(1.5 * math.pi * r / H) / mass(dim) ** 2, dim)
-    return {"cosine_force": {"strength": strength or SIGMA / unit, "wave_number": 3 * math.pi / (2 * H)}}
+    return {"cosine_force": {"strength": SIGMA / unit, "wave_number": 3 * math.pi / (2 * H)}}
 
 
 def implicit(dim, relaxation=0.25, tolerance=1e-3, least=2, most=100):
@@ -603,12 +600,6 @@ SETUPS = {
     "cohesive liquid": ((WATER, jz()), lambda dim: liquid(dim,
         pressure=bulk_pressure(lambda r: jiang_zhu(dim)["cohesion"]["gamma"] * jiang_zhu_shape(r, dim,
         {2: 0.75, 3: 0.6}[dim]), dim))),
-    "liquid with Akinci's cohesion": ((WATER, rs.Akinci2013(gamma=0.02)),
-        lambda dim: liquid(dim, pressure=bulk_pressure(lambda r: -0.02 * akinci_shape(r, dim), dim))),
-    "liquid with attraction": ((WATER, rs.BeckerTeschner2007(kappa=0.3)), lambda dim: liquid(dim,
-        pressure=bulk_pressure(lambda r: -0.3 * kernel("cubic_spline", np.maximum(r, D), dim) * r / mass(dim), dim))),
-    "liquid with a cosine force": ((WATER, rs.TartakovskyMeakin2005(strength=0.3)), lambda dim: liquid(dim,
-        pressure=bulk_pressure(lambda r: 0.3 * np.cos(1.5 * math.pi * r / H) / mass(dim) ** 2, dim))),
     "liquid under air": ((WATER, rs.He2014(kappa=0.1, air_pressure=200.0)),
         lambda dim: liquid(dim, pressure=bulk_pressure(lambda r: 200.0 * slope("wendland_c2", r, dim) / RHO**2, dim))),
     "liquid with a molecular force": ((WATER, rs.Dong2016(stiffness=0.3)),
@@ -667,7 +658,6 @@ SETUPS = {
         lambda dim: he(dim, SIGMA / he_unit_tension(dim, "mueller"), 200.0)),
     "he, kappa": ((rs.He2014(kappa=0.4), WATER), lambda dim: he(dim, 0.4)),
     "tartakovsky": ((rs.TartakovskyMeakin2005(surface_tension=SIGMA), WATER), cosine),
-    "tartakovsky, strength": ((rs.TartakovskyMeakin2005(strength=0.3), WATER), lambda dim: cosine(dim, 0.3)),
     "normal difference, printed": ((rs.NormalDifference2014(area_acceleration=2.5, literal=("P7",)), WATER),
         lambda dim: normal_term(dim) | {"normal_tension": {"coefficient": 2.5, "printed_mass": 1}}),
     "iisph": ((rs.ImplicitPressure(), WATER), implicit),
