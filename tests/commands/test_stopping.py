@@ -14,7 +14,7 @@ import weakref
 import pytest
 
 from refsim import Simulation
-from refsim.core.stopping import handling_signals
+from refsim.core.stopping import handling_signals, held_back
 from tests.running import awaited, rows
 from tests.tank_file import tank
 
@@ -54,6 +54,19 @@ def sweeping(tmp_path):
     )
     awaited(lambda: list(tmp_path.glob("kept/running/*/checkpoint.h5")), process)
     return process
+
+
+def test_a_signal_that_is_held_back_comes_after_the_block():
+    whole = []
+
+    def act():
+        with held_back():
+            signal.raise_signal(signal.SIGINT)
+            whole.append(True)
+
+    with pytest.raises(KeyboardInterrupt):
+        act()
+    assert whole
 
 
 def test_a_sweep_that_is_asked_to_stop_ends_with_its_processes(sweeping):

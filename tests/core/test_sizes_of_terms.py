@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from refsim.core.terms import Terms, clip, determinant, inverse, length, maximum, outer, where
+from refsim.core.terms import Terms, clip, cross, determinant, inverse, length, maximum, outer, where
 
 
 def pair(found):
@@ -18,6 +18,7 @@ def pair(found):
     (where(Terms(1) > 2, Terms(3.0), Terms(4.0)), 4, 4), (length(Terms([3.0, 4.0, 0.0], rank=1)), 5, 5),
     (Terms([1.0, -1.0, 0.0], rank=1) @ np.array([2.0, 3.0, 5.0]), -1, 5),
     (determinant(Terms(np.diag([1.0, -2.0, 3.0]), rank=2)), -6, 6),
+    (cross(Terms([1.0, 2.0, 3.0], rank=1), Terms([4.0, 5.0, 6.0], rank=1)), [-3, 6, -3], [27, 18, 13]),
 ])  # fmt: skip
 def test_sizes(found, value, size):
     assert pair(found) == (pytest.approx(value), pytest.approx(size))

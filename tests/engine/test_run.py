@@ -382,7 +382,7 @@ def test_a_run_that_cannot_go_on_ends_with_its_reason(tmp_path, monkeypatch, bac
 
 
 @pytest.mark.parametrize("spoil, words", [
-    (lambda fields: fields["identity"].__setitem__(3, 4), "1 of 128 particles are missing"),
+    (lambda fields: fields["identity"].__setitem__(3, 4), "1 of 128 particles are missing and 0 have"),
     (lambda fields: fields["mass"].__setitem__(3, 4.0), "1 have another mass"),
 ])  # fmt: skip
 def test_no_particle_is_lost_silently(spoil, words):

@@ -286,6 +286,17 @@ def test_a_run_in_3d_is_drawn_in_every_style(in_space):
 
 
 @needs_pyvista
+def test_a_shadow_lies_behind_its_body_as_seen_from_the_light():
+    corner, up = np.ones(3), np.array([0.0, 0.0, 1.0])
+    stage = Stage(-corner, corner, up, Camera(), (64, 64), ground=-1.0)
+    (middle, reach), axes, away = stage._ground(), level_axes(up)[::-1], np.array([0.1, -0.2, 0.6])
+    dark = stage._shadow([Body(away + 0.02 * trimesh.creation.icosphere(2).vertices, None, (0.5, 0.5, 0.5))])
+    at = [(dark.sum(1 - k) @ (np.arange(len(dark)) + 0.5) / dark.sum() / len(dark) * 2 - 1) * reach for k in (0, 1)]
+    ray = away - middle - at[0] * axes[0] - at[1] * axes[1]
+    assert ray / np.linalg.norm(ray) == pytest.approx(stage._to_light(), abs=0.01)
+
+
+@needs_pyvista
 def test_a_solid_is_seen_through_clear_water():
     """A cube inside a ball; without a background the picture is exact on white."""
     ball, cube = trimesh.creation.icosphere(subdivisions=3, radius=0.8), trimesh.creation.box((0.5, 0.5, 0.5))

@@ -56,8 +56,9 @@ def test_the_page_holds_the_run_to_sixteen_bits(in_space):
 
 
 def test_a_particle_keeps_its_place_and_its_colour_when_the_run_sorts_its_particles(tmp_path):
-    """Frames whose particles stand in another order, each with its number as its value."""
-    scene = Scene(spacing=0.1, support_radius=0.2, fluid=(Box(cells=(4, 3, 2)),), effects=(Gravity(),))
+    """Frames whose particles stand in another order, each with its number as its value, or with its part's colour."""
+    parts = Box(cells=(4, 3, 1)), Box(cells=(4, 3, 1), lower=(0.0, 0.0, 0.1))
+    scene = Scene(spacing=0.1, support_radius=0.2, fluid=parts, effects=(Gravity(),))
     simulation, random = Simulation(scene), np.random.default_rng(5)
     x = simulation.field("position")
     fields, origin = {"number": (1, "float32"), "identity": (1, "int32")}, origin_of(simulation.plan)
@@ -67,6 +68,8 @@ def test_a_particle_keeps_its_place_and_its_colour_when_the_run_sorts_its_partic
             writer.write(float(frame), x[order].astype("float32"), identity=order, number=order.astype("float32"))
     page = view(tmp_path, fields=["number"]).html
     assert np.abs(places(page) - x).max() < 1e-4
+    first, second = head(page)["parts"][:2]
+    assert first != second
     levels = np.cumsum(np.frombuffer(blob(page, "field0"), np.uint8).reshape(4, -1), axis=0) % 256
     np.testing.assert_allclose(levels * (len(x) - 1) / 255, np.broadcast_to(np.arange(len(x)), levels.shape), atol=0.15)
 

@@ -151,6 +151,21 @@ def test_bad_solids_are_refused_in_one_sentence(words):
     assert "\n" not in str(caught.value)
 
 
+def test_the_body_that_is_off_the_most_is_named():
+    """Pressed together or pulled apart; a body that is pulled by more than twice its size is lost."""
+    cubes = [rs.SolidBox(lower=(k, 0, 0), upper=(k + 0.8, 0.8, 0.8)) for k in (0.0, 1.0)]
+    simulation = rs.Simulation(solids(*cubes), "numpy")
+    at, effect = simulation.field("position"), simulation.plan.effects["shape_matching"]
+    for sizes, reason, words in (
+        ((1.2, 0.5), "", "number 2 are 0.5 "),
+        ((2.5, 0.5), "shape_lost", "number 1 are 2.5 "),
+    ):
+        place = {"position": at * np.repeat(sizes, 64)[:, None]}
+        found = effect.inspected(simulation.plan.grid, lambda name, own=place: own.get(name, simulation.field(name)))
+        assert found[0] == reason
+        assert words in found[1]
+
+
 def test_the_step_of_a_ball_is_the_same_elsewhere():
     """A ball is as wide along all axes: rounding of its place would turn those that its step is taken from."""
     d, steps = 0.1, []

@@ -113,6 +113,13 @@ def with_clamped_tension():
     return make_plan(tank(6, 2.6, 2, effects=(rs.SurfaceDetection(),), tensile_control="inside", clamp_pressure=True))
 
 
+def test_shifting_of_no_strength_asks_for_nothing():
+    scene = tank(6, 2.6, 2, effects=(rs.ParticleShifting(surface="none"),)).with_(box_walls__open_faces=("+y",))
+    with pytest.raises(rs.InputError, match="but the scene is open along y"):
+        make_plan(scene)
+    make_plan(scene.with_(particle_shifting__strength=0.0))
+
+
 @pytest.mark.parametrize(("make", "words"), [
     (without_walls(density="continuity", diffusion=-0.1), "diffusion = -0.1 is not possible; give 0 to 0.17"),
     (without_walls(density="continuity", diffusion=0.5), "diffusion = 0.5 is not possible; give 0 to 0.17"),
