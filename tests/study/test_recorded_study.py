@@ -374,6 +374,10 @@ def test_kept_readings_are_those_that_were_kept_and_a_run_that_cannot_begin_has_
     assert found.failed == "no such observable"
     assert found.steps == found.particles == found.bytes == 0
     assert (found.seconds, found.wall, found.mass) == (0.0, 0.0, 0.0)
+    seen = []
+    monkeypatch.setattr(runs, "measure", lambda *given: seen.append(given[3:6:2]) or made)
+    tasks.compute(lambda share: None, replace(work, key="cd"))
+    assert seen == [(1, 1)]  # on one thread, and once
 
 
 @pytest.mark.parametrize("backend", ["cpu", "cuda"])
