@@ -85,6 +85,8 @@ def test_the_surface_reaches_to_a_solid_and_is_flat_up_to_walls():
     low = mesh.vertices[(np.abs(mesh.vertices[:, :2] - 5) < 3).all(1) & (mesh.vertices[:, 2] < 3)]
     assert np.abs(low[:, 2]).max() < 0.12
     assert surface_around(x, 1.0).vertices[:, 2].min() > 0.2
+    off = [surface_around(x + [0.0, 0.0, 1.2], 1.0, solid=solid).vertices for solid in (None, lambda p: p[:, 2])]
+    assert np.array_equal(*off)  # of a solid 1.5 spacings away
     box = np.array([0.0, 0.0, -np.inf]), np.full(3, 10.0)
     mesh = surface_around(lattice((10, 10, 6)), 1.0, box=box)
     top = mesh.vertices[mesh.vertices[:, 2] > 4.5]
