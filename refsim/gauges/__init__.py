@@ -35,16 +35,11 @@ MOST_POINTS = 10**6  # of a gauge
 
 
 class Points(NamedTuple):
-    """Points of a gauge.
+    """Points of a gauge."""
 
-    place  (m, 3) [m]
-    area   of each point of a patch [m^(dim - 1)]; 0 of a point and a line
-    axis   across the patch, or along the line; -1 of a point
-    """
-
-    place: NDArray[np.float64]
-    area: float = 0.0
-    axis: int = -1
+    place: NDArray[np.float64]  # (m, 3) [m]
+    area: float = 0.0  # of each point of a patch [m^(dim - 1)]; 0 of a point and a line
+    axis: int = -1  # across the patch, or along the line; -1 of a point
 
 
 def point(at: Vector, grid: Discretisation) -> Points:
@@ -256,23 +251,14 @@ KINDS = {
 
 @dataclass(frozen=True, eq=False)
 class GaugeSeries:
-    """What a gauge has measured.
-
-    name, kind  of the gauge
-    time        (k,) [s]
-    values      (k, columns) in SI units, in 2D per metre of depth
-    columns     names of the values, such as "force_y"
-    units       of the columns
-
-    `series["force_y"]` is one column (k,).
-    """
+    """What a gauge has measured; `series["force_y"]` is one column (k,)."""
 
     name: str
     kind: str
-    time: NDArray[np.float64]
-    values: NDArray[np.float64]
-    columns: tuple[str, ...]
-    units: tuple[str, ...]
+    time: NDArray[np.float64]  # (k,) [s]
+    values: NDArray[np.float64]  # (k, columns) in SI units, in 2D per metre of depth
+    columns: tuple[str, ...]  # names of the values, such as "force_y"
+    units: tuple[str, ...]  # of the columns
 
     def __len__(self) -> int:
         return len(self.time)

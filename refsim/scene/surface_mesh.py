@@ -46,22 +46,14 @@ TIE = 1e-9  # share of a volume or a surface
 
 @dataclass(frozen=True)
 class SurfaceMesh:
-    """The surface of a solid: outward oriented triangles, with a solid on one side of each.
+    """The surface of a solid: outward oriented triangles, with a solid on one side of each."""
 
-    vertices  (v, 3) float64 [m] relative to `origin`
-    faces     (t, 3) int64, counterclockwise as seen from outside
-    origin    (3,) float64 [m]
-    source    its name in messages
-    notes     one sentence that says what was assumed of a damaged mesh, or none
-    meeting   (t,) whether a face comes of a triangle that met others, so that the sign beside its edges and corners is
-              that of the winding number; empty if none does
-    """
-
-    vertices: np.ndarray
-    faces: np.ndarray
-    origin: np.ndarray
-    source: str = "mesh"
-    notes: tuple[str, ...] = ()
+    vertices: np.ndarray  # (v, 3) float64 [m] relative to `origin`
+    faces: np.ndarray  # (t, 3) int64, counterclockwise as seen from outside
+    origin: np.ndarray  # (3,) float64 [m]
+    source: str = "mesh"  # its name in messages
+    notes: tuple[str, ...] = ()  # one sentence that says what was assumed of a damaged mesh, or none
+    # (t,) whether a face comes of a triangle that met others: beside its edges the winding number gives the sign
     meeting: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
 
     @property

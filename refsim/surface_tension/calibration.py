@@ -63,29 +63,18 @@ BESIDE: dict[str, tuple[Effect, ...]] = {"akinci_iisph": (ImplicitPressure(),)} 
 
 @dataclass(frozen=True)
 class Calibration:
-    """Coefficients that give a surface tension.
+    """Coefficients that give a surface tension."""
 
-    effect             for the scene, with the coefficient that gives the required tension in a liquid of this density
-    beside             further effects for the scene, such as an implicit pressure
-    nominal            the nominal tension [N/m] of that coefficient
-    nominal_error      its uncertainty [N/m]
-    ratio              measured over nominal tension
-    laplace, rayleigh  the two measured tensions behind it, over the nominal one: jump at rest, frequency of n = 2
-    uncertainty        relative, of the resulting tension
-    sound_speed        for weakly_compressible [m/s]
-    stiffness          S = nominal/(rho0 c^2 d)
-    """
-
-    effect: Effect
-    nominal: float
-    nominal_error: float
-    ratio: float
-    laplace: float
-    rayleigh: float
-    uncertainty: float
-    sound_speed: float
-    stiffness: float
-    beside: tuple[Effect, ...] = ()
+    effect: Effect  # for the scene, with the coefficient that gives the required tension in a liquid of this density
+    nominal: float  # the nominal tension [N/m] of that coefficient
+    nominal_error: float  # its uncertainty [N/m]
+    ratio: float  # measured over nominal tension
+    laplace: float  # measured tension over the nominal one, by the jump of the pressure at rest
+    rayleigh: float  # the same by the frequency of n = 2
+    uncertainty: float  # relative, of the resulting tension
+    sound_speed: float  # for weakly_compressible [m/s]
+    stiffness: float  # S = nominal/(rho0 c^2 d)
+    beside: tuple[Effect, ...] = ()  # further effects for the scene, such as an implicit pressure
 
 
 @functools.cache

@@ -29,20 +29,13 @@ ONE_DROP = 5.0  # uncertainty assumed for an angle measured on one drop only [de
 
 @dataclass(frozen=True)
 class ContactAngle:
-    """Coefficients that give a surface tension and a contact angle.
+    """Coefficients that give a surface tension and a contact angle."""
 
-    effect       for the scene
-    adhesion     beta [m^4/(kg s^2)], the effect's `adhesion`
-    share        b = beta/gamma
-    uncertainty  of the angle [degrees]
-    tension      result of `calibrate` for the surface tension; its sound speed is that of the scene
-    """
-
-    effect: Akinci2013
-    adhesion: float
-    share: float
-    uncertainty: float
-    tension: Calibration
+    effect: Akinci2013  # for the scene
+    adhesion: float  # beta [m^4/(kg s^2)], the effect's `adhesion`
+    share: float  # b = beta/gamma
+    uncertainty: float  # of the angle [degrees]
+    tension: Calibration  # result of `calibrate` for the surface tension; its sound speed is that of the scene
 
 
 @functools.cache

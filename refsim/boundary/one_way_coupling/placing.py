@@ -24,22 +24,14 @@ PROBE = 0.5  # depth under a boundary particle, in spacings of the band, where t
 
 @dataclass(frozen=True)
 class PlacedSolid:
-    """A solid in a scene.
+    """A solid in a scene."""
 
-    mesh       in its position
-    position   boundary particles on the surface (m, 3) [m]
-    normal     outward (m, 3)
-    beneath    those of each further layer below it, (k, 3) [m]
-    band       signed distances, float64
-    notes      warnings for the user, one sentence each
-    """
-
-    mesh: SurfaceMesh
-    position: np.ndarray
-    normal: np.ndarray
-    beneath: tuple[np.ndarray, ...]
-    band: NarrowBand
-    notes: tuple[str, ...]
+    mesh: SurfaceMesh  # in its position
+    position: np.ndarray  # boundary particles on the surface (m, 3) [m]
+    normal: np.ndarray  # outward (m, 3)
+    beneath: tuple[np.ndarray, ...]  # those of each further layer below it, (k, 3) [m]
+    band: NarrowBand  # signed distances, float64
+    notes: tuple[str, ...]  # warnings for the user, one sentence each
 
     def filled(self, points: np.ndarray, size: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Share (n,) that the solid fills of cells of edges `size` [m] about points (n, 3) [m]; its centre (n, 3).

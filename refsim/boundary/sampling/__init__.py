@@ -56,29 +56,17 @@ class Relaxation(NamedTuple):
 
 @dataclass(frozen=True)
 class BoundarySample:
-    """Boundary particles on a mesh.
+    """Boundary particles on a mesh."""
 
-    position    (n, 3) float64 [m] in the scene, on the mesh
-    normal      (n, 3) unit outward normals
-    radius      r [m]; neighbours are about 2 r apart
-    expected    g A/(pi r^2) for the mesh's area
-    iterations  of the relaxation
-    converged   whether the patent's threshold was met
-    residual    sum of the steps' lengths over r N in the last iteration
-    residuals   of all iterations
-    field       the narrow band on which they were spread
-    notes       warnings for the user, one sentence each
-    """
-
-    position: np.ndarray
-    normal: np.ndarray
-    radius: float
-    expected: float
-    iterations: int
-    converged: bool
-    residuals: np.ndarray
-    field: NarrowBand
-    notes: tuple[str, ...] = ()
+    position: np.ndarray  # (n, 3) float64 [m] in the scene, on the mesh
+    normal: np.ndarray  # (n, 3) unit outward normals
+    radius: float  # r [m]; neighbours are about 2 r apart
+    expected: float  # g A/(pi r^2) for the mesh's area
+    iterations: int  # of the relaxation
+    converged: bool  # whether the patent's threshold was met
+    residuals: np.ndarray  # sum of the steps' lengths over r N in each iteration
+    field: NarrowBand  # the narrow band on which they were spread
+    notes: tuple[str, ...] = ()  # warnings for the user, one sentence each
 
     @property
     def residual(self) -> float:

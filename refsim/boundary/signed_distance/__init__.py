@@ -71,20 +71,13 @@ class DistanceField(NamedTuple):
 
 @dataclass(frozen=True)
 class NarrowBand:
-    """The signed distance from a mesh near its surface, and the side of the mesh for all other points.
-
-    mesh       the mesh
-    backend    where the arrays are
-    grid       spacing and band
-    triangles  the kernels' triangles
-    field      the kernels' field, in the scene's frame
-    """
+    """The signed distance from a mesh near its surface, and the side of the mesh for all other points."""
 
     mesh: SurfaceMesh
-    backend: Backend
-    grid: BandGrid
-    triangles: Triangles
-    field: DistanceField
+    backend: Backend  # where the arrays are
+    grid: BandGrid  # spacing and band
+    triangles: Triangles  # the kernels' triangles
+    field: DistanceField  # the kernels' field, in the scene's frame
 
     @property
     def spacing(self) -> float:
