@@ -23,15 +23,12 @@ __all__ = ["columns", "fitted", "in_bytes", "in_time", "plain", "table"]
 
 @dataclass(frozen=True)
 class CommandResult:
-    """Result of a command: data for --json, text for the terminal, exit code (0, or 4 if a verdict failed).
-
-    verbatim  the text is a document or a program: on a terminal, too, its lines are left as they are
-    """
+    """Result of a command: data for --json, text for the terminal, exit code (0, or 4 if a verdict failed)."""
 
     data: Any = field(default_factory=dict)
     text: str = ""
     code: int = 0
-    verbatim: bool = False
+    verbatim: bool = False  # the text is a document or a program: on a terminal, too, its lines are left as they are
 
 
 Execute = Callable[[argparse.Namespace], CommandResult]

@@ -40,14 +40,7 @@ MOST_ENDINGS = 5  # of processes for one operation; each new one imports the pro
 
 @dataclass(frozen=True)
 class Request:
-    """What is judged: see `refsim.contract.programs.ladder`; `seconds` limits the import and each call.
-
-    allow_untried  whether an operation holds of which a declared trial was not tried
-    first   number of the first operation's first trial
-    replay  name of the one trial that is run, whose inputs are written into the current folder
-    processes  among which operations are shared, of a library where more than one is asked for
-    seed    of drawn inputs, or the file of one; see `refsim.contract.programs.ladder`
-    """
+    """What is judged: see `refsim.contract.programs.ladder`; `seconds` limits the import and each call."""
 
     source: str
     operations: tuple[str, ...] = ()
@@ -55,25 +48,22 @@ class Request:
     variants: tuple[int, ...] = ()
     steps: tuple[str, ...] = ()
     seconds: float = 120.0
-    allow_untried: bool = False
-    first: int = 0
-    replay: str = ""
-    seed: int | str | None = None
-    processes: int = PROCESSES
+    allow_untried: bool = False  # whether an operation holds of which a declared trial was not tried
+    first: int = 0  # number of the first operation's first trial
+    replay: str = ""  # name of the one trial that is run, whose inputs are written into the current folder
+    seed: int | str | None = None  # of drawn inputs, or the file of one; see `refsim.contract.programs.ladder`
+    processes: int = PROCESSES  # among which operations are shared, of a library where more than one is asked for
 
 
 @dataclass(frozen=True)
 class LibraryDescription:
-    """A library as its process describes it: `names` are judged, `offered` has programs (None: refsim's own).
-
-    declared  what it is declared to support: see `refsim.contract.report.gaps`
-    """
+    """A library as its process describes it: `names` are judged, `offered` has programs (None: refsim's own)."""
 
     name: str
     arrays: str
     names: list[str]
     offered: list[str] | None
-    declared: dict[str, list[Any]]
+    declared: dict[str, list[Any]]  # what it is declared to support: see `refsim.contract.report.gaps`
 
 
 def judge(request: Request) -> tuple[LibraryDescription, Iterator[Outcome]]:

@@ -30,20 +30,14 @@ MEMBER = re.compile(r"^    (\w+): [^#\n]+?(?:  # (.*))?$", re.MULTILINE)
 
 @dataclass(frozen=True)
 class Argument:
-    """An argument of an operation's program, or a member of a group ("smoothing.shape").
-
-    role      "in", "out" or "add to"; "" for a member
-    kind      type and shape in a float32 run of n particles, and on a grid of so many nodes
-    optional  None in some variants
-    unit      that the meaning names, "-" for none
-    """
+    """An argument of an operation's program, or a member of a group ("smoothing.shape")."""
 
     name: str
-    role: str
-    kind: str
-    optional: bool
+    role: str  # "in", "out" or "add to"; "" for a member
+    kind: str  # type and shape in a float32 run of n particles, and on a grid of so many nodes
+    optional: bool  # None in some variants
     meaning: str
-    unit: str
+    unit: str  # that the meaning names, "-" for none
 
 
 def arguments(operation: Operation, arrays: str) -> list[Argument]:

@@ -303,19 +303,13 @@ def checked_request(programs: Programs, request: Any) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Step:
-    """One trial of the ladder of one operation, in the order in which they are climbed.
+    """One trial of the ladder of one operation, in the order in which they are climbed."""
 
-    number      of the trial in the operation's ladder
-    step        its step's name, "-" for all
-    trial       None for what is not judged as a whole: a dtype, a variant
-    not_judged  why
-    """
-
-    number: int
+    number: int  # of the trial in the operation's ladder
     target: Target
-    step: str = "-"
-    trial: Trial | None = None
-    not_judged: str = ""
+    step: str = "-"  # its step's name, "-" for all
+    trial: Trial | None = None  # None for what is not judged as a whole: a dtype, a variant
+    not_judged: str = ""  # why
 
     @property
     def name(self) -> str:

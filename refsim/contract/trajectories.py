@@ -21,16 +21,13 @@ from refsim.io.results import PARTICLES
 
 @dataclass(frozen=True)
 class Snapshot:
-    """Particles at one time [s]: position (n, 3) [m]; velocity (n, 3) [m/s] and mass (n,) [kg] unless None.
-
-    behind  whether the velocity is that of half a step before, as refsim writes it
-    """
+    """Particles at one time [s]: position (n, 3) [m]; velocity (n, 3) [m/s] and mass (n,) [kg] unless None."""
 
     time: float
     position: np.ndarray
     velocity: np.ndarray | None = None
     mass: np.ndarray | None = None
-    behind: bool = False
+    behind: bool = False  # whether the velocity is that of half a step before, as refsim writes it
 
 
 def trajectory(folder: Path) -> list[Snapshot]:

@@ -10,25 +10,17 @@ from refsim.scene.plan import Plan
 
 @dataclass(frozen=True)
 class StepOutcome:
-    """What a step did: its length [s], the limit that set it, and how far particles have moved.
-
-    limits                all largest stable steps [s]
-    step_displacement     [m] that no particle exceeds in this step; `shifted` [m] of it beside dt v
-    velocity_change       [m/s] by accelerations, which no particle exceeds in this step
-    squared_displacement  largest since the neighbour list was built [m^2]
-    stopped               number of particles that a wall's plane stopped
-    dense                 number of particles above the first bound of the liquid's density, before the step
-    """
+    """What a step did: its length [s], the limit that set it, and how far particles have moved."""
 
     length: float
     limiter: str
-    limits: dict[str, float]
-    step_displacement: float
+    limits: dict[str, float]  # all largest stable steps [s]
+    step_displacement: float  # [m] that no particle exceeds in this step; `shifted` [m] of it beside dt v
     shifted: float
-    velocity_change: float
-    squared_displacement: float
-    stopped: int
-    dense: int
+    velocity_change: float  # [m/s] by accelerations, which no particle exceeds in this step
+    squared_displacement: float  # largest since the neighbour list was built [m^2]
+    stopped: int  # number of particles that a wall's plane stopped
+    dense: int  # number of particles above the first bound of the liquid's density, before the step
 
 
 def step_limits(plan: Plan) -> dict[str, StepLimit]:

@@ -16,20 +16,13 @@ WRITING = ("frames", "writing", "checkpoints")  # the stages of the part "writin
 
 
 class StageCost(NamedTuple):
-    """What one stage of a run took.
+    """What one stage of a run took."""
 
-    stage     operation of the pass, or part of the loop
-    seconds   of all launches; without the first one, where that may compile
-    share     of `seconds` in the sum over all stages
-    launches  number of launches, the first one included
-    first     seconds of the first launch, where that may compile, and of compiling in later ones
-    """
-
-    stage: str
-    seconds: float
-    share: float
-    launches: int
-    first: float
+    stage: str  # operation of the pass, or part of the loop
+    seconds: float  # of all launches; without the first one, where that may compile
+    share: float  # of `seconds` in the sum over all stages
+    launches: int  # number of launches, the first one included
+    first: float  # seconds of the first launch, where that may compile, and of compiling in later ones
 
 
 @dataclass

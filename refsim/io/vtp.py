@@ -87,20 +87,14 @@ def write_vtp(path: str | os.PathLike[str], position: np.ndarray, /, **fields: n
 
 @dataclass(frozen=True)
 class Head:
-    """What the beginning of a frame's file says.
-
-    time    [s]; NaN where the file states none
-    count   particles
-    fields  components and dtype by name, without "position"
-    places  of the arrays in the file, in bytes, by name
-    """
+    """What the beginning of a frame's file says."""
 
     path: Path
-    time: float
-    count: int
+    time: float  # [s]; NaN where the file states none
+    count: int  # particles
     dtype: np.dtype
-    fields: dict[str, tuple[int, np.dtype]]
-    places: dict[str, int]
+    fields: dict[str, tuple[int, np.dtype]]  # components and dtype by name, without "position"
+    places: dict[str, int]  # of the arrays in the file, in bytes, by name
 
 
 def read_head(path: Path) -> Head:

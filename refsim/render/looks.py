@@ -86,16 +86,11 @@ def camera_of(words: str | None) -> Camera:
 
 @dataclass(frozen=True)
 class Cut:
-    """A plane normal to an axis; what lies on one side of it is left away.
+    """A plane normal to an axis; what lies on one side of it is left away."""
 
-    axis    0, 1 or 2
-    place   of the plane along it [m]
-    side    1 leaves away what lies above it, -1 what lies below
-    """
-
-    axis: int
-    place: float
-    side: int
+    axis: int  # 0, 1 or 2
+    place: float  # of the plane along it [m]
+    side: int  # 1 leaves away what lies above it, -1 what lies below
 
     def __call__(self, points: NDArray) -> NDArray[np.float64]:
         """(k,) distances [m] of points (k, 3) [m], positive on the side that is left away."""

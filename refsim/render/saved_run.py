@@ -27,18 +27,12 @@ BESIDE = 0.25  # of the largest edge of what is shown: particles so near beside 
 
 @dataclass(frozen=True)
 class SavedRun:
-    """A finished run. All places that it gives are relative to the plan's origin.
+    """A finished run. All places that it gives are relative to the plan's origin."""
 
-    path    the particle file
-    plan    of its scene
-    times   of its frames [s]
-    stored  fields in the file: components by name
-    """
-
-    path: Path
-    plan: Plan
-    times: tuple[float, ...]
-    stored: dict[str, int]
+    path: Path  # the particle file
+    plan: Plan  # of its scene
+    times: tuple[float, ...]  # of its frames [s]
+    stored: dict[str, int]  # fields in the file: components by name
 
     @property
     def dim(self) -> int:

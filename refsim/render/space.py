@@ -37,26 +37,16 @@ def pyvista() -> Any:
 
 @dataclass
 class Body:
-    """Something to be seen: a closed surface, or balls.
+    """Something to be seen: a closed surface, or balls."""
 
-    points    (n, 3) [m], vertices or centres
-    facets    (f, 3) triangles, counter-clockwise as seen from outside; None for balls
-    colour    one for all, or (n, 3), each 0 to 1
-    radius    of balls [m]
-    water     seen through
-    gloss     0 for matt to 1
-    edges     whether sharp edges are kept; else shading is smooth everywhere
-    light     SHADED, MILD or FLAT
-    """
-
-    points: NDArray
-    facets: NDArray | None
-    colour: ArrayLike
-    radius: float = 0.0
-    water: bool = False
-    gloss: float = 0.3
-    edges: bool = False
-    light: tuple[float, float] = SHADED
+    points: NDArray  # (n, 3) [m], vertices or centres
+    facets: NDArray | None  # (f, 3) triangles, counter-clockwise as seen from outside; None for balls
+    colour: ArrayLike  # one for all, or (n, 3), each 0 to 1
+    radius: float = 0.0  # of balls [m]
+    water: bool = False  # seen through
+    gloss: float = 0.3  # 0 for matt to 1
+    edges: bool = False  # whether sharp edges are kept; else shading is smooth everywhere
+    light: tuple[float, float] = SHADED  # SHADED, MILD or FLAT
 
 
 @dataclass

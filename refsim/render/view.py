@@ -30,14 +30,10 @@ HEIGHT = 560  # of the page inside of a notebook [pixels]
 
 @dataclass(frozen=True)
 class View:
-    """A page that shows a run. In a notebook, the last value of a cell shows it there.
+    """A page that shows a run. In a notebook, the last value of a cell shows it there."""
 
-    html      the page
-    left_out  fields of the run that it does not hold
-    """
-
-    html: str
-    left_out: tuple[str, ...] = ()
+    html: str  # the page
+    left_out: tuple[str, ...] = ()  # fields of the run that it does not hold
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the page to a file. Raises as `refsim.core.writing.write_file` does."""

@@ -31,16 +31,11 @@ STEPS, LONGEST, AT_REST = 200, 0.1, 2e-3  # of the packing; longest displacement
 
 
 class CellShares(NamedTuple):
-    """Cells of a lattice, those around a part among them.
+    """Cells of a lattice, those around a part among them."""
 
-    place   (n, 3) [m]
-    share   (n,) that the part takes of each, 0 around it
-    centre  (n, 3) of what it takes [m]
-    """
-
-    place: np.ndarray
-    share: np.ndarray
-    centre: np.ndarray
+    place: np.ndarray  # (n, 3) [m]
+    share: np.ndarray  # (n,) that the part takes of each, 0 around it
+    centre: np.ndarray  # (n, 3) of what it takes [m]
 
 
 def shares_of_block(lower: np.ndarray, cells: np.ndarray, step: np.ndarray, dim: int) -> CellShares:

@@ -18,24 +18,15 @@ SAME_ORDER = 0.5  # by which the orders of two triples of levels may differ
 
 @dataclass(frozen=True)
 class Convergence:
-    """What several values of an observable say about its limit.
+    """What several values of an observable say about its limit."""
 
-    value         Q0 where the values are in the asymptotic range, else that of the finest level
-    uncertainty   half the width of the band around `value`, in its unit
-    order         p, observed; NaN where no power law from LOWEST to HIGHEST goes through the values
-    asymptotic    whether order and extrapolation can be used
-    words         why not, or how the uncertainty was found
-    safety        factor F by which `uncertainty` exceeds the estimated error of the finest level
-    scale         an error of 1, in the unit of `value`; 0 for |value|
-    """
-
-    value: float
-    uncertainty: float
-    order: float
-    asymptotic: bool
-    words: str
-    safety: float = CAUTIOUS
-    scale: float = 0.0
+    value: float  # Q0 where the values are in the asymptotic range, else that of the finest level
+    uncertainty: float  # half the width of the band around `value`, in its unit
+    order: float  # p, observed; NaN where no power law from LOWEST to HIGHEST goes through the values
+    asymptotic: bool  # whether order and extrapolation can be used
+    words: str  # why not, or how the uncertainty was found
+    safety: float = CAUTIOUS  # factor F by which `uncertainty` exceeds the estimated error of the finest level
+    scale: float = 0.0  # an error of 1, in the unit of `value`; 0 for |value|
 
     def bound(self, value: float) -> float:
         """Largest error that a level with this value is taken to have, relative to the scale: its grid convergence
@@ -61,15 +52,11 @@ class Convergence:
 
 @dataclass(frozen=True)
 class Reference:
-    """What a value is held against.
-
-    scale        an error of 1, in the value's unit
-    uncertainty  of the reference, relative to the scale
-    """
+    """What a value is held against."""
 
     value: float
-    scale: float
-    uncertainty: float
+    scale: float  # an error of 1, in the value's unit
+    uncertainty: float  # of the reference, relative to the scale
     words: str
 
     def error(self, value: float) -> float:

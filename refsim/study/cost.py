@@ -30,22 +30,15 @@ STEPS = 10
 
 @dataclass(frozen=True)
 class Cost:
-    """What a run takes on a backend, with one thread of a CPU.
-
-    bytes   of fields, lists and walls, from the plan
-    start   wall seconds in which the scene was started, its kernels compiled or loaded
-    each    processor seconds of a step
-    ratio   wall seconds over processor seconds of the timed steps: above 1 on a GPU, and beside other programs
-    steps   to the scene's end, of the `length` [s] of the last timed one
-    """
+    """What a run takes on a backend, with one thread of a CPU."""
 
     backend: str
     particles: int
-    bytes: int
-    start: float
-    each: float
-    ratio: float
-    steps: int
+    bytes: int  # of fields, lists and walls, from the plan
+    start: float  # wall seconds in which the scene was started, its kernels compiled or loaded
+    each: float  # processor seconds of a step
+    ratio: float  # wall seconds over processor seconds of the timed steps: above 1 on a GPU, and beside other programs
+    steps: int  # to the scene's end, of the `length` [s] of the last timed one
     length: float
 
     @property

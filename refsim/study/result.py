@@ -17,10 +17,7 @@ TWICE = {"support": 2.0, "step": 2.0}  # error over change where half the step, 
 
 @dataclass(frozen=True)
 class Advice:
-    """The cheapest setting for an error.
-
-    measured  whether exactly this setting was run; seconds and bytes are else continued from the runs
-    """
+    """The cheapest setting for an error."""
 
     error: float
     spacing: float
@@ -28,7 +25,7 @@ class Advice:
     backend: str
     seconds: float
     bytes: float
-    measured: bool
+    measured: bool  # whether exactly this setting was run; seconds and bytes are else continued from the runs
 
     def words(self) -> str:
         """One sentence."""

@@ -62,28 +62,19 @@ class Setting:
 
 @dataclasses.dataclass(frozen=True)
 class Reading:
-    """What a run gave.
+    """What a run gave."""
 
-    value      of the observable; NaN where the run failed
-    seconds    of the processor that its steps took, without compiling; of the clock on a GPU
-    wall       the same of the clock
-    bytes      of the arrays that it held at its end
-    mass       of all particles at its start [kg; kg/m in 2D]
-    unsettled  why its seconds are not to be trusted; "" where they are
-    failed     one sentence if there is no value; "" otherwise
-    """
-
-    value: float
-    seconds: float
-    wall: float
-    bytes: int
+    value: float  # of the observable; NaN where the run failed
+    seconds: float  # of the processor that its steps took, without compiling; of the clock on a GPU
+    wall: float  # the same of the clock
+    bytes: int  # of the arrays that it held at its end
     particles: int
     steps: int
     time: float
     rebuilds: int = 0
-    failed: str = ""
-    mass: float = 0.0
-    unsettled: str = ""
+    failed: str = ""  # one sentence if there is no value; "" otherwise
+    mass: float = 0.0  # of all particles at its start [kg; kg/m in 2D]
+    unsettled: str = ""  # why its seconds are not to be trusted; "" where they are
 
     def __str__(self) -> str:
         return self.failed or f"{self.value:.6g} in {in_time(self.seconds)}"

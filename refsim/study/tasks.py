@@ -27,22 +27,15 @@ RUNNING = "running"  # folder of the checkpoints of runs under way, below that o
 
 @dataclass(frozen=True)
 class Work:
-    """A run for another process, which may be on another machine with the same folders.
-
-    observable  as a text, its file by the whole path
-    folder      in which the result is kept, the whole path; below it the run leaves its checkpoints
-    made_by     digest of the sources and versions that compute the result
-    read        digest of the files that it reads, as they were when the key was made
-    every       seconds of wall time between two checkpoints
-    """
+    """A run for another process, which may be on another machine with the same folders."""
 
     key: str
     setting: Setting
-    observable: str
-    folder: str
-    made_by: tuple[tuple[str, str], ...]
-    read: str
-    every: float
+    observable: str  # as a text, its file by the whole path
+    folder: str  # in which the result is kept, the whole path; below it the run leaves its checkpoints
+    made_by: tuple[tuple[str, str], ...]  # digest of the sources and versions that compute the result
+    read: str  # digest of the files that it reads, as they were when the key was made
+    every: float  # seconds of wall time between two checkpoints
 
 
 def made_by() -> tuple[tuple[str, str], ...]:
