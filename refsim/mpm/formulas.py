@@ -11,7 +11,6 @@ from refsim.mpm.limits import FARTHEST
 
 STICKY, SLIP, SEPARATING = 1, 2, 3
 CLUSTER, CORRECTED = 1, 3  # readings of the embedding; 0 is none, 2 the thesis's
-NOWHERE = 1 << 30
 FAR = 2.0 * FARTHEST
 
 

@@ -105,20 +105,20 @@ def drawn_body(draw):
     parts = [trimesh.creation.box(edges)] + [trimesh.creation.box(edges[[1, 2, 0]])] * int(draw.random() < 0.4)
     meet = np.minimum(edges, edges[[1, 2, 0]]).prod() * (len(parts) - 1)
     angles = draw.uniform(-180, 180, 3) * (draw.random() < 0.5)
-    middle = D * (10 + (draw.integers(0, 2, 3) / 2 if draw.random() < 0.5 else draw.random(3)))
+    middle = D * (7 + (draw.integers(0, 2, 3) / 2 if draw.random() < 0.5 else draw.random(3)))
     return trimesh.util.concatenate(parts), len(parts) * edges.prod() - meet, middle, angles
 
 
 def test_bodies_take_their_volume(tmp_path):
     """Within a particle; none starts inside, also beside edges and corners."""
     draw, found = np.random.default_rng(60), []
-    for _ in range(12):
+    for _ in range(6):
         mesh, volume, middle, angles = drawn_body(draw)
         mesh.export(tmp_path / "body.obj")
         body = rs.MeshBoundary(file=str(tmp_path / "body.obj"), center=tuple(middle), rotation=tuple(angles))
-        walls = rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(20 * D,) * 3)
-        made = rs.make_plan(scene((block((20, 20, 20)),), walls, body))
-        found.append(len(made.state.position) - 20**3 + volume / D**3)
+        walls = rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(14 * D,) * 3)
+        made = rs.make_plan(scene((block((14, 14, 14)),), walls, body))
+        found.append(len(made.state.position) - 14**3 + volume / D**3)
     assert np.abs(found).max() <= 1, found
 
 

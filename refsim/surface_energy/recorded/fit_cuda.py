@@ -18,7 +18,6 @@ from refsim.surface_energy.recorded.cells_cuda import ACTIVE, CELLS, FILLED, MAD
 
 REACHING = 216  # cells that reach a block's nodes: 6 x 6 x 6, or 10 x 10 in the plane
 CELL_BIT = 1 << 24  # counts a cell beside its points: the points of 64 cells are fewer than 2^24
-REACHED = 27  # nodes that the points of a cell reach; 9 in the plane
 PLANES = 4  # threads that share a cell: one for each plane of nodes along z that its points reach, and one more
 
 
