@@ -101,10 +101,7 @@ class SumsDensity:
 
 
 class PullsParticles(SumsDensity):
-    """Draws particles together, which an advanced density sees only where it is restored from the summed one.
-
-    One without passes does not: the scene is settled as if it were not there.
-    """
+    """Draws particles together, which an advanced density sees only where it is restored from the summed one."""
 
     coefficient_name: ClassVar[str] = ""  # the coefficient that may be given instead of surface_tension
 
@@ -407,14 +404,19 @@ def effects_with(effects: Mapping[str, Effect] | Iterable[Effect], capability: t
     return [effect for effect in each if isinstance(effect, capability)]
 
 
+def pulling(effects: Mapping[str, Effect]) -> list[PullsParticles]:
+    """The tensions among the effects that launch something: one whose coefficients are zero decides nothing."""
+    return [effect for effect in effects_with(effects, PullsParticles) if effect.passes(effects)]  # type: ignore[attr-defined]
+
+
 def with_scene_defaults(effects: Iterable[Effect]) -> dict[str, Effect]:
     """Effects by name, with parameters that follow the scene as it has them; those that they need are among them.
 
-    Effects that join the scene are, too. A tension that launches nothing, since its coefficients are zero, decides
-    nothing.
+    Effects that join the scene are, too.
     """
     given = {effect.name: effect for effect in effects}
-    acting = {name: e for name, e in given.items() if not isinstance(e, PullsParticles) or e.passes(given)}
+    pulls = pulling(given)
+    acting = {name: e for name, e in given.items() if not isinstance(e, PullsParticles) or e in pulls}
     absent = [kind for name, kind in EFFECTS.items() if name not in given and issubclass(kind, Joins)]
     joining = {kind.name: kind() for kind in absent if kind.joins(acting)}
     given, acting = given | joining, acting | joining

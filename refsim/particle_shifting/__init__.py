@@ -20,10 +20,10 @@ from refsim.core.capabilities import (
     FollowsStart,
     HasPlanes,
     Joins,
-    PullsParticles,
     closed_box,
     effects_with,
     open_axis,
+    pulling,
 )
 from refsim.core.checked import NotNegative
 from refsim.core.effect import Discretisation, Effect, Others, Pass
@@ -196,6 +196,6 @@ class ParticleShifting(Effect, CorrectsPositions, Joins, FollowsStart, frozen=Tr
         numbers = (
             self.strength * grid.support_radius, 1 / float(kernel_value(grid.spacing, kernel)), LARGEST_SHIFT,
             LEAST_NORMAL / grid.support_radius, 1.0 if liquid.advances() else 1 / liquid.rest_number_density(grid),
-            *(BESIDE_TENSION if effects_with(others, PullsParticles) else OUTERMOST), farthest,
+            *(BESIDE_TENSION if pulling(others) else OUTERMOST), farthest,
         )  # fmt: skip
         return {"shifting": Shifting(*map(grid.real, numbers))}

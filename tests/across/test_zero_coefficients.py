@@ -15,6 +15,7 @@ import pytest
 import refsim as rs
 from refsim import make_plan
 from refsim.commands.plan import describe_plan
+from refsim.core.capabilities import PullsParticles
 from refsim.core.effect import Extremes
 from tests import pairs
 
@@ -24,6 +25,7 @@ TANK = {"lower": (-0.2, -0.2, -0.2), "upper": (0.8, 0.8, 0.8)}
 LIQUID = rs.WeaklyCompressible(  # its surface pulls it together: it moves
     sound_speed=12.0, clamp_pressure=False, density_bound=10.0, density="summation"
 )
+DEFAULT = rs.WeaklyCompressible(sound_speed=12.0)
 MPM = rs.MpmLiquid(bulk_modulus=144e3, initial_ratio=0.98)
 PULL = rs.Gravity()
 NOTHING = rs.Gravity(acceleration=(0.0, 0.0, 0.0))
@@ -44,7 +46,8 @@ def zeroed(effect):
 
 # (effect with zeros, the rest of the scene, fields that stay as its own state)
 IDENTITIES = {
-    name: [(zeroed(effect), (MPM,) if name == "surface_energy" else (LIQUID,), ())]
+    name: [(zeroed(effect), (rest,), ()) for rest in ((MPM,) if name == "surface_energy" else
+        (LIQUID, DEFAULT) if isinstance(effect, PullsParticles) else (LIQUID,))]
     for name, effect in pairs.EFFECTS.items() if effect.scales
 } | {
     "heat_conduction": [(rs.HeatConduction(conductivity=0.0), (LIQUID,), HEAT),
@@ -173,6 +176,9 @@ def test_the_plan_is_that_of_a_scene_without(name, k):
     assert started == (
         {"shape_matching.direct_neighbours", "shape_matching.classify"} if own and "phase" in own else set()
     )
+    numbers = [{n: str([g for g in plan.parameters.get(n, {}).values() if isinstance(g, tuple)])
+                for n in without.effects} for plan in (with_it, without)]  # fmt: skip
+    assert numbers[0] == numbers[1]
     assert (set(with_it.fields) - set(without.fields), with_it.list_radius) == (set(own), without.list_radius)
     assert limits(with_it) == limits(without)
     assert (with_it.walls is None) == (without.walls is None)
