@@ -23,10 +23,10 @@ def refuse_what_unpacks(path: str | os.PathLike[str], what: str = "mesh") -> Non
 
     Readers of .vtu and of formats that are HDF5 inside unpack what they find.
     """
+    kind = Path(path).suffix[1:].lower()
     with open_regular(path) as file:
-        head = file.read(1 << 12)
-    packed = Path(path).suffix.lower() == ".vtu" and b"compressor" in head
-    if packed or (head.startswith(b"\x89HDF") and _unpacks(path)):
+        content = file.read() if kind == "vtu" else b""
+    if b"compressor" in content.replace(b"\0", b"") or (kind not in TEXT and _unpacks(path)):  # a letter may be 2 bytes
         raise InputError(
             f"{what}: the arrays of {str(path)!r} are compressed, and refsim does not unpack meshes; save it without"
             " compression, or as .obj, .ply or .stl."
