@@ -12,9 +12,8 @@ import numpy as np
 from refsim.commands import CommandResult, command, in_bytes, in_time, planned, table, takes
 from refsim.core import capabilities
 from refsim.core.capabilities import HoldsOtherMemory, effects_with
-from refsim.core.effect import Effect, Extremes
+from refsim.core.effect import BASE, Effect, Extremes
 from refsim.core.errors import InputError
-from refsim.core.fields import BASE
 from refsim.core.operation import BACKENDS, PROCEDURES, REGISTRY
 from refsim.engine.limits import stable_steps, step_limits
 from refsim.scene.files import load_scene

@@ -12,7 +12,7 @@ import numpy as np
 from refsim.backends.arrays import Backend, Scratch, on_backend
 from refsim.core import cases
 from refsim.core.cases import TAKES, VARIATIONS, Variation
-from refsim.core.fields import Field
+from refsim.core.effect import Field
 from refsim.core.operation import REGISTRY, Fused, Operation, backend_of
 from refsim.core.period import Period
 from refsim.core.walls import WallParticles, liquid_with_list, with_list

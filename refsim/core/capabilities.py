@@ -12,9 +12,8 @@ import msgspec
 import numpy as np
 
 from refsim.core.checked import Printed
-from refsim.core.effect import EFFECTS, Discretisation, Effect, InitialState, Pass, literal_errata
+from refsim.core.effect import EFFECTS, Discretisation, Effect, Field, InitialState, Pass, literal_errata
 from refsim.core.errors import InputError
-from refsim.core.fields import Field
 from refsim.core.walls import WallParticles
 
 

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 from refsim.core.checked import plainly
+from refsim.core.effect import POSITION_RESIDUAL
 from refsim.core.errors import InputError, RunStopped
-from refsim.core.fields import POSITION_RESIDUAL
 from refsim.core.log import log
 from refsim.core.period import wrapped
 from refsim.core.plain import plain

@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim.core.checked import Checked, NotNegative, given_keys, suggestion
-from refsim.core.effect import Discretisation
+from refsim.core.effect import Discretisation, Field
 from refsim.core.errors import InputError
 from refsim.core.extras import extra
-from refsim.core.fields import Field
 from refsim.core.writing import write_file
 from refsim.gauges import operations as operations
 

@@ -15,10 +15,8 @@ import numpy as np
 
 from refsim.core.capabilities import Balance, FollowsSettings, HasErrata, KeepsBalance, KeepsLedger, KnowsParticleMass
 from refsim.core.checked import NotNegative, Positive, Printed
-from refsim.core.effect import Discretisation, Effect, InitialState, Others, Pass, StepLimit
+from refsim.core.effect import Discretisation, Effect, Field, InitialState, Others, Pass, StepLimit, int32
 from refsim.core.errors import InputError
-from refsim.core.fields import Field
-from refsim.core.scalars import int32
 from refsim.heat import operations as operations
 from refsim.heat import shapes
 from refsim.sph import LIQUID, liquid_of

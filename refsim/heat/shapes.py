@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from refsim.core.effect import Discretisation
-from refsim.core.scalars import int32
+from refsim.core.effect import Discretisation, int32
 from refsim.smoothing import lattice
 
 SPIKY, MUELLER, POLY6 = range(3)

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import DTypeLike
 
+from refsim.core.effect import POSITION_RESIDUAL
 from refsim.core.errors import InputError
-from refsim.core.fields import POSITION_RESIDUAL
 from refsim.core.locks import unlock
 from refsim.core.writing import Content, remove_stale_temporaries, replace_file, replace_files, writing
 from refsim.io.checkpoint import checkpoint_bytes, read_checkpoint, scene_to_checkpoint

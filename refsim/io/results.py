@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 
 from refsim.core.capabilities import KeepsLedger
 from refsim.core.checked import plainly, suggestion
-from refsim.core.effect import EFFECTS
+from refsim.core.effect import EFFECTS, Field
 from refsim.core.errors import InputError
-from refsim.core.fields import Field
 from refsim.core.reading import open_regular
 from refsim.core.tables import Shown, Table
 from refsim.gauges import GaugeSeries

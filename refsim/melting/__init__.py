@@ -8,10 +8,8 @@ import msgspec
 import numpy as np
 
 from refsim.core.capabilities import FollowsScene, KeepsLedger, SumsDensity
-from refsim.core.effect import Discretisation, Effect, InitialState, Others, Pass
+from refsim.core.effect import Discretisation, Effect, Field, InitialState, Others, Pass, int32
 from refsim.core.errors import InputError
-from refsim.core.fields import Field
-from refsim.core.scalars import int32
 from refsim.heat import MELTING_POINT
 from refsim.melting import operations as operations
 from refsim.shape_matching.phases import FLUID

@@ -25,9 +25,8 @@ from refsim.core.capabilities import (
     RunMonitor,
 )
 from refsim.core.checked import NotNegative, Positive, Printed
-from refsim.core.effect import Discretisation, Effect, InitialState, Others, Pass, StepLimit
+from refsim.core.effect import Discretisation, Effect, Field, InitialState, Others, Pass, StepLimit
 from refsim.core.errors import InputError
-from refsim.core.fields import Field
 from refsim.core.walls import WallParticles
 from refsim.mpm import operations as operations
 from refsim.mpm.grid import Background, MpmGrid, blocks_at, grid_bytes

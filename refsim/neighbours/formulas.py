@@ -9,7 +9,7 @@ import math
 from typing import Any, NamedTuple
 
 from refsim.backends.compile import formula
-from refsim.core.scalars import int32
+from refsim.core.effect import int32
 
 BITS = 21
 OFFSET = 1 << 20

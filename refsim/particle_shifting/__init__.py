@@ -26,9 +26,8 @@ from refsim.core.capabilities import (
     pulling,
 )
 from refsim.core.checked import NotNegative
-from refsim.core.effect import Discretisation, Effect, Others, Pass
+from refsim.core.effect import Discretisation, Effect, Field, Others, Pass
 from refsim.core.errors import InputError
-from refsim.core.fields import Field
 from refsim.particle_shifting import operations as operations
 from refsim.smoothing import lattice, smoothing
 from refsim.sph import FILLING, LARGEST_SHIFT, LIQUID, NUMBER_DENSITY, SETS, SHIFT, liquid_of

@@ -14,9 +14,8 @@ import numpy as np
 
 from refsim.core.capabilities import BringsWalls, FollowsStart, JudgesStart, effects_with
 from refsim.core.checked import plainly
-from refsim.core.effect import Discretisation, Effect, InitialState, Pass
+from refsim.core.effect import BASE, POSITION_RESIDUAL, Discretisation, Effect, Field, InitialState, Pass
 from refsim.core.errors import InputError
-from refsim.core.fields import BASE, POSITION_RESIDUAL, Field
 from refsim.core.operation import PROCEDURES, REGISTRY
 from refsim.core.period import period_group
 from refsim.core.tables import Shown, in_bytes

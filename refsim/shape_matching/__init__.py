@@ -15,10 +15,19 @@ import numpy as np
 
 from refsim.core.capabilities import HasErrata, Inspects, JudgesStart
 from refsim.core.checked import Printed, Share
-from refsim.core.effect import Discretisation, Effect, Extremes, InitialState, Others, Pass, StepLimit
+from refsim.core.effect import (
+    PLACE,
+    Discretisation,
+    Effect,
+    Extremes,
+    Field,
+    InitialState,
+    Others,
+    Pass,
+    StepLimit,
+    int32,
+)
 from refsim.core.errors import InputError
-from refsim.core.fields import PLACE, Field
-from refsim.core.scalars import int32
 from refsim.core.walls import WallParticles
 from refsim.shape_matching import operations as operations
 from refsim.shape_matching.boxes import boxes_of

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from refsim.core.effect import int32
 from refsim.core.errors import InputError
-from refsim.core.scalars import int32
 
 POLY6, SPIKY, CUBIC_SPLINE, WENDLAND_C2, WENDLAND_C4, WENDLAND_C6, QUINTIC_SPLINE, GAUSSIAN = range(8)
 SHAPES = {

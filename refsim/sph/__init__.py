@@ -31,10 +31,8 @@ from refsim.core.capabilities import (
     open_axis,
 )
 from refsim.core.checked import NotNegative, Positive, Printed, Share
-from refsim.core.effect import Discretisation, Effect, InitialState, Others, Pass, StepLimit
+from refsim.core.effect import Discretisation, Effect, Field, InitialState, Others, Pass, StepLimit, int32
 from refsim.core.errors import InputError
-from refsim.core.fields import Field
-from refsim.core.scalars import int32
 from refsim.core.walls import WallParticles
 from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value

@@ -8,8 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from refsim.core.capabilities import HasPlanes, effects_with
-from refsim.core.effect import Discretisation, InitialState, Others
-from refsim.core.scalars import rounded_up
+from refsim.core.effect import Discretisation, InitialState, Others, rounded_up
 from refsim.core.walls import WallParticles
 
 SLOW = 0.1  # |v|/c up to which density changes by about 1 %

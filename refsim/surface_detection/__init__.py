@@ -19,10 +19,8 @@ import numpy as np
 
 from refsim.core.capabilities import FindsSurface, HasErrata
 from refsim.core.checked import Positive, Printed
-from refsim.core.effect import Discretisation, Effect, Others, Pass
+from refsim.core.effect import Discretisation, Effect, Field, Others, Pass, int32
 from refsim.core.errors import InputError
-from refsim.core.fields import Field
-from refsim.core.scalars import int32
 from refsim.smoothing import lattice, smoothing
 from refsim.sph import ASYMMETRY, LIQUID, NUMBER_DENSITY, PRESSURE, WeaklyCompressible, liquid_of
 from refsim.surface_detection import operations as operations

@@ -13,10 +13,9 @@ import numpy as np
 
 from refsim.core.capabilities import HasErrata
 from refsim.core.checked import NotNegative, Positive, Printed
-from refsim.core.effect import Effect
+from refsim.core.effect import Effect, int32
 from refsim.core.errors import InputError
 from refsim.core.operation import Program, add_program
-from refsim.core.scalars import int32
 from refsim.sparse_grid import inverse_cell
 from refsim.surface_energy import operations as operations
 

@@ -11,9 +11,8 @@ import numpy as np
 
 from refsim.core.capabilities import HoldsOtherMemory, RunMonitor
 from refsim.core.checked import Positive
-from refsim.core.effect import Discretisation, InitialState, Others, Pass, StepLimit
+from refsim.core.effect import Discretisation, Field, InitialState, Others, Pass, StepLimit
 from refsim.core.errors import InputError
-from refsim.core.fields import Field
 from refsim.core.operation import REGISTRY, Procedure, enter
 from refsim.surface_energy import Tension
 from refsim.surface_energy.run_surface import GATHERED, SurfaceOfRun

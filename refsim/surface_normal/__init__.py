@@ -12,9 +12,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from refsim.core.effect import Discretisation, Pass
-from refsim.core.fields import Field
-from refsim.core.scalars import int32
+from refsim.core.effect import Discretisation, Field, Pass, int32
 from refsim.sph import WeaklyCompressible
 from refsim.surface_normal import operations as operations
 

@@ -12,7 +12,7 @@ import refsim as rs
 from refsim import make_plan
 from refsim.commands.plan import describe_plan
 from refsim.core import cases
-from refsim.core.fields import BASE, POSITION_RESIDUAL
+from refsim.core.effect import BASE, POSITION_RESIDUAL
 from refsim.core.operation import REGISTRY
 from refsim.mpm.grid import grid_bytes
 from refsim.study.cost import bytes_of

@@ -5,8 +5,7 @@ from typing import ClassVar
 import numpy as np
 
 from refsim import Box, Gravity, Scene, Simulation, WeaklyCompressible
-from refsim.core.effect import Effect, Pass, StepLimit
-from refsim.core.fields import PLACE, Field
+from refsim.core.effect import PLACE, Effect, Field, Pass, StepLimit
 
 LIQUID = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False, density="summation")
 MARK = Field("mark", "-", "a number of the particle's own", state=True)

@@ -12,10 +12,8 @@ import msgspec
 from refsim.boundary.adami_2012 import operations as operations
 from refsim.boundary.adami_2012.no_slip import RESOLVED, STEEPNESS, holding_rate, holding_share
 from refsim.core.capabilities import BringsWalls, FollowsScene, SumsDensity, effects_with
-from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
+from refsim.core.effect import Discretisation, Effect, Field, Others, Pass, StepLimit, int32
 from refsim.core.errors import InputError
-from refsim.core.fields import Field
-from refsim.core.scalars import int32
 from refsim.core.walls import Holding, WallViscosity
 from refsim.sph import LIQUID, lean, liquid_of
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from refsim.boundary.akinci_2012 import BoxWalls
 from refsim.core.cases import Exact, at, closed_form, example, groups, takes
-from refsim.core.scalars import int32
+from refsim.core.effect import int32
 from refsim.core.walls import Holding, WallMotion, WallParticles
 from refsim.smoothing.cases import for_each_kernel
 from refsim.sph import Fluid, WallFrameGravity

@@ -23,9 +23,8 @@ from refsim.boundary.one_way_coupling import operations as operations
 from refsim.boundary.penetration import CORRECTIONS, correction_pass, penetration_groups
 from refsim.core.capabilities import CorrectsPositions, HasErrata, HoldsOtherMemory, KeepsLedger
 from refsim.core.checked import NotNegative, Printed, Share
-from refsim.core.effect import Discretisation, Others, Pass
+from refsim.core.effect import Discretisation, Field, Others, Pass
 from refsim.core.errors import InputError
-from refsim.core.fields import Field
 from refsim.core.walls import WallParticles
 from refsim.smoothing import Smoothing, smoothing
 from refsim.sph import acceleration_of, liquid_of, pressure_is_replaced

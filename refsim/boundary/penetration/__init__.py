@@ -9,9 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from refsim.boundary.penetration import operations as operations
-from refsim.core.effect import Pass
-from refsim.core.fields import Field
-from refsim.core.scalars import int32
+from refsim.core.effect import Field, Pass, int32
 
 CORRECTIONS = Field(
     "corrections", "-", "number of penetration corrections of the particle, patent P8", dtype="int32", state=True

@@ -16,9 +16,8 @@ from refsim.boundary.mesh import SurfaceMesh
 from refsim.boundary.sampling import operations as operations
 from refsim.boundary.signed_distance import LEAST_BAND, DistanceField, NarrowBand, signed_distance
 from refsim.core.checked import Printed, plainly
-from refsim.core.effect import literal_errata
+from refsim.core.effect import Field, literal_errata
 from refsim.core.errors import InputError
-from refsim.core.fields import Field
 from refsim.core.operation import REGISTRY
 from refsim.isosurface import Contour, edges_and_facets
 from refsim.neighbours import NeighbourSearch

@@ -8,10 +8,8 @@ import numpy as np
 from refsim.boundary.two_way_coupling import operations as operations
 from refsim.core.capabilities import HasErrata, LimitsMassRatio, SumsDensity
 from refsim.core.checked import Printed
-from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
+from refsim.core.effect import Discretisation, Effect, Field, Others, Pass, StepLimit, int32
 from refsim.core.errors import InputError
-from refsim.core.fields import Field
-from refsim.core.scalars import int32
 from refsim.shape_matching import PHASE
 from refsim.sph import (
     DENSITY,

@@ -11,10 +11,8 @@ import numpy as np
 
 from refsim.core.capabilities import SumsDensity
 from refsim.core.checked import Count, Positive
-from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
+from refsim.core.effect import Discretisation, Effect, Field, Others, Pass, StepLimit, int32
 from refsim.core.errors import InputError
-from refsim.core.fields import Field
-from refsim.core.scalars import int32
 from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope
 from refsim.sph import LIQUID, SETS, liquid_of

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from refsim.core.capabilities import BringsWalls, HasErrata, Margin, effects_with
 from refsim.core.checked import NotNegative, Printed
-from refsim.core.effect import Discretisation, Others, Pass
+from refsim.core.effect import Discretisation, Field, Others, Pass
 from refsim.core.errors import InputError
-from refsim.core.fields import Field
 from refsim.sph import liquid_of
 from refsim.surface_normal import SURFACE_NORMAL, axial_part, color_gradient_pass, normal_term
 from refsim.surface_tension.akinci_2013 import operations as operations

@@ -14,9 +14,7 @@ import numpy as np
 
 from refsim.core.capabilities import FollowsScene, HasErrata, KnowsLimits, Margin, PullsParticles
 from refsim.core.checked import NotNegative, Positive, Printed
-from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
-from refsim.core.fields import Field
-from refsim.core.scalars import int32
+from refsim.core.effect import Discretisation, Effect, Field, Others, Pass, StepLimit, int32
 from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value
 from refsim.sph import LIQUID, NUMBER_DENSITY, SETS, liquid_of

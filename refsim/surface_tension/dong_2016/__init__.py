@@ -14,10 +14,8 @@ from numpy.typing import NDArray
 
 from refsim.core.capabilities import FollowsScene, HasErrata, Margin
 from refsim.core.checked import NotNegative, Positive, Printed
-from refsim.core.effect import Discretisation, Others, Pass
+from refsim.core.effect import Discretisation, Field, Others, Pass, int32
 from refsim.core.errors import InputError
-from refsim.core.fields import Field
-from refsim.core.scalars import int32
 from refsim.sph import liquid_of
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
 from refsim.surface_tension.cohesion import (

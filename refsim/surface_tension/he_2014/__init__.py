@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim.core.checked import NotNegative
-from refsim.core.effect import Discretisation, Others, Pass
+from refsim.core.effect import Discretisation, Field, Others, Pass
 from refsim.core.errors import InputError
-from refsim.core.fields import Field
 from refsim.smoothing import lattice_neighbours, smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value
 from refsim.sph import SETS, liquid_of

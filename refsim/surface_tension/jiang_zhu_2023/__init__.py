@@ -19,10 +19,8 @@ from numpy.typing import NDArray
 
 from refsim.core.capabilities import FollowsScene, HasErrata, Margin
 from refsim.core.checked import NotNegative, Positive, Printed
-from refsim.core.effect import Discretisation, Others, Pass
+from refsim.core.effect import Discretisation, Field, Others, Pass, int32
 from refsim.core.errors import InputError
-from refsim.core.fields import Field
-from refsim.core.scalars import int32
 from refsim.smoothing.shapes import NORMALISATION, POLY6
 from refsim.sph import NUMBER_DENSITY, liquid_of
 from refsim.surface_detection import NEAR_SURFACE, SurfaceDetection, detection_in, near_surface_pass

@@ -13,9 +13,7 @@ import numpy as np
 
 from refsim.core.capabilities import HasErrata, PullsParticles
 from refsim.core.checked import NotNegative, Printed
-from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
-from refsim.core.fields import Field
-from refsim.core.scalars import int32
+from refsim.core.effect import Discretisation, Effect, Field, Others, Pass, StepLimit, int32
 from refsim.smoothing import lattice_neighbours, smoothing
 from refsim.sph import LIQUID, SETS, liquid_of
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
