@@ -209,12 +209,19 @@ def a_pair_by_chebyshev():
     return _pair(_moved(_alone() * APART * (1 - left)), conduction=_conduction_of(tolerance=0.1))
 
 
-@closed_form("heat.runge_kutta_legendre", across=5.0)
-def a_pair_by_legendre():
-    """The difference shrinks by 7/12 + 5/12 P_3(1 - 2 z/5), z = g (1/C_1 + 1/C_2): three stages do."""
-    x = 1 - 2 * WEIGHT * INVERSE.sum() / 5
-    left = 7 / 12 + 5 / 12 * (5 * x**3 - 3 * x) / 2
-    return _pair(_moved(APART * (1 - left) / INVERSE.sum()))
+def _by_legendre(stages, largest_sum):
+    """The difference shrinks by 1 - b + b P_s(1 - w z), b = (s^2 + s - 2)/(2 s (s + 1)), z = g (1/C_1 + 1/C_2)."""
+    more, b = stages**2 + stages - 2, (stages**2 + stages - 2) / (2 * stages * (stages + 1))
+    x = 1 - 4 / more * largest_sum * INVERSE.sum() / INVERSE.max()
+    left = 1 - b + b * np.polynomial.Legendre.basis(stages)(x)
+    timestep = np.array([0.7, 0.5 * largest_sum / (WEIGHT * INVERSE.max())])
+    return _pair(_moved(APART * (1 - left) / INVERSE.sum()), timestep=timestep)
+
+
+closed_form(  # just below and above what three stages hold, s_max = 2.5
+    "heat.runge_kutta_legendre", across=5.0, a_pair_by_three_stages=lambda: _by_legendre(3, 2.48),
+    a_pair_by_five_stages=lambda: _by_legendre(5, 2.52),
+)  # fmt: skip
 
 
 # The pair stands along y, with A of yy = 2 and 4: f = 3, a factor of the weight

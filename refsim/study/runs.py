@@ -287,7 +287,7 @@ def source_digest(root: Path = Path(refsim.core.__file__).parent.parent) -> str:
         name = path.relative_to(root)
         if name.parts[0] not in NOT_READ or name.as_posix() in BUT_READ:
             digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()[:16]
+    return digest.hexdigest()
 
 
 @functools.cache

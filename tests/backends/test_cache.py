@@ -177,6 +177,7 @@ def test_copies_of_refsim_share_their_kernels(tmp_path, monkeypatch):
     monkeypatch.setattr(cache, "_REFSIM", copy)
     cache._groups_of.cache_clear()
     assert cache.source_digest.__wrapped__(there) == cache.source_digest(here)
+    assert cache._CACHE_NAME.fullmatch(cache.source_digest(here)), "folders that are cleared away"
 
 
 def test_the_process_that_compiles_computes_the_same_bits(tmp_path):

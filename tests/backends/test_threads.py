@@ -84,6 +84,9 @@ with places.used(len(mask)):
     with places.used(1), places.used(len(mask)):
         pass
     assert where() == alone
+os.sched_setaffinity(0, mask[:1])
+assert look(len(mask)) == free, "the process has one processor for all of them"
+os.sched_setaffinity(0, mask)
 os.sched_setaffinity(places.threads[0], mask[-1:])
 free[0] = mask[-1:]
 assert look(len(mask)) == free, "another program has chosen its place"
