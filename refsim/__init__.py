@@ -57,15 +57,13 @@ if TYPE_CHECKING:
     from refsim.scene.files import load_scene
     from refsim.scene.plan import Plan, make_plan
     from refsim.study import study
-    from refsim.surface_tension.calibration import Calibration, calibrate
-    from refsim.surface_tension.contact_angle import ContactAngle, calibrate_contact_angle
+    from refsim.surface_tension.calibration import Calibration, ContactAngle, calibrate, calibrate_contact_angle
 
 _LATER = {
     "engine.driver": ("RunReport", "simulate"), "engine.simulation": ("Simulation",),
     "engine.state": ("StepResult",), "io.results": ("Run", "RunFrame", "open_run"), "scene.files": ("load_scene",),
     "scene.plan": ("Plan", "make_plan"), "study": ("study",),
-    "surface_tension.calibration": ("Calibration", "calibrate"),
-    "surface_tension.contact_angle": ("ContactAngle", "calibrate_contact_angle"),
+    "surface_tension.calibration": ("Calibration", "calibrate", "ContactAngle", "calibrate_contact_angle"),
 }  # fmt: skip
 __all__ = [
     "Akinci2013", "Ball", "BeckerTeschner2007", "Box", "BoxWalls", "Calibration", "Cloud", "ContactAngle",

@@ -23,7 +23,7 @@ import numba
 
 from refsim.backends.fast.private import names
 from refsim.core.errors import InputError
-from refsim.core.locks import in_turn
+from refsim.core.writing import in_turn
 
 _REFSIM = pathlib.Path(__file__).parents[1]
 _CACHES_KEPT = 200

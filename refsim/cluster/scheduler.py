@@ -14,8 +14,7 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from refsim.cluster.tasks import Outcome, Report, Task, Watch, killed
-from refsim.core.errors import InputError, RefsimError, RunStopped
-from refsim.core.extras import extra
+from refsim.core.errors import InputError, RefsimError, RunStopped, extra
 from refsim.core.tables import in_bytes
 
 TOPIC = "refsim"  # of the workers' reports

@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from refsim.core.errors import InputError, RunStopped
-from refsim.core.plain import plain
 from refsim.core.tables import columns, fitted, in_bytes, in_time, table
-from refsim.core.writing import replace_file, writing
+from refsim.core.writing import plain, replace_file, writing
 from refsim.scene.plan import Plan, make_plan
 from refsim.scene.scene import Scene
 from refsim.study.cost import check_boxes, check_memory

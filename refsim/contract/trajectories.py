@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.core.errors import InputError
-from refsim.core.extras import extra
+from refsim.core.errors import InputError, extra
 from refsim.io.frames import read_particles
 from refsim.io.results import PARTICLES
 

@@ -1,6 +1,7 @@
-"""The two errors that a user of refsim meets; each carries the exit code of the command line."""
+"""The two errors that a user of refsim meets, each with the exit code of the command line; packages that may lack."""
 
 import errno
+import importlib
 from typing import Any
 
 REASONS = {  # why a run stops: the only names that RunStopped takes
@@ -75,3 +76,24 @@ def refused(error: OSError, what: str = "") -> RefsimError:
     if error.errno in NO_SPACE:
         return RunStopped("disk_full", f"{at}no space is left ({why}); free some, and give the same command again.")
     return InputError(f"{at}the system refuses it ({why}); give another path, or correct its rights.")
+
+
+EXTRAS = {  # module: (package that brings it, the extra of refsim that has it)
+    "distributed": ("distributed", "cluster"),
+    "pandas": ("pandas", "results"),
+    "pyvista": ("pyvista", "view"),
+}
+
+
+def extra(module: str, use: str) -> Any:
+    """The module, imported; InputError, whose subject is `use`, says how to install one that is missing."""
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name != module:
+            raise
+        package, name = EXTRAS[module]
+        raise InputError(
+            f"{use} needs the package {package}, which is not installed; run pip install {package} (it is one of"
+            f" refsim's extra {name!r})."
+        ) from None

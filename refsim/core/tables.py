@@ -9,8 +9,7 @@ from contextlib import suppress
 from typing import Any
 
 from refsim.core.checked import suggestion
-from refsim.core.errors import InputError
-from refsim.core.extras import extra
+from refsim.core.errors import InputError, extra
 
 
 class UnknownRow(InputError, KeyError):

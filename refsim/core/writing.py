@@ -1,13 +1,17 @@
-"""Files that are written whole or not at all, and what is said where the system refuses a write."""
+"""Files that are written whole or not at all, or by one process after the other; results as plain values."""
 
 import errno
 import io
+import math
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
+
+import msgspec
+import numpy as np
 
 from refsim.core.errors import NO_SPACE, InputError, RunStopped
 
@@ -189,3 +193,45 @@ def sync_folder(folder: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def plain(value: Any) -> Any:
+    """`value` with only what strict JSON has: NaN and infinities become their names."""
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    if isinstance(value, msgspec.Struct):
+        return plain(msgspec.structs.asdict(value))
+    return value
+
+
+@contextmanager
+def in_turn(lock: Path, stays: bool = False) -> Iterator[None]:
+    """Let one process after the other in; all, where the folder of `lock` cannot be written or has no locks.
+
+    lock   a file beside the one that is locked
+    stays  whether it does
+    """
+    from filelock import FileLock  # takes 20 ms
+
+    held = FileLock(lock, thread_local=False)
+    with suppress(OSError, NotImplementedError):
+        held.acquire()
+    try:
+        yield
+    finally:
+        if held.is_locked and not stays:
+            unlock(held)
+        held.release()
+
+
+def unlock(lock: Any) -> None:
+    """Release a lock of `filelock`, and remove its file."""
+    with suppress(OSError):  # where a file in use cannot be removed, the next writer finds and takes it
+        os.unlink(lock.lock_file)
+    lock.release()

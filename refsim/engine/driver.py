@@ -5,6 +5,7 @@ A run's folder holds `particles.pvd` with the folder `particles` (frames), `chec
 `postmortem.json` and `postmortem.npz`.
 """
 
+import functools
 import json
 import math
 import os
@@ -21,13 +22,11 @@ import numpy as np
 from refsim.core.checked import plainly
 from refsim.core.effect import POSITION_RESIDUAL
 from refsim.core.errors import InputError, RunStopped
-from refsim.core.log import log
 from refsim.core.period import wrapped
-from refsim.core.plain import plain
 from refsim.core.tables import Shown, in_time
 from refsim.core.terminal import wanted
 from refsim.core.versions import versions
-from refsim.core.writing import write_file, writing
+from refsim.core.writing import plain, write_file, writing
 from refsim.engine.conserved_totals import check_particles, conserved_totals
 from refsim.engine.counting import LOOKED
 from refsim.engine.launching import refresh
@@ -416,3 +415,13 @@ class _Run:
             with suppress(InputError, RunStopped, OSError, MemoryError):
                 self._flush()
             self.writer.close()
+
+
+@functools.cache
+def log() -> Any:
+    """The logger `refsim`; it prints nothing unless the program sets up logging."""
+    import logging  # here, because it takes a thirtieth of the time that importing refsim does
+
+    logger = logging.getLogger("refsim")
+    logger.addHandler(logging.NullHandler())
+    return logger

@@ -14,8 +14,7 @@ import numpy as np
 
 from refsim.core.effect import Extremes
 from refsim.core.errors import RunStopped
-from refsim.core.plain import plain
-from refsim.core.writing import made_by, write_file
+from refsim.core.writing import made_by, plain, write_file
 from refsim.engine.launching import replay
 from refsim.engine.limits import stable_steps
 from refsim.engine.state import State

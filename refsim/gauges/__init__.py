@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from refsim.core.checked import Checked, NotNegative, given_keys, suggestion
 from refsim.core.effect import Discretisation, Field
-from refsim.core.errors import InputError
-from refsim.core.extras import extra
+from refsim.core.errors import InputError, extra
 from refsim.core.writing import write_file
 from refsim.gauges import operations as operations
 

@@ -21,8 +21,7 @@ from numpy.typing import DTypeLike
 
 from refsim.core.effect import POSITION_RESIDUAL
 from refsim.core.errors import InputError
-from refsim.core.locks import unlock
-from refsim.core.writing import Content, remove_stale_temporaries, replace_file, replace_files, writing
+from refsim.core.writing import Content, remove_stale_temporaries, replace_file, replace_files, unlock, writing
 from refsim.io.checkpoint import checkpoint_bytes, read_checkpoint, scene_to_checkpoint
 from refsim.io.vtp import DTYPES, Head, head_of, read_arrays, read_head, vtp_bytes
 

@@ -358,7 +358,7 @@ def grid_to_particle(
     outputs="carrier_first carrier_position carrier_owner cluster_share inverse_spread",
     exact="carrier_first carrier_owner", entrywise="carrier_position", tolerance=16.0,
     reason="a few roundings for each product, and twenty in the inverse of a matrix whose entries are at most one",
-    programs={"cuda": "embedding_cuda"},
+    programs={"cuda": "sorting_cuda"},
 )  # fmt: skip
 def embed(position, surface_sample, sample_owner, background):
     """Points x_s and x_o by owner p [m], w, and E_p^-1 as (xx, xy, xz, yy, yz, zz), dimensionless."""

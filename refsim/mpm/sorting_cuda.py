@@ -1,16 +1,18 @@
 """Cells of points, keys of their blocks, and points by cell, on a GPU; with `sort_particles` without the host."""
 
+import math
+
 import numpy as np
 
 from refsim.backends import device
 from refsim.backends.compile import cuda, cuda_kernel, formula
 from refsim.mpm.formulas import base_coordinate
-from refsim.mpm.groups import SETS, Bins
-from refsim.mpm.kernels import point_key
+from refsim.mpm.groups import SETS, Bins, Owned, Samples
+from refsim.mpm.kernels import embed_samples, point_key
 from refsim.mpm.limits import DEEP, FARTHEST
 from refsim.neighbours.formulas import BITS, OFFSET, lower_bound
 from refsim.sparse_grid import block_table_cuda
-from refsim.sparse_grid.block_search_cuda import begin_lists, fill_lists, lists_of, number, sorted_points
+from refsim.sparse_grid.block_search_cuda import begin_lists, count_points, fill_lists, lists_of, number, sorted_points
 from refsim.sparse_grid.block_table_cuda import EMPTY, enter_point
 from refsim.sparse_grid.formulas import COORDINATE, block_bits, block_key, place_in_block
 
@@ -208,3 +210,17 @@ def cells(position, carrier_position, surface_sample, grid, cell):
             sort_points(name, points, grid, grid.cells[name], grid.noted.array if points is position else None)
         return
     grid.locate(sets, cell, find_cells, block_keys, sorted_bins, make_table)
+
+
+def embed(
+    position, surface_sample, sample_owner, background, scratch, carrier_first, carrier_position, carrier_owner,
+    cluster_share, inverse_spread,
+):  # fmt: skip
+    """Embedded points [m] by owner (-1: none, NaN at the end), shares w = 1/(2 C + 1) and E^-1 of the clusters."""
+    lists = lists_of(scratch.called("owners"), position.shape[0], sample_owner.shape[0])
+    begin_lists(lists.first, lists.held)
+    count_points(sample_owner, lists.held, lists.place)
+    fill_lists(sample_owner, lists)
+    device.fill(carrier_position, math.nan)
+    samples, carriers = Samples(surface_sample, lists.point, lists.first), Owned(carrier_position, carrier_owner)
+    embed_samples(position, samples, background.cell_size, carriers, carrier_first, cluster_share, inverse_spread)

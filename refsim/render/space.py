@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from refsim.core.extras import extra
+from refsim.core.errors import extra
 from refsim.core.stopping import held_back
 from refsim.render.looks import Camera, Cut, level_axes
 

@@ -17,12 +17,10 @@ import numpy as np
 
 import refsim.core
 from refsim.core.errors import InputError, RunStopped
-from refsim.core.locks import in_turn
-from refsim.core.plain import plain
 from refsim.core.reading import open_regular
 from refsim.core.tables import in_time
 from refsim.core.versions import versions
-from refsim.core.writing import replace_file
+from refsim.core.writing import in_turn, plain, replace_file
 from refsim.engine.driver import CHECKPOINT
 from refsim.engine.simulation import Simulation
 from refsim.io.store import read_stored, set_aside, write_stored

@@ -22,10 +22,9 @@ import msgspec
 from refsim.backends.arrays import require_backend
 from refsim.cluster.tasks import Outcome, Task
 from refsim.core.errors import InputError
-from refsim.core.locks import in_turn
 from refsim.core.tables import in_time, table
 from refsim.core.terminal import Bar
-from refsim.core.writing import replace_file, writing
+from refsim.core.writing import in_turn, replace_file, writing
 from refsim.io.store import tidy
 from refsim.scene.files import load_scene, scene_from_dict, scene_to_dict, set_parameter, struct_of, tables_of, text_of
 from refsim.scene.plan import make_plan

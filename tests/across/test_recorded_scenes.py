@@ -7,7 +7,7 @@ import pytest
 import refsim
 from refsim import InputError, Simulation, make_plan
 from refsim.commands.plan import describe_plan
-from refsim.core.plain import plain
+from refsim.core.writing import plain
 from refsim.engine.conserved_totals import conserved_totals
 from refsim.scene.files import parse_scene
 from refsim.scene.refine import notes, refined, spaced

@@ -10,7 +10,7 @@ import pytest
 
 import refsim as rs
 from refsim import make_plan, open_run, simulate
-from refsim.core import extras
+from refsim.core.errors import EXTRAS
 from refsim.io.checkpoint import read_checkpoint
 from refsim.io.frames import ORIGIN, ParticleWriter, read_particles
 
@@ -131,7 +131,7 @@ def test_a_missing_extra_is_named(folder, monkeypatch):
     with pytest.raises(rs.InputError, match="needs the package pandas, which is not installed; run pip install pandas"):
         open_run(folder).ledger.to_pandas()
     listed = (pathlib.Path(__file__).parents[2] / "setup.cfg").read_text().partition("[options.extras_require]")[2]
-    for package, name in extras.EXTRAS.values():
+    for package, name in EXTRAS.values():
         section = listed.partition(f"\n{name} =\n")[2].partition(" =\n")[0]
         assert f"    {package}>=" in section
 

@@ -8,7 +8,7 @@ import threading
 import pytest
 
 from refsim import InputError
-from refsim.core.locks import in_turn
+from refsim.core.writing import in_turn
 from refsim.io.store import read_stored, stored_bytes, tidy, write_stored
 
 VALUES = {"label": "a run", "reading": {"value": 0.1 + 0.2, "failed": "", "steps": 12}}

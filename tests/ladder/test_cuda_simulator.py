@@ -195,7 +195,7 @@ def test_particles_of_mpm_are_sorted_without_the_host(cuda):
 
 def test_poisson_disk_samples_are_refused_on_a_gpu(cuda):
     from refsim.surface_energy import Tension
-    from refsim.surface_energy.run_surface import reconstruction_on
+    from refsim.surface_energy.effect import reconstruction_on
 
     with pytest.raises(rs.InputError, match="runs on backends cpu and numpy only; take quadrature = 'facets'"):
         reconstruction_on(cuda, 2, "float64", 0.1, Tension(surface_tension=1.0, quadrature="poisson"))

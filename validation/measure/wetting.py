@@ -23,8 +23,8 @@ from refsim.scene.scene import Scene
 from refsim.scene.shapes import Cloud
 from refsim.study.panels.drops import SNAPSHOTS_ON_PLANE as SNAPSHOTS
 from refsim.study.panels.drops import angle_by_lift
-from refsim.surface_tension.contact_angle import WETTING_MAP as PACKAGED
-from refsim.surface_tension.contact_angle import calibrate_contact_angle
+from refsim.surface_tension.calibration import WETTING_MAP as PACKAGED
+from refsim.surface_tension.calibration import calibrate_contact_angle
 from validation.measure.drops import SEED, liquid_key, row_of
 from validation.measure.sigma_map import setting_of, write_settings
 from validation.measure.stirring import ON_PLANE, STIRRED, cap, relaxed, sessile

@@ -7,7 +7,6 @@ from refsim.backends.primitives import four_of, largest_of_block, sum_before
 from refsim.isosurface import kernels as isosurface_kernels
 from refsim.sparse_grid.block_search_cuda import SUMMING, number
 from refsim.sparse_grid.formulas import block_bits, step_node
-from refsim.surface_energy.components_cuda import join, lowest
 from refsim.surface_energy.recorded.cells_cuda import (
     CELLS,
     EDGES,
@@ -316,3 +315,40 @@ def write_facets(blocks, cuts, counts, first, node_label, members, cut_total):
             i, blocks, crossings, cell_case, edge_first, facet_first, table, vertex_edge, facets
         )
     add_members(first, node_label, members)
+
+
+@formula
+def lowest(node_label, i):
+    """Number (dimensionless) of the node at the end of i's chain of labels, i <- label[i]."""
+    label = node_label[i]
+    while label != i:
+        i, label = label, node_label[label]
+    return i
+
+
+@formula
+def shortened(node_label, i):
+    """`lowest`, while nothing but joins changes labels: each node on the way takes the label of its label."""
+    label = node_label[i]
+    while label != i:
+        after = node_label[label]
+        if after != label:
+            node_label[i] = after
+        i, label = label, after
+    return i
+
+
+@cuda_formula
+def join(node_label, i, other):
+    """Join the components of two nodes: the label of the higher lowest node becomes the lower one.
+
+    Labels only decrease, and a chain that another thread has just lengthened still leads into the same component. A
+    join that finds its label changed is tried again from there.
+    """
+    own, met = shortened(node_label, i), shortened(node_label, other)
+    while own != met:
+        high, low = max(own, met), min(own, met)
+        found = cuda.atomic.cas(node_label, high, high, low)
+        if found == high:
+            break
+        own, met = shortened(node_label, found), shortened(node_label, low)

@@ -30,7 +30,7 @@ from refsim.core.walls import WallParticles
 from refsim.sph import operations as sph
 from refsim.study.panels.scenes import compressed
 from refsim.surface_tension.akinci_2013 import operations as akinci
-from refsim.surface_tension.contact_angle import ContactAngle
+from refsim.surface_tension.calibration import ContactAngle
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, RunSpec
 from validation.metrics import solutions as scene

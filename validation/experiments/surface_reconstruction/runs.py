@@ -15,8 +15,8 @@ from refsim.core.operation import REGISTRY
 from refsim.isosurface import Mesh
 from refsim.sparse_grid import nodes
 from refsim.surface_energy import Tension
+from refsim.surface_energy.effect import reconstruction_on
 from refsim.surface_energy.reconstruction import Reconstruction, Surface
-from refsim.surface_energy.run_surface import reconstruction_on
 from validation.checks import Checks
 from validation.experiment import Experiment, Measure, Options, Results, RunSpec, each, every
 from validation.experiments.surface_reconstruction import scene
