@@ -14,8 +14,7 @@ from refsim.commands import CommandResult, command, in_time, planned, table, tak
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.stopping import Interrupted, handling_signals
 from refsim.core.terminal import say
-from refsim.engine.driver import RunReport, simulate
-from refsim.engine.progress import Progress
+from refsim.engine.driver import Progress, RunReport, simulate
 from refsim.engine.simulation import Simulation
 from refsim.io.results import of_ledger
 from refsim.scene.files import load_scene

@@ -24,8 +24,7 @@ from refsim.core.reading import open_regular
 from refsim.core.tables import Shown, Table
 from refsim.gauges import GaugeSeries
 from refsim.io.checkpoint import Checkpoint, Unreadable, read_checkpoint, scene_from_checkpoint, write_checkpoint
-from refsim.io.frames import heads_of, read_origin
-from refsim.io.vtp import read_arrays
+from refsim.io.frames import heads_of, read_arrays, read_origin
 from refsim.scene.scene import Scene
 
 PARTICLES, REPORT = "particles.pvd", "report.json"

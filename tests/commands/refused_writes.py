@@ -37,7 +37,7 @@ from refsim.contract.export import write_replay
 from refsim.contract.programs import climbing
 from refsim.core import writing
 from refsim.core.operation import REGISTRY
-from refsim.io.vtp import read_arrays, read_head
+from refsim.io.frames import read_arrays, read_head
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))

@@ -16,7 +16,7 @@ from refsim.contract.trajectories import trajectory
 from refsim.contract.whole_runs import Comparison, untouched
 from refsim.core.errors import InputError
 from refsim.engine.simulation import Simulation
-from refsim.io.vtp import write_vtp
+from refsim.io.frames import write_vtp
 from refsim.scene.files import load_scene
 
 SCENE = pathlib.Path(__file__).with_name("dam_break.toml").read_text()

@@ -10,8 +10,7 @@ import vtk
 from vtk.util.numpy_support import vtk_to_numpy
 
 from refsim.core.errors import InputError, RunStopped
-from refsim.io.frames import Frame, Origin, ParticleWriter, frame_files, read_origin, read_particles
-from refsim.io.vtp import write_vtp
+from refsim.io.frames import Frame, Origin, ParticleWriter, frame_files, read_origin, read_particles, write_vtp
 
 FIELDS = {
     "density": (1, "float32"), "velocity": (3, "float32"), "energy": (1, np.float64), "phase": (1, np.int32),

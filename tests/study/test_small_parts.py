@@ -2,17 +2,17 @@
 
 import pytest
 
-from refsim.engine import progress
+from refsim.engine import driver
 from refsim.study.panels import measured
 
 
 @pytest.mark.parametrize("seconds, said", [(0.9, 0), (1.1, 1), (1.9, 1)])
 def test_compiling_is_told_of_above_a_second(seconds, said, monkeypatch):
     words = []
-    monkeypatch.setattr(progress, "say", words.append)
-    monkeypatch.setattr(progress, "Bar", lambda until, time: (until, time))
+    monkeypatch.setattr(driver, "say", words.append)
+    monkeypatch.setattr(driver, "Bar", lambda until, time: (until, time))
     run = type("Run", (), {"time": 0.25, "timings": type("T", (), {"account": lambda self: {"compiling": seconds}})()})
-    shown = progress.Progress.__new__(progress.Progress)
+    shown = driver.Progress.__new__(driver.Progress)
     shown.until = 2.0
     shown._open(run)
     assert (len(words), shown.time, shown.bar) == (said, 0.25, (2.0, 0.25))
