@@ -1,17 +1,23 @@
-"""Small scenes of every kind: what their plans say, what they start with and what four steps make of it."""
+"""Small scenes of every kind, and drawn ones: what their plans say, the memory that they take, what four steps make.
 
+Drawn scenes stand in drawn_scenes.jsonl, one a line: most can run, one in four has a number that was changed.
+"""
+
+import json
 import pathlib
 
+import numpy as np
 import pytest
 
 import refsim
-from refsim import InputError, Simulation, make_plan
+from refsim import InputError, RunStopped, Simulation, make_plan
 from refsim.commands.plan import describe_plan
 from refsim.core.writing import plain
 from refsim.engine.conserved_totals import conserved_totals
-from refsim.scene.files import parse_scene
+from refsim.scene.files import parse_scene, scene_from_dict
 from refsim.scene.refine import notes, refined, spaced
-from refsim.study.cost import neighbour_list
+from refsim.study.cost import bytes_of, neighbour_list
+from tests.recorded import numbers
 
 EXAMPLES = pathlib.Path(refsim.__file__).parent / "examples"  # of the package that is tested
 FOLDER = pathlib.Path(__file__).with_name("small_scenes")
@@ -19,7 +25,10 @@ SCENES = {  # words: text of a scene file, in which EXAMPLES stands for the fold
     path.stem.replace("_", " "): "\n" + path.read_text(encoding="utf-8").replace("EXAMPLES", str(EXAMPLES))
     for path in sorted(FOLDER.glob("*.toml"))
 }
-STEPS = 4
+DRAWN = (
+    (FOLDER.parent / "drawn_scenes.jsonl").read_text(encoding="utf-8").replace("EXAMPLES", str(EXAMPLES)).splitlines()
+)
+STEPS, GROUP = 4, 8
 
 
 def of_plan(plan):
@@ -64,3 +73,31 @@ def test_a_scene_plans_and_runs_as_ever(name, recorded):
     plan = make_plan(scene)
     found = of_plan(plan) | of_run(plan) | of_others(scene)
     recorded(found)
+
+
+def told(line, run):
+    """Sums of the numbers of each thing that a plan holds and a run makes, or the sentence that refuses the scene."""
+    try:
+        plan = make_plan(scene_from_dict(json.loads(line), "drawn"))
+    except InputError as error:
+        return str(error)
+    found = of_plan(plan) | {f"bytes on {name}": bytes_of(plan, name) for name in ("numpy", "cpu", "cuda")}
+    found |= {"shared": plan.shared, **{f"groups of {name}": given for name, given in plan.parameters.items()}}
+    if run and plan.grid.count < 150 and plan.grid.dtype == "float64":
+        try:
+            found |= of_run(plan) | of_others(plan.scene)
+        except RunStopped as error:
+            found["stopped"] = str(error)
+    every = [[v for v in numbers(value) if not isinstance(v, str)] for value in found.values()]
+    return [(len(values), sums(values)) for values in every]
+
+
+def sums(values):
+    """The sum, that of sizes, and one in which the order counts."""
+    values = np.clip(np.array(values, float), -1e9, 1e9)
+    return values.sum(), np.abs(values).sum(), np.cos(np.arange(len(values))) @ values
+
+
+@pytest.mark.parametrize("group", range(len(DRAWN) // GROUP))
+def test_drawn_scenes_plan_and_run_as_ever(group, recorded):
+    recorded({f"{k}": told(line, k < 3) for k, line in enumerate(DRAWN[GROUP * group : GROUP * (group + 1)])})
