@@ -34,7 +34,7 @@ THRESHOLD = 0.98  # the paper's lambda of J(12)
 SPARSE = 0.9  # lambda of the first step where asymmetry stands beside it; the lower end of the paper's range
 NORMALS = {"color": SURFACE_NORMAL, "corrected": CORRECTED_NORMAL}
 # Support radii [spacings] at which at least 97 % of the surface of liquid is found whose particles stand a tenth of a
-# spacing off a lattice, in 2D and 3D (`tests/surface_detection/test_supports.py`)
+# spacing off a lattice, in 2D and 3D (`tests/surface_detection/test_detection.py`)
 RIGHT = 2.0, 6.0
 TOLD = 1.1  # of the outermost layer's number density, the least of an inner corner's at which J(12) tells the two
 TOWARDS_SECOND = 0.75  # of the way from the outermost layer's number density to an inner corner's

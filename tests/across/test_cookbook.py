@@ -1,14 +1,17 @@
-"""Recipes of docs/cookbook.md take a step and have pictures; the scene of docs/first_scene.md grows and is drawn."""
+"""Recipes of docs/cookbook.md, the scene of docs/first_scene.md, and two programs by hand, each run and looked at."""
 
 import json
 import pathlib
 import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
 import refsim
 from refsim.__main__ import main
+from refsim.examples import mpm_by_hand, sph_by_hand
 from scripts.cookbook import FOLDER, MADE, MEASURED, cards, page
 from tests.across.test_docs import commands, understood
 from validation.drawing import LARGEST_PICTURE
@@ -70,3 +73,36 @@ def test_each_edit_is_planned_and_the_scene_runs(tmp_path, monkeypatch, capsys):
     assert main(["render", "pool_run", "--gauges"]) == 0
     assert pathlib.Path("pool_run_gauges.png").stat().st_size > 5000
     assert main(["view", "pool_run", "--html", "pool.html"]) == 0
+
+
+def test_the_sph_front_is_that_of_the_experiment():
+    """Martin & Moyce 1952, n^2 = 2: Z = x/a at T = t sqrt(2 g/a); within 12 %."""
+    said = []
+    times, fronts, x, _ = sph_by_hand.dam_break(until=0.25, report=said.append)
+    assert (len(said), len(x)) == (3, 200)
+    T, Z = times * np.sqrt(2 * 9.81 / 0.5), fronts / 0.5
+    for at, expected in ((0.832, 1.217), (1.219, 1.474)):
+        assert np.interp(at, T, Z) == pytest.approx(expected, rel=0.12)
+
+
+def test_the_mpm_block_falls_and_bounces():
+    said = []
+    times, heights, x = mpm_by_hand.bounce(side=12, until=0.4, report=said.append)
+    falling = times < 0.15
+    np.testing.assert_allclose(heights[falling], 0.425 - 0.5 * 9.81 * times[falling] ** 2, atol=2e-3)
+    lowest = heights.argmin()
+    assert heights[lowest] < 0.24
+    assert heights[-1] > heights[lowest] + 0.1
+    assert x[:, 1].min() > mpm_by_hand.WALL * mpm_by_hand.WIDTH
+    assert said
+
+
+@pytest.mark.parametrize("name", ["sph_by_hand", "mpm_by_hand"])
+def test_a_program_is_written_and_runs_with_numpy_alone(name, tmp_path, capsys):
+    assert main(["example", name, "--output", str(tmp_path)]) == 0
+    assert f"python {tmp_path / name}.py" in capsys.readouterr().out
+    text = (tmp_path / f"{name}.py").read_text()
+    assert len(text.splitlines()) <= 100
+    short = f"import {name} as p, sys; p.STEP *= 1; p.dam_break(4, 4, 0.02) if 'sph' in '{name}' else p.bounce(4, 0.02)"
+    blocked = "import sys; sys.modules |= dict.fromkeys(('scipy', 'numba', 'matplotlib', 'refsim'));"
+    subprocess.run([sys.executable, "-W", "error", "-c", blocked + short], cwd=tmp_path, check=True)

@@ -8,7 +8,7 @@ import trimesh
 import refsim as rs
 from refsim import make_plan
 from refsim.core.operation import REGISTRY
-from tests.running import advanced, rows
+from tests.running import advanced
 from validation.experiments.liquid import runs
 
 SMALL = ((3, 3), 2, (8, 7), 2.6, runs.ARTIFICIAL)  # body, cells below it, tank, h/d, alpha
@@ -84,17 +84,6 @@ def test_a_detected_surface_has_its_number_density():
     assert simulation.field("surface")[simulation.field("position")[:, 2] > 0.9].all()
 
 
-@pytest.mark.parametrize(("changed", "words"), rows(__file__, "unfit_solids"))
-def test_what_does_not_fit_is_refused_in_a_sentence(changed, words):
-    scene = submerged(*SMALL)
-    owner = rs.WeaklyCompressible if {"viscosity", "gradient", "tensile_control"} & set(changed) else rs.TwoWayCoupling
-    effects = tuple(msgspec.structs.replace(e, **changed) if isinstance(e, owner) else e for e in scene.effects)
-    with pytest.raises(rs.InputError) as refused:
-        make_plan(msgspec.structs.replace(scene, effects=effects))
-    assert words in str(refused.value)
-    assert str(refused.value).count(". ") == 0
-
-
 @pytest.mark.parametrize(("held", "low", "high"), [(True, 0.99, 1.01), (False, 1.3, 1.5)])
 @pytest.mark.parametrize("reach", [3.0, *(pytest.param(r, marks=pytest.mark.slow) for r in (2.6, 3.2))])
 def test_liquid_between_blocks_flows_as_poiseuille_says(held, low, high, reach):
@@ -130,14 +119,6 @@ def test_liquid_between_blocks_flows_as_poiseuille_says(held, low, high, reach):
     assert low < flow * lattice / (0.5 * height @ (wide - height)) < high
 
 
-@pytest.mark.parametrize("liquid", [{}, {"dynamic_viscosity": 1.0, "density": "summation"}])
-def test_no_slip_without_what_holds_is_refused(liquid):
-    scene = at_rest([((2, 2, 2), 3)], (7, 7, 7))
-    effects = (rs.WeaklyCompressible(sound_speed=50.0, **liquid), rs.ShapeMatching(), rs.TwoWayCoupling(no_slip=True))
-    with pytest.raises(rs.InputError, match="no_slip needs a liquid with viscosity whose density is advanced"):
-        make_plan(msgspec.structs.replace(scene, effects=effects))
-
-
 def basin(folder, offset, cells=(8, 8, 6), **changes):
     """Water on a mesh, its top `offset` spacings above a plane of the lattice, between box walls without a floor."""
     spacing = 1.0 / cells[2]
@@ -167,13 +148,6 @@ def test_cells_of_a_mesh_and_of_the_box_fill_space_once(tmp_path):
     column = np.abs(place[:, :2] - [-0.5 * spacing, 2.5 * spacing]).max(1) < 0.1 * spacing
     low = column & (np.abs(place[:, 2] + 0.5 * spacing) < 3.5 * spacing)
     assert plan.walls.volume[low].sum() == pytest.approx(7 * spacing**3, rel=1e-2)
-
-
-def test_options_of_the_patent_and_an_extrapolated_pressure_exclude_each_other(tmp_path):
-    with pytest.raises(rs.InputError, match="belong to model = 'mirrored'; leave them out with 'extrapolated'"):
-        make_plan(basin(tmp_path, 0.0, layers=2))
-    with pytest.raises(rs.InputError, match="needs an extrapolated pressure at all walls"):
-        make_plan(basin(tmp_path, 0.0, model="mirrored"))
 
 
 def test_heavy_bodies_rest_on_the_floor_and_on_each_other():

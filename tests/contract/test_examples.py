@@ -1,4 +1,4 @@
-"""The whole files of docs/contract: a C library, Warp and MPI under the contract, and test vectors read in C++."""
+"""Whole files of docs/contract, libraries in C and Fortran by printed declarations, and test vectors read in C++."""
 
 import importlib.util
 import json
@@ -15,9 +15,11 @@ import pytest
 from refsim import contract
 from refsim.__main__ import main
 from refsim.backends.arrays import unavailable
+from refsim.contract import native
 from refsim.contract.export import VectorCase, Vectors, flat
 from refsim.contract.inputs import Inputs, arguments_of_others
 from refsim.core import cases
+from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY
 
 FOLDER = pathlib.Path(__file__).parents[2] / "docs" / "contract"
@@ -271,3 +273,60 @@ def test_the_pages_density_holds_as_it_is_declared(folder, capsys):
     (row,) = (line.split() for line in out.splitlines() if line.startswith("sph.density"))
     for count in row[1:-2]:
         assert count in next(line for line in shown.splitlines() if line.startswith("sph.density"))
+
+
+HERE = pathlib.Path(__file__).parent
+
+
+def printed(capsys, language):
+    assert main(["contract", "sph.density", "--header", language]) == 0
+    return capsys.readouterr().out
+
+
+def library_holds(folder, name, variants, **declared):
+    made = native.library(
+        str(folder / name), ["sph.density"], kernels=("wendland_c2",), most_particles=3000,
+        without=("number_density", "asymmetry", "period"), **declared,
+    )  # fmt: skip
+    found = list(contract.trials(made, "sph.density", (), variants, ("T1", "T2")))
+    judged = [o for o in found if not o.not_judged]
+    assert len(judged) > 30
+    assert not [str(o) for o in judged if not o.passed]
+
+
+def test_a_c_library_holds_by_its_header(tmp_path, capsys):
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None:
+        pytest.skip("no C compiler is on the path")
+    (tmp_path / "density.h").write_text(printed(capsys, "c"))
+    for dtype, real in (("float32", "float"), ("float64", "double")):
+        options = ["-O2", "-Wall", "-Werror", "-shared", "-fPIC", f"-I{tmp_path}", f"-DREAL={real}"]
+        command = [compiler, *options, HERE / "density.c", "-o", f"c_{dtype}.so", "-lm"]
+        subprocess.run(command, check=True, cwd=tmp_path)
+    library_holds(tmp_path, "c_{dtype}.so", (0, 6))
+
+
+def test_a_fortran_library_holds_by_its_module(tmp_path, capsys):
+    compiler = shutil.which("gfortran")
+    if compiler is None:
+        pytest.skip("gfortran is not on the path")
+    (tmp_path / "density.f90").write_text(printed(capsys, "fortran") + (HERE / "density.f90").read_text())
+    subprocess.run([compiler, "-O2", "-shared", "-fPIC", "density.f90", "-o", "f.so"], check=True, cwd=tmp_path)
+    library_holds(tmp_path, "f.so", (0,), dtypes=("float64",), walls=False)
+
+
+@pytest.mark.parametrize("name", ["sph.momentum", "mpm.particle_to_grid", "sph.kick_drift", "heat.explicit"])
+def test_declarations_of_other_operations_compile(name, tmp_path):
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None:
+        pytest.skip("no C compiler is on the path")
+    (tmp_path / "a.c").write_text(native.header(REGISTRY[name]))
+    subprocess.run([compiler, "-Wall", "-Werror", "-c", "a.c"], check=True, cwd=tmp_path)
+    if shutil.which("gfortran"):
+        (tmp_path / "a.f90").write_text(native.module(REGISTRY[name]))
+        subprocess.run(["gfortran", "-c", "a.f90"], check=True, cwd=tmp_path)
+
+
+def test_an_operation_that_is_not_there_is_bad_input():
+    with pytest.raises(InputError, match=r"there is no operation sph.densty"):
+        native.library("a.so", ["sph.densty"])

@@ -1,10 +1,12 @@
-"""What an effect may bring beside forces: values at the start, tables, passes once the step's length is known."""
+"""What is registered: operations on their references, and what an effect may bring beside forces."""
 
 from typing import ClassVar
 
 import numpy as np
+import pytest
 
 from refsim import Box, Gravity, Scene, Simulation, WeaklyCompressible
+from refsim.core import operation as core
 from refsim.core.effect import PLACE, Effect, Field, Pass, StepLimit
 
 LIQUID = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False, density="summation")
@@ -56,3 +58,22 @@ def test_values_tables_and_places():
     assert simulation.field("table").tolist() == [0, 1, 2]
     identity, place = (simulation.backend.host(simulation.fields[k]) for k in ("identity", "place"))
     assert (identity[place] == np.arange(simulation.count)).all()
+
+
+@pytest.fixture
+def reference(monkeypatch):
+    """A function of the package `made_up`, with a registry of its own."""
+    monkeypatch.setattr(core, "REGISTRY", {})
+
+    def speed(distance):
+        return {"speed": (distance, distance)}
+
+    speed.__module__ = "made_up.operations"
+    return speed
+
+
+def test_names_follow_from_the_folder_and_the_function(reference):
+    assert core.operation("v = x/t", paper="standard", outputs="speed")(reference) is reference
+    (found,) = core.REGISTRY.values()
+    plain = core.Operation("made_up.speed", "made_up", "standard", "v = x/t", "speed", ("speed",))
+    assert found == plain

@@ -1,13 +1,18 @@
-"""Passes of a step that need nothing of each other are branches of its graph; all others keep their order."""
+"""A step: branches of its graph, its limits, and forces that a user adds in Python."""
 
 import types
 
+import numpy as np
 import pytest
 
+import refsim as rs
 from refsim import make_plan
 from refsim.backends import device, runtime
-from refsim.core.effect import Pass
+from refsim.core.effect import Extremes, Pass
+from refsim.core.errors import InputError
 from refsim.engine.binding import Accesses, accesses, needed_before
+from refsim.engine.limits import stable_steps, step_limits
+from tests import pairs
 from validation.experiments.melting.scene import scene_of
 
 
@@ -68,3 +73,52 @@ def test_a_graph_waits_where_calls_need_each_other(monkeypatch):
         ("call", 0, 0), ("wait", 1, 0), ("call", 1, 1), ("wait", 0, 2), ("call", 0, 2), ("call", 1, 3), ("wait", 0, 4),
     ]  # fmt: skip
     assert runtime.branch() == 0
+
+
+D, H = 0.1, 0.25
+
+
+def scene(*effects, velocity=(0.0, 0.0, 0.0), **more):
+    fluid = (rs.Box(cells=(3, 3, 1), velocity=velocity),)
+    return rs.Scene(**{"spacing": D, "support_radius": H, "dim": 2, "fluid": fluid, "effects": effects} | more)
+
+
+SCENES = {name: pairs.scene(name, name) for name in pairs.EFFECTS} | {
+    "nothing": scene(), "gravity alone": scene(rs.Gravity(acceleration=(0.0, -9.81, 0.0))),
+    "a solid without stiffness": scene(
+        rs.ShapeMatching(stiffness=0.0), fluid=(), dim=3, solid=(rs.SolidBox(lower=(0, 0, 0), upper=(0.3, 0.3, 0.3)),)
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_no_particle_crosses_its_support_in_a_step(name):
+    """However fast particles are: some limit sees their speed."""
+    plan, speed = make_plan(SCENES[name]), 1e9
+    longest = min(stable_steps(step_limits(plan), Extremes(speed, 0.0)).values())
+    assert longest * speed <= 0.6 * max(plan.grid.support_radius, 2 * plan.grid.spacing)
+
+
+def falling(**more):
+    """One particle that falls; `more` of the scene."""
+    return rs.Scene(
+        spacing=0.1, support_radius=0.26, dtype="float64", step=1e-3, end_time=1.0,
+        fluid=(rs.Box(lower=(0.0, 0.0, 0.0), cells=(1, 1, 1)),),
+        effects=(rs.Gravity(acceleration=(0.0, 0.0, -9.81)),), **more,
+    )  # fmt: skip
+
+
+def test_two_forces_add_up_and_what_cannot_be_is_refused():
+    simulation = rs.Simulation(falling(), "numpy")
+    for share in (1.0, 2.0):
+        simulation.add_force(lambda time, fields, share=share: np.add(
+            fields["acceleration"], [share, 0, 0], out=fields["acceleration"]
+        ))  # fmt: skip
+    simulation.step()
+    assert simulation.field("acceleration")[0].tolist() == [3.0, 0.0, -9.81]
+    simulation = rs.Simulation(falling(), "numpy")
+    with pytest.raises(InputError, match=r"add_force: force = 3 is a whole number; give a function"):
+        simulation.add_force(3)
+    simulation.step()
+    with pytest.raises(InputError, match=r"add_force: the run has begun"):
+        simulation.add_force(print)

@@ -1,4 +1,4 @@
-"""The lessons: every one has what a lesson needs, is written in three forms, and lesson 1 runs with its answers."""
+"""The lessons: what each needs, three forms, lesson 1 with its answers; pictures that scripts draw."""
 
 import ast
 import configparser
@@ -10,10 +10,13 @@ import pathlib
 import shlex
 import sys
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from refsim.__main__ import main
 from refsim.io.exercises import cells, lessons, notebook, script
+from scripts import page_pictures, pictures, schematics
 
 ROOT = pathlib.Path(__file__).parents[2]
 spec = importlib.util.spec_from_file_location("lessons", ROOT / "scripts" / "lessons.py")
@@ -109,3 +112,32 @@ def test_example_writes_the_lessons(tmp_path, capsys):
     assert "{judge}" not in (tmp_path / "mine" / f"{FIRST}.md").read_text()
     assert main(["example", "droplet", "--lessons", str(tmp_path)]) == 2
     assert "leave out the names" in capsys.readouterr().err
+
+
+FIGURES = pictures.ROOT / "figures"
+LARGEST = 120_000  # bytes of a schematic
+
+
+@pytest.mark.parametrize("name", schematics.SCHEMATICS)
+def test_each_schematic_is_drawn(name, tmp_path, capsys):
+    assert pictures.command("", schematics.SCHEMATICS, tmp_path, [name]) == 0
+    assert capsys.readouterr().out == f"{tmp_path / name}\n"
+    assert (tmp_path / name).stat().st_size <= LARGEST
+    with Image.open(tmp_path / name) as picture:
+        assert picture.mode == "P"
+        seen = np.asarray(picture.convert("L"))
+    assert 0.02 < (seen < 250).mean() < 0.9
+
+
+def test_what_is_drawn_of_files_is_what_is_stored(tmp_path):
+    """A stored picture that differs is out of date."""
+    assert pictures.command("", page_pictures.PICTURES, tmp_path, ["verdicts.png"]) == 0
+    with Image.open(tmp_path / "verdicts.png") as drawn, Image.open(FIGURES / "pages" / "verdicts.png") as stored:
+        assert drawn.size == stored.size
+        ours, theirs = (picture.convert("L").tobytes() for picture in (drawn, stored))
+    assert sum(abs(a - b) > 60 for a, b in zip(ours, theirs)) < 0.01 * len(ours)
+
+
+def test_an_unknown_name_is_refused(tmp_path, capsys):
+    assert pictures.command("", schematics.SCHEMATICS, tmp_path, ["fan_scam.png"]) == 2
+    assert "did you mean 'fan_scan.png'?" in capsys.readouterr().err

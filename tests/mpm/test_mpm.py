@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import refsim as rs
-from refsim import make_plan
 from refsim.mpm import Counting
 from refsim.surface_energy.effect import CROWDED, OVERFULL
 from tests.running import advanced
@@ -38,41 +37,6 @@ def test_grid_follows_the_liquid(dim):
     grid = flying.parameters["mpm_liquid"]["grid"]
     assert grid.rebuilds > 3
     assert grid.nodes <= 3 * alone
-
-
-def test_a_wall_between_nodes_is_told_where_it_acts():
-    """Each face of its own; an open one and one within a thousandth of a cell have no note."""
-    walls = rs.MpmWalls(lower=(-0.05, 0.0001, 0.0), upper=(1.2, 1.09, 0.0), open_faces=("-x",))
-    notes = rs.make_plan(scene(rs.MpmLiquid(bulk_modulus=1e5), walls, dim=2)).notes
-    assert [note for note in notes if "mpm_walls" in note] == [
-        "mpm_walls: its face +y at 1.09 m acts at the node beyond it, at 1.2 m (0.55 cells): give a multiple of the"
-        " cell size, 0.2 m"
-    ]
-
-
-BAD = {
-    "do not resolve": lambda: (LIQUID, rs.SurfaceEnergy(surface_tension=1.0, smallest=200)),
-    "do not resolve the body": lambda: (
-        rs.MpmLiquid(bulk_modulus=1e5, cell_size=2.0), rs.SurfaceEnergy(surface_tension=1.0),
-    ),
-    "is behind a wall": lambda: (LIQUID, rs.MpmWalls(lower=(0.3, 0, 0), upper=(2, 2, 2))),
-    "cell_size = 0.05": lambda: (rs.MpmLiquid(bulk_modulus=1.0, cell_size=0.05),),
-    "acoustic_number = 0.9": lambda: (rs.MpmLiquid(bulk_modulus=1.0, acoustic_number=0.9),),
-    "initial_ratio = 0.1": lambda: (rs.MpmLiquid(bulk_modulus=1.0, initial_ratio=0.1),),
-    "literal has M99": lambda: (rs.MpmLiquid(bulk_modulus=1.0, literal=("M99",)),),
-    "narrower than three cells": lambda: (LIQUID, rs.MpmWalls(lower=(0, 0, 0), upper=(1, 0.5, 1))),
-    "face '-y'": lambda: (
-        LIQUID, rs.MpmWalls(lower=(0, 0, 0), upper=(1, 1, 1), slip_faces=("-y",), open_faces=("-y",)),
-    ),
-    "needs effect 'mpm_liquid'": lambda: (rs.MpmWalls(lower=(0, 0, 0), upper=(1, 1, 1)),),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("words", BAD)
-def test_bad_input_gets_one_sentence(words):
-    with pytest.raises(rs.InputError) as error:
-        make_plan(scene(*BAD[words]()))
-    assert words in str(error.value)
 
 
 def strewn(dim, shares):

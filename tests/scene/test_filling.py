@@ -9,8 +9,6 @@ import trimesh
 from scipy.spatial import cKDTree
 
 import refsim as rs
-from refsim.scene.files import parse_scene
-from tests.running import rows
 
 D, PULL = 0.125, 9.81
 LONG, WIDE, DEEP = 16, 6, 8  # cells
@@ -120,10 +118,3 @@ def test_bodies_take_their_volume(tmp_path):
         made = rs.make_plan(scene((block((14, 14, 14)),), walls, body))
         found.append(len(made.state.position) - 14**3 + volume / D**3)
     assert np.abs(found).max() <= 1, found
-
-
-@pytest.mark.parametrize(("keys", "words"), rows(__file__, "bad_fillings"))
-def test_what_cannot_be_filled_is_refused(keys, words):
-    text = f'spacing = 0.1\nsupport_radius = 0.3\n[[fluid]]\nshape = "box"\n{keys}\n'
-    with pytest.raises(rs.InputError, match=words):
-        rs.make_plan(parse_scene(text, "scene"))

@@ -1,51 +1,70 @@
-"""Scene files: what is read is what was written, and every mistake is named with its place."""
+"""Scene files: what is read is what was written; what is refused in a sentence, and noted."""
 
 import json
 import pathlib
+import re
+import tomllib
+import typing
 
 import msgspec
 import numpy as np
 import pytest
 
-import refsim
-from refsim import Ball, Box, Cloud, Gauge, Gravity, Motion, Scene, WeaklyCompressible, make_plan
+import refsim as rs
 from refsim.commands.plan import _text, describe_plan
 from refsim.core.effect import EFFECTS
-from refsim.scene.files import SHAPES, describe, load_scene, parse_scene, scene_schema, scene_to_toml, unit_of
+from refsim.scene.files import (
+    SHAPES,
+    describe,
+    load_scene,
+    parse_scene,
+    scene_from_dict,
+    scene_schema,
+    scene_to_toml,
+    unit_of,
+)
+from tests import pairs
+from tests.running import rows
 
-PACKAGE = pathlib.Path(refsim.__file__).parent
-EXAMPLES = sorted((PACKAGE / "examples").glob("*.toml"))
+PACKAGE = pathlib.Path(rs.__file__).parent
+EXAMPLES = PACKAGE / "examples"
+SCENES = tomllib.loads(
+    pathlib.Path(__file__)
+    .with_name("refused_and_noted.toml")
+    .read_text(encoding="utf-8")
+    .replace("EXAMPLES", str(EXAMPLES))
+)
 PUBLISHED = {name: effect for name, effect in EFFECTS.items() if effect.__module__.startswith("refsim.")}
 
 
 def test_toml_gives_the_same_scene_back_bit_for_bit():
-    scene = Scene(
+    scene = rs.Scene(
         name='a "name" \\ with\nlines, é and \U0001f4a7 and \x7f', spacing=0.1 + 1e-17, support_radius=1 / 3, dim=2,
         dtype="float64", step=1e-300,
         fluid=(
-            Ball(radius=np.nextafter(1.0, 2.0), center=(1.0, -2.5, 0.0)),
-            Box(cells=(1, 2, 1), velocity=(1e-9, 0.0, 0.0)),
+            rs.Ball(radius=np.nextafter(1.0, 2.0), center=(1.0, -2.5, 0.0)),
+            rs.Box(cells=(1, 2, 1), velocity=(1e-9, 0.0, 0.0)),
         ),
         effects=(
-            Gravity(acceleration=(0.1, 0.2, 0.0)),
-            WeaklyCompressible(sound_speed=3.0, clamp_pressure=False, density="summation"),
+            rs.Gravity(acceleration=(0.1, 0.2, 0.0)),
+            rs.WeaklyCompressible(sound_speed=3.0, clamp_pressure=False, density="summation"),
         ),
-        gauge=(Gauge(name="floor", kind="force", on="-y", every=0.02),),
-        motion=(Motion(of="gravity", kind="formula", direction=(0.0, 1.0, 0.0), formula="0.01*t**3"),),
+        gauge=(rs.Gauge(name="floor", kind="force", on="-y", every=0.02),),
+        motion=(rs.Motion(of="gravity", kind="formula", direction=(0.0, 1.0, 0.0), formula="0.01*t**3"),),
     )  # fmt: skip
     text = scene_to_toml(scene)
     again = parse_scene(text, "scene")
     assert (again, [e.name for e in again.effects]) == (scene, ["gravity", "weakly_compressible"])
     assert scene_to_toml(again) == text
-    cloud = Cloud(position=np.array([[0.1, 0.2, 0.3], [1 / 3, 0.0, 1e-20]]), mass=np.array([1.0, 2.0]))
+    cloud = rs.Cloud(position=np.array([[0.1, 0.2, 0.3], [1 / 3, 0.0, 1e-20]]), mass=np.array([1.0, 2.0]))
     again = parse_scene(scene_to_toml(scene.with_(fluid=(cloud,))), "scene").fluid[0]
     assert np.array_equal(again.position, cloud.position)
     assert again.mass == (1.0, 2.0)
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.toml")), ids=lambda path: path.stem)
 def test_examples_load_and_plan_without_a_note(path):
-    plan = make_plan(load_scene(path))
+    plan = rs.make_plan(load_scene(path))
     told, scene = _text(describe_plan(plan, "cpu")), plan.scene
     assert plan.notes == ()
     assert scene.name in told
@@ -58,7 +77,7 @@ def test_examples_load_and_plan_without_a_note(path):
 def test_the_published_schema_is_current_and_every_field_says_what_it_is():
     committed = json.loads((PACKAGE / "scene" / "scene.schema.json").read_text())
     assert committed == scene_schema(PUBLISHED), "renew it: python -m refsim schema > refsim/scene/scene.schema.json"
-    for owner in (Scene, *SHAPES.values(), *PUBLISHED.values()):
+    for owner in (rs.Scene, *SHAPES.values(), *PUBLISHED.values()):
         assert set(describe(owner)) == {f.name for f in msgspec.structs.fields(owner)}, owner.__name__
     schema = scene_schema(PUBLISHED)
     assert schema["properties"]["spacing"]["x-unit"] == "m"
@@ -67,3 +86,90 @@ def test_the_published_schema_is_current_and_every_field_says_what_it_is():
     for entry in [schema, *schema["$defs"].values()]:
         assert entry["additionalProperties"] is False
         assert all("description" in field for field in entry["properties"].values())
+
+
+WALLS = {"lower": (0, 0, 0), "upper": (1, 1, 1)}
+
+
+def scene(**changes):
+    values = {
+        "spacing": 0.1, "support_radius": 0.2,
+        "fluid": (rs.Box(cells=(2, 2, 2)), rs.Ball(radius=0.2, center=(1.0, 1.0, 1.0))),
+        "effects": (
+            rs.WeaklyCompressible(sound_speed=10.0, density="summation"), rs.Gravity(acceleration=(0.0, 0.0, -9.81)),
+        ),
+    }  # fmt: skip
+    return rs.Scene(**values | changes)
+
+
+@pytest.mark.parametrize("made, sentence", [
+    (lambda: scene(spacing=None), r"Scene: spacing = None is a NoneType; give a number\."),
+    (lambda: scene(dtype="float23"), r"Scene: dtype = 'float23' is not possible; did you mean float32\?"),
+    (lambda: scene(fluid=rs.Box(cells=(1, 1, 1))), r"Scene: fluid = Box\(.* is a Box; give a tuple or a list\."),
+    (lambda: scene(fluid=(3,)), r"Scene: fluid\[0\] = 3 is a whole number; give Box or Ball or Cloud or FluidMesh\."),
+    (lambda: scene(effects=rs.Gravity(acceleration=(0, 0, 0))), r"Scene: effects = .* give a tuple or a list\."),
+    (lambda: rs.SolidBall(center=(0, 0, 0), radius="r"), r"SolidBall: radius = 'r' is text; give a number\."),
+    (lambda: rs.SolidBall(center=(0, 0, 0), radius=1, density=-1.0), "density = -1.0 .*; give a positive number"),
+    (lambda: rs.Gravity(acceleration=9.81), r"gravity: acceleration = 9\.81 is a number with decimals; give a tup"),
+    (lambda: rs.Gravity(acceleration=(0, "g", 0)), r"gravity: acceleration\[1\] = 'g' is text; give a number\."),
+    (lambda: rs.BoxWalls(**WALLS, open_faces="+y"), r"box_walls: open_faces = .\+y. is text; give a tuple"),
+    (lambda: scene(spacing=10**400), r"Scene: spacing = 1000.* is not possible \(number out of range\)"),
+])  # fmt: skip
+def test_an_error_names_class_field_and_value(made, sentence):
+    with pytest.raises(rs.InputError, match=sentence):
+        made()
+
+
+BOUNDED = {**pairs.EFFECTS, "Scene": scene(), "Ball": scene().fluid[1]} | {
+    "SolidBall": rs.SolidBall(center=(0, 0, 0), radius=1), "SolidBox": rs.SolidBox(**WALLS),
+    "Gauge": rs.Gauge(name="a", kind="force", on="-x"),
+    "Motion": rs.Motion(of="gravity", kind="sway", direction=(1, 0, 0), amplitude=0.1, period=1.0),
+}  # fmt: skip
+
+
+def bounds(hint):
+    """The bounds that a type names anywhere within it."""
+    own = [hint] if isinstance(hint, msgspec.Meta) else []
+    return own + [found for part in typing.get_args(hint) for found in bounds(part)]
+
+
+@pytest.mark.parametrize("name", BOUNDED)
+def test_a_number_beyond_its_bound_is_refused_by_the_name_of_its_field(name):
+    """Bounds stand in the schema, too, which another test compares with the stored one."""
+    for field, hint in typing.get_type_hints(type(BOUNDED[name]), include_extras=True).items():
+        for bound in bounds(hint):
+            for limit, way in ((bound.gt, 0), (bound.ge, -1), (bound.le, 1)):
+                if limit is not None:
+                    value = (limit + way,) * 3 if field == "period" and name == "Scene" else limit + way
+                    with pytest.raises(rs.InputError, match=rf"{field}\S* = "):
+                        msgspec.structs.replace(BOUNDED[name], **{field: value})
+
+
+@pytest.mark.parametrize("changes, sentence", rows(__file__, "impossible_changes"))
+def test_a_change_that_is_not_possible_is_named(changes, sentence):
+    with pytest.raises(rs.InputError, match=sentence):
+        scene().with_(**changes)
+
+
+def changed(tables, changes):
+    """Tables with some of their values, or of those of tables within, changed."""
+    inner = {k: changed(tables[k], v) for k, v in changes.items() if isinstance(v, dict) and k in tables}
+    return tables | changes | inner
+
+
+@pytest.mark.parametrize(
+    "of, changes, words", [(of, *row) for of, table in SCENES.items() for row in table.get("refused", ())]
+)
+def test_what_a_scene_cannot_have_is_refused_in_one_sentence(of, changes, words):
+    with pytest.raises(rs.InputError) as refused:
+        rs.make_plan(scene_from_dict(changed(SCENES[of]["scene"], changes), "scene"))
+    said = str(refused.value)
+    assert any(each in said for each in words.split("|"))
+    assert not re.search(r"\n|\. ", said)
+
+
+@pytest.mark.parametrize("of, table", [(of, table) for of, table in SCENES.items() if "notes" in table])
+def test_a_plan_has_the_notes_of_its_settings_and_no_others(of, table):
+    for changes, words, count in table["notes"]:
+        notes = rs.make_plan(scene_from_dict(changed(table["scene"], changes), "scene")).notes
+        assert sum(words in note for note in notes) == count, (changes, words, notes)

@@ -1,4 +1,4 @@
-"""Flow beyond the sound speed: noted before a run, noted and stopped in it; tension too large for its sound speed."""
+"""Flow beyond the sound speed: noted before a run, noted and stopped in it; tension and viscosity of drops."""
 
 import math
 
@@ -6,6 +6,8 @@ import pytest
 
 import refsim as rs
 from refsim import make_plan
+from refsim.core.operation import REGISTRY
+from refsim.engine.binding import step_launches
 from refsim.surface_tension.calibration import BESIDE, SETTINGS
 from refsim.surface_tension.cohesion import KEEPS_DENSITY
 
@@ -78,12 +80,6 @@ def test_a_tension_too_large_for_its_sound_speed_is_noted(model, dim):
     assert not stiff_notes(drop(effect(100 * limit), rs.ImplicitPressure(), dim=dim))
 
 
-def test_terms_that_hold_no_drop_together_say_so():
-    for effect in (rs.NormalDifference2014(area_acceleration=1e-6), rs.Akinci2013(gamma=0.0, area_acceleration=1e-6)):
-        assert any("alone holds no drop together" in note for note in make_plan(drop(effect)).notes)
-    assert not make_plan(drop(rs.NormalDifference2014(area_acceleration=0.0))).notes[1:]  # the viscosity's
-
-
 # In the run
 def test_a_crushed_liquid_is_noted_and_stops_by_name():
     walls, crushed = rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.25, 3.0, 0.0)), (rs.Box(cells=(5, 20, 1)),)
@@ -103,3 +99,27 @@ def test_a_crushed_liquid_is_noted_and_stops_by_name():
     assert simulation.field("density").max() == densest[-1]  # the state was not moved
     (note,) = [n for n in simulation.notes if "denser than 1.1 times" in n]
     assert note.startswith(f"weakly_compressible: from step {first} on")
+
+
+MU = 0.7
+
+
+@pytest.mark.parametrize(("dim", "factor", "unit"), [(2, 4, math.pi), (3, 5, 4 * math.pi / 3)])
+def test_the_note_says_how_fast_a_drop_s_rotation_is_braked(dim, factor, unit):
+    """Of large drops, whose pairs are all there."""
+    liquid = rs.WeaklyCompressible(rest_density=1.0, sound_speed=20.0, dynamic_viscosity=MU, viscosity="laplacian")
+    drop = rs.Scene(spacing=1.0, support_radius=2.6, dim=dim, fluid=(rs.Ball(radius=2.0),), effects=(liquid,))
+    plan = make_plan(drop.with_(weakly_compressible__density="summation"))
+    rate = factor * MU / (plan.grid.count / unit) ** (2 / dim)
+    assert sum(f"{factor} nu/R^2 = {rate:.3g} per second" in note for note in plan.notes) == 1
+
+
+@pytest.mark.parametrize("backend", ["cpu", "cuda"])
+@pytest.mark.parametrize("viscosity", [0.0, MU])
+def test_a_default_step_reads_its_neighbours_twice(viscosity, backend):
+    """Pressure, viscosity, if there is any, and shifting are one loop behind that of the density."""
+    fluid = rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=viscosity)
+    plan = make_plan(rs.Scene(spacing=0.1, support_radius=0.2, fluid=(rs.Box(cells=(3, 3, 3)),), effects=(fluid,)))
+    launched = [REGISTRY[name] for name in step_launches(plan, backend) if name in REGISTRY]
+    summed = [operation.name for operation in launched if "neighbours" in operation.arguments("cpu")]
+    assert summed == ["sph.continuity", "particle_shifting.crowding"]

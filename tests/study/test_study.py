@@ -1,19 +1,24 @@
-"""Studies whose answer is known, studies that fail in part, and studies that go on."""
+"""Studies whose answer is known, fail in part or go on; orders against published values; observables."""
 
 import json
+import math
 import sys
 import types
 
+import numpy as np
 import pytest
 
 import refsim
 import refsim as rs
-from refsim import make_plan
+from refsim import Box, Gravity, InputError, Scene, Simulation, WeaklyCompressible, make_plan
 from refsim.__main__ import main
+from refsim.engine.conserved_totals import conserved_totals
 from refsim.study import runs
+from refsim.study.convergence import CAUTIOUS, SAFE, converge
 from refsim.study.observables import observable_of
 from tests.running import rows
 from tests.tank_file import GRAVITY, tank
+from validation.metrics.dam_break import front_position
 
 SCENE = tank(0.001, 6, 12, GRAVITY)
 
@@ -158,3 +163,79 @@ def test_seconds_that_do_not_settle_are_said(monkeypatch):
     made = [runs.measure(setting, observable) for _ in range(2)]
     assert [reading.seconds for reading in made] == [0.5, 0.1]
     assert [reading.unsettled for reading in made] == ["", "its two fastest of 6 runs differ by 100 %"]
+
+
+def celik(h, q):
+    """Order and extrapolated value by the fixed-point iteration of Celik et al. 2008, J. Fluids Eng. 130, 078001."""
+    r21, r32 = h[1] / h[0], h[2] / h[1]
+    e21, e32 = q[1] - q[0], q[2] - q[1]
+    s = math.copysign(1.0, e32 / e21)
+    p = 1.0
+    for _ in range(2000):
+        p = abs(math.log(abs(e32 / e21)) + math.log((r21**p - s) / (r32**p - s))) / math.log(r21)
+    return p, (r21**p * q[0] - q[1]) / (r21**p - 1)
+
+
+def test_the_published_example():
+    """Celik et al. 2008, table 1, first column: dimensionless reattachment length."""
+    found = converge([1.0, 1.5, 1.5 * 1.333], [6.063, 5.972, 5.863])
+    assert found.asymptotic
+    assert (found.order, found.value) == (pytest.approx(1.53, abs=0.01), pytest.approx(6.1685, abs=5e-4))
+    assert found.uncertainty / 6.063 == pytest.approx(0.022, abs=5e-4)  # GCI, 2.2 %
+    assert found.error(6.063) == pytest.approx(0.017, abs=5e-4)  # extrapolated relative error, 1.7 %
+
+
+@pytest.mark.parametrize("order", [0.55, 1.0, 1.4, 2.0, 2.9])
+@pytest.mark.parametrize("ratios", [(2.0, 2.0), (1.5, 1.5), (1.3, 1.7), (1.9, 1.2)])
+@pytest.mark.parametrize("limit, slope", [(1.0, 3.0), (-40.0, 0.2), (1e-6, -1e-6)])
+def test_power_laws_are_found(order, ratios, limit, slope):
+    h = np.array([0.1, 0.1 * ratios[0], 0.1 * ratios[0] * ratios[1]])
+    q = limit + slope * h**order
+    found = converge(h[[1, 2, 0]], q[[1, 2, 0]])
+    p, extrapolated = celik(h, q)
+    assert found.asymptotic
+    assert (found.order, found.order) == (pytest.approx(order, rel=1e-6), pytest.approx(p, rel=1e-6))
+    assert (found.value, found.value) == (pytest.approx(extrapolated, rel=1e-6), pytest.approx(limit, rel=1e-6))
+    inside = 0.9 <= order <= 2.2
+    assert found.safety == (SAFE if inside else CAUTIOUS)
+    if inside:
+        assert found.uncertainty == pytest.approx(1.25 * abs(q[0] - limit), rel=1e-6)
+        assert found.bound(q[2]) == pytest.approx(1.25 * abs(q[2] - limit) / abs(limit), rel=1e-6)
+    assert found.uncertainty >= (1 - 1e-6) * 1.25 * abs(q[0] - limit)
+
+
+@pytest.fixture(scope="module")
+def simulation():
+    """A block that flies, and a piece apart from it."""
+    scene = Scene(
+        dim=2, dtype="float64", spacing=0.01, support_radius=0.026,
+        fluid=(Box(cells=(8, 6, 1), velocity=(2.0, 1.0, 0.0)), Box(lower=(0.3, 0.0, 0.0), cells=(2, 2, 1))),
+        effects=(WeaklyCompressible(sound_speed=20.0, density="summation"), Gravity(acceleration=(0.0, -9.81, 0.0))),
+    )  # fmt: skip
+    made = Simulation(scene, "numpy")
+    made.step()
+    return made
+
+
+def value(simulation, name):
+    return observable_of(name, simulation.plan)(simulation)
+
+
+def test_front_and_energy_are_those_of_the_report_and_a_lonely_point_has_none(simulation):
+    position = simulation.field("position")
+    found = front_position(position, 0.01)
+    assert found.detached
+    assert value(simulation, "front") == pytest.approx(found.connected, rel=1e-12)
+    assert value(simulation, "front:+x") < found.farthest
+    assert value(simulation, "front:-y") == pytest.approx(-front_position(-position, 0.01, axis=1).connected, rel=1e-12)
+    assert value(simulation, "kinetic_energy") == pytest.approx(
+        conserved_totals(simulation)["kinetic_energy"], rel=1e-12
+    )
+    with pytest.raises(InputError, match="no particle is within the support radius"):
+        value(simulation, "field:density@5,5")
+
+
+@pytest.mark.parametrize("name, words", rows(__file__, "missing_observables"))
+def test_what_is_not_there_gets_a_sentence(simulation, name, words):
+    with pytest.raises(InputError, match=words):
+        observable_of(name, make_plan(simulation.plan.scene))

@@ -1,4 +1,4 @@
-"""Surface-tension models beside Jiang & Zhu's: shapes of their forces, momenta, internal pressure, printed readings."""
+"""Surface-tension models: forces, internal pressure, notes, what a scene pays for, bad input."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ import refsim as rs
 from refsim import make_plan
 from refsim.core.effect import Discretisation
 from refsim.study.panels.drops import pair_virials
-from tests.running import rows
+from refsim.surface_tension.jiang_zhu_2023.modes import PAIR_MODES
 
 COHESIVE = (rs.JiangZhu2023, rs.Akinci2013, rs.Dong2016, rs.BeckerTeschner2007, rs.TartakovskyMeakin2005)
 
@@ -17,69 +17,13 @@ def notes_with(plan, words):
     return [note for note in plan.notes if words in note]
 
 
-def test_what_a_model_does_to_drops_is_noted():
-    """Each note appears with the setting that it warns of, and not without."""
-
-    def notes(*effects, viscosity=1.0, h=2.6, form="laplacian"):
-        fluid = rs.WeaklyCompressible(
-            rest_density=1.0, sound_speed=10.0, dynamic_viscosity=viscosity, kernels="mueller", viscosity=form,
-            density="summation",
-        )  # fmt: skip
-        box = rs.Box(cells=(2, 2, 2))
-        return make_plan(rs.Scene(spacing=1.0, support_radius=h, fluid=(box,), effects=(fluid, *effects)))
-
-    turning, akinci = "does not act along the pair", rs.Akinci2013(surface_tension=1.0)
-    for effect, without in (
-        (akinci, rs.Akinci2013(surface_tension=1.0, area_acceleration=0.0)),
-        (akinci, rs.Akinci2013(surface_tension=1.0, area_direction="axial")),
-        (rs.Dong2016(surface_tension=1.0), rs.Dong2016(surface_tension=1.0, correction=0.0)),
-        (rs.JiangZhu2023(surface_tension=1.0), rs.JiangZhu2023(surface_tension=1.0, area_direction="axial")),
-        (rs.JiangZhu2023(surface_tension=1.0), rs.JiangZhu2023(surface_tension=1.0, area_term="none")),
-    ):
-        assert len(notes_with(notes(effect, viscosity=0.0), turning)) == 1
-        assert notes_with(notes(effect), turning) == notes_with(notes(without, viscosity=0.0), turning) == []
-        assert len(notes_with(notes(effect, form="central"), turning)) == 1
-        assert notes_with(notes(without, form="central"), turning) == []
-    pairs_of_two = rs.JiangZhu2023(surface_tension=1.0, pair_mode="either", area_ratio=0.0)
-    assert notes_with(notes(pairs_of_two), "boil or fall apart")
-    assert notes_with(notes(akinci, rs.ImplicitPressure()), "tremble at rest")
-    assert notes_with(notes(akinci), "tremble") == []
-    dong = rs.Dong2016(surface_tension=1.0)
-    assert notes_with(notes(dong, h=1.7), "freeze in the shape")
-    assert notes_with(notes(dong, h=1.8), "freeze in the shape") == []
-    assert notes_with(notes(rs.BeckerTeschner2007(surface_tension=1.0, clamp_distance=False)), "pile up")
-    assert notes_with(notes(rs.BeckerTeschner2007(surface_tension=1.0)), "pile up") == []
-    for effect, without in (
-        (rs.He2014(kappa=1e-3), rs.He2014(air_pressure=1e-3)),
-        (rs.CsfWang2019(surface_tension=1e-3), rs.CsfWang2019(surface_tension=0.0)),
-    ):
-        assert notes_with(notes(effect), "gather in pairs")
-        assert [note for note in notes(without).notes if "brakes free rotation" not in note] == []
-
-
-@pytest.mark.parametrize(("name", "parameters", "words"), rows(__file__, "bad_models"))
-def test_bad_parameters_get_one_sentence(name, parameters, words):
-    model = getattr(rs, name)
-    fluid = rs.WeaklyCompressible(rest_density=1.0, sound_speed=100.0, density="summation")
-    box = rs.Box(cells=(3, 3, 3))
-    with pytest.raises(rs.InputError) as error:
-        make_plan(rs.Scene(spacing=1.0, support_radius=2.7, fluid=(box,), effects=(fluid, model(**parameters))))
-    assert words in str(error.value)
-    assert str(error.value).startswith(f"{model.name}: ")
-
-
 def beside_akinci(fluid):
     """27 particles of this liquid under Akinci's tension."""
     effects = (fluid, rs.Akinci2013(surface_tension=1.0))
     return rs.Scene(spacing=1.0, support_radius=2.6, fluid=(rs.Box(cells=(3, 3, 3)),), effects=effects)
 
 
-def test_a_coefficient_on_an_advanced_density_is_noted_and_restoring_only_there():
-    summed = rs.WeaklyCompressible(sound_speed=10.0, density="summation", restoring=0.3)
-    with pytest.raises(
-        rs.InputError, match=r"restoring = 0.3 is for an advanced density, and this one is summed; leave"
-    ):
-        make_plan(beside_akinci(summed))
+def test_a_coefficient_on_an_advanced_density_is_noted():
     for density, restoring, noted in (("continuity", 0.3, 1), (None, 0.003, 0)):
         fluid = rs.WeaklyCompressible(sound_speed=100.0, dynamic_viscosity=10.0, density=density)
         plan = make_plan(beside_akinci(fluid))
@@ -145,3 +89,52 @@ def test_sum_of_pairs_is_the_sum_of_the_forces(tension):
     _, _, virial = pair_virials(simulation)
     assert virial.sum() == pytest.approx((m[:, None] * x * a).sum(), abs=2e-6 * np.abs(virial).sum())
     assert abs(virial.sum()) > 1e-3 * np.abs(virial).sum()
+
+
+RATIO = 2.7  # support radius in spacings
+
+
+def drop(**parameters):
+    """27 particles under this tension."""
+    liquid = rs.WeaklyCompressible(rest_density=1.0, sound_speed=40.0, dynamic_viscosity=0.2, density="summation")
+    effects = (liquid, rs.JiangZhu2023(**parameters))
+    return rs.Scene(spacing=0.2, support_radius=0.2 * RATIO, fluid=(rs.Box(cells=(3, 3, 3)),), effects=effects)
+
+
+# Density correction J(14), J(15)
+# In a scene
+@pytest.mark.parametrize("mode", PAIR_MODES)
+def test_a_scene_pays_only_for_what_its_pair_mode_uses(mode):
+    plan = make_plan(drop(surface_tension=1.0, pair_mode=mode, area_ratio=0.0, density_correction=False))
+    launches = set(plan.launches()) - {"sph.density", "sph.state", "sph.momentum"}
+    detection = {"surface_detection.candidates", "surface_normal.color_gradient", "surface_detection.fan_scan"}
+    assert launches == {"jiang_zhu_2023.cohesion"} | {
+        "soft": {"surface_normal.color_gradient", "jiang_zhu_2023.soft_weight"}, "all": set(),
+    }.get(mode, detection)  # fmt: skip
+    assert "corrected_normal" not in plan.fields
+    assert ("surface" in plan.fields) == (mode not in ("soft", "all"))
+
+
+@pytest.mark.parametrize("kernels, ratio", [("wendland", 0.006), ("cubic_spline", 0.006), ("mueller", 0.01)])
+@pytest.mark.parametrize("direction, share", [("normals", 1.0), ("axial", 2 / 3)])
+def test_an_area_term_that_is_left_open_lets_drops_rest(kernels, ratio, direction, share):
+    """In a plan without a note on it; with Mueller kernels drops rest up to 0.012."""
+    tension = rs.JiangZhu2023(surface_tension=0.07, area_direction=direction)
+    liquid = rs.WeaklyCompressible(sound_speed=30.0, dynamic_viscosity=5.0, kernels=kernels)
+    fluid = rs.Box(cells=(3, 3, 3))
+    plan = make_plan(rs.Scene(spacing=0.01, support_radius=0.026, fluid=(fluid,), effects=(liquid, tension)))
+    most = 0.008 if (kernels, direction) == ("mueller", "axial") else ratio * share
+    assert tension.ratio_of_area(plan.effects) == pytest.approx(most)
+    assert not any("area_ratio" in note for note in plan.notes)
+
+
+def test_detection_shares_its_passes_with_tension():
+    scene = drop(surface_tension=1.0, pair_mode="either", density_correction=True, area_term="color")
+    alone = make_plan(scene).launches()
+    assert len(alone) == len(set(alone))
+    beside = scene.with_(effects=(*scene.effects, rs.SurfaceDetection(threshold=0.95)))
+    plan = make_plan(beside)
+    assert sorted(plan.launches()) == sorted(alone)
+    limit = plan.parameters["jiang_zhu_2023"]["near_surface_limit"].number_density
+    fluid = plan.effects["weakly_compressible"]
+    assert limit == pytest.approx(0.95 * fluid.rest_number_density(plan.grid))
