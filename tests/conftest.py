@@ -8,7 +8,6 @@ import pathlib
 import shutil
 import subprocess
 import sys
-import types
 import zipfile
 
 import pytest
@@ -124,28 +123,11 @@ def unpack(copy):
 
 
 @pytest.fixture
-def disk(monkeypatch):
-    """After `disk.space` further opens, writes, renames and fsyncs the next raises `disk.error`, a write in its middle;
-    where that is a function, it is called before each of the next."""
-    from refsim.core import writing
+def disk():
+    """A disk whose `space` and `error` a test sets: see `refused_writes.Disk`."""
+    from tests.commands.refused_writes import Disk
 
-    made = types.SimpleNamespace(space=10**9, error=None)
-
-    def counted(place, name, real):
-        def call(*given, **named):
-            made.space -= 1
-            if made.space < 0 and callable(made.error):
-                made.error()
-            elif made.space < 0:
-                if name == "write_all":
-                    real(given[0], memoryview(given[1])[: len(given[1]) // 2])
-                raise made.error
-            return real(*given, **named)
-
-        monkeypatch.setattr(place, name, call, raising=False)
-
-    counted(writing, "open", open)
-    counted(writing, "write_all", writing.write_all)
-    counted(os, "replace", os.replace)
-    counted(os, "fsync", os.fsync)
-    return made
+    made = Disk()
+    made.begin()
+    with made.watching():
+        yield made

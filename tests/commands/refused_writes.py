@@ -88,26 +88,36 @@ COMMANDS = {  # each writes into the folder "out", and what it left there before
 }
 SLOW = ("sweep", "study", "junit", "film")  # drawn half as often
 NUMBERS = {"full": errno.ENOSPC, "quota": errno.EDQUOT, "broken": errno.EIO, "read-only": errno.EROFS}
+
+
+def vanish() -> None:
+    shutil.rmtree("../out" if os.path.basename(os.getcwd()) == "out" else "out", ignore_errors=True)
+
+
+FAULTS: dict[str, BaseException | Callable[[], None] | None]
 FAULTS = {name: OSError(number, os.strerror(number)) for name, number in NUMBERS.items()}
-FAULTS |= {"interrupted": KeyboardInterrupt(), "vanished": None, "slow": None}
+FAULTS |= {"interrupted": KeyboardInterrupt(), "vanished": vanish, "slow": None}
 
 
 class Disk:
-    """Counts opens, writes, renames and fsyncs; call number `fault_at` meets the fault, and if `lasting` all later."""
+    """Counts opens, writes, renames and fsyncs; after `space` further ones the next raises `error`, a write in its
+    middle, or calls it if that is a function; and if `lasting` all later ones. With none, writes are small pieces."""
 
-    def begin(self, fault_at: int = 10**9, fault: str = "", lasting: bool = False) -> None:
-        self.calls, self.fault_at, self.fault, self.lasting, self.met = 0, fault_at, fault, lasting, False
+    def begin(
+        self, space: int = 10**9, error: BaseException | Callable[[], None] | None = vanish, lasting: bool = True
+    ) -> None:
+        self.calls, self.space, self.error, self.lasting, self.met = 0, space, error, lasting, False
 
     def meet(self, half: Callable[[], object] = lambda: None) -> None:
-        self.calls += 1
-        if self.calls - 1 < self.fault_at or (self.met and not self.lasting):
+        self.calls, self.space = self.calls + 1, self.space - 1
+        if self.space >= 0 or (self.met and not self.lasting):
             return
         self.met = True
-        if self.fault == "vanished":
-            shutil.rmtree("../out" if os.path.basename(os.getcwd()) == "out" else "out", ignore_errors=True)
-        elif made := FAULTS[self.fault]:
+        if isinstance(self.error, BaseException):
             half()
-            raise made
+            raise self.error
+        if self.error is not None:
+            self.error()
 
     @contextlib.contextmanager
     def watching(self) -> Iterator[None]:
@@ -122,7 +132,7 @@ class Disk:
 
         def slowly(file: io.RawIOBase, data: bytes) -> None:
             small = types.SimpleNamespace(write=lambda view: file.write(view[:4097]))
-            write_all(small, data) if self.fault == "slow" else whole(file, data)
+            write_all(small, data) if self.error is None else whole(file, data)
 
         def film(*given: object, **named: object) -> Iterator[None]:
             inner = frames(*given, **named)
@@ -213,14 +223,14 @@ def trial(name: str, disk: Disk, fault_at: int, fault: str, lasting: bool, old: 
     else:
         os.mkdir("out")
     before, said, plain = contents(), io.StringIO(), io.StringIO()
-    disk.begin(fault_at, fault, lasting)
+    disk.begin(fault_at, FAULTS[fault], lasting)
     with contextlib.redirect_stderr(said), contextlib.redirect_stdout(plain):
         try:
             code = COMMANDS[name]()
         except (refsim.InputError, refsim.RunStopped, KeyboardInterrupt) as error:  # a call of Python raises
             code = 2 if isinstance(error, refsim.InputError) else 3
             print(f"refsim: {error}", file=said)
-    disk.fault_at = 10**9
+    disk.space = 10**9
     words_said = said.getvalue()
     assert code in (0, 2, 3) or (code, name) == (4, "junit"), f"exit code {code}"
     assert "Traceback" not in words_said, words_said[-600:]
