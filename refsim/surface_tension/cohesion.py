@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from refsim.core.capabilities import (
     BalancesCohesion,
+    BringsWalls,
     CorrectsPositions,
     FollowsScene,
     KnowsLimits,
@@ -29,13 +30,14 @@ from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.errors import InputError
 from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope
-from refsim.sph import LIQUID, SETS, liquid_of, pressure_is_replaced
+from refsim.sph import LIQUID, SETS, acceleration_of, liquid_of, pressure_is_replaced
 from refsim.sph.flow import at_least
 
 SIGMA = "surface_tension"  # name of the parameter that every model has
 COLLAPSE = 0.25  # Pi beyond which no density balances the cohesion
 # S = sigma/(rho0 c^2 d) up to which the middle of small drops keeps the rest density to 10 % (docs/models.md)
 KEEPS_DENSITY = 0.01
+FLAT = 10.0  # Bond number of a drawn body, by the radius of its ball, from which on contact angles hardly shape it
 STRAINED = 0.045  # Pi at which the bulk is compressed by 5 %, from which on a note warns
 DENSITY_KEPT = "small drops keep their density to 10 %"
 BECAME_DROPS = "cubes became drops (beyond it they fly apart, and a shorter step does not help)"
@@ -117,6 +119,7 @@ class MeasuredByDrops:
     shown: ClassVar[Mapping[int, tuple[str, str]]] = {}
     held: ClassVar[float] = 0.0  # least h/d at which drops have it within 5 %, by their jump and by their frequency
     beyond: ClassVar[str] = ""  # of the supports of `measured`: what acts there, in words
+    on_walls: ClassVar[str] = ""  # contact angles of drops of the default liquid on walls [degrees]
 
     def share_of_nominal(self, grid: Discretisation, others: Others) -> float:
         """Measured over nominal tension in the default liquid, whose particles are shifted; else 1.
@@ -192,6 +195,13 @@ class MeasuredByDrops:
             yield (
                 f"{begin} sigma/(rho0 c^2 d) = {least:.2g} to {most:.2g}; with {stiffness:.2g} a"
                 f" {'larger' if stiffness < least else 'smaller'} tension acts"
+            )
+        weight = liquid_of(others).rest_density * float(np.linalg.norm(acceleration_of(others)))
+        walled = any(effect.extrapolates() for effect in effects_with(others, BringsWalls))
+        if radius and walled and weight * grid.drop_radius**2 < FLAT * getattr(self, SIGMA):
+            yield (
+                f"{self.name}: walls pull this liquid, so that drops have a contact angle of {self.on_walls} degrees on"
+                " them; akinci_2013 has others by calibrate_contact_angle"
             )
 
 

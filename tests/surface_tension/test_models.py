@@ -17,9 +17,9 @@ def notes_with(plan, words):
     return [note for note in plan.notes if words in note]
 
 
-def beside_akinci(fluid):
+def beside_akinci(fluid, *others):
     """27 particles of this liquid under Akinci's tension."""
-    effects = (fluid, rs.Akinci2013(surface_tension=1.0))
+    effects = (fluid, rs.Akinci2013(surface_tension=1.0), *others)
     return rs.Scene(spacing=1.0, support_radius=2.6, fluid=(rs.Box(cells=(3, 3, 3)),), effects=effects)
 
 
@@ -29,6 +29,16 @@ def test_a_coefficient_on_an_advanced_density_is_noted():
         plan = make_plan(beside_akinci(fluid))
         assert plan.effects["weakly_compressible"].restoring == restoring
         assert len(notes_with(plan, "calibrate(..., density = 'continuity')")) == noted
+
+
+def test_the_angle_of_drops_on_walls_is_noted_below_a_bond_number_of_ten():
+    walls = rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(9.0, 9.0, 9.0))  # of 27 particles rho g R^2/sigma = 3461 g s^2/m
+    for density, g, others, noted in (
+        (None, 2.8e-3, (walls,), 1), (None, 3e-3, (walls,), 0), (None, 0.0, (), 0), ("summation", 0.0, (walls,), 0)
+    ):  # fmt: skip
+        fluid = rs.WeaklyCompressible(sound_speed=100.0, dynamic_viscosity=10.0, density=density)
+        plan = make_plan(beside_akinci(fluid, rs.Gravity(acceleration=(0.0, 0.0, -g)), *others))
+        assert len(notes_with(plan, "contact angle of 80 to 90 degrees")) == noted
 
 
 @pytest.mark.parametrize("dim", [2, 3])

@@ -118,6 +118,7 @@ class CsfWang2019(
         3: tuple((radius, ((2.6, ((0.005, factor),)),)) for radius, factor in
                  ((6.0, 1.05), (8.0, 1.022), (10.0, 1.005), (14.0, 0.979), (20.0, 0.957))),
     }  # fmt: skip
+    on_walls: ClassVar[str] = "40 to 48"
     radii: ClassVar[Mapping[int, tuple[float, float, str]]] = dict.fromkeys((2, 3), (6.0, 20.0, "none was measured"))
 
     surface_tension: NotNegative

@@ -94,6 +94,7 @@ class Dong2016(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=True)
         3: tuple((radius, ((3.0, ((0.004, factor),)),)) for radius, factor in
                  ((6.0, 0.987), (8.0, 1.004), (12.0, 1.003), (20.0, 1.014))),
     }  # fmt: skip
+    on_walls: ClassVar[str] = "80 to 90"
     radii: ClassVar[Mapping[int, tuple[float, float, str]]] = {
         2: (8.0, 20.0, "it is off by up to 0.27 (6 spacings)"),
         3: (6.0, 12.0, "it is off by up to 0.06 (14 spacings) and 0.09 (20)"),
