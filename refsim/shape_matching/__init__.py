@@ -89,9 +89,8 @@ class ShapeMatching(Effect, HasErrata, Inspects, JudgesStart, frozen=True, kw_on
     half_width  w of the regions [cells], 1 to 4: stiffness and cost grow with it
     stiffness   alpha, share of the displacement to the goal in a step, up to 1
     damping     beta, share of the difference to the regions' rigid motion that a step removes, up to 1; 0 leaves it out
-    summation   how regions are summed: "gather" (member by member), "reduction" (threads of a GPU share a region, as in
-                the paper; on a CPU as "gather") or "fast" (boxes of cells, one axis after the other; a GPU sums
-                by reduction)
+    summation   how regions are summed: "gather" or "reduction" (member by member; threads of a GPU share a region, as
+                in the paper) or "fast" (boxes of cells, one axis after the other; a GPU sums by reduction)
     literal     "paper" for the choice of Shao & Song: no damping (M25)
     """
 

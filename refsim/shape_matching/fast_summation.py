@@ -278,7 +278,7 @@ def match_nodes(
     """Center, anchor and rotation of node s' region from its box or, if it is not the whole box, member by member."""
     counted, sums = match_box(s, solid_position, boxes)
     if counted != region_count[s] or counted <= 1:
-        sums = kernels.match_sums(s, solid_position, region_share, region, matching.half_width)
+        sums = kernels.match_sums(s, None, solid_position, region_share, region, matching.half_width)
     kernels.match_end(s, sums, solid_position, region_share, region, matching, region_center, region_anchor, rotation)
 
 
@@ -287,7 +287,7 @@ def goal_nodes(s, velocity, solid_position, goals, place, boxes, matching, times
     """Pull of node s [m/s^2] from the sums of its box or, if its region is not the whole box, member by member."""
     counted, sums = goal_box(s, solid_position, boxes, matching.spacing)
     if counted != goals.region_count[s]:
-        sums = kernels.goal_sums(s, solid_position, goals.region, goals.region_anchor, goals.rotation, matching)
+        sums = kernels.goal_sums(s, None, solid_position, goals.region, goals.region_anchor, goals.rotation, matching)
     kernels.goal_end(s, sums, goals.region_count, place, velocity, matching, timestep, acceleration, solid_velocity)
 
 
@@ -297,7 +297,7 @@ def motion_nodes(s, solid_position, solid_velocity, members, boxes, matching, re
     share, region, count, center = members
     counted, mass, sums = motion_box(s, solid_position, solid_velocity, center, boxes)
     if counted != count[s] or counted <= 1 or too_small(mass, sums, matching):
-        mass, sums = kernels.motion_sums(s, solid_position, solid_velocity, share, region, center)
+        mass, sums = kernels.motion_sums(s, None, solid_position, solid_velocity, share, region, center, matching)
     kernels.motion_end(s, mass, sums, solid_velocity, matching, region_velocity, region_spin)
 
 
@@ -309,7 +309,7 @@ def damp_nodes(
     counted, sums = damp_box(s, solid_position, solid_velocity, boxes)
     if counted != region_count[s]:
         region, _, center, mean, spin = motions
-        sums = kernels.damp_sums(s, solid_position, solid_velocity, region, center, mean, spin)
+        sums = kernels.damp_sums(s, None, solid_position, solid_velocity, (region, center, mean, spin), matching)
     kernels.damp_end(s, sums, region_count, place, matching, timestep, acceleration)
 
 

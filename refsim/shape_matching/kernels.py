@@ -1,4 +1,4 @@
-"""What one node does in lattice shape matching.
+"""What one node does in lattice shape matching; threads of a GPU share a region (Shao & Song 2017, section 3.2).
 
 Tables have a row for each node in the particles' first order, in which the nodes of solids come first: row s belongs to
 the particle of identity s, whose present row in the particle arrays is place[s]. Empty slots are EMPTY.
@@ -8,8 +8,9 @@ import numpy as np
 
 from refsim.backends.compile import formula, kernel
 from refsim.backends.runtime import simulated
-from refsim.backends.tuples import added, converted, difference, over, put, scaled, three
+from refsim.backends.tuples import added, converted, difference, entrywise, over, put, scaled, three
 from refsim.neighbours.formulas import BITS, lower_bound
+from refsim.neighbours.rows import first_lane, lane_slots, over_lanes
 from refsim.shape_matching import formulas
 from refsim.shape_matching.phases import EMPTY, FLUID, INTERIOR, SURFACE
 from refsim.shape_matching.rotation import solved_rotation
@@ -72,6 +73,48 @@ def gather(s, position, mass, place, region_count, region_share, solid_position)
 
 
 @formula
+def opposites(pair, lane, half_width):
+    """(slot, the one opposite, (a, b, e)): a pair of slots and the first one's offset [cells].
+
+    Opposite slots are summed one after the other, so that sums stay small.
+    """
+    if lane is None:
+        return pair, (2 * half_width + 1) ** 3 - 1 - pair, formulas.slot_offset(pair, half_width)
+    return opposites_of_lane(pair, half_width)
+
+
+@formula
+def opposites_of_lane(pair, half_width):
+    """As `opposites`, where successive pairs are neighbours along x, as nodes are in memory."""
+    n = np.uint32(2 * half_width + 1)
+    over = (np.uint32(1 << 16) + n - np.uint32(1)) // n  # times a number below 2^13: 2^16 of its whole quotient by n
+    column = (np.uint32(pair) * over) >> np.uint32(16)
+    plane = (column * over) >> np.uint32(16)
+    a, b = np.int32(np.uint32(pair) - column * n), np.int32(column - plane * n)
+    plane = np.int32(plane)
+    slot = (a * np.int32(n) + b) * np.int32(n) + plane
+    last = np.int32(n) * np.int32(n) * np.int32(n) - 1
+    return slot, last - slot, (a - half_width, b - half_width, plane - half_width)
+
+
+@formula
+def opposite(offset):
+    """The offset of the opposite slot."""
+    return -offset[0], -offset[1], -offset[2]
+
+
+@entrywise
+def _of_lanes(part, lane, lanes):
+    return over_lanes(part, (lane, lanes))
+
+
+@formula
+def summed(sums, lane):
+    """Sums of what the lanes hold."""
+    return sums if lane is None else _of_lanes(sums, lane[0], lane[1])
+
+
+@formula
 def nothing_16(zero):
     """Sums of no terms."""
     return formulas.match_term(zero, (zero, zero, zero), (zero, zero, zero))
@@ -90,24 +133,28 @@ def match_member(s, j, offset, solid_position, region_share):
     return formulas.match_term(region_share[j], x, converted(offset, type(x[0])))
 
 
-@kernel(ordered=True)
-def match(s, solid_position, region_share, region, matching, region_center, region_anchor, rotation):
+@kernel(lanes=LANES, registers=64, ordered=True)
+def match(s, lane, solid_position, region_share, region, matching, region_center, region_anchor, rotation):
     """Center [m], anchor [m] and rotation of the region of node s, summed member by member."""
-    sums = match_sums(s, solid_position, region_share, region, matching.half_width)
-    match_end(s, sums, solid_position, region_share, region, matching, region_center, region_anchor, rotation)
+    sums = match_sums(s, lane, solid_position, region_share, region, matching.half_width)
+    if first_lane(lane):
+        match_end(s, sums, solid_position, region_share, region, matching, region_center, region_anchor, rotation)
 
 
 @formula
-def match_sums(s, solid_position, region_share, region, half_width):
+def match_sums(s, lane, solid_position, region_share, region, half_width):
     """Sums of the region of node s, member by member."""
     sums = nothing_16(type(solid_position[s, 0])(0))
-    last = region.shape[1] - 1
-    for k in range(region.shape[1]):  # a slot and then its opposite, so that sums stay small: k = 0, last, 1, ...
-        slot = last - k // 2 if k % 2 else k // 2
+    (first, step), middle = lane_slots(lane), region.shape[1] // 2
+    for pair in range(first, middle + 1, step):
+        slot, other, offset = opposites(pair, lane, half_width)
         j = region[s, slot]
         if j != EMPTY:
-            sums = added(sums, match_member(s, j, formulas.slot_offset(slot, half_width), solid_position, region_share))
-    return sums
+            sums = added(sums, match_member(s, j, offset, solid_position, region_share))
+        j = region[s, other]
+        if j != EMPTY and pair < middle:
+            sums = added(sums, match_member(s, j, opposite(offset), solid_position, region_share))
+    return summed(sums, lane)
 
 
 @formula
@@ -116,7 +163,7 @@ def careful_sums(s, solid_position, region_share, region, half_width):
     zero = np.float64(0)
     sums, size = nothing_16(zero), zero
     last = region.shape[1] - 1
-    for k in range(region.shape[1]):
+    for k in range(region.shape[1]):  # a slot and then its opposite: k = 0, last, 1, ...
         slot = last - k // 2 if k % 2 else k // 2
         j = region[s, slot]
         if j != EMPTY:
@@ -184,27 +231,32 @@ def goal_member(s, r, offset, solid_position, region_anchor, rotation, matching)
     return added(goal, difference(three(solid_position, r), three(solid_position, s)))
 
 
-@kernel(ordered=True)
+@kernel(lanes=LANES, ordered=True)
 def pull(
-    s, velocity, solid_position, region, region_count, region_anchor, rotation, place, matching, timestep, acceleration,
-    solid_velocity,
+    s, lane, velocity, solid_position, region, region_count, region_anchor, rotation, place, matching, timestep,
+    acceleration, solid_velocity,
 ):  # fmt: skip
     """Pull of node s towards its goal [m/s^2], summed member by member; added to the acceleration."""
-    sums = goal_sums(s, solid_position, region, region_anchor, rotation, matching)
-    goal_end(s, sums, region_count, place, velocity, matching, timestep, acceleration, solid_velocity)
+    sums = goal_sums(s, lane, solid_position, region, region_anchor, rotation, matching)
+    if first_lane(lane):
+        goal_end(s, sums, region_count, place, velocity, matching, timestep, acceleration, solid_velocity)
 
 
 @formula
-def goal_sums(s, solid_position, region, region_anchor, rotation, matching):
+def goal_sums(s, lane, solid_position, region, region_anchor, rotation, matching):
     """Sum of `goal_member` over the slots, member by member [m]."""
     zero = type(matching.spacing)(0)
     sums = zero, zero, zero
-    for slot in range(region.shape[1]):
+    (first, step), middle = lane_slots(lane), region.shape[1] // 2
+    for pair in range(first, middle + 1, step):
+        slot, other, offset = opposites(pair, lane, matching.half_width)
         r = region[s, slot]
         if r != EMPTY:
-            offset = formulas.slot_offset(slot, matching.half_width)
             sums = added(sums, goal_member(s, r, offset, solid_position, region_anchor, rotation, matching))
-    return sums
+        r = region[s, other]
+        if r != EMPTY and pair < middle:
+            sums = added(sums, goal_member(s, r, opposite(offset), solid_position, region_anchor, rotation, matching))
+    return summed(sums, lane)
 
 
 @formula
@@ -229,29 +281,32 @@ def motion_slot(s, slot, solid_position, solid_velocity, region_share, region, r
     return formulas.motion_term(region_share[j], difference(r, three(region_center, s)), u)
 
 
-@kernel(ordered=True)
+@kernel(lanes=LANES, ordered=True)
 def region_motion(
-    s, solid_position, solid_velocity, region_share, region, region_center, matching, region_velocity, region_spin
+    s, lane, solid_position, solid_velocity, region_share, region, region_center, matching, region_velocity, region_spin
 ):
     """Velocity [m/s] and spin [1/s] of the region of node s, summed member by member."""
-    mass, sums = motion_sums(s, solid_position, solid_velocity, region_share, region, region_center)
-    motion_end(s, mass, sums, solid_velocity, matching, region_velocity, region_spin)
+    mass, sums = motion_sums(s, lane, solid_position, solid_velocity, region_share, region, region_center, matching)
+    if first_lane(lane):
+        motion_end(s, mass, sums, solid_velocity, matching, region_velocity, region_spin)
 
 
 @formula
-def motion_sums(s, solid_position, solid_velocity, region_share, region, region_center):
+def motion_sums(s, lane, solid_position, solid_velocity, region_share, region, region_center, matching):
     """Mass [kg] of the region of node s, and the sums of its motion, member by member."""
-    zero = type(region_center[s, 0])(0)
-    mass = zero
-    sums = nothing_12(zero)
-    for slot in range(region.shape[1]):
-        j = region[s, slot]
-        if j != EMPTY:
-            mass += region_share[j]
-            sums = added(
-                sums, motion_slot(s, slot, solid_position, solid_velocity, region_share, region, region_center)
-            )
-    return mass, sums
+    mass = type(region_center[s, 0])(0)
+    sums = nothing_12(mass)
+    nodes = solid_position, solid_velocity, region_share, region, region_center
+    (first, step), middle = lane_slots(lane), region.shape[1] // 2
+    for pair in range(first, middle + 1, step):
+        slot, other, _ = opposites(pair, lane, matching.half_width)
+        if region[s, slot] != EMPTY:
+            mass += region_share[region[s, slot]]
+            sums = added(sums, motion_slot(s, slot, *nodes))
+        if region[s, other] != EMPTY and pair < middle:
+            mass += region_share[region[s, other]]
+            sums = added(sums, motion_slot(s, other, *nodes))
+    return over_lanes(mass, lane), summed(sums, lane)
 
 
 @formula
@@ -277,26 +332,30 @@ def damp_slot(s, slot, solid_position, solid_velocity, region, region_center, re
     return difference(formulas.rigid_term(region_velocity[r], region_spin[r], arm), three(solid_velocity, s))
 
 
-@kernel(rows_of="region_count", ordered=True)
+@kernel(rows_of="region_count", lanes=LANES, ordered=True)
 def damp(
-    s, solid_position, solid_velocity, region, region_count, region_center, region_velocity, region_spin, place,
+    s, lane, solid_position, solid_velocity, region, region_count, region_center, region_velocity, region_spin, place,
     matching, timestep, acceleration,
 ):  # fmt: skip
     """Damping of node s towards the rigid motion of its regions [m/s^2]; added to the acceleration."""
-    sums = damp_sums(s, solid_position, solid_velocity, region, region_center, region_velocity, region_spin)
-    damp_end(s, sums, region_count, place, matching, timestep, acceleration)
+    regions = region, region_center, region_velocity, region_spin
+    sums = damp_sums(s, lane, solid_position, solid_velocity, regions, matching)
+    if first_lane(lane):
+        damp_end(s, sums, region_count, place, matching, timestep, acceleration)
 
 
 @formula
-def damp_sums(s, solid_position, solid_velocity, region, region_center, region_velocity, region_spin):
+def damp_sums(s, lane, solid_position, solid_velocity, regions, matching):
     """Sum of damp_slot over the slots, member by member [m/s]."""
     zero = type(solid_position[s, 0])(0)
     sums = zero, zero, zero
-    regions = region, region_center, region_velocity, region_spin
-    for slot in range(region.shape[1]):
-        if region[s, slot] != EMPTY:
-            sums = added(sums, damp_slot(s, slot, solid_position, solid_velocity, *regions))
-    return sums
+    (first, step), middle = lane_slots(lane), regions[0].shape[1] // 2
+    for pair in range(first, middle + 1, step):
+        slot, other, _ = opposites(pair, lane, matching.half_width)
+        sums = added(sums, damp_slot(s, slot, solid_position, solid_velocity, *regions))
+        if pair < middle:
+            sums = added(sums, damp_slot(s, other, solid_position, solid_velocity, *regions))
+    return summed(sums, lane)
 
 
 @formula

@@ -18,19 +18,13 @@ _COLLAPSED = "members_in_a_point members_on_a_line members_on_a_short_line membe
 
 
 def _sums(tolerance):
-    """Further algorithms for sums over regions: threads that share a region (Shao & Song 2017, 3.2), boxes of cells.
+    """A CPU's other algorithm for sums over regions, boxes of cells.
 
-    On a GPU threads sum up to half-width 2 in less time than it takes to pass over all cells axis by axis.
+    Threads of a GPU sum up to half-width 2 in less time than it takes to pass over all cells axis by axis.
     """
-    fast = {
-        "tolerance": 2 * tolerance,
-        "reason": "as the sum over members; terms are relative to one point of the body",
-        "work": ("boxes.first", "boxes.second"),
-    }
-    return {
-        **dict.fromkeys(("cuda:reduction", "cuda:fast"), "parallel_reduction_cuda"),
-        "cpu:fast": Program("fast_summation", **fast),
-    }
+    reason = "as the sum over members; terms are relative to one point of the body"
+    work = ("boxes.first", "boxes.second")
+    return {"cpu:fast": Program("fast_summation", tolerance=2 * tolerance, reason=reason, work=work)}
 
 
 def members(region):
