@@ -1,7 +1,7 @@
 """Gauges: what a scene measures while it runs, each as a series in time.
 
-A kind is a class here, which says what it takes, needs and gives. What a run does with them is `refsim.engine.gauges`,
-where they may stand is `refsim.gauges.checks`.
+A kind is an entry of `KINDS`, which says what it takes, needs and gives. What a run does with them is
+`refsim.engine.gauges`, where they may stand is `refsim.gauges.checks`.
 """
 
 import io

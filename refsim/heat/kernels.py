@@ -59,14 +59,6 @@ def capacity_of(i, body, conduction):
 
 
 @formula
-def weight(i, j, position, volume, conductivity, seconds, conduction, period):
-    """g of a pair [J/K]: 0 beyond h and for coincident particles; NaN where the distance is NaN."""
-    x, y = (position[i, 0], position[i, 1], position[i, 2]), (position[j, 0], position[j, 1], position[j, 2])
-    q = scaled_distance(difference(x, y), period, conduction)
-    return weight_at(q, volume[i], volume[j], conductivity[i], conductivity[j], seconds, conduction)
-
-
-@formula
 def weight_at(q, volume_i, volume_j, conductivity_i, conductivity_j, seconds, conduction):
     """g of a pair at the distance q h [J/K]: 0 beyond h and for coincident particles."""
     real = type(q)
