@@ -220,6 +220,11 @@ class PairCohesion(Effect, MeasuredByDrops, BalancesCohesion, KnowsLimits, Pulls
 
     balance_pressure: bool = True
 
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if "scales" not in vars(cls):  # a model with more coefficients names them
+            cls.scales = (SIGMA, cls.coefficient_name)
+
     def check(self, grid: Discretisation, others: Others) -> None:
         self.check_coefficients()
         self.check_collapse(grid, others)

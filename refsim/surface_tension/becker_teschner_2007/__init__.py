@@ -38,7 +38,6 @@ class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
     """
 
     name: ClassVar[str] = "becker_teschner_2007"
-    scales: ClassVar[tuple[str, ...]] = ("surface_tension", "kappa")
     coefficient_name: ClassVar[str] = "kappa"
     shown: ClassVar[Mapping[int, tuple[str, str]]] = {2: ("none", "0.1 to 0.8"), 3: ("none", "0.7 to 0.9")}
 

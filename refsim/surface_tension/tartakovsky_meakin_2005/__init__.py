@@ -37,7 +37,6 @@ class TartakovskyMeakin2005(PairCohesion, frozen=True, kw_only=True):
     """
 
     name: ClassVar[str] = "tartakovsky_meakin_2005"
-    scales: ClassVar[tuple[str, ...]] = ("surface_tension", "strength")
     coefficient_name: ClassVar[str] = "strength"
     shown: ClassVar[Mapping[int, tuple[str, str]]] = {2: ("0.3 to 0.9", "0 to 84"), 3: ("0.3 to 0.5", "0.8 to 2.4")}
 
