@@ -132,11 +132,6 @@ def changed(name, **parameters):
     return msgspec.structs.replace(whole, effects=tuple(effects))
 
 
-def beside(name, plan):
-    """The other effects, with what they choose by the scene."""
-    return {n: effect for n, effect in plan.effects.items() if n != name}
-
-
 @pytest.mark.parametrize("name", pairs.EFFECTS)
 def test_a_zero_leaves_out_what_it_belongs_to(name):
     """A parameter that may be zero stands in a list; an effect has scales, or a reason why it has none."""
