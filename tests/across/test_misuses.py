@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import refsim as rs
+from refsim.boundary.mesh import surface_mesh
+from refsim.boundary.sampling import sample
 
 TANK = rs.Scene(
     spacing=0.1, support_radius=0.2, dim=2, fluid=(rs.Box(cells=(3, 3, 1)),),
@@ -13,6 +15,10 @@ TANK = rs.Scene(
         rs.WeaklyCompressible(sound_speed=10.0, density="summation"), rs.BoxWalls(lower=(0, 0, 0), upper=(1, 1, 1)),
     ),
 )  # fmt: skip
+
+TETRAHEDRON = surface_mesh(
+    np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]), np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+)
 
 
 @pytest.fixture(scope="module")
@@ -50,6 +56,25 @@ def run(tmp_path_factory):
     (lambda: rs.Scene(0.1), "Scene takes no value without a name; its names are spacing, support_radius, fluid, "),
     (lambda: rs.Gravity((0, 0, -9.81)), "gravity takes no value without a name; its names are acceleration."),
     (lambda: TANK.with_("spacing"), "Scene.with_: too many values are without a name; give fewer."),
+    (lambda: TANK.with_(spacing=None), "Scene: spacing = None is a NoneType; give a number."),
+    (lambda: TANK.with_(dtype="float23"), "Scene: dtype = 'float23' is not possible; did you mean float32?"),
+    (lambda: TANK.with_(fluid=rs.Box(cells=(1, 1, 1))), " is a Box; give a tuple or a list."),
+    (lambda: TANK.with_(fluid=(3,)), "Scene: fluid[0] = 3 is a whole number; give Box or Ball or Cloud or FluidMesh."),
+    (lambda: TANK.with_(effects=rs.Gravity()), " is a Gravity; give a tuple or a list."),
+    (lambda: TANK.with_(spacing=10**400), " is not possible (number out of range)"),
+    (lambda: rs.SolidBall(center=(0, 0, 0), radius="r"), "SolidBall: radius = 'r' is text; give a number."),
+    (lambda: rs.SolidBall(center=(0, 0, 0), radius=1, density=-1.0), "; give a positive number"),
+    (lambda: rs.Gravity(acceleration=9.81), "gravity: acceleration = 9.81 is a number with decimals; give a tup"),
+    (lambda: rs.Gravity(acceleration=(0, "g", 0)), "gravity: acceleration[1] = 'g' is text; give a number."),
+    (lambda: rs.MpmWalls(lower=(0, 0, 0), upper=(1, 1, 1), open_faces="+y"), "open_faces = '+y' is text; give a tuple"),
+    (lambda: rs.SurfaceDetection(literal="Paper").printed(), "literal has Paper; only E5, E6, E10, E23, paper or all"),
+    (lambda: rs.ShapeMatching(literal=("M25",)).printed(), "shape_matching: literal has M25; only paper or all can"),
+    (lambda: rs.SurfaceDetection(literal=3), "literal = 3 is a whole number; give text or a tuple or a list"),
+    (lambda: rs.SurfaceDetection(literal=("paper", 3)), "literal[1] = 3 is a whole number; give text"),
+    (lambda: rs.JiangZhu2023(gamma=1.0, literal="paper", pair_mode="both"),
+     "jiang_zhu_2023: literal 'paper' sets pair_mode = 'either', but pair_mode = 'both' is given; leave one of"),
+    (lambda: rs.HeatConduction(literal=("M5", "paper"), scheme="explicit"), "sets scheme = 'one_sided', but scheme ="),
+    (lambda: sample(TETRAHEDRON, 0.1, literal=("papers",)), "sampling: literal has papers; only E24, E25, paper or"),
 ])  # fmt: skip
 def test_a_call_that_is_not_possible_is_said_in_a_sentence(call, sentence):
     with pytest.raises(rs.InputError, match=re.escape(sentence)) as said:

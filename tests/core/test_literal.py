@@ -3,13 +3,9 @@
 import json
 
 import msgspec
-import numpy as np
 import pytest
 
-import refsim as rs
 from refsim.__main__ import main
-from refsim.boundary.mesh import surface_mesh
-from refsim.boundary.sampling import sample
 from refsim.core.capabilities import HasErrata
 from refsim.scene.files import load_scene
 from tests import pairs
@@ -36,26 +32,6 @@ def test_paper_takes_improvements_and_parameters_and_leaves_misprints_corrected(
     assert effect(**REQUIRED[effect], literal="all").printed() == set(effect.errata)
     again = effect(**REQUIRED[effect], **effect.paper, literal=["paper"])  # what a stored scene says
     assert again == msgspec.structs.replace(made, literal="paper") == made
-
-
-@pytest.mark.parametrize("make, words", [
-    (lambda: rs.SurfaceDetection(literal="Paper").printed(), "literal has Paper; only E5, E6, E10, E23, paper or all"),
-    (lambda: rs.ShapeMatching(literal=("M25",)).printed(), "shape_matching: literal has M25; only paper or all can"),
-    (lambda: rs.SurfaceDetection(literal=3), "literal = 3 is a whole number; give text or a tuple or a list"),
-    (lambda: rs.SurfaceDetection(literal=("paper", 3)), r"literal\[1\] = 3 is a whole number; give text"),
-    (lambda: rs.JiangZhu2023(gamma=1.0, literal="paper", pair_mode="both"),
-     "jiang_zhu_2023: literal 'paper' sets pair_mode = 'either', but pair_mode = 'both' is given; leave one of"),
-    (lambda: rs.HeatConduction(literal=("M5", "paper"), scheme="explicit"), "sets scheme = 'one_sided', but scheme ="),
-    (lambda: sample(TETRAHEDRON, 0.1, literal=("papers",)), "sampling: literal has papers; only E24, E25, paper or"),
-])  # fmt: skip
-def test_wrong_words_get_one_sentence(make, words):
-    with pytest.raises(rs.InputError, match=words):
-        make()
-
-
-TETRAHEDRON = surface_mesh(
-    np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]), np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
-)
 
 
 SCENE = rows(__file__, "paper")

@@ -102,24 +102,6 @@ def scene(**changes):
     return rs.Scene(**values | changes)
 
 
-@pytest.mark.parametrize("made, sentence", [
-    (lambda: scene(spacing=None), r"Scene: spacing = None is a NoneType; give a number\."),
-    (lambda: scene(dtype="float23"), r"Scene: dtype = 'float23' is not possible; did you mean float32\?"),
-    (lambda: scene(fluid=rs.Box(cells=(1, 1, 1))), r"Scene: fluid = Box\(.* is a Box; give a tuple or a list\."),
-    (lambda: scene(fluid=(3,)), r"Scene: fluid\[0\] = 3 is a whole number; give Box or Ball or Cloud or FluidMesh\."),
-    (lambda: scene(effects=rs.Gravity(acceleration=(0, 0, 0))), r"Scene: effects = .* give a tuple or a list\."),
-    (lambda: rs.SolidBall(center=(0, 0, 0), radius="r"), r"SolidBall: radius = 'r' is text; give a number\."),
-    (lambda: rs.SolidBall(center=(0, 0, 0), radius=1, density=-1.0), "density = -1.0 .*; give a positive number"),
-    (lambda: rs.Gravity(acceleration=9.81), r"gravity: acceleration = 9\.81 is a number with decimals; give a tup"),
-    (lambda: rs.Gravity(acceleration=(0, "g", 0)), r"gravity: acceleration\[1\] = 'g' is text; give a number\."),
-    (lambda: rs.BoxWalls(**WALLS, open_faces="+y"), r"box_walls: open_faces = .\+y. is text; give a tuple"),
-    (lambda: scene(spacing=10**400), r"Scene: spacing = 1000.* is not possible \(number out of range\)"),
-])  # fmt: skip
-def test_an_error_names_class_field_and_value(made, sentence):
-    with pytest.raises(rs.InputError, match=sentence):
-        made()
-
-
 BOUNDED = {**pairs.EFFECTS, "Scene": scene(), "Ball": scene().fluid[1]} | {
     "SolidBall": rs.SolidBall(center=(0, 0, 0), radius=1), "SolidBox": rs.SolidBox(**WALLS),
     "Gauge": rs.Gauge(name="a", kind="force", on="-x"),
