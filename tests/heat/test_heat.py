@@ -1,8 +1,9 @@
-"""Heat conduction as a whole: what it keeps, what bounds it, thin bodies, and what it says about bad input."""
+"""Heat conduction and melting as a whole: what they keep, what bounds them, and what is said about bad input."""
 
 import numpy as np
 import pytest
 
+import refsim as rs
 from refsim import Box, Cloud, HeatConduction, InputError, RunStopped, Scene, Simulation, load_scene, make_plan
 from refsim.engine import launching
 from tests.running import advanced
@@ -13,14 +14,14 @@ NUMBER = 0.1**2 * 1000.0 * 1000.0  # dt [s] of k dt/(rho c d^2) = 1 at k = 1 W/(
 ICE = {"melting_point": 0.0, "latent_heat": 3e4}
 
 
-def bar(number=2.0, dtype="float64", **options):
+def bar(number=2.0, **options):
     """A warm half on a cold one, in steps of k dt/(rho c d^2) = `number`."""
     given = {
         "temperature": (50.0, -10.0), "conductivity": 1.0, "heat_capacity": 1000.0, "largest_number": 1e9, **options,
     }  # fmt: skip
     return Scene(
         spacing=0.1, support_radius=0.25, fluid=BAR, effects=(HeatConduction(**given),), step=number * NUMBER,
-        dtype=dtype,
+        dtype="float64",
     )  # fmt: skip
 
 
@@ -28,28 +29,6 @@ def ran(scene, steps=10, backend="numpy"):
     simulation = Simulation(scene, backend)
     advanced(simulation, steps)
     return simulation
-
-
-def hard_cloud(kind, scheme, melts, dtype="float64", **options):
-    """216 particles, some at 50 and the rest at -10 deg C, whose sums s_i exceed the lattice's; the runner's own step.
-
-    With latent heat the warm ones are held.
-    """
-    random = np.random.default_rng(7)
-    x = 0.1 * np.stack(np.meshgrid(*[np.arange(6)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    mass = np.full(216, 1.0)
-    if kind == "cloud":
-        x = random.uniform(0, 0.6, (216, 3))
-    elif kind == "pairs":
-        x = np.concatenate([x[:108], x[:108] + 1e-3])
-    else:
-        mass *= np.where(random.random(216) < 0.5, {"masses 1:2": 0.5, "masses 1:100": 0.01}[kind], 1.0)
-    warm = x[:, 0] < 0.25
-    parts = tuple(Cloud(position=x[of], mass=mass[of]) for of in (warm, ~warm))
-    given = {"temperature": (50.0, -10.0), "conductivity": 1.0, "heat_capacity": 1000.0, "scheme": scheme}
-    given |= {"held": (0,), **ICE} if melts else {}
-    effects = (HeatConduction(**{**given, **options}),)
-    return Scene(spacing=0.1, support_radius=0.25, fluid=parts, effects=effects, dtype=dtype, end_time=1e9)
 
 
 def test_a_temperature_that_a_user_sets_begins_a_new_range():
@@ -69,7 +48,10 @@ def test_a_temperature_that_a_user_sets_begins_a_new_range():
 
 
 def test_the_plan_says_which_sums_limit_the_step_and_reservoirs_are_held():
-    plan = make_plan(hard_cloud("cloud", "explicit", False))
+    places = np.random.default_rng(7).uniform(0, 0.6, (216, 3))  # whose sums s_i exceed the lattice's
+    warm = places[:, 0] < 0.25
+    parts = tuple(Cloud(position=places[of], mass=np.ones(sum(of))) for of in (warm, ~warm))
+    plan = make_plan(bar(0.0, scheme="explicit").with_(fluid=parts))
     assert any("limit 'exchange' shortens the step" in note for note in plan.notes)
     fixed = make_plan(bar(0.25, scheme="explicit"))
     assert any("is not shortened" in note for note in fixed.notes)
@@ -150,3 +132,27 @@ def test_one_sided_exchange_stops_unless_its_loss_is_allowed():
     with pytest.raises(RunStopped, match="largest_drift") as stop:
         ran(bar(2.0, scheme="one_sided", conductivity=(1.0, 3.0)), 40)
     assert stop.value.reason == "heat_lost"
+
+
+MELT = rs.WeaklyCompressible(sound_speed=40.0, dynamic_viscosity=50.0, state="tait", density="summation")
+BODY = rs.SolidBox(lower=(0.4, 0.4, 0.8), upper=(1.4, 1.4, 1.8), density=917.0)
+
+
+@pytest.mark.parametrize(("bookkeeping", "change"), [("immiscible", 0.0), ("water", 83.0)])
+def test_mass_and_rest_density_of_the_melt(bookkeeping, change):
+    """Kept, or those of the liquid: the density of 125 particles of ice increases by 83 kg/m^3."""
+    effects = (
+        MELT, rs.Gravity(), rs.BoxWalls(lower=(0, 0, 0), upper=(1.8, 1.8, 3)), rs.ShapeMatching(summation="gather"),
+        rs.TwoWayCoupling(), rs.Melting(bookkeeping=bookkeeping),
+        rs.HeatConduction(temperature=5.0, conductivity=0.0, melting_point=0.0, scheme="explicit"),
+    )  # fmt: skip
+    scene = rs.Scene(
+        spacing=0.2, support_radius=0.5, step=0.004, dtype="float64", fluid=(rs.Box(cells=(9, 9, 4)),),
+        solid=(BODY,), effects=effects,
+    )  # fmt: skip
+    simulation = rs.Simulation(scene, "numpy")
+    volume = 1 / simulation.plan.effects["weakly_compressible"].rest_number_density(simulation.plan.grid)
+    before = simulation.field("mass").sum()
+    advanced(simulation, 4)
+    assert simulation.field("mass").sum() - before == pytest.approx(125 * change * volume, abs=1e-9 * before)
+    assert (simulation.field("rest_density")[:125] == (1000.0 if change else 917.0)).all()
