@@ -28,7 +28,6 @@ LIQUID = rs.WeaklyCompressible(  # its surface pulls it together: it moves
 DEFAULT = rs.WeaklyCompressible(sound_speed=12.0)
 MPM = rs.MpmLiquid(bulk_modulus=144e3, initial_ratio=0.98)
 PULL = rs.Gravity()
-NOTHING = rs.Gravity(acceleration=(0.0, 0.0, 0.0))
 FROZEN = {"melting_point": 0.0, "temperature": -5.0}
 SHAPE = rs.ShapeMatching()
 LIMP = rs.ShapeMatching(stiffness=0.0, damping=0.0)
@@ -107,10 +106,9 @@ def scene(*effects, solid=False):
     return rs.Scene(spacing=0.1, support_radius=0.21, fluid=(rs.Box(cells=(4, 4, 4)),), solid=solids, effects=effects)
 
 
-def both(name, k, others=None):
-    """(scene without the effect, scene with its zeros), beside others than its own rest if they are given."""
+def both(name, k):
+    """(scene without the effect, scene with its zeros)."""
     effect, rest, _ = IDENTITIES[name][k]
-    rest = rest if others is None else others
     if not isinstance(effect, rs.ShapeMatching):
         return scene(*rest), scene(*rest, effect)
     with_it = scene(*rest, effect, solid=True)  # a solid must have its effect: without it the same particles are liquid

@@ -8,6 +8,7 @@ import pytest
 import trimesh
 
 import refsim as rs
+from refsim import contract
 from refsim.core import cases
 from refsim.core.operation import REGISTRY
 from refsim.engine.checkpoints import load_checkpoint
@@ -25,18 +26,17 @@ def plate(tmp_path_factory):
     return str(path)
 
 
-def scene(*effects, gap=1.0, **changes):
+def scene(boundary):
     """A block on the plate, whose upper face is at z = 0.03 m."""
-    fluid = rs.Box(lower=(-0.035, -0.035, 0.03 + (gap - 0.5) * SPACING), cells=(7, 7, 5))
-    given = {"dtype": "float64", **changes}
-    return rs.Scene(spacing=SPACING, support_radius=SUPPORT, fluid=(fluid,), effects=effects, **given)
+    block, effects = rs.Box(lower=(-0.035, -0.035, 0.03 + 0.5 * SPACING), cells=(7, 7, 5)), (LIQUID, boundary)
+    return rs.Scene(spacing=SPACING, support_radius=SUPPORT, dtype="float64", fluid=(block,), effects=effects)
 
 
 def test_the_calibrated_factor_gives_the_first_layer_the_rest_density(plate):
     """One spacing from a flat wall; literal g = 1 is 12 to 17 % too dense there."""
     errors = {}
     for name, given in (("calibrated", {}), ("single", {"layers": 1}), ("printed", {"literal": ("E30",)})):
-        simulation = rs.Simulation(scene(LIQUID, rs.MeshBoundary(file=plate, **given)), "numpy")
+        simulation = rs.Simulation(scene(rs.MeshBoundary(file=plate, **given)), "numpy")
         simulation.evaluate()
         x = simulation.field("position")
         first = (x[:, 2] < 0.041) & (np.abs(x[:, :2]).max(1) < 0.006)
@@ -48,14 +48,14 @@ def test_the_calibrated_factor_gives_the_first_layer_the_rest_density(plate):
 
 def test_a_mesh_is_looked_for_beside_the_scene_file_and_in_the_folder_of_a_run(plate, tmp_path, monkeypatch):
     (tmp_path / "solid.obj").write_text(pathlib.Path(plate).read_text())
-    text = scene_to_toml(scene(LIQUID, rs.MeshBoundary(file="solid.obj")))
+    text = scene_to_toml(scene(rs.MeshBoundary(file="solid.obj")))
     (tmp_path / "scene.toml").write_text(text)
     loaded = load_scene(tmp_path / "scene.toml")
     assert loaded.effects[-1].file == str(tmp_path / "solid.obj")
     assert len(rs.make_plan(loaded).walls.position) > 100
     (tmp_path / "solid.obj").write_text(pathlib.Path(plate).read_text())
     monkeypatch.chdir(tmp_path)
-    rs.simulate(scene(LIQUID, rs.MeshBoundary(file="solid.obj")), until=1e-5, backend="numpy", output="run")
+    rs.simulate(scene(rs.MeshBoundary(file="solid.obj")), until=1e-5, backend="numpy", output="run")
     assert rs.open_run("run").scene.effects[-1].file == "solid.obj"
     monkeypatch.chdir("/")
     assert rs.open_run(tmp_path / "run").scene.effects[-1].file == str(tmp_path / "solid.obj")
@@ -80,32 +80,31 @@ def ball(tmp_path_factory):
     return str(path)
 
 
-def bullets(file, correction, speed, **changes):
+def bullets(file, correction, speed):
     """Particles far apart that move down onto the solid by `speed` spacings in a step of 0.2 ms."""
     x, y = np.meshgrid(np.arange(-3, 4), np.arange(-3, 4))
     at = np.stack([0.012 * x.ravel(), 0.012 * y.ravel(), np.full(x.size, 0.045)], axis=1)
     at[:, 2] += 0.1 * SPACING * np.arange(x.size) % SPACING
     fluid = rs.Cloud(position=at, velocity=(0.0, 0.0, -speed * SPACING / 2e-4))
     # As printed, boundary particles repel lone particles least, so the test isolates the correction.
-    given = {"literal": ("E30",), "field_spacing": 0.0025, **changes}
-    boundary = rs.MeshBoundary(file=file, correction=correction, **given)
+    boundary = rs.MeshBoundary(file=file, correction=correction, literal=("E30",), field_spacing=0.0025)
     return rs.Simulation(
         rs.Scene(spacing=SPACING, support_radius=0.011, fluid=(fluid,), effects=(SPRAY, boundary), step=2e-4), "numpy"
     )
 
 
-def through(simulation, steps):
-    """Number of particles that passed below the solid."""
-    advanced(simulation, steps)
+def through(simulation):
+    """Number of particles that passed below the solid in thirty steps."""
+    advanced(simulation, 30)
     return int((simulation.field("position")[:, 2] < -0.003).sum())
 
 
 @pytest.mark.parametrize("speed", [0.3, 2.0, 4.0])
 def test_only_the_swept_correction_holds_a_plate_thinner_than_a_step(thin, speed):
-    assert through(bullets(thin, "swept", speed), 30) == 0
+    assert through(bullets(thin, "swept", speed)) == 0
     if speed > 1:
-        assert through(bullets(thin, "point", speed), 30) > 0
-    assert through(bullets(thin, "none", speed), 30) > 0
+        assert through(bullets(thin, "point", speed)) > 0
+    assert through(bullets(thin, "none", speed)) > 0
 
 
 def test_liquid_inside_the_solid_is_refused(ball):
@@ -119,32 +118,25 @@ def test_liquid_inside_the_solid_is_refused(ball):
             rs.make_plan(rs.Scene(spacing=SPACING, support_radius=0.026, fluid=(block,), effects=effects))
 
 
-BOX = rs.BoxWalls(lower=(-0.03, -0.03, 0.03), upper=(0.03, 0.03, 0.1))
 DONG = rs.Dong2016(surface_tension=1.0, solver="hu_adams")
 SOLVERS = {
     "shared": (LIQUID,), "dong_2016": (LIQUID, DONG), "iisph": (LIQUID, rs.ImplicitPressure()),
     "two_way_coupling": (LIQUID, rs.TwoWayCoupling(), rs.ShapeMatching()),
 }  # fmt: skip
-WALLS = {"box": (BOX,), "mesh": (None,), "box and mesh": (BOX, None), "printed mesh": ("E30",)}
 
 
-def pressed(effects, **changes):
+def pressed(*effects):
     """Liquid so near the upper face of the plate, z = 0.03 m, that it is pressed."""
     solid = ()
     if any(effect.name == "shape_matching" for effect in effects):
         solid = (rs.SolidBox(lower=(-0.0201, -0.0201, 0.0699), upper=(0.0001, 0.0001, 0.0901), density=900.0),)
     liquid = rs.Box(lower=(-0.02, -0.02, 0.03 + 0.3 * SPACING), cells=(4, 4, 3))
-    return rs.Scene(spacing=SPACING, support_radius=SUPPORT, fluid=(liquid,), solid=solid, effects=effects, **changes)
-
-
-def effects(solver, walls, plate):
-    meshes = {None: rs.MeshBoundary(file=plate), "E30": rs.MeshBoundary(file=plate, literal=("E30",))}
-    return (*SOLVERS[solver], rs.Gravity(), *(meshes.get(wall, wall) for wall in WALLS[walls]))
+    return rs.Scene(spacing=SPACING, support_radius=SUPPORT, fluid=(liquid,), solid=solid, effects=effects)
 
 
 def takes_wall_share(name):
     """Whether the reference's answer follows the share of the pressure with which walls push."""
-    operation, made = REGISTRY[name], rs.contract.Inputs(cases.CASES["cloud_3d"](), "float64")
+    operation, made = REGISTRY[name], contract.Inputs(cases.CASES["cloud_3d"](), "float64")
     answers = []
     for share in (1.0, 2.0):
         given = made.replaced(fluid=made["fluid"]._replace(wall_share=np.float64(share)))
@@ -157,15 +149,16 @@ def takes_wall_share(name):
 def test_a_mesh_adds_the_other_half_of_the_pressure_where_walls_push_with_one(solver, plate):
     """Patent P6: p_i of the solver's own pass and p_b of the mesh's; neither without the other."""
     cases.discover()
-    launched = rs.make_plan(pressed(effects(solver, "mesh", plate))).launches()
+    launched = rs.make_plan(pressed(*SOLVERS[solver], rs.Gravity(), rs.MeshBoundary(file=plate))).launches()
     takers = {name for name in launched if "fluid" in REGISTRY[name].arguments("numpy") and takes_wall_share(name)}
     assert len(takers) == (solver in ("shared", "dong_2016"))
     assert ("one_way_coupling.wall_pressure" in launched) == bool(takers)
 
 
-@pytest.mark.parametrize("walls, acts", [(WALLS["box"], 1), (WALLS["mesh"], 1), ((), 0)])
+@pytest.mark.parametrize("walls, acts", [("box", 1), ("mesh", 1), ("none", 0)])
 def test_adhesion_acts_at_walls_of_every_kind(walls, acts, plate):
     """And nowhere else."""
-    given = (rs.MeshBoundary(file=plate) if wall is None else wall for wall in walls)
-    launched = rs.make_plan(pressed((LIQUID, rs.Akinci2013(gamma=0.1, adhesion=2.0), *given))).launches()
+    box = rs.BoxWalls(lower=(-0.03, -0.03, 0.03), upper=(0.03, 0.03, 0.1))
+    given = {"box": (box,), "mesh": (rs.MeshBoundary(file=plate),), "none": ()}[walls]
+    launched = rs.make_plan(pressed(LIQUID, rs.Akinci2013(gamma=0.1, adhesion=2.0), *given)).launches()
     assert launched.count("akinci_2013.adhesion") == acts

@@ -19,15 +19,15 @@ def submerged(*given, dtype="float32"):
     return msgspec.structs.replace(runs.submerged(*given), dtype=dtype)
 
 
-def at_rest(bodies, cells, *more, floor=0, **changes):
+def at_rest(bodies, cells, dtype="float64"):
     """Water of (x, y, z) cells in a tank with `bodies`, (lowest cell, cells) each, at the pressure of rest, h = 3 d."""
     lattice = np.indices(cells).reshape(3, -1).T
-    water = lattice[:, 2] >= floor
+    water = np.ones(len(lattice), bool)
     for low, size in bodies:
         water &= ((lattice < low) | (lattice >= np.add(low, size))).any(1)
     spacing, (width, depth, height) = 0.1, np.array(cells) * 0.1
     return rs.Scene(
-        **{"dtype": "float64", **changes}, spacing=spacing, support_radius=3 * spacing,
+        dtype=dtype, spacing=spacing, support_radius=3 * spacing,
         solid=tuple(
             rs.SolidBox(lower=tuple(np.array(low) * spacing), upper=tuple(np.add(low, size) * spacing), density=2000.0)
             for low, size in bodies
@@ -35,7 +35,7 @@ def at_rest(bodies, cells, *more, floor=0, **changes):
         fluid=(rs.Cloud(position=(lattice[water] + 0.5) * spacing),),
         effects=(
             rs.WeaklyCompressible(sound_speed=50.0), rs.Gravity(acceleration=(0.0, 0.0, -runs.GRAVITY)),
-            rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(width, depth, 2 * height)), *more,
+            rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(width, depth, 2 * height)),
             rs.ShapeMatching(), rs.TwoWayCoupling(),
         ),
     )  # fmt: skip
@@ -119,30 +119,22 @@ def test_liquid_between_blocks_flows_as_poiseuille_says(held, low, high, reach):
     assert low < flow * lattice / (0.5 * height @ (wide - height)) < high
 
 
-def basin(folder, offset, cells=(8, 8, 6), **changes):
-    """Water on a mesh, its top `offset` spacings above a plane of the lattice, between box walls without a floor."""
-    spacing = 1.0 / cells[2]
-    wide, deep = np.array([*cells[:2], 0]) * spacing, 8 * spacing
-    block = trimesh.creation.box(bounds=[-deep * np.ones(3), wide + [deep, deep, offset * spacing]])
-    block.export(folder / "block.obj")
-    return rs.Scene(
-        dtype="float64", spacing=spacing, support_radius=3 * spacing,
-        fluid=(rs.Box(lower=(0.0, 0.0, offset * spacing), cells=cells),),
-        effects=(
-            rs.WeaklyCompressible(
-                sound_speed=runs.SOUND, dynamic_viscosity=80.0, viscosity="central", density="continuity"
-            ),
-            rs.Gravity(acceleration=(0.0, 0.0, -runs.GRAVITY)),
-            rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(*wide[:2], 2.0), open_faces=("-z",), model="extrapolated"),
-            rs.MeshBoundary(file=str(folder / "block.obj"), **({"model": "extrapolated"} | changes)),
-        ),
-    )  # fmt: skip
-
-
 def test_cells_of_a_mesh_and_of_the_box_fill_space_once(tmp_path):
     """The mesh's first layer is half a spacing below it; volumes beside the liquid are those of a column's cells."""
-    plan = make_plan(basin(tmp_path, 0.3))
-    spacing, place = plan.grid.spacing, plan.walls.position
+    spacing, wide = 1 / 6, np.array([8 / 6, 8 / 6, 0.0])  # water on a mesh, 0.3 spacings above a plane of the lattice
+    block = trimesh.creation.box(bounds=[-8 * spacing * np.ones(3), wide + [8 * spacing, 8 * spacing, 0.3 * spacing]])
+    block.export(tmp_path / "block.obj")
+    scene = rs.Scene(
+        dtype="float64", spacing=spacing, support_radius=3 * spacing,
+        fluid=(rs.Box(lower=(0.0, 0.0, 0.3 * spacing), cells=(8, 8, 6)),),
+        effects=(
+            rs.WeaklyCompressible(sound_speed=runs.SOUND, density="continuity"), rs.Gravity(),
+            rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(*wide[:2], 2.0), open_faces=("-z",), model="extrapolated"),
+            rs.MeshBoundary(file=str(tmp_path / "block.obj"), model="extrapolated"),
+        ),
+    )  # fmt: skip
+    plan = make_plan(scene)
+    place = plan.walls.position
     below = np.array([3.0, 3.0, 0.3]) - place / spacing
     assert below[(np.abs(below) < [2, 2, 0.6]).all(1), 2] == pytest.approx(0.5)
     column = np.abs(place[:, :2] - [-0.5 * spacing, 2.5 * spacing]).max(1) < 0.1 * spacing

@@ -247,25 +247,23 @@ VARIANTS = {"walls": (0, 6), "period": (0, 7), "image": (0, 7), "viscosity": (0,
 VARIANTS |= {"v_j alone": (0, 3), "wall share": (0, 4)}  # by a word of the fault; else the plain one
 
 
-def programs(fault, **declared):
+def programs(fault):
     """The library with a fault; "" for the right one."""
     if fault in FORCES or fault == "right forces":
-        return Programs(
-            {"sph.momentum": momentum_with(fault)}, name="faulty", **(ALL_PAIRS | {"without": ()} | declared)
-        )
+        return Programs({"sph.momentum": momentum_with(fault)}, name="faulty", **(ALL_PAIRS | {"without": ()}))
     if fault in ("prefix sums", "index of 16 bits", "right lists"):
-        return Programs({"sph.density": listed_density(fault)}, name="faulty", **(LISTS | declared))
+        return Programs({"sph.density": listed_density(fault)}, name="faulty", **LISTS)
     kernels = TWO if fault == "coefficient of one kernel" else ALL_PAIRS
-    return Programs({"sph.density": density_with(fault)}, name="faulty", **(kernels | declared))
+    return Programs({"sph.density": density_with(fault)}, name="faulty", **kernels)
 
 
-def judged(fault, dtype="float64", steps=None, **declared):
+def judged(fault, steps=None):
     """(outcomes, first cause) of the ladder."""
-    made = programs(fault, **declared)
+    made = programs(fault)
     (operation,) = made.programs
     beyond = fault in ("prefix sums", "index of 16 bits")
     variants = next((chosen for word, chosen in VARIANTS.items() if word in fault), (0,))
-    dtype = "float32" if fault == "prefix sums" else dtype
+    dtype = "float32" if fault == "prefix sums" else "float64"
     outcomes = list(trials(made, operation, (dtype,), variants, steps or (("T2", "T3") if beyond else ("T1", "T2"))))
     return outcomes, first_cause(outcomes)
 

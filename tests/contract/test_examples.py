@@ -275,6 +275,7 @@ def test_the_pages_density_holds_as_it_is_declared(folder, capsys):
         assert count in next(line for line in shown.splitlines() if line.startswith("sph.density"))
 
 
+# C and Fortran by printed declarations
 HERE = pathlib.Path(__file__).parent
 
 
@@ -294,10 +295,7 @@ def library_holds(folder, name, variants, **declared):
     assert not [str(o) for o in judged if not o.passed]
 
 
-def test_a_c_library_holds_by_its_header(tmp_path, capsys):
-    compiler = shutil.which("cc") or shutil.which("gcc")
-    if compiler is None:
-        pytest.skip("no C compiler is on the path")
+def test_a_c_library_holds_by_its_header(tmp_path, compiler, capsys):
     (tmp_path / "density.h").write_text(printed(capsys, "c"))
     for dtype, real in (("float32", "float"), ("float64", "double")):
         options = ["-O2", "-Wall", "-Werror", "-shared", "-fPIC", f"-I{tmp_path}", f"-DREAL={real}"]
@@ -316,10 +314,7 @@ def test_a_fortran_library_holds_by_its_module(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("name", ["sph.momentum", "mpm.particle_to_grid", "sph.kick_drift", "heat.explicit"])
-def test_declarations_of_other_operations_compile(name, tmp_path):
-    compiler = shutil.which("cc") or shutil.which("gcc")
-    if compiler is None:
-        pytest.skip("no C compiler is on the path")
+def test_declarations_of_other_operations_compile(name, tmp_path, compiler):
     (tmp_path / "a.c").write_text(native.header(REGISTRY[name]))
     subprocess.run([compiler, "-Wall", "-Werror", "-c", "a.c"], check=True, cwd=tmp_path)
     if shutil.which("gfortran"):

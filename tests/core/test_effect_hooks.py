@@ -9,7 +9,6 @@ from refsim import Box, Gravity, Scene, Simulation, WeaklyCompressible
 from refsim.core import operation as core
 from refsim.core.effect import PLACE, Effect, Field, Pass, StepLimit
 
-LIQUID = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False, density="summation")
 MARK = Field("mark", "-", "a number of the particle's own", state=True)
 TABLE = Field("table", "m/s^2", "an acceleration", rows=3, state=True)
 
@@ -18,39 +17,30 @@ class Extra(Effect, frozen=True, kw_only=True):
     """An effect of this test: marks particles, keeps a table, moves particles by a leap-frog of its own."""
 
     name: ClassVar[str] = ""
-    moves: bool = True
-    shape: int = 3
 
     def fields(self, others):
         return (MARK, TABLE, PLACE)
 
     def initial(self, grid, state, others):
-        return {"mark": state.position[:, 0], "table": np.arange(self.shape)}
+        return {"mark": state.position[:, 0], "table": np.arange(3)}
 
     def passes(self, others):
         first = Pass("sph.gravity", updates=("acceleration",), names={"field": "table"}, stage="motion")
         move = Pass("sph.kick_drift", updates=("velocity", "position"), stage="motion")
-        return (move, first) if self.moves else (first,)
+        return move, first
 
     def step_limits(self, grid, others):
         return {"extra": StepLimit.constant(2e-4)}
 
 
-class Other(Extra, frozen=True, kw_only=True):
-    """A second one."""
-
-    name: ClassVar[str] = ""
-
-
-Extra.name, Other.name = "extra", "other"
-
-
-def scene(*effects, **options):
-    return Scene(spacing=0.1, support_radius=0.21, fluid=(Box(cells=(5, 5, 5)),), effects=effects, **options)
+Extra.name = "extra"
 
 
 def test_values_tables_and_places():
-    simulation = Simulation(scene(LIQUID, Gravity(), Extra()), "cpu")
+    liquid = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False, density="summation")
+    effects = (liquid, Gravity(), Extra())
+    scene = Scene(spacing=0.1, support_radius=0.21, fluid=(Box(cells=(5, 5, 5)),), effects=effects)
+    simulation = Simulation(scene, "cpu")
     start = simulation.field("position")[:, 0].copy()
     for _ in range(40):
         assert simulation.step().limiter == "extra"

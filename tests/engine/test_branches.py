@@ -75,18 +75,15 @@ def test_a_graph_waits_where_calls_need_each_other(monkeypatch):
     assert runtime.branch() == 0
 
 
-D, H = 0.1, 0.25
-
-
-def scene(*effects, velocity=(0.0, 0.0, 0.0), **more):
-    fluid = (rs.Box(cells=(3, 3, 1), velocity=velocity),)
-    return rs.Scene(**{"spacing": D, "support_radius": H, "dim": 2, "fluid": fluid, "effects": effects} | more)
+SMALL = {"spacing": 0.1, "support_radius": 0.25}
+SHEET = {**SMALL, "dim": 2, "fluid": (rs.Box(cells=(3, 3, 1)),)}
+SOFT = (rs.SolidBox(lower=(0, 0, 0), upper=(0.3, 0.3, 0.3)),)
 
 
 SCENES = {name: pairs.scene(name, name) for name in pairs.EFFECTS} | {
-    "nothing": scene(), "gravity alone": scene(rs.Gravity(acceleration=(0.0, -9.81, 0.0))),
-    "a solid without stiffness": scene(
-        rs.ShapeMatching(stiffness=0.0), fluid=(), dim=3, solid=(rs.SolidBox(lower=(0, 0, 0), upper=(0.3, 0.3, 0.3)),)
+    "nothing": rs.Scene(**SHEET, effects=()), "gravity alone": rs.Scene(**SHEET, effects=(rs.Gravity(),)),
+    "a solid without stiffness": rs.Scene(
+        **SMALL, fluid=(), solid=SOFT, effects=(rs.ShapeMatching(stiffness=0.0),)
     ),
 }  # fmt: skip
 
@@ -99,13 +96,10 @@ def test_no_particle_crosses_its_support_in_a_step(name):
     assert longest * speed <= 0.6 * max(plan.grid.support_radius, 2 * plan.grid.spacing)
 
 
-def falling(**more):
-    """One particle that falls; `more` of the scene."""
-    return rs.Scene(
-        spacing=0.1, support_radius=0.26, dtype="float64", step=1e-3, end_time=1.0,
-        fluid=(rs.Box(lower=(0.0, 0.0, 0.0), cells=(1, 1, 1)),),
-        effects=(rs.Gravity(acceleration=(0.0, 0.0, -9.81)),), **more,
-    )  # fmt: skip
+def falling():
+    """One particle that falls."""
+    given = {"spacing": 0.1, "support_radius": 0.26, "dtype": "float64", "step": 1e-3}
+    return rs.Scene(fluid=(rs.Box(cells=(1, 1, 1)),), effects=(rs.Gravity(),), **given)
 
 
 def test_two_forces_add_up_and_what_cannot_be_is_refused():

@@ -22,22 +22,19 @@ def needs(package):
     return pytest.mark.skipif(not there, reason=f"{package} is not installed; it comes with the extra")
 
 
-def scene(**changes):
-    values = {
-        "name": "cloud", "dim": 2, "dtype": "float64", "spacing": 0.01, "support_radius": 0.025, "end_time": 2e-3,
-        "step": 2e-4,
-        "fluid": (rs.Cloud(position=GRID + 0.1, velocity=(0.1, 0.2, 0.0)), rs.Ball(center=(0.3, 0.1, 0.0),
-        radius=0.02)),
-        "effects": (rs.WeaklyCompressible(sound_speed=10.0, density="summation"), rs.Gravity(acceleration=(0.0, -9.81,
-        0.0))),
-    }  # fmt: skip
-    return rs.Scene(**values | changes)
+SCENE = rs.Scene(
+    name="cloud", dim=2, dtype="float64", spacing=0.01, support_radius=0.025, end_time=2e-3, step=2e-4,
+    fluid=(
+        rs.Cloud(position=GRID + 0.1, velocity=(0.1, 0.2, 0.0)), rs.Ball(center=(0.3, 0.1, 0.0), radius=0.02),
+    ),
+    effects=(rs.WeaklyCompressible(sound_speed=10.0, density="summation"), rs.Gravity(acceleration=(0.0, -9.81, 0.0))),
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs") / "drop"
-    simulate(scene(), backend="numpy", output=folder, every=4e-4)
+    simulate(SCENE, backend="numpy", output=folder, every=4e-4)
     return folder
 
 
@@ -68,7 +65,7 @@ def test_frames_by_number_and_time_are_those_of_the_file(folder):
 
 
 def test_units_and_meanings_stand_in_the_file(folder):
-    plan, run = make_plan(scene()), open_run(folder)
+    plan, run = make_plan(SCENE), open_run(folder)
     assert run.fields.keys() == plan.particle_fields.keys()
     for name, field in run.fields.items():
         expected = plan.particle_fields[name]

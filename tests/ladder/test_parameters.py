@@ -12,6 +12,7 @@ import math
 import numpy as np
 import pytest
 import trimesh
+from msgspec.structs import replace
 
 import refsim as rs
 from refsim.boundary.sampling import relaxation_step
@@ -82,9 +83,9 @@ def slope(name, r, dim, h=H):
     return np.where(q.real < 1, norm(name, dim) / h ** (dim + 1) * w.imag / 1e-30, 0.0)
 
 
-def offsets(dim, reach=3):
+def offsets(dim):
     """Places of the infinite lattice around the origin [m], the origin itself first."""
-    places = D * np.array(list(itertools.product(range(-reach, reach + 1), repeat=dim)), dtype=float)
+    places = D * np.array(list(itertools.product(range(-3, 4), repeat=dim)), dtype=float)
     return places[np.argsort((places**2).sum(1), kind="stable")]
 
 
@@ -97,9 +98,9 @@ def rest_number_density(dim, sums="wendland_c2"):
     return float(kernel(sums, lengths(offsets(dim)), dim).sum())
 
 
-def mass(dim, sums="wendland_c2"):
+def mass(dim):
     """m = rho0/delta0."""
-    return RHO / rest_number_density(dim, sums)
+    return RHO / rest_number_density(dim)
 
 
 def sharp_tension(force, dim):
@@ -190,9 +191,9 @@ def detection(
     }  # fmt: skip
 
 
-def jiang_zhu_shape(r, dim, alpha, beta=0.9):
+def jiang_zhu_shape(r, dim, alpha):
     """J(17) C(r) = alpha W_poly6(r, 0.8 h) - beta W_poly6(r, h)."""
-    return alpha * kernel("poly6", r, dim, 0.8 * H) - beta * kernel("poly6", r, dim)
+    return alpha * kernel("poly6", r, dim, 0.8 * H) - 0.9 * kernel("poly6", r, dim)
 
 
 def jiang_zhu(dim, gamma=None, alpha=None, sign=1, mode=1, area=None, soft=(0.3, 1.0), axial=None, **scan):
@@ -359,15 +360,15 @@ def coupling(dim, exponent=1, m2=0, m3=0, m4=0, weighted=0):
     }  # fmt: skip
 
 
-def heat_weight(name, q, dim, h=H):
+def heat_weight(name, q, dim):
     """L_ij of Shao & Song's (4) [1/m^(dim+2)]: -W'/r of spiky, Laplacian of Mueller or poly6 (Shao & Song M5)."""
-    r = np.asarray(q, dtype=float) * h
+    r = np.asarray(q, dtype=float) * H
     if name == "spiky":
-        return -slope("spiky", r, dim, h) / r
+        return -slope("spiky", r, dim) / r
     if name == "mueller":
         return smoothing_group("spiky", dim)["laplacian_scale"] * (1 - q)
-    second = (slope("poly6", r * (1 + 1e-5), dim, h) - slope("poly6", r * (1 - 1e-5), dim, h)) / (2e-5 * r)
-    return second + (dim - 1) * slope("poly6", r, dim, h) / r
+    second = (slope("poly6", r * (1 + 1e-5), dim) - slope("poly6", r * (1 - 1e-5), dim)) / (2e-5 * r)
+    return second + (dim - 1) * slope("poly6", r, dim) / r
 
 
 def heat(dim, name="spiky", number=0, profile=None, factor=None, planned=None, largest=10.0, **changes):
@@ -512,11 +513,11 @@ def around(beyond):
     return (beyond >= 2 * 0.06).all() and (beyond <= 9 * 0.06).all()
 
 
-def mesh(gravity=(0.0, 0.0, 0.0), swept=1, printed=0, everywhere=0, pulls=True):
+def mesh(gravity=(0.0, 0.0, 0.0), swept=1, printed=0, everywhere=0):
     """Patent CN104318598A: patent P6 (friction, pressure extrapolated by gravity) and P8; the band at the surface."""
     h = 0.06
     return {
-        "wall_gravity": dict(zip("xyz", gravity)) if pulls else None, "wall_viscosity": {"coefficient": 0.7},
+        "wall_gravity": dict(zip("xyz", gravity)), "wall_viscosity": {"coefficient": 0.7},
         "adhesion": {"beta": 1.3, "amplitude": 1.3 * akinci(3, beta=1.0)["adhesion"]["amplitude"]},
         "penetration": {
             "restitution": 0.3, "rebound": 0.2, "swept": swept, "printed": printed, "everywhere": everywhere,
@@ -556,6 +557,11 @@ MPM = {
     dim: rs.MpmLiquid(rest_density=RHO, bulk_modulus=3.1e6, dynamic_viscosity=MU, cell_size=CELLS[dim])
     for dim in (2, 3)
 }
+JZ = rs.JiangZhu2023(surface_tension=SIGMA)
+ON_MESH = rs.MeshBoundary(
+    file="block.obj", center=tuple(CENTER), viscosity=0.7, adhesion=1.3, restitution=0.3, rebound=0.2,
+    field_spacing=0.06, layers=1,
+)  # fmt: skip
 BETWEEN = rs.MpmWalls(
     lower=WALLS[0], upper=WALLS[1], sticky_faces=("-x",), slip_faces=("-y",), open_faces=("+y",)
 )  # fmt: skip
@@ -566,38 +572,21 @@ def recount(dim, rate):
     return {"rate": rate, "whole": 1 / (rest_number_density(dim) * D**dim)}
 
 
-def water(**changes):
-    return rs.WeaklyCompressible(**({name: getattr(WATER, name) for name in WATER.__struct_fields__} | changes))
-
-
-def liquid_of_points(dim, **changes):
-    return rs.MpmLiquid(**({name: getattr(MPM[dim], name) for name in MPM[dim].__struct_fields__} | changes))
-
-
-def block_of(**changes):
-    given = {"file": "block.obj", "center": tuple(CENTER), "viscosity": 0.7, "adhesion": 1.3, "restitution": 0.3}
-    return rs.MeshBoundary(**(given | {"rebound": 0.2, "field_spacing": 0.06, "layers": 1} | changes))
-
-
-def jz(**changes):
-    return rs.JiangZhu2023(**({"surface_tension": SIGMA} | changes))
-
-
 # (effects of the scene, the one under test first; what it is to hand out, by dimension; dimensions)
 PULL = rs.Gravity(acceleration=(0.3, -9.7, 0.0))
 LINE = {dim: along_centres(dim) for dim in (2, 3)}
 SETUPS = {
     "liquid": ((WATER,), liquid),
-    "tait": ((water(state="tait", clamp_pressure=False),), lambda dim: liquid(dim, exponent=7, clamp=0)),
-    "mueller": ((water(kernels="mueller"),), lambda dim: liquid(dim, "mueller")),
-    "cubic spline": ((water(kernels="cubic_spline"),), lambda dim: liquid(dim, "cubic_spline")),
+    "tait": ((replace(WATER, state="tait", clamp_pressure=False),), lambda dim: liquid(dim, exponent=7, clamp=0)),
+    "mueller": ((replace(WATER, kernels="mueller"),), lambda dim: liquid(dim, "mueller")),
+    "cubic spline": ((replace(WATER, kernels="cubic_spline"),), lambda dim: liquid(dim, "cubic_spline")),
     # Jiang & Zhu E24, E3
-    "printed liquid": ((water(literal=("all",)),), lambda dim: liquid(dim, gradient=0.5, viscosity=-MU)),
+    "printed liquid": ((replace(WATER, literal=("all",)),), lambda dim: liquid(dim, gradient=0.5, viscosity=-MU)),
     # zeta = 5 eta/3 of Espanol & Revenga 2003 in 3D
-    "central viscosity": ((water(viscosity="central"),),
+    "central viscosity": ((replace(WATER, viscosity="central"),),
         lambda dim: liquid(dim, viscosity=0.0, central=LINE[dim])),
-    "inviscid": ((water(dynamic_viscosity=0.0),), lambda dim: liquid(dim, viscosity=0.0)),
-    "cohesive liquid": ((WATER, jz()), lambda dim: liquid(dim,
+    "inviscid": ((replace(WATER, dynamic_viscosity=0.0),), lambda dim: liquid(dim, viscosity=0.0)),
+    "cohesive liquid": ((WATER, JZ), lambda dim: liquid(dim,
         pressure=bulk_pressure(lambda r: jiang_zhu(dim)["cohesion"]["gamma"] * jiang_zhu_shape(r, dim,
         {2: 0.75, 3: 0.6}[dim]), dim))),
     "liquid under air": ((WATER, rs.He2014(kappa=0.1, air_pressure=200.0)),
@@ -605,13 +594,13 @@ SETUPS = {
     "liquid with a molecular force": ((WATER, rs.Dong2016(stiffness=0.3)),
         lambda dim: liquid(dim, pressure=lattice_pressure(lambda r: 0.3 * molecular_shape(r, D), dim))),
     "liquid without balance": ((WATER, rs.Akinci2013(gamma=0.02, balance_pressure=False)), liquid),
-    "liquid on a mesh": ((WATER, block_of()), lambda dim: liquid(dim, wall=1.0), (3,)),
+    "liquid on a mesh": ((WATER, ON_MESH), lambda dim: liquid(dim, wall=1.0), (3,)),
     "gravity": ((rs.Gravity(acceleration=(0.3, -9.7, 0.0)),), lambda dim: {"field": [0.3, -9.7, 0.0]}),
     "extrapolated walls": ((rs.BoxWalls(lower=WALLS[0], upper=WALLS[1], open_faces=("+y",), model="extrapolated"),
     WATER,
         PULL), lambda dim: box_walls(dim) | {"lean": {"x": 0.3, "y": -9.7, "z": 0.0}}),
     # delta h_s c with h_s = h/2, and the slope rho0 g/c^2 of the density at rest
-    "advanced liquid": ((water(density="continuity", diffusion=0.05, restoring=0.4), PULL),
+    "advanced liquid": ((replace(WATER, density="continuity", diffusion=0.05, restoring=0.4), PULL),
         lambda dim: (liquid(dim, clamp=0) | {"recount": recount(dim, 0.4 * C / H),
         "diffusion": {"coefficient": 0.025 * H * C, "stretch": RHO / C**2, "release": C / H},
         "lean": {"x": 0.3, "y": -9.7, "z": 0.0}})),
@@ -625,16 +614,18 @@ SETUPS = {
     "detection, other settings": ((rs.SurfaceDetection(threshold=0.95, asymmetry=0.4, scan_normal="corrected",
         literal=("E5", "E6", "E10")), WATER),
         lambda dim: detection(dim, 0.95, 0.95, 0.4, H, 1e-12 / H, 1, 1) | normal_term(dim, 1)),
-    "jiang_zhu": ((jz(), WATER), lambda dim: jiang_zhu(dim, area=corrected_area(dim))),
-    "jiang_zhu, gamma": ((jz(surface_tension=None, gamma=0.02, area_ratio=0.03, pair_mode="soft", soft_lower=0.2),
-        WATER), lambda dim: jiang_zhu(dim, 0.02, area=corrected_area(dim, 0.03), mode=0, soft=(0.2, 1.0))),
+    "jiang_zhu": ((JZ, WATER), lambda dim: jiang_zhu(dim, area=corrected_area(dim))),
+    "jiang_zhu, gamma": ((replace(JZ, surface_tension=None, gamma=0.02, area_ratio=0.03, pair_mode="soft",
+        soft_lower=0.2), WATER),
+        lambda dim: jiang_zhu(dim, 0.02, area=corrected_area(dim, 0.03), mode=0, soft=(0.2, 1.0))),
     # eps' of Akinci et al. 2013
-    "jiang_zhu, J(18)": ((jz(area_term="color", area_direction="axial", pair_mode="either"), WATER),
+    "jiang_zhu, J(18)": ((replace(JZ, area_term="color", area_direction="axial", pair_mode="either"), WATER),
         lambda dim: jiang_zhu(dim, mode=3, area=lambda gamma: (1, 1e-3 * gamma * RHO),
         axial={"factor": {2: 2.0, 3: 2.5}[dim]})),
-    "jiang_zhu, printed": ((jz(literal=("E4", "E7", "E10"), area_term="color", area_acceleration=2.1), WATER),
+    "jiang_zhu, printed": ((replace(JZ, literal=("E4", "E7", "E10"), area_term="color", area_acceleration=2.1), WATER),
         lambda dim: jiang_zhu(dim, alpha=0.6, sign=-1, area=lambda gamma: (1, 2.1)) | normal_term(dim, 1)),
-    "jiang_zhu, no area": ((jz(area_term="none", pair_mode="both"), WATER), lambda dim: jiang_zhu(dim, mode=4)),
+    "jiang_zhu, no area": ((replace(JZ, area_term="none", pair_mode="both"), WATER),
+        lambda dim: jiang_zhu(dim, mode=4)),
     "akinci": ((rs.Akinci2013(surface_tension=SIGMA, adhesion=1.7), WATER), lambda dim: akinci(dim, beta=1.7)),
     "akinci, gamma": ((rs.Akinci2013(gamma=0.3, area_acceleration=4.0, area_direction="axial"), WATER),
         lambda dim: akinci(dim, 0.3, lambda gamma: 4.0, axial={"factor": {2: 2.0, 3: 2.5}[dim]})),
@@ -642,7 +633,7 @@ SETUPS = {
     "becker_teschner, kappa": ((rs.BeckerTeschner2007(kappa=0.3, clamp_distance=False), WATER),
         lambda dim: becker_teschner(dim, 0.3, 0.0)),
     "csf, mueller": ((rs.CsfWang2019(surface_tension=SIGMA, threshold=0.3, literal=("shell",),
-        tension_gradient=(1.0, -2.0, 3.0)), water(kernels="mueller"), rs.SurfaceDetection()),
+        tension_gradient=(1.0, -2.0, 3.0)), replace(WATER, kernels="mueller"), rs.SurfaceDetection()),
         lambda dim: continuum(dim, "mueller", plain=1, threshold=0.3, gradient=(1.0, -2.0, 3.0))),
     "csf, plain": ((rs.CsfWang2019(surface_tension=SIGMA, normalise=False), WATER),
         lambda dim: continuum(dim, normalise=False)),
@@ -652,9 +643,9 @@ SETUPS = {
     "dong's solver": ((rs.Dong2016(surface_tension=SIGMA, solver="hu_adams"), WATER),
         lambda dim: dong(dim) | {"viscosity": {"coefficient": MU}, "central_viscosity": None}),
     "dong's solver, central viscosity": ((rs.Dong2016(surface_tension=SIGMA, solver="hu_adams"),
-        water(viscosity="central")),
+        replace(WATER, viscosity="central")),
         lambda dim: dong(dim) | {"viscosity": None, "central_viscosity": {"coefficient": LINE[dim]}}),
-    "he": ((rs.He2014(surface_tension=SIGMA, air_pressure=200.0), water(kernels="mueller")),
+    "he": ((rs.He2014(surface_tension=SIGMA, air_pressure=200.0), replace(WATER, kernels="mueller")),
         lambda dim: he(dim, SIGMA / he_unit_tension(dim, "mueller"), 200.0)),
     "he, kappa": ((rs.He2014(kappa=0.4), WATER), lambda dim: he(dim, 0.4)),
     "tartakovsky": ((rs.TartakovskyMeakin2005(surface_tension=SIGMA), WATER), cosine),
@@ -662,18 +653,18 @@ SETUPS = {
         lambda dim: normal_term(dim) | {"normal_tension": {"coefficient": 2.5, "printed_mass": 1}}),
     "iisph": ((rs.ImplicitPressure(), WATER), implicit),
     "iisph, other settings": ((rs.ImplicitPressure(relaxation=0.4, tolerance=2e-3, iterations=(3, 50)),
-        water(viscosity="central")), lambda dim: implicit(dim, 0.4, 2e-3, 3, 50)
+        replace(WATER, viscosity="central")), lambda dim: implicit(dim, 0.4, 2e-3, 3, 50)
         | {"viscosity": None, "central_viscosity": {"coefficient": LINE[dim]}}),
     "two-way": ((rs.TwoWayCoupling(), WATER, rs.ShapeMatching()), coupling, (3,)),
     # four crossings of the support radius by sound; diffusion as in "advanced liquid"; overlaps by 2 rho0 c^2, 0.4 h/c
-    "two-way, advanced liquid": (lambda dim: (rs.TwoWayCoupling(),
-        water(density="continuity", diffusion=0.05, restoring=0.4, viscosity="central"), rs.ShapeMatching(), PULL),
+    "two-way, advanced liquid": ((rs.TwoWayCoupling(), replace(WATER, density="continuity", diffusion=0.05,
+        restoring=0.4, viscosity="central"), rs.ShapeMatching(), PULL),
         lambda dim: {"delay": {"tau": 4 * H / C}, "lean": {"x": 0.3, "y": -9.7, "z": 0.0},
         "recount": recount(dim, 0.4 * C / H),
         "overlapping": {"volume": 1 / rest_number_density(dim), "whole": 1 / (rest_number_density(dim) * D**dim),
         "stiffness": 2 * RHO * C**2, "delay": 0.4 * H / C},
         "diffusion": {"coefficient": 0.025 * H * C, "stretch": RHO / C**2, "release": C / H}}, (3,)),
-    "two-way, printed": ((rs.TwoWayCoupling(literal=("all",), density_weighted=True), water(state="tait"),
+    "two-way, printed": ((rs.TwoWayCoupling(literal=("all",), density_weighted=True), replace(WATER, state="tait"),
         rs.ShapeMatching()), lambda dim: coupling(dim, 7, 1, 1, 1, 1), (3,)),
     "two-way, Shao & Song M3": ((rs.TwoWayCoupling(literal=("M3",)), WATER, rs.ShapeMatching()),
         lambda dim: coupling(dim, m3=1), (3,)),
@@ -692,10 +683,10 @@ SETUPS = {
     (3,)),
     "melting": ((rs.Melting(), HEAT, WATER), melting),
     "melting into water": ((rs.Melting(bookkeeping="water"), HEAT, WATER), lambda dim: melting(dim, 1)),
-    "material points, printed": (lambda dim: (liquid_of_points(dim, literal=("M3", "M4", "M5", "M6", "M27"),
+    "material points, printed": (lambda dim: (replace(MPM[dim], literal=("M3", "M4", "M5", "M6", "M27"),
         volume="gradient"), rs.Gravity(acceleration=(0.1, -9.0, 0.0))),
         lambda dim: material_points(dim, 2.0, 1, 1, 1, 1, True) | {"field": [0.1, -9.0, 0.0]}),
-    "material points, thesis M7": (lambda dim: (liquid_of_points(dim, literal=("M7",)),),
+    "material points, thesis M7": (lambda dim: (replace(MPM[dim], literal=("M7",)),),
         lambda dim: material_points(dim, 0.0)),
     "material points in a box": (lambda dim: (MPM[dim], BETWEEN,
         rs.SurfaceEnergy(surface_tension=SIGMA)),
@@ -703,11 +694,11 @@ SETUPS = {
         reading=1, planes=wall_nodes(dim))),
     "surface of a run": (lambda dim: (rs.SurfaceEnergy(surface_tension=SIGMA), MPM[dim], BETWEEN),
         surface_of_run),
-    "mesh": ((block_of(), WATER), lambda dim: mesh(), (3,)),
+    "mesh": ((ON_MESH, WATER), lambda dim: mesh(), (3,)),
     "walls that hold": ((rs.BoxWalls(lower=WALLS[0], upper=WALLS[1], open_faces=("+y",), model="extrapolated",
-        no_slip=True), water(viscosity="central")), lambda dim: box_walls(dim) | {"lean": dict.fromkeys("xyz", 0.0),
-        "holding": {"coefficient": lambda k, group: holds(k, dim), "steepness": 3}}),
-    "mesh, other settings": ((block_of(literal=("E27",), correction="point", every_particle=True), WATER,
+        no_slip=True), replace(WATER, viscosity="central")), lambda dim: box_walls(dim) | {
+        "lean": dict.fromkeys("xyz", 0.0), "holding": {"coefficient": lambda k, group: holds(k, dim), "steepness": 3}}),
+    "mesh, other settings": ((replace(ON_MESH, literal=("E27",), correction="point", every_particle=True), WATER,
         rs.Gravity(acceleration=(0.2, 0.4, -9.0))), lambda dim: mesh((0.2, 0.4, -9.0), 0, 1, 1), (3,)),
 }  # fmt: skip
 

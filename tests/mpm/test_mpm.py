@@ -1,4 +1,4 @@
-"""Runs of MPM: the grid's memory, walls, stops, bad input."""
+"""Material points: the grid's memory, and crowding where they are strewn at random."""
 
 import numpy as np
 import pytest
@@ -12,31 +12,24 @@ from validation.metrics.mpm import CELL, DENSITY, Transfers
 CUBES = {2: (8, 8, 1), 3: (5, 5, 5)}
 
 
-def scene(*effects, dim=3, velocity=(0.0, 0.0, 0.0), fluid=None, **options):
-    fluid = fluid or (rs.Box(lower=(0.03, 0.05, 0.07), cells=CUBES[dim], velocity=velocity),)
-    options = {"spacing": 0.1, "support_radius": 0.3, "dtype": "float64", "dim": dim, **options}
-    return rs.Scene(fluid=fluid, effects=effects, **options)
-
-
-LIQUID = rs.MpmLiquid(bulk_modulus=1e5)
+def grid_after(dim, *places, velocity=(0.0, 0.0, 0.0), steps=1):
+    """The grid of blobs that begin at these x, after some steps."""
+    blobs = (rs.Box(lower=(0.03 + x, 0.05, 0.07), cells=CUBES[dim], velocity=velocity) for x in places)
+    scene = rs.Scene(
+        spacing=0.1, support_radius=0.3, dtype="float64", dim=dim, fluid=tuple(blobs),
+        effects=(rs.MpmLiquid(bulk_modulus=1e5),),
+    )  # fmt: skip
+    return advanced(rs.Simulation(scene), steps).parameters["mpm_liquid"]["grid"]
 
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_grid_follows_the_liquid(dim):
     """Two blobs a million cells apart cost twice one blob, and a blob that flies on leaves no blocks behind."""
-    one = rs.Simulation(scene(LIQUID, dim=dim))
-    one.step()
-    grid = one.parameters["mpm_liquid"]["grid"]
-    alone = grid.nodes
-    far = rs.Box(lower=(0.03 + 0.2 * (2**19), 0.05, 0.07), cells=CUBES[dim])
-    two = rs.Simulation(scene(LIQUID, dim=dim, fluid=(rs.Box(lower=(0.03, 0.05, 0.07), cells=CUBES[dim]), far)))
-    two.step()
-    assert two.parameters["mpm_liquid"]["grid"].nodes == 2 * alone
-    flying = rs.Simulation(scene(LIQUID, dim=dim, velocity=(40.0, 0.0, 0.0)))
-    advanced(flying, 150)
-    grid = flying.parameters["mpm_liquid"]["grid"]
-    assert grid.rebuilds > 3
-    assert grid.nodes <= 3 * alone
+    alone = grid_after(dim, 0.0).nodes
+    assert grid_after(dim, 0.0, 0.2 * 2**19).nodes == 2 * alone
+    flying = grid_after(dim, 0.0, velocity=(40.0, 0.0, 0.0), steps=150)
+    assert flying.rebuilds > 3
+    assert flying.nodes <= 3 * alone
 
 
 def strewn(dim, shares):

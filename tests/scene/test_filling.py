@@ -15,24 +15,17 @@ LONG, WIDE, DEEP = 16, 6, 8  # cells
 LIQUID = rs.WeaklyCompressible(sound_speed=31.0)
 
 
-def scene(fluid, *effects, solid=(), **changes):
-    return rs.Scene(
-        spacing=D, support_radius=3 * D, dtype="float64", fluid=fluid, solid=solid,
-        effects=(LIQUID, rs.Gravity(acceleration=(0.0, 0.0, -PULL)), *effects), **changes,
-    )  # fmt: skip
+BOX = rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(LONG * D, WIDE * D, 2 * DEEP * D))
 
 
-def block(cells, low=(0, 0, 0), **more):
-    return rs.Box(lower=tuple(D * np.array(low)), cells=cells, outside="bodies", **more)
+def scene(fluid, *effects):
+    pull = rs.Gravity(acceleration=(0.0, 0.0, -PULL))
+    return rs.Scene(spacing=D, support_radius=3 * D, dtype="float64", fluid=fluid, effects=(LIQUID, pull, *effects))
 
 
-def box(high=2 * DEEP):
-    return rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(LONG * D, WIDE * D, high * D))
-
-
-def slope(folder, degrees, toe=3.2):
-    """A wedge that rises from x = `toe` spacings on; its height at x, both in spacings."""
-    rise, far, end = math.tan(math.radians(degrees)), 8, LONG + 8
+def slope(folder, degrees):
+    """A wedge that rises from x = 3.2 spacings on; its height at x, both in spacings."""
+    toe, rise, far, end = 3.2, math.tan(math.radians(degrees)), 8, LONG + 8
     outline = [(toe, 0.0), (end, (end - toe) * rise), (end, -far), (toe, -far)]
     mesh = trimesh.convex.convex_hull([(x * D, y * D, z * D) for x, z in outline for y in (-far, WIDE + far)])
     mesh.export(folder / "slope.obj")
@@ -52,7 +45,7 @@ def unrest(made):
 def test_liquid_on_a_slope_starts_at_rest(degrees, tmp_path):
     """Its particles have the volume above the slope, and accelerations of a tenth of g; cut from a lattice of g."""
     wedge, height = slope(tmp_path, degrees)
-    pull, x, apart = unrest(scene((block((LONG, WIDE, DEEP)),), box(), wedge))
+    pull, x, apart = unrest(scene((rs.Box(cells=(LONG, WIDE, DEEP), outside="bodies"),), BOX, wedge))
     fine = np.linspace(0, LONG, 10001)
     volume = WIDE * np.trapezoid(np.clip(DEEP - height(fine), 0, None), fine)
     assert abs(len(x) - volume) < 1 + 2e-3 * volume
@@ -61,7 +54,7 @@ def test_liquid_on_a_slope_starts_at_rest(degrees, tmp_path):
     assert pull < 0.12
     lattice = (np.indices((LONG, WIDE, DEEP)).reshape(3, -1).T + 0.5) * D
     cut = lattice[lattice[:, 2] / D > height(lattice[:, 0] / D) + 0.01]
-    assert unrest(scene((rs.Cloud(position=cut),), box(), wedge))[0] > 0.5
+    assert unrest(scene((rs.Cloud(position=cut),), BOX, wedge))[0] > 0.5
 
 
 def vessel(folder):
@@ -115,7 +108,7 @@ def test_bodies_take_their_volume(tmp_path):
         mesh.export(tmp_path / "body.obj")
         body = rs.MeshBoundary(file=str(tmp_path / "body.obj"), center=tuple(middle), rotation=tuple(angles))
         walls = rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(14 * D,) * 3)
-        made = rs.make_plan(scene((block((14, 14, 14)),), walls, body))
+        made = rs.make_plan(scene((rs.Box(cells=(14, 14, 14), outside="bodies"),), walls, body))
         found.append(len(made.state.position) - 14**3 + volume / D**3)
     assert np.abs(found).max() <= 1, found
     solid = (rs.SolidBox(lower=(5 * D,) * 3, upper=(9 * D, 8 * D, 10 * D)),)  # 60 particles, no cell of the block's

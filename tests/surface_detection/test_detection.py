@@ -16,37 +16,23 @@ PROBE = 1.2  # radius of the truth's probe, in spacings
 CENTER = np.array([0.63, 0.77, 0])  # of the disc
 
 
-def lattice(part, dim=2):
-    return part.positions(Discretisation(dim, "float64", 1.0, 2.6, 0))
+def lattice(part):
+    return part.positions(Discretisation(2, "float64", 1.0, 2.6, 0))
 
 
-def disc(radius=10.2):
+def disc(radius):
     """A disc cut off centre, so that no normal lies exactly on a diagonal: there a neighbour would be a tie."""
     block = lattice(Box(cells=(30, 30, 1))) - [15, 15, 0]
     return block[np.linalg.norm(block - CENTER, axis=1) < radius]
 
 
-def detect(
-    position, backend="numpy", dtype="float64", spacing=1.0, dim=2, ratio=2.6, walls=(), crowded=False, **settings
-):
-    """A simulation whose fields belong to the given positions; these are in spacings.
-
-    Crowded ones, which no scene may start with, are set between two steps.
-    """
+def surface(position, dim=2, **settings):
+    """Flags of particles at these positions [spacings]."""
+    effects = (WeaklyCompressible(sound_speed=10.0, density="summation"), SurfaceDetection(**settings))
     scene = Scene(
-        spacing=spacing, support_radius=ratio * spacing, dim=dim, dtype=dtype,
-        fluid=(Cloud(position=position * spacing * (2.0 if crowded else 1.0)),),
-        effects=(WeaklyCompressible(sound_speed=10.0, density="summation"), SurfaceDetection(**settings), *walls),
-    )  # fmt: skip
-    simulation = Simulation(scene, backend)
-    if crowded:
-        simulation.set_field("position", position * spacing)
-    simulation.evaluate()
-    return simulation
-
-
-def surface(position, **options):
-    return detect(position, **options).field("surface").astype(bool)
+        spacing=1.0, support_radius=2.6, dim=dim, dtype="float64", fluid=(Cloud(position=position),), effects=effects
+    )
+    return Simulation(scene, "numpy").field("surface").astype(bool)
 
 
 def turned(position, angle):
@@ -109,11 +95,10 @@ def block(dim, jitter=0.0):
     return place, layer
 
 
-def scene(dim, ratio, place, *others, kernels="wendland", dtype="float64", spacing=0.05, **settings):
+def scene(dim, ratio, place, kernels="wendland", **settings):
     liquid = WeaklyCompressible(sound_speed=10.0, kernels=kernels, density="summation")
-    effects = (liquid, SurfaceDetection(**settings), *others)
-    cloud = Cloud(position=spacing * place)
-    return Scene(dim=dim, spacing=spacing, support_radius=ratio * spacing, dtype=dtype, fluid=(cloud,), effects=effects)
+    cloud, effects = Cloud(position=0.05 * place), (liquid, SurfaceDetection(**settings))
+    return Scene(dim=dim, spacing=0.05, support_radius=ratio * 0.05, dtype="float64", fluid=(cloud,), effects=effects)
 
 
 def said(made):

@@ -17,20 +17,20 @@ CPU = Backend("cpu")
 H = 1 / 32
 
 
-def ball(radius, seed=0, radii=(1.0, 1.0, 1.0), dim=3, jitter=0.25):
+def ball(radius, radii=(1.0, 1.0, 1.0), dim=3):
     """A jittered lattice, 2^dim particles to a cell, cut by a sphere or ellipsoid of `radius` cells, in units of h."""
     half = int(2 * radius * max(radii)) + 2
     axis = 0.5 * np.arange(-half, half) + 0.25
     place = np.stack(np.meshgrid(*[axis] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
-    place = place + np.random.default_rng(seed).uniform(-jitter, jitter, place.shape)
+    place = place + np.random.default_rng(0).uniform(-0.25, 0.25, place.shape)
     inside = np.linalg.norm(place / np.array(radii[:dim]), axis=1) < radius
     return np.pad(place[inside], ((0, 0), (0, 3 - dim)))
 
 
-def reconstructed(place, dim=3, dtype="float64", h=H, number=None, **parameters):
-    """(reconstruction, surface) of particles at `place` in units of h."""
-    made = Reconstruction(CPU, dim, dtype, h, Tension(surface_tension=2.0, **parameters))
-    return made, made.surface((h * place).astype(dtype), number=number)
+def reconstructed(place, dim=3, **parameters):
+    """(reconstruction, surface) of particles at `place` in units of H."""
+    made = Reconstruction(CPU, dim, "float64", H, Tension(surface_tension=2.0, **parameters))
+    return made, made.surface(H * place)
 
 
 @pytest.mark.parametrize("dim", [2, 3])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import refsim as rs
-from refsim import InputError, calibrate, calibrate_contact_angle, load_scene, make_plan
+from refsim import calibrate, calibrate_contact_angle, load_scene, make_plan
 from refsim.core.capabilities import with_scene_defaults
 from refsim.core.effect import Discretisation
 from refsim.surface_tension.calibration import MAP, SETTINGS, sigma_map
@@ -23,17 +23,12 @@ EXAMPLE = Path(rs.__file__).parent / "examples" / "water_drop.toml"
 WATER = {"spacing": 1e-3, "rest_density": 1000.0}
 
 
-def setting(ratio=2.0, apart=0.0, support=2.6, stiffness=0.01, seeds=3, radii=(10.0, 14.0), model="akinci", dim=3):
+def setting(ratio=2.0, apart=0.0, support=2.6, stiffness=0.01, radii=(10.0, 14.0), model="akinci"):
     """A setting of an artificial map: Laplace and Rayleigh differ from the ratio by `apart`, in opposite directions."""
-    drops = [
-        {
-            "radius": radius, "seeds": seeds, "laplace": ratio * (1 + apart), "rayleigh": ratio * (1 - apart),
-            "laplace_spread": 0.02 * ratio, "rayleigh_spread": 0.0,
-        }
-        for radius in radii
-    ]  # fmt: skip
-    place = {"model": model, "dim": dim, "support": support, "stiffness": stiffness, "kernels": "mueller"}
-    return {**place, "drops_by_radius": drops}
+    each = {"seeds": 3, "laplace": ratio * (1 + apart), "rayleigh": ratio * (1 - apart)}
+    each |= {"laplace_spread": 0.02 * ratio, "rayleigh_spread": 0.0}
+    place = {"model": model, "dim": 3, "support": support, "stiffness": stiffness, "kernels": "mueller"}
+    return {**place, "drops_by_radius": [{"radius": radius, **each} for radius in radii]}
 
 
 MADE_UP = (
@@ -164,19 +159,6 @@ def test_drops_of_the_default_liquid_have_the_tension_asked_for(model, dim):
         assert np.mean(acting, axis=0) == pytest.approx([1, 1], abs=bar), place
 
 
-OUTSIDE = rows(__file__, "outside_sigma")
-
-
-@pytest.mark.parametrize("name", OUTSIDE)
-def test_outside_the_map_it_refuses_in_one_sentence(name):
-    options, said = OUTSIDE[name]
-    with pytest.raises(rs.InputError) as refused:
-        made_up(**options)
-    assert said in str(refused.value)
-    assert str(refused.value).startswith("calibrate: ")
-    assert str(refused.value).endswith(".")
-
-
 # The published map
 def test_the_published_map_is_that_of_the_published_drops(tmp_path):
     rows = condensing.read_rows()
@@ -197,19 +179,15 @@ def test_the_example_of_the_water_drop_has_the_tension_of_water():
     assert tension.share_of_nominal(plan.grid, plan.effects) > 1.5
 
 
-SAME_WATER = {"spacing": 1e-3, "rest_density": 1000.0}
+def sessile(*drops):
+    """An artificial map of drops of (share, angle, angle by a circle)."""
+    names = ("share", "angle", "circle")
+    drops = [dict(zip(names, drop)) | {"spread": 2.0} for drop in drops]
+    return [{"dim": 3, "support": 2.6, "stiffness": 0.01, "kernels": "mueller", "drops": drops}]
 
 
-def drop(share, angle, spread=2.0, circle=None):
-    return {"share": share, "angle": angle, "spread": spread, "circle": circle}
-
-
-def sessile(*drops, **place):
-    setting = {"dim": 3, "support": 2.6, "stiffness": 0.01, "kernels": "mueller"}
-    return [{**setting, **place, "drops": list(drops)}]
-
-
-SESSILE = sessile(drop(0.0, None), drop(5.0, 120.0), drop(10.0, 90.0, circle=96.0), drop(20.0, 60.0), drop(50.0, None))
+NONE = (0.0, None, None)
+SESSILE = sessile(NONE, (5.0, 120.0, None), (10.0, 90.0, 96.0), (20.0, 60.0, None), (50.0, None, None))
 
 
 @pytest.mark.parametrize("dim, radius", [(3, 14.0), (2, 30.0)])
@@ -225,17 +203,17 @@ def test_both_ways_read_the_angle_of_a_cap_that_was_cut(dim, radius, angle):
 
 def test_the_coefficient_is_interpolated_in_the_cosine_as_a_share_of_the_cohesion():
     """gamma of the effect as it acts: from its own nominal tension, in SI units."""
-    found = calibrate_contact_angle(105.0, 0.072, settings=SESSILE, **SAME_WATER)
+    found = calibrate_contact_angle(105.0, 0.072, settings=SESSILE, **WATER)
     part = (math.cos(math.radians(105)) + 0.5) / 0.5
     assert found.share == pytest.approx(5 + 5 * part)
     assert found.uncertainty == pytest.approx(math.hypot(2.0, 3.0, 7.5 * 4 * part * (1 - part)))
-    assert found.effect.gamma == calibrate(0.072, **SAME_WATER).effect.gamma
+    assert found.effect.gamma == calibrate(0.072, **WATER).effect.gamma
     assert found.effect.adhesion == found.adhesion
-    at = calibrate_contact_angle(60.0, 0.072, settings=SESSILE, **SAME_WATER)
+    at = calibrate_contact_angle(60.0, 0.072, settings=SESSILE, **WATER)
     assert (at.share, at.uncertainty) == (pytest.approx(20.0), pytest.approx(math.hypot(2.0, 3.0)))
     from refsim import Cloud, Scene, WeaklyCompressible, make_plan
 
-    found = calibrate_contact_angle(90.0, 0.072, settings=SESSILE, **SAME_WATER)
+    found = calibrate_contact_angle(90.0, 0.072, settings=SESSILE, **WATER)
     fluid = WeaklyCompressible(
         rest_density=1000.0, sound_speed=found.tension.sound_speed, kernels="mueller", density="summation"
     )
@@ -246,24 +224,25 @@ def test_the_coefficient_is_interpolated_in_the_cosine_as_a_share_of_the_cohesio
     assert found.adhesion / gamma == pytest.approx(10.0, rel=1e-5)
 
 
-BEYOND = {
-    "nan": ({"angle": math.nan}, "angle = nan is not a positive number"),
-    "tension": ({"sigma": -1.0}, "sigma = -1.0 is not a positive number"),
-    "above": ({"angle": 150.0}, "150 degrees is outside the map at h = 2.6 d, which has 60 to 120 degrees"),
-    "below": ({"angle": 20.0}, "beyond it drops spread to a film or detach from the plane"),
-    "dimension": ({"dim": 2}, "the map has no sessile drops in 2D with mueller kernels at h = 2.6 d"),
-    "support": ({"support_radius": 2.8e-3}, "at h = 2.8 d and density = 'summation'; it has h/d = 2.6."),
-    "no cap": ({"settings": sessile(drop(0.0, None))}, "no drop at h = 2.6 d came to rest as a cap"),
-}
+def angled(angle=90.0, sigma=0.072, **given):
+    return calibrate_contact_angle(angle, sigma, **{"settings": SESSILE, **WATER} | given)
 
 
-@pytest.mark.parametrize("name", BEYOND)
-def test_outside_its_map_an_angle_is_refused_in_one_sentence(name):
-    options, said = BEYOND[name]
-    with pytest.raises(InputError) as refused:
-        calibrate_contact_angle(**({"angle": 90.0, "sigma": 0.072, "settings": SESSILE} | SAME_WATER | options))
+@pytest.mark.parametrize("call, options, said", [
+    *((made_up, *row) for row in rows(__file__, "outside_sigma").values()),
+    (angled, {"angle": math.nan}, "angle = nan is not a positive number"),
+    (angled, {"sigma": -1.0}, "sigma = -1.0 is not a positive number"),
+    (angled, {"angle": 150.0}, "150 degrees is outside the map at h = 2.6 d, which has 60 to 120 degrees"),
+    (angled, {"angle": 20.0}, "beyond it drops spread to a film or detach from the plane"),
+    (angled, {"dim": 2}, "the map has no sessile drops in 2D with mueller kernels at h = 2.6 d"),
+    (angled, {"support_radius": 2.8e-3}, "at h = 2.8 d and density = 'summation'; it has h/d = 2.6."),
+    (angled, {"settings": sessile(NONE)}, "no drop at h = 2.6 d came to rest as a cap"),
+])  # fmt: skip
+def test_outside_its_map_a_call_is_refused_in_one_sentence(call, options, said):
+    with pytest.raises(rs.InputError) as refused:
+        call(**options)
     assert said in str(refused.value)
-    assert str(refused.value).startswith("calibrate_contact_angle: ")
+    assert str(refused.value).startswith("calibrate: " if call is made_up else "calibrate_contact_angle: ")
     assert str(refused.value).endswith(".")
 
 

@@ -77,23 +77,14 @@ TENSIONS = (
 )  # fmt: skip
 
 
-def blob(*effects, dim=3, clamp=True):
-    grid = Discretisation(dim, "float64", 0.1, 0.26, 0)
-    points = rs.Ball(radius=0.42 if dim == 3 else 0.6).positions(grid)
-    points[:, :dim] += np.random.default_rng(2).uniform(-0.02, 0.02, (len(points), dim))
-    fluid = rs.WeaklyCompressible(rest_density=1.0, sound_speed=20.0, clamp_pressure=clamp, density="summation")
-    return rs.Simulation(
-        rs.Scene(
-            spacing=0.1, support_radius=0.26, dim=dim, fluid=(rs.Cloud(position=points),), effects=(fluid, *effects)
-        ),
-        "numpy",
-    )
-
-
 @pytest.mark.parametrize("tension", TENSIONS, ids=lambda effect: effect.name + getattr(effect, "pair_mode", ""))
 def test_sum_of_pairs_is_the_sum_of_the_forces(tension):
     """sum_pairs x_ij.F_ij = sum_i x_i.F_i, with the accelerations of the programs."""
-    simulation = blob(tension)
+    points = rs.Ball(radius=0.42).positions(Discretisation(3, "float64", 0.1, 0.26, 0))
+    points += np.random.default_rng(2).uniform(-0.02, 0.02, points.shape)
+    effects = (rs.WeaklyCompressible(rest_density=1.0, sound_speed=20.0, density="summation"), tension)
+    scene = rs.Scene(spacing=0.1, support_radius=0.26, fluid=(rs.Cloud(position=points),), effects=effects)
+    simulation = rs.Simulation(scene, "numpy")
     simulation.evaluate()
     x, a, m = (simulation.field(name).astype(float) for name in ("position", "acceleration", "mass"))
     _, _, virial = pair_virials(simulation)

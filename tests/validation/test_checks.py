@@ -15,22 +15,7 @@ import pytest
 from refsim import InputError, RunStopped
 from validation import checks, filling, judging, page
 from validation.__main__ import main
-from validation.checks import (
-    CLAIM,
-    CONFIRMED,
-    HARD_CASE,
-    MIXED,
-    NOT_CLAIMED,
-    NOT_TESTABLE,
-    OWN_READING,
-    REFUTED,
-    VALUE,
-    VERDICT,
-    Entry,
-    Family,
-    Sentence,
-    read_all,
-)
+from validation.checks import CLAIM, CONFIRMED, HARD_CASE, MIXED, NOT_CLAIMED, NOT_TESTABLE, OWN_READING, REFUTED, VALUE
 from validation.experiment import Experiment, Measure, Options, RunSpec, discover
 from validation.perform import EXIT_FAILED, EXIT_FINE
 from validation.results import Result
@@ -38,7 +23,7 @@ from validation.running import Context
 from validation.trials import Trial, largest_stable
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-ENTRIES = filling.with_reasons(read_all())
+ENTRIES = filling.with_reasons(checks.read_all())
 CLAIMS = {entry.name: entry for entry in ENTRIES if entry.kind == CLAIM}
 TESTABLE = [name for name, claim in CLAIMS.items() if claim.rule]
 MEASURED = [name for name in TESTABLE if CLAIMS[name].starts]
@@ -123,7 +108,7 @@ def test_numbers_on_the_pages_are_those_of_the_records():
 
 
 # How it is judged
-SAID = Sentence("small", "s", "section 1, sentence 1", "小", "It is small.", "none")
+SAID = checks.Sentence("small", "s", "section 1, sentence 1", "小", "It is small.", "none")
 
 
 def claim(**changes):
@@ -131,7 +116,7 @@ def claim(**changes):
         "name": "one", "experiment": "e", "kind": CLAIM, "sentence": SAID, "title": "It is small",
         "reading": "as printed", "verdict": CONFIRMED, "what": "a size", "rule": "at_most", "bound": 1.0,
     }  # fmt: skip
-    return Entry(**given | changes)
+    return checks.Entry(**given | changes)
 
 
 @pytest.mark.parametrize(("values", "verdict"), [
@@ -157,7 +142,7 @@ def test_what_the_source_does_not_say_is_never_its_verdict(apart, values, went):
 def test_every_run_that_a_check_names_is_planned():
     for name, experiment in discover().items():
         keys = [run.key for run in experiment.runs(Options(peers=True))]
-        for entry in read_all(VERDICT):
+        for entry in checks.read_all(checks.VERDICT):
             for pattern in entry.run.split() if entry.experiment == name else ():
                 assert fnmatch.filter(keys, pattern), (name, entry.name, pattern)
 
@@ -169,12 +154,12 @@ def test_every_run_that_a_check_names_is_planned():
     ("stopped: diverged", "stopped: collapsed", "fail"),
 ])  # fmt: skip
 def test_an_outcome_may_miss_no_other_checks_than_the_one_on_file(outcome, expected, verdict):
-    assert Entry("a", "e", HARD_CASE, verdict=expected).judge([1], outcome) == verdict
+    assert checks.Entry("a", "e", HARD_CASE, verdict=expected).judge([1], outcome) == verdict
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 2.2])
 def test_what_is_beyond_the_spread_deviates(value):
-    entry = Entry("a", "e", VALUE, spread=(1.9, 2.1))
+    entry = checks.Entry("a", "e", VALUE, spread=(1.9, 2.1))
     assert not entry.within(value)
     assert entry.judge([value]) == "fail"
     assert entry.judge([1.899]) == "pass", "spreads are published with four digits"
@@ -204,7 +189,7 @@ def own(tmp_path, monkeypatch):
     def runs(options):
         return [RunSpec(f"size_{k}", number_of, {"value": value}) for k, value in enumerate(values)]
 
-    large = Family(("small",), "It could be large.", "a large one", {"value": 9.0})
+    large = checks.Family(("small",), "It could be large.", "a large one", {"value": 9.0})
     one = Measure(runs, lambda results: [result.values["value"] for result in results.values()], family=large)
     monkeypatch.setattr(checks, "FOLDER", tmp_path)
     monkeypatch.setattr(page, "write_pages", lambda: None)
@@ -215,7 +200,7 @@ def own(tmp_path, monkeypatch):
 
 
 def small():
-    return next(entry for entry in read_all(CLAIM) if entry.name == "small")
+    return next(entry for entry in checks.read_all(CLAIM) if entry.name == "small")
 
 
 def test_the_command_measures_stores_and_writes(own, capsys):
