@@ -122,7 +122,29 @@ def _brings(plan: Plan, name: str, steps: dict[str, Any]) -> dict[str, Any]:
         "wall_particles": 0 if walls is None else len(walls.position),
         "step_limits": limits,
         "literal": _literal(effect),
+        **_tension(plan, effect),
     }
+
+
+def _tension(plan: Plan, effect: Effect) -> dict[str, dict[str, Any]]:
+    """Numbers of a surface tension; R is the radius of a ball (disc) as large as the smallest body of liquid."""
+    if not isinstance(effect, capabilities.HasTension):
+        return {}
+    sigma, source = effect.acting_tension(plan.grid, plan.effects)
+    if sigma == 0:
+        return {}
+    liquid: Any = plan.effects[effect.needed[0]]
+    density, radius, pull = liquid.rest_density, plan.grid.drop_radius, math.hypot(*acceleration_of(plan.effects))
+    told = {"sigma [N/m]": sigma, "of": source, "R [m]": radius}
+    if radius:
+        told["jump [Pa]"] = (plan.grid.dim - 1) * sigma / radius
+        told["Ohnesorge"] = liquid.dynamic_viscosity / math.sqrt(density * sigma * radius)
+    if pull:
+        told |= {
+            "capillary length [m]": math.sqrt(sigma / (density * pull)),
+            "Bond": density * pull * radius**2 / sigma,
+        }
+    return {"tension": told}
 
 
 def _literal(effect: Effect) -> dict[str, Any]:
@@ -235,11 +257,17 @@ def _text(summary: dict[str, Any]) -> str:
           for name, e in summary["effects"].items() if e["literal"]),
         "",
     ]  # fmt: skip
-    for title in ("gauges", "motions"):
-        if parts := summary[title]:
+    tensions = [
+        {"effect": name, **{key: v if key == "of" else f"{v:.3g}" for key, v in e["tension"].items()}}
+        for name, e in summary["effects"].items()
+        if "tension" in e
+    ]
+    tables = {"Surface tension, R of the smallest body of liquid": tensions}
+    for title, parts in (tables | {kind: summary[kind] for kind in ("gauges", "motions")}).items():
+        if parts:
             keys = list(dict.fromkeys(key for part in parts for key in part))
             rows = [tuple(_short(part.get(key, "-")) for key in keys) for part in parts]
-            lines += [title.capitalize(), table(rows, tuple(keys)), ""]
+            lines += [title[0].upper() + title[1:], table(rows, tuple(keys)), ""]
     listed = summary["neighbour_list"]
     lines.append(
         f"Neighbour list: radius {listed['radius']:g} m, reaching to {listed['reach']:g} m,"

@@ -91,6 +91,14 @@ class Joins:
         raise NotImplementedError  # an effect with this capability defines it
 
 
+class HasTension:
+    """Has a surface tension, which acts on the liquid that it needs first."""
+
+    def acting_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[float, str]:
+        """sigma [N/m] of the surface, as far as it is known, and what it follows from."""
+        raise NotImplementedError  # an effect with this capability defines it
+
+
 class SumsDensity:
     """May need a liquid whose density is summed."""
 

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Literal, Protocol
 import numpy as np
 
 from refsim.backends.arrays import Backend, Growing, growing
-from refsim.core.capabilities import HoldsOtherMemory, RunMonitor
+from refsim.core.capabilities import HasTension, HoldsOtherMemory, RunMonitor
 from refsim.core.checked import Positive
 from refsim.core.effect import Discretisation, Field, InitialState, Others, Pass, StepLimit
 from refsim.core.errors import InputError, RunStopped
@@ -47,7 +47,7 @@ def _liquid(others: Others) -> GridLiquid:
     return others["mpm_liquid"]  # type: ignore[return-value]
 
 
-class SurfaceEnergy(Tension, HoldsOtherMemory, RunMonitor, frozen=True, kw_only=True):
+class SurfaceEnergy(Tension, HasTension, HoldsOtherMemory, RunMonitor, frozen=True, kw_only=True):
     """Surface tension of an MPM liquid: its surface is reconstructed in each step and pulls on the grid.
 
     embedding         how points are embedded for the samples: "cluster" (default), "thesis", "gradient_corrected" or
@@ -75,6 +75,9 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, RunMonitor, frozen=True, kw_only=
     def acts(self) -> bool:
         """Whether there is tension; else nothing is reconstructed or embedded."""
         return self.surface_tension > 0
+
+    def acting_tension(self, grid: Discretisation, others: Others) -> tuple[float, str]:
+        return self.surface_tension, "energy of the surface"
 
     def other_memory(self) -> str:
         return "" if not self.acts() else "nodes, facets and samples of the surface"

@@ -21,6 +21,7 @@ from refsim.core.capabilities import (
     BringsWalls,
     CorrectsPositions,
     FollowsScene,
+    HasTension,
     KnowsLimits,
     Margin,
     PullsParticles,
@@ -204,8 +205,19 @@ class MeasuredByDrops:
                 " them; akinci_2013 has others by calibrate_contact_angle"
             )
 
+    def nominal_tension(self, grid: Discretisation, others: Others) -> float:
+        """sigma [N/m] that the coefficient has in theory."""
+        raise NotImplementedError  # a model defines it
 
-class PairCohesion(Effect, MeasuredByDrops, BalancesCohesion, KnowsLimits, PullsParticles, frozen=True, kw_only=True):
+    def acting_tension(self, grid: Discretisation, others: Others) -> tuple[float, str]:
+        if self._measured_at(grid, others) is None:
+            return abs(self.nominal_tension(grid, others)), "nominal"
+        return getattr(self, SIGMA), "measured drops"
+
+
+class PairCohesion(
+    Effect, MeasuredByDrops, HasTension, BalancesCohesion, KnowsLimits, PullsParticles, frozen=True, kw_only=True
+):
     """Base of the models with pair cohesion, and of every force between particles at rest that is no pressure.
 
     A model gives `name`, `coefficient_name`, `prepare` and `force_of`. It has from here: the coefficient of a nominal
@@ -349,12 +361,16 @@ class PairCohesion(Effect, MeasuredByDrops, BalancesCohesion, KnowsLimits, Pulls
             yield from stiffness_margin(*limit, grid, others)
 
     def stiffness_limits(self, grid: Discretisation, others: Others) -> Iterator[tuple[float, float, str]]:
-        """(tension [N/m], its largest S = sigma/(rho0 c^2 d), what holds up to it), where there is tension."""
-        if sigma := abs(self.nominal_tension(grid, others)):
+        """(tension [N/m], its largest S = sigma/(rho0 c^2 d), what holds up to it), where there is tension.
+
+        Not of measured drops, whose own S are in `beyond_measured`.
+        """
+        sigma, known = self.acting_tension(grid, others)
+        if sigma and known == "nominal":
             yield sigma, KEEPS_DENSITY, DENSITY_KEPT
 
     def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
-        return capillary_limit(abs(self.nominal_tension(grid, others)), grid, others)
+        return capillary_limit(self.acting_tension(grid, others)[0], grid, others)
 
     def _force(self, grid: Discretisation, others: Others) -> PairForce:
         return lambda r: self.pair_force(r, grid, others)

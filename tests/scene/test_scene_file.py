@@ -74,6 +74,24 @@ def test_examples_load_and_plan_without_a_note(path):
     assert all(f"Not counted, since it follows the run: {words}" in told for words in beside)
 
 
+@pytest.mark.parametrize("adhesion, source", [(0.0, "measured drops"), (1e-9, "nominal")])
+def test_a_plan_tells_the_numbers_of_a_tension(adhesion, source):
+    """Of 10 mm of water: 0.25 sqrt(rho0 (h/2)^3/(2 pi sigma)) is 0.551 ms, sqrt(sigma/(rho0 g)) 2.71 mm."""
+    liquid = rs.WeaklyCompressible(sound_speed=5.0, dynamic_viscosity=0.1)
+    effects = (liquid, rs.Akinci2013(surface_tension=0.072, adhesion=adhesion))
+    cube = rs.Scene(spacing=1e-3, support_radius=2.6e-3, fluid=(rs.Box(cells=(10, 10, 10)),), effects=effects)
+    told = describe_plan(rs.make_plan(cube.with_(effects=(*cube.effects, rs.Gravity()))), "cpu")
+    numbers = dict(told["effects"]["akinci_2013"]["tension"])
+    assert numbers.pop("of") == source
+    right = {"sigma [N/m]": 0.072, "R [m]": 6.204e-3, "jump [Pa]": 23.21, "Ohnesorge": 0.1496}
+    assert numbers == pytest.approx(right | {"capillary length [m]": 2.709e-3, "Bond": 5.244}, rel=1e-3)
+    assert told["step"]["limits"]["capillary"] == pytest.approx(5.509e-4, rel=1e-3)
+    assert "akinci_2013  0.072        " + source in _text(told)
+    floating = describe_plan(rs.make_plan(cube), "cpu")["effects"]["akinci_2013"]["tension"]
+    assert "Bond" not in floating
+    assert floating["jump [Pa]"] == numbers["jump [Pa]"]
+
+
 def test_the_published_schema_is_current_and_every_field_says_what_it_is():
     committed = json.loads((PACKAGE / "scene" / "scene.schema.json").read_text())
     assert committed == scene_schema(PUBLISHED), "renew it: python -m refsim schema > refsim/scene/scene.schema.json"

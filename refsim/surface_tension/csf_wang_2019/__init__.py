@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NamedTuple
 import msgspec
 import numpy as np
 
-from refsim.core.capabilities import FollowsScene, HasErrata, KnowsLimits, Margin, PullsParticles
+from refsim.core.capabilities import FollowsScene, HasErrata, HasTension, KnowsLimits, Margin, PullsParticles
 from refsim.core.checked import NotNegative, Positive, Printed
 from refsim.core.effect import Discretisation, Effect, Field, Others, Pass, StepLimit, int32
 from refsim.smoothing import lattice, smoothing
@@ -75,7 +75,7 @@ LEAST_VISCOSITY = 0.45
 
 
 class CsfWang2019(
-    Effect, MeasuredByDrops, KnowsLimits, HasErrata, FollowsScene, PullsParticles, frozen=True, kw_only=True
+    Effect, MeasuredByDrops, HasTension, KnowsLimits, HasErrata, FollowsScene, PullsParticles, frozen=True, kw_only=True
 ):
     """Surface tension of a free liquid surface as a force along its normal, by its curvature.
 
