@@ -12,15 +12,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from refsim.backends.arrays import Backend
 from refsim.core.checked import suggestion
 from refsim.core.effect import Effect, Pass
 from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY
 from refsim.core.walls import WallParticles, liquid_with_list
+from refsim.engine.binding import bind_pass
 from refsim.engine.launching import bring, launch_pass, ready
 from refsim.engine.state import State
 from refsim.gauges import Gauge, GaugeSeries, Sampled, due
 from refsim.gauges.checks import shares_of_faces
+from refsim.neighbours import NeighbourSearch
 from refsim.neighbours.reference import pair_blocks
 from refsim.scene.plan import Plan
 from refsim.smoothing.reference import kernel_value
@@ -54,9 +57,10 @@ class Gauges:
         self.walls = WallForces(run)
         self._static: Any = None
         self._open: NDArray[np.float64] | None = None
+        self._of_one: dict[str, Any] = {}  # substance
         if "rest_density" not in plan.fields:
             rest = np.full(plan.grid.count, liquid_of(plan.effects).rest_density, plan.grid.dtype)
-            self._rest_density = run.backend.asarray(rest)
+            self._of_one["rest_density"] = run.backend.asarray(rest)
 
     # When
 
@@ -125,13 +129,37 @@ class Gauges:
 
     # At points
 
-    def _near_points(self, run: State) -> dict[str, Any]:
-        """The points and the liquid near each, as the operations take them."""
-        grid = run.plan.grid
+    def _at_points(self, run: State, p: Pass, outputs: dict[str, tuple[int, ...]], **given: Any) -> list[NDArray]:
+        """What a pass writes at all points, by its name with the shape of an entry.
+
+        The lists hold particles that had been near a point when they were built. Liquid that moves as a whole keeps its
+        lists: once a particle has moved by more than the skin, the reference sums over all near the points.
+        """
+        grid, search, shared = run.plan.grid, run.search, run.shared
+        fields: dict[str, Any] = {**run.fields, **self._of_one}
+        skin = math.inf if search is None else 2 * search.allowed_displacement
+        listed = run.lists.squared_displacement <= skin**2
+        backend = run.backend if listed else Backend("numpy")
         place, dtype = grid.local(self.places), np.dtype(grid.dtype)
-        search = run.search
-        if search is None:
-            return {"walls": WallParticles(place.astype(dtype), np.zeros(len(place), dtype))}
+        written = {name: backend.zeros((len(place), *shape), dtype) for name, shape in outputs.items()}
+        if search is not None and listed:
+            launch_pass(run, p, self._listed(run, search, place), given, written, fields)
+            values = (np.asarray(backend.host(each), dtype=float) for each in written.values())
+            return [self._static.in_first_order(each) for each in values]
+        if not listed:
+            taken = REGISTRY[p.operation].arguments(REGISTRY[p.operation].chosen(backend.name, ""))
+            free = [axis for axis in range(3) if run.plan.scene.period[axis] == 0]
+            x, reach = run.host("position").astype(float), run.plan.scene.support_radius
+            near = ((x >= place.min(0) - reach) & (x <= place.max(0) + reach))[:, free].all(1)
+            names = {p.names.get(name, name) for name in taken}
+            fields = {name: run.backend.host(fields[name])[near] for name in fields if name in names}
+            shared = dict(run.plan.shared)
+        points = {"walls": WallParticles(place.astype(dtype), np.zeros(len(place), dtype))}
+        run.timings.run(p.operation, bind_pass(p, backend, (points, written, given, fields, shared)))
+        return [each.astype(float) for each in written.values()]
+
+    def _listed(self, run: State, search: NeighbourSearch, place: NDArray) -> dict[str, Any]:
+        """The points and the liquid near each, as the operations take them."""
         if self._static is None:
             self._static = search.static_set(place)
         if self._listed_at != search.log.rebuilds:
@@ -140,32 +168,20 @@ class Gauges:
         around = WallParticles(self._static.position, self._static.position)  # of which only the places are read
         return {"walls": around, "liquid_near_walls": liquid_with_list(run.fields["position"], self._near)}
 
-    def _in_first_order(self, run: State, values: Any) -> NDArray[np.float64]:
-        array = np.asarray(run.backend.host(values), dtype=float)
-        return array if self._static is None else self._static.in_first_order(array)
-
     def _pressure(self, run: State) -> NDArray[np.float64]:
         """Pressure [Pa] at all points, extrapolated from the liquid near them; 0 where there is none."""
-        grid = run.plan.grid
-        pressure = run.backend.zeros((len(self.places),), grid.dtype)
-        lean = WallFrameGravity(*map(grid.real, _gravity(run)))
-        given = {"lean": lean, "wall_pressure": pressure}
-        launch_pass(run, Pass("adami_2012.extrapolation"), self._near_points(run), given)
-        return self._in_first_order(run, pressure)
+        lean = WallFrameGravity(*map(run.plan.grid.real, _gravity(run)))
+        return self._at_points(run, Pass("adami_2012.extrapolation"), {"wall_pressure": ()}, lean=lean)[0]
 
     def _sample(self, run: State) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Share of the space that the liquid fills (m,) and its flow (m, 3) [m/s] at all points.
 
         Both are relative to the space that walls leave.
         """
-        count, dtype = len(self.places), run.plan.grid.dtype
-        fill, flow = run.backend.zeros((count,), dtype), run.backend.zeros((count, 3), dtype)
-        arrays = {"fill": fill, "flow": flow}
-        if "rest_density" not in run.fields:  # of one substance
-            arrays["rest_density"] = self._rest_density
-        launch_pass(run, Pass("gauges.sample", names={"density": "rest_density"}), self._near_points(run), arrays)
+        resting = Pass("gauges.sample", names={"density": "rest_density"})
+        fill, flow = self._at_points(run, resting, {"fill": (), "flow": (3,)})
         share = self._liquid_share(run.plan)
-        return self._in_first_order(run, fill) / share, self._in_first_order(run, flow) / share[:, None]
+        return fill / share, flow / share[:, None]
 
     def _liquid_share(self, plan: Plan) -> NDArray[np.float64]:
         """Share of the space around each point that walls leave to the liquid; infinite where it is nearly none."""

@@ -47,6 +47,28 @@ def test_gauges_repeat_bit_for_bit_and_change_nothing():
     assert np.array_equal(read[0][2], alone.field("velocity"))
 
 
+@pytest.mark.parametrize("backend", ["numpy", "cpu"])
+def test_gauges_see_liquid_that_falls_as_a_whole(backend):
+    """Whose lists of neighbours are kept: all of it passes a patch, and its top and pressure are found where it is."""
+    gauges = (
+        rs.Gauge(name="flux", kind="flux", lower=(-0.2, -0.4, 0.0), upper=(0.8, -0.4, 0.0)),
+        rs.Gauge(name="level", kind="level", lower=(0.2, -3.0, 0.0), upper=(0.2, 1.0, 0.0)),
+        rs.Gauge(name="pressure", kind="pressure", at=(0.2, -0.8, 0.0)),
+    )
+    liquid = rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=20.0)
+    effects = (liquid, rs.Gravity(acceleration=(0.0, -9.81, 0.0)))
+    block = rs.Box(cells=(5, 5, 1))
+    scene = rs.Scene(dim=2, spacing=0.1, support_radius=0.26, fluid=(block,), effects=effects, gauge=gauges)
+    simulation = rs.Simulation(scene, backend)
+    while simulation.time < 0.5:
+        simulation.step()
+        top = simulation.field("position")[:, 1].max() + 0.05
+        assert simulation.gauge("level").values[-1] == pytest.approx([top], abs=0.01)
+    flux = simulation.gauge("flux")
+    assert np.trapezoid(flux["flux"], flux.time) == pytest.approx(-0.25, rel=0.03)
+    assert np.ptp(simulation.gauge("pressure").values) > 0.0
+
+
 def test_gauges_that_are_not_there_or_of_one_name_are_refused(tmp_path):
     simulation = rs.Simulation(tank(5, ()), "numpy")
     assert simulation.gauges is None
