@@ -3,7 +3,7 @@
 import numpy as np
 
 from refsim.backends import device
-from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
+from refsim.backends.compile import cuda, cuda_formula, cuda_kernel
 from refsim.backends.primitives import four_of, set_four, sum_before_lane
 from refsim.backends.runtime import simulated
 from refsim.core.errors import RunStopped
@@ -15,6 +15,9 @@ from refsim.neighbours.rows import NeighbourColumns, cuda_lane
 # Threads that share a column if there are few particles: with one thread each the device would wait for memory. One in
 # the simulator, which has no ballots.
 LANES, FEW = 1 if simulated() else 4, 500_000
+# While it is built: if some have had more than MANY neighbours, if there are few particles, and else
+BUILDERS, MANY = (1, 1, 1) if simulated() else (4, 2, 1), 64
+WORD, AT_ONCE = 32, 8  # sources that a thread looks at before it writes, and of which it reads so many together
 
 
 @cuda_kernel(lanes=9)
@@ -57,8 +60,8 @@ def build_list(query, run, low, high, placed, radius, exclude_self, period, repo
     """Write each query's sources within `radius` [m] into its column of the list, up to its capacity.
 
     run[i] - 1 is the row of `low` and `high` that holds query i's ranges. The list's `count` says how many there are,
-    also if the capacity is exceeded; report[1] is the largest count so far. Each lane looks at four sources in a row
-    before it writes: what it reads is then on its way together, and the lanes count what they found once for four.
+    also if the capacity is exceeded; report[1] is the largest count so far. Each lane notes which of at most WORD
+    sources in a row are near, as bits, and then writes these: most sources are not.
     """
     i, lane = cuda_lane(cuda.grid(1), listed)
     lanes = len(listed.lanes)
@@ -69,22 +72,21 @@ def build_list(query, run, low, high, placed, radius, exclude_self, period, repo
         c = run[i] - 1
         x, y, z = query[i, 0], query[i, 1], query[i, 2]
         itself = i if exclude_self != 0 else -1
-        total = 0
+        total = np.int32(0)
         for k in range(low.shape[1]):
-            end = high[c, k]  # read once: for the compiler, `entries` might be the same memory
-            for begin in range(low[c, k], end, 4 * lanes):
-                j = begin + 4 * lane
-                first = near_source(placed, j, end, itself, x, y, z, limit, period)
-                second = near_source(placed, j + 1, end, itself, x, y, z, limit, period)
-                third = near_source(placed, j + 2, end, itself, x, y, z, limit, period)
-                fourth = near_source(placed, j + 3, end, itself, x, y, z, limit, period)
-                before, together = sum_before_lane(first + second + third + fourth, lane, lanes)
+            begin, end = low[c, k], high[c, k]  # read once: for the compiler, `entries` might be the same memory
+            while begin < end:
+                share = min(WORD, (end - begin + lanes - 1) // lanes)
+                first = begin + share * lane
+                near = near_sources(placed, first, min(first + share, end), itself, x, y, z, limit, period)
+                before, together = sum_before_lane(cuda.popc(near), lane, lanes)
                 at = total + before
-                write_found(i, n, j, first, at, capacity, listed)
-                write_found(i, n, j + 1, second, at + first, capacity, listed)
-                write_found(i, n, j + 2, third, at + first + second, capacity, listed)
-                write_found(i, n, j + 3, fourth, at + first + second + third, capacity, listed)
                 total += together
+                while near != 0 and at < capacity:
+                    listed.entries[at * n + i] = first + cuda.ffs(near) - 1
+                    near = np.uint32(near & (near - np.uint32(1)))
+                    at += 1
+                begin += share * lanes
         if lane == 0:
             listed.count[i] = total
             if total > report[1]:
@@ -92,18 +94,23 @@ def build_list(query, run, low, high, placed, radius, exclude_self, period, repo
 
 
 @cuda_formula
-def near_source(placed, j, end, own, x, y, z, limit, period):
-    """1 if source j, before `end` and not `own`, is nearer to x, y, z than the root of `limit` [m^2], else 0."""
-    xj, yj, zj, _ = four_of(placed, min(j, end - 1))
-    dx, dy, dz = to_nearest_image(x - xj, y - yj, z - zj, period)
-    return np.int32(1 if dx * dx + dy * dy + dz * dz < limit and j < end and j != own else 0)
+def near_sources(placed, first, end, own, x, y, z, limit, period):
+    """A word whose bit k says whether source first + k, before `end` and not `own`, is nearer than the root of `limit`.
 
-
-@formula
-def write_found(i, n, j, near, at, capacity, listed):
-    """Source j becomes entry `at` of column i, if it is near and the column has so many."""
-    if near != 0 and at < capacity:
-        listed.entries[at * n + i] = j
+    `placed` is read up to AT_ONCE - 1 rows beyond `end`: what is read together is on its way together.
+    """
+    many, near = max(end - first, 0), np.uint32(0)
+    for k in range(0, many, AT_ONCE):
+        some = np.uint32(0)
+        for bit in range(AT_ONCE):
+            xj, yj, zj, _ = four_of(placed, first + k + bit)
+            dx, dy, dz = to_nearest_image(x - xj, y - yj, z - zj, period)
+            if dx * dx + dy * dy + dz * dz < limit:
+                some |= np.uint32(1 << bit)
+        near |= np.uint32(some << np.uint32(k))
+    if first <= own < end:
+        near &= ~np.uint32(1 << (own - first))
+    return np.uint32(near & np.uint32(np.int64((1 << WORD) - 1) >> (WORD - many)))
 
 
 class ListOf:
@@ -126,7 +133,7 @@ class ListOf:
         self.ready = False  # whether it was built with another list
         lanes = (np.int32(0),) * (LANES if n < FEW else 1)
         self.listed = NeighbourColumns(self.backend.zeros(n, np.int32), self.backend.empty(1, np.uint32), lanes)
-        self.placed = self.backend.empty((source.shape[0], 4), position.dtype)
+        self.placed = self.backend.zeros((source.shape[0] + AT_ONCE - 1, 4), position.dtype)
         if known is not None or table is not None:  # sources that do not move
             pack_places(self.source, self.placed)
         self._make_ranges()
@@ -149,9 +156,10 @@ class ListOf:
         cell_ranges(table.cells, table.first, queries.cells, queries.report, search.periodic, self.low, self.high)
         radius = self.position.dtype.type(search.listed)
         exclude_self = int(self.table is self.queries)
+        builders = BUILDERS[0 if self.most > MANY else 1 if self.position.shape[0] < FEW else 2]
         build_list(
             self.position, queries.run, self.low, self.high, self.placed, radius, exclude_self, search.period,
-            self.report, self.listed,
+            self.report, self.listed._replace(lanes=(np.int32(0),) * builders),
         )  # fmt: skip
         self.mirror.send()
 
