@@ -4,8 +4,8 @@ from collections import namedtuple
 
 from refsim.backends.compile import formula, kernel
 from refsim.backends.reductions import reduction
+from refsim.backends.runtime import simulated
 from refsim.neighbours.rows import first_lane, lane_slots, over_lanes
-from refsim.shape_matching.kernels import LANES
 from refsim.shape_matching.phases import EMPTY, FLUID, SURFACE
 
 # What decides whether particles melt; without latent heat enthalpies and latent heats are None
@@ -46,7 +46,7 @@ def set_if_there(i, value, values):
         values[i] = value
 
 
-@kernel(lanes=LANES)
+@kernel(lanes=1 if simulated() else 4)
 def detach(s, lane, melted, melted_count, region, direct, rebuild):
     """Remove melted nodes from the direct neighbours of node s; rebuild is a flag, 1 if one was in its region."""
     start, step = lane_slots(lane)
@@ -58,7 +58,7 @@ def detach(s, lane, melted, melted_count, region, direct, rebuild):
                 direct[s, slot] = EMPTY
         for slot in range(start, region.shape[1], step):
             other = region[s, slot]
-            if other != EMPTY and melted[other]:
+            if melted[max(other, 0)] and other != EMPTY:  # in this order, reads need not wait for each other
                 held = 1
     held = over_lanes(held, lane)
     if first_lane(lane):
