@@ -309,7 +309,8 @@ def damp_nodes(
     counted, sums = damp_box(s, solid_position, solid_velocity, boxes)
     if counted != region_count[s]:
         region, _, center, mean, spin = motions
-        sums = kernels.damp_sums(s, None, solid_position, solid_velocity, (region, center, mean, spin), matching)
+        nodes = solid_position, solid_velocity, center, mean, spin
+        sums = kernels.damp_sums(s, None, region, nodes, matching.half_width)
     kernels.damp_end(s, sums, region_count, place, matching, timestep, acceleration)
 
 

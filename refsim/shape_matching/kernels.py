@@ -148,12 +148,11 @@ def match_sums(s, lane, solid_position, region_share, region, half_width):
     (first, step), middle = lane_slots(lane), region.shape[1] // 2
     for pair in range(first, middle + 1, step):
         slot, other, offset = opposites(pair, lane, half_width)
-        j = region[s, slot]
+        j, k = region[s, slot], region[s, other]  # both are on their way before one is used
         if j != EMPTY:
             sums = added(sums, match_member(s, j, offset, solid_position, region_share))
-        j = region[s, other]
-        if j != EMPTY and pair < middle:
-            sums = added(sums, match_member(s, j, opposite(offset), solid_position, region_share))
+        if k != EMPTY and pair < middle:
+            sums = added(sums, match_member(s, k, opposite(offset), solid_position, region_share))
     return summed(sums, lane)
 
 
@@ -250,12 +249,11 @@ def goal_sums(s, lane, solid_position, region, region_anchor, rotation, matching
     (first, step), middle = lane_slots(lane), region.shape[1] // 2
     for pair in range(first, middle + 1, step):
         slot, other, offset = opposites(pair, lane, matching.half_width)
-        r = region[s, slot]
+        r, q = region[s, slot], region[s, other]
         if r != EMPTY:
             sums = added(sums, goal_member(s, r, offset, solid_position, region_anchor, rotation, matching))
-        r = region[s, other]
-        if r != EMPTY and pair < middle:
-            sums = added(sums, goal_member(s, r, opposite(offset), solid_position, region_anchor, rotation, matching))
+        if q != EMPTY and pair < middle:
+            sums = added(sums, goal_member(s, q, opposite(offset), solid_position, region_anchor, rotation, matching))
     return summed(sums, lane)
 
 
@@ -271,11 +269,8 @@ def goal_end(s, sums, region_count, place, velocity, matching, timestep, acceler
 
 
 @formula
-def motion_slot(s, slot, solid_position, solid_velocity, region_share, region, region_center):
-    """Terms of one slot in the motion of the region of node s; zeros if it is empty. Velocities relative to node s."""
-    j = region[s, slot]
-    if j == EMPTY:
-        return nothing_12(type(region_center[s, 0])(0))
+def motion_member(s, j, solid_position, solid_velocity, region_share, region_center):
+    """Terms of member j in the motion of the region of node s. Velocities relative to node s."""
     r = difference(three(solid_position, j), three(solid_position, s))
     u = difference(three(solid_velocity, j), three(solid_velocity, s))
     return formulas.motion_term(region_share[j], difference(r, three(region_center, s)), u)
@@ -296,16 +291,17 @@ def motion_sums(s, lane, solid_position, solid_velocity, region_share, region, r
     """Mass [kg] of the region of node s, and the sums of its motion, member by member."""
     mass = type(region_center[s, 0])(0)
     sums = nothing_12(mass)
-    nodes = solid_position, solid_velocity, region_share, region, region_center
+    nodes = solid_position, solid_velocity, region_share, region_center
     (first, step), middle = lane_slots(lane), region.shape[1] // 2
     for pair in range(first, middle + 1, step):
         slot, other, _ = opposites(pair, lane, matching.half_width)
-        if region[s, slot] != EMPTY:
-            mass += region_share[region[s, slot]]
-            sums = added(sums, motion_slot(s, slot, *nodes))
-        if region[s, other] != EMPTY and pair < middle:
-            mass += region_share[region[s, other]]
-            sums = added(sums, motion_slot(s, other, *nodes))
+        j, k = region[s, slot], region[s, other]
+        if j != EMPTY:
+            mass += region_share[j]
+            sums = added(sums, motion_member(s, j, *nodes))
+        if k != EMPTY and pair < middle:
+            mass += region_share[k]
+            sums = added(sums, motion_member(s, k, *nodes))
     return over_lanes(mass, lane), summed(sums, lane)
 
 
@@ -322,12 +318,8 @@ def motion_end(s, mass, sums, solid_velocity, matching, region_velocity, region_
 
 
 @formula
-def damp_slot(s, slot, solid_position, solid_velocity, region, region_center, region_velocity, region_spin):
-    """Velocity of node s in the rigid motion of one slot's region less its own [m/s]; zeros if the slot is empty."""
-    zero = type(solid_position[s, 0])(0)
-    r = region[s, slot]
-    if r == EMPTY:
-        return zero, zero, zero
+def damp_member(s, r, solid_position, solid_velocity, region_center, region_velocity, region_spin):
+    """Velocity of node s in the rigid motion of the region of node r less its own [m/s]."""
     arm = difference(difference(three(solid_position, s), three(solid_position, r)), three(region_center, r))
     return difference(formulas.rigid_term(region_velocity[r], region_spin[r], arm), three(solid_velocity, s))
 
@@ -338,23 +330,25 @@ def damp(
     matching, timestep, acceleration,
 ):  # fmt: skip
     """Damping of node s towards the rigid motion of its regions [m/s^2]; added to the acceleration."""
-    regions = region, region_center, region_velocity, region_spin
-    sums = damp_sums(s, lane, solid_position, solid_velocity, regions, matching)
+    nodes = solid_position, solid_velocity, region_center, region_velocity, region_spin
+    sums = damp_sums(s, lane, region, nodes, matching.half_width)
     if first_lane(lane):
         damp_end(s, sums, region_count, place, matching, timestep, acceleration)
 
 
 @formula
-def damp_sums(s, lane, solid_position, solid_velocity, regions, matching):
-    """Sum of damp_slot over the slots, member by member [m/s]."""
-    zero = type(solid_position[s, 0])(0)
+def damp_sums(s, lane, region, nodes, half_width):
+    """Sum of `damp_member` over the slots, member by member [m/s]."""
+    zero = type(nodes[0][s, 0])(0)
     sums = zero, zero, zero
-    (first, step), middle = lane_slots(lane), regions[0].shape[1] // 2
+    (first, step), middle = lane_slots(lane), region.shape[1] // 2
     for pair in range(first, middle + 1, step):
-        slot, other, _ = opposites(pair, lane, matching.half_width)
-        sums = added(sums, damp_slot(s, slot, solid_position, solid_velocity, *regions))
-        if pair < middle:
-            sums = added(sums, damp_slot(s, other, solid_position, solid_velocity, *regions))
+        slot, other, _ = opposites(pair, lane, half_width)
+        r, q = region[s, slot], region[s, other]
+        if r != EMPTY:
+            sums = added(sums, damp_member(s, r, *nodes))
+        if q != EMPTY and pair < middle:
+            sums = added(sums, damp_member(s, q, *nodes))
     return summed(sums, lane)
 
 
