@@ -23,6 +23,7 @@ from refsim.engine.launching import bring, launch_pass, ready
 from refsim.engine.state import State
 from refsim.gauges import Gauge, GaugeSeries, Sampled, due
 from refsim.gauges.checks import shares_of_faces
+from refsim.motion.operations import turning
 from refsim.neighbours import NeighbourSearch
 from refsim.neighbours.reference import pair_blocks
 from refsim.scene.plan import Plan
@@ -243,7 +244,7 @@ class Gauges:
         return _row(push, place - about, run.plan.grid.dim)
 
     def _body(self, run: State, gauge: Gauge) -> list[float]:
-        """Force and torque on a solid of all that acts on its particles but gravity and the solid itself."""
+        """Force and torque on a solid of all that acts on its particles but the frame and the solid itself."""
         number = int(gauge.on.split()[1]) - 1
         first = int(np.sum(run.plan.state.sizes[:number]))
         identity = run.host("identity")
@@ -254,11 +255,15 @@ class Gauges:
             held &= run.host("phase") != FLUID
         particles = np.flatnonzero(held)
         particles = particles[np.argsort(identity[particles])]
-        acceleration = run.host("acceleration")[particles].astype(float)
+        acceleration, velocity, place = (
+            run.host(name)[particles].astype(float) for name in ("acceleration", "velocity", "position")
+        )
         if gravity_of(run.plan.effects) is not None:
             acceleration -= np.array(_gravity(run), run.plan.grid.dtype).astype(float)
-        mass = run.host("mass")[particles].astype(float)
-        place = run.plan.grid.absolute(run.host("position")[particles].astype(float))
+        if run.motions is not None and run.motions.turning is not None:
+            frame = run.backend.host(run.motions.turning)
+            acceleration -= turning(place, velocity, frame)["acceleration"].value
+        mass, place = run.host("mass")[particles].astype(float), run.plan.grid.absolute(place)
         push = mass[:, None] * acceleration
         centre = mass @ place / mass.sum() if len(particles) else np.zeros(3)
         about = centre if gauge.about is None else np.array(gauge.about)

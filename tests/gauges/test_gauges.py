@@ -69,6 +69,24 @@ def test_gauges_see_liquid_that_falls_as_a_whole(backend):
     assert np.ptp(simulation.gauge("pressure").values) > 0.0
 
 
+@pytest.mark.parametrize("of", ["gravity", "turn"])
+def test_the_frame_exerts_no_force_on_a_solid(of):
+    """Nothing touches the solid, which the frame accelerates by 3 to 10 m/s^2."""
+    place = {"pivot": (0.0, 0.0, 0.0)} if of == "turn" else {}
+    motion = rs.Motion(of=of, kind="sway", direction=(0.0, 0.0, 1.0), amplitude=0.3, period=1.0, **place)
+    liquid = rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=20.0)
+    scene = rs.Scene(
+        spacing=0.1, support_radius=0.26, dtype="float64", fluid=(rs.Box(cells=(2, 2, 2)),), motion=(motion,),
+        solid=(rs.SolidBox(lower=(1.0, 0.0, 0.0), upper=(1.2, 0.2, 0.2), density=500.0),),
+        effects=(liquid, rs.Gravity(), rs.ShapeMatching(), rs.TwoWayCoupling()),
+        gauge=(rs.Gauge(name="body", kind="force", on="solid 1"),),
+    )  # fmt: skip
+    simulation = rs.Simulation(scene, "numpy")
+    for _ in range(3):
+        simulation.step()
+    assert simulation.gauge("body").values == pytest.approx(0.0, abs=1e-9)  # N, of a body of 4 kg
+
+
 def test_gauges_that_are_not_there_or_of_one_name_are_refused(tmp_path):
     simulation = rs.Simulation(tank(5, ()), "numpy")
     assert simulation.gauges is None
