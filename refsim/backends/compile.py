@@ -309,6 +309,15 @@ class Kernel:
 kernel = marks(Kernel)
 
 
+@marks
+def row_kernel(function: Callable, **options: Any) -> CudaKernel:
+    """A CUDA kernel of what one row does, as a `Kernel` takes it; for what only a GPU does."""
+    made = Kernel(function, **options)
+    if simulated():  # which replaces `cuda` in the module of a device function
+        made.body = _load_cuda().jit(device=True)(function)
+    return made.on("cuda")
+
+
 @functools.cache
 def _load_cuda() -> Any:
     from numba import cuda as module

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel, overloaded
+from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel, overloaded, row_kernel
 from refsim.backends.primitives import set_four, sum_before
 from refsim.backends.runtime import branch, cupy_or_numpy, on_branch, own_stream, simulated
 
@@ -260,12 +260,10 @@ def address(array: Any) -> Any:
     return id(array) if simulated() else array.device_ctypes_pointer.value
 
 
-@cuda_kernel
-def fill_scalars(value, out):  # noqa: ANN001, ANN201  (types are Numba's)
+@row_kernel
+def fill_scalars(i, value, out):  # noqa: ANN001, ANN201  (types are Numba's)
     """out[i] = value."""
-    i = cuda.grid(1)
-    if i < out.shape[0]:
-        out[i] = value
+    out[i] = value
 
 
 def set_row(out, i, array, j):  # noqa: ANN001, ANN201
@@ -288,31 +286,25 @@ def _set_row_of(out, i, array, j):  # noqa: ANN001, ANN202
 overloaded(set_row, _set_row_of, forceinline=True)
 
 
-@cuda_kernel(rows_of="order")
-def gather_all(arrays, order, out):  # noqa: ANN001, ANN201
+@row_kernel(rows_of="order")
+def gather_all(i, arrays, order, out):  # noqa: ANN001, ANN201
     """out[k] <- arrays[k][order] for tuples of arrays of one kind."""
-    i = cuda.grid(1)
-    if i < order.shape[0]:
-        for k in range(len(arrays)):
-            set_row(out[k], i, arrays[k], order[i])
+    for k in range(len(arrays)):
+        set_row(out[k], i, arrays[k], order[i])
 
 
-@cuda_kernel(rows_of="first")
-def copy_all(arrays, out, first):  # noqa: ANN001, ANN201
+@row_kernel(rows_of="first")
+def copy_all(i, arrays, out, first):  # noqa: ANN001, ANN201
     """out[k] <- arrays[k] for tuples of arrays of one kind; `first` is one of them."""
-    i = cuda.grid(1)
-    if i < first.shape[0]:
-        for k in range(len(arrays)):
-            set_row(out[k], i, arrays[k], i)
+    for k in range(len(arrays)):
+        set_row(out[k], i, arrays[k], i)
 
 
-@cuda_kernel(rows_of="first")
-def pack_all(vectors, scalars, out, first):  # noqa: ANN001, ANN201
+@row_kernel(rows_of="first")
+def pack_all(i, vectors, scalars, out, first):  # noqa: ANN001, ANN201
     """out[k][i] = (vectors[k][i], scalars[k][i]); `first` is the first of `out`."""
-    i = cuda.grid(1)
-    if i < first.shape[0]:
-        for k in range(len(out)):
-            set_four(out[k], i, vectors[k][i, 0], vectors[k][i, 1], vectors[k][i, 2], scalars[k][i])
+    for k in range(len(out)):
+        set_four(out[k], i, vectors[k][i, 0], vectors[k][i, 1], vectors[k][i, 2], scalars[k][i])
 
 
 # Rows of the clock, float64. REASON is 0 while the run can go on.
@@ -367,16 +359,14 @@ def choose_step(extremes, limits, factor, fixed, smallest, greatest_speed, most_
             clock[TIME] += length
 
 
-@cuda_kernel
-def send_clock(displacement, clock, there):  # noqa: ANN001, ANN201
+@row_kernel
+def send_clock(k, displacement, clock, there):  # noqa: ANN001, ANN201
     """The largest squared displacement [m^2] and the number of stopped particles go into the clock, it goes `there`."""
-    k = cuda.grid(1)
-    if k < there.shape[0]:
-        if k == WAY:
-            clock[k] = displacement[0]
-        elif k == STOPPED:
-            clock[k] = displacement[1]
-        there[k] = clock[k]
+    if k == WAY:
+        clock[k] = displacement[0]
+    elif k == STOPPED:
+        clock[k] = displacement[1]
+    there[k] = clock[k]
 
 
 def copy(array: Any, out: Any) -> None:
@@ -384,12 +374,10 @@ def copy(array: Any, out: Any) -> None:
     copy_all((array,), (out,), out)
 
 
-@cuda_kernel
-def invert(order, places):  # noqa: ANN001, ANN201
+@row_kernel
+def invert(i, order, places):  # noqa: ANN001, ANN201
     """places[order[i]] = i."""
-    i = cuda.grid(1)
-    if i < places.shape[0]:
-        places[order[i]] = i
+    places[order[i]] = i
 
 
 def fill(out: Any, value: float) -> None:

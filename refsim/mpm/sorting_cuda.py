@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from refsim.backends import device
-from refsim.backends.compile import cuda, cuda_kernel, formula
+from refsim.backends.compile import cuda, cuda_kernel, formula, row_kernel
 from refsim.mpm.formulas import base_coordinate
 from refsim.mpm.groups import SETS, Bins, Owned, Samples
 from refsim.mpm.kernels import embed_samples, point_key
@@ -17,35 +17,31 @@ from refsim.sparse_grid.block_table_cuda import EMPTY, enter_point
 from refsim.sparse_grid.formulas import COORDINATE, block_bits, block_key, place_in_block
 
 
-@cuda_kernel
-def write_cells(position, inverse_cell, keys, complete, bits, counts, cell):
+@row_kernel
+def write_cells(i, position, inverse_cell, keys, complete, bits, counts, cell):
     """Cell of each point: number of its base node; -1 outside all blocks. counts = (missing, lost)."""
-    i = cuda.grid(1)
-    if i < cell.shape[0]:
-        jx = base_coordinate(position[i, 0], inverse_cell)
-        jy = base_coordinate(position[i, 1], inverse_cell)
-        jz = base_coordinate(position[i, 2], inverse_cell) if bits == 2 else 0
-        if jx > FARTHEST or jy > FARTHEST or jz > FARTHEST:
-            cuda.atomic.add(counts, 1, 1)
+    jx = base_coordinate(position[i, 0], inverse_cell)
+    jy = base_coordinate(position[i, 1], inverse_cell)
+    jz = base_coordinate(position[i, 2], inverse_cell) if bits == 2 else 0
+    if jx > FARTHEST or jy > FARTHEST or jz > FARTHEST:
+        cuda.atomic.add(counts, 1, 1)
+        cell[i] = -1
+    else:
+        key = block_key(jx, jy, jz, bits)
+        b = lower_bound(keys, key)
+        if b == keys.shape[0] or keys[b] != key or complete[b] == 0:
+            cuda.atomic.add(counts, 0, 1)
             cell[i] = -1
         else:
-            key = block_key(jx, jy, jz, bits)
-            b = lower_bound(keys, key)
-            if b == keys.shape[0] or keys[b] != key or complete[b] == 0:
-                cuda.atomic.add(counts, 0, 1)
-                cell[i] = -1
-            else:
-                cell[i] = b * 64 + place_in_block(jx, jy, jz, bits)
+            cell[i] = b * 64 + place_in_block(jx, jy, jz, bits)
 
 
-@cuda_kernel(rows_of="position")
-def enter_points(position, inverse_cell, bits, table, listed, counts):
+@row_kernel(rows_of="position")
+def enter_points(i, position, inverse_cell, bits, table, listed, counts):
     """The different keys of the points' blocks."""
-    i = cuda.grid(1)
-    if i < position.shape[0]:
-        key = point_key(i, position, inverse_cell, bits)
-        before = point_key(i - 1, position, inverse_cell, bits) if i > 0 else EMPTY
-        enter_point(key, before, table, listed, counts)
+    key = point_key(i, position, inverse_cell, bits)
+    before = point_key(i - 1, position, inverse_cell, bits) if i > 0 else EMPTY
+    enter_point(key, before, table, listed, counts)
 
 
 def block_keys(position, inverse_cell, dim):
@@ -73,19 +69,17 @@ def has_reach(neighbour, b):
     return whole
 
 
-@cuda_kernel
-def mark_complete(neighbour, complete):
+@row_kernel
+def mark_complete(b, neighbour, complete):
     """1 where all blocks that a block's particles reach exist, DEEP where so do all around it and theirs, else 0."""
-    b = cuda.grid(1)
-    if b < complete.shape[0]:
-        found = 0
-        if has_reach(neighbour, b):
-            found = DEEP
-            for way in range(neighbour.shape[1]):
-                other = neighbour[b, way]
-                if other < 0 or not has_reach(neighbour, other):
-                    found = 1
-        complete[b] = found
+    found = 0
+    if has_reach(neighbour, b):
+        found = DEEP
+        for way in range(neighbour.shape[1]):
+            other = neighbour[b, way]
+            if other < 0 or not has_reach(neighbour, other):
+                found = 1
+    complete[b] = found
 
 
 def make_table(points, dim, low, high):

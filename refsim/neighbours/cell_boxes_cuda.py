@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from refsim.backends import device
-from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_formula, cuda_kernel, formula
+from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_formula, cuda_kernel, formula, row_kernel
 from refsim.backends.primitives import across_lanes, largest_of_block
 from refsim.backends.runtime import simulated
 from refsim.neighbours.formulas import BITS, lower_bound, squared_between
@@ -17,16 +17,15 @@ BOXES_JOINED, WIDE = (16, 8) if simulated() else (4096, 512)
 LOOK_AHEAD = 16  # steps for which displacements are compared ahead
 
 
-@cuda_kernel
-def near_cells(cells, report, static_cells, capacity, near):
+@row_kernel
+def near_cells(place, cells, report, static_cells, capacity, near):
     """near[k * capacity + c] = b: in row k of the rows up to two from cell c, the cells up to two along x begin at b.
 
     -1 - b where static particles are in a cell of that row, or of the one opposite. Rows are those behind c in the
     order of the cells, and its own: 3 in 2D, 13 in 3D.
     """
-    place = cuda.grid(1)
     k, c = place // capacity, place % capacity
-    if place < near.shape[0] and c < report[0]:
+    if c < report[0]:
         across, along = row_offset(k)
         offset = (across << BITS) + (along << (2 * BITS))
         key = cells[c]

@@ -14,10 +14,18 @@ CHUNKS = 64  # fixed, so that the list does not depend on the number of threads
 ROWS_AROUND = 18  # of cells around one, at most
 
 
-@kernel
-def cell_keys(i, position, inverse_cell, periodic, keys):
-    """Cell key of a position; `inverse_cell` [1/m] in float64, `periodic` the cells of a periodic box or None."""
-    keys[i] = formulas.key_of_place(position[i, 0], position[i, 1], position[i, 2], inverse_cell, periodic)
+@kernel(rows_of="keys")
+def cell_keys(i, position, inverse_cell, periodic, keys, begins):
+    """Cell key of a position; `inverse_cell` [1/m] in float64, `periodic` the cells of a periodic box or None.
+
+    begins[i] = 1 if particle i is the first of its cell, for particles that stand in cell order; None otherwise.
+    """
+    key = formulas.key_of_place(position[i, 0], position[i, 1], position[i, 2], inverse_cell, periodic)
+    keys[i] = key
+    if begins is not None:
+        j = max(i - 1, 0)
+        before = formulas.key_of_place(position[j, 0], position[j, 1], position[j, 2], inverse_cell, periodic)
+        begins[i] = i == 0 or key != before
 
 
 @formula
@@ -266,7 +274,7 @@ class CellSearch:
 
     def keys(self, position):
         keys = np.empty(len(position), np.int64)
-        cell_keys(position, 1.0 / self.reach, self.periodic, keys)
+        cell_keys(position, 1.0 / self.reach, self.periodic, keys, None)
         return keys
 
     def order(self, position):

@@ -8,8 +8,9 @@ from refsim.backends import device
 from refsim.backends.compile import cuda, cuda_kernel
 from refsim.backends.runtime import simulated
 from refsim.neighbours.cell_boxes_cuda import LOOK_AHEAD, CellBoxes
+from refsim.neighbours.cell_list import cell_keys
 from refsim.neighbours.cell_order_cuda import Sorter
-from refsim.neighbours.cell_table_cuda import CellTable, cell_keys
+from refsim.neighbours.cell_table_cuda import CellTable
 from refsim.neighbours.columns_cuda import ListOf, pack_places
 from refsim.neighbours.formulas import known_before, periodic_cells, squared_distance_before
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from refsim.backends import device
-from refsim.backends.compile import cuda, cuda_kernel, formula
-from refsim.neighbours.cell_table_cuda import cell_keys
+from refsim.backends.compile import cuda, cuda_kernel, formula, row_kernel
+from refsim.neighbours.cell_list import cell_keys
 from refsim.neighbours.formulas import BITS
 from refsim.neighbours.limits import MOST_NEIGHBOURS
 
@@ -50,51 +50,46 @@ def place_in_box(key, report):
     return (plane * deep + ((key >> BITS) & mask) + report[1]) * wide + (key & mask) + report[0]
 
 
-@cuda_kernel(rows_of="keys")
-def count_cells(keys, report, count, cell, slot):
+@row_kernel(rows_of="keys")
+def count_cells(i, keys, report, count, cell, slot):
     """The cell of each particle among those of the box, and which of its particles it is, in whatever order they come.
 
     report[6] becomes 1 if the cells exceed the capacity of `count`, or a cell has too many particles to be ordered.
     """
-    i = cuda.grid(1)
-    if i < keys.shape[0]:
-        wide, deep = np.int64(report[3]) + report[0] + 1, np.int64(report[4]) + report[1] + 1
-        high = np.int64(report[5]) + report[2] + 1
-        cell[i] = 0
-        slot[i] = 0
-        if wide > count.shape[0] or wide * deep > count.shape[0] or wide * deep * high > count.shape[0]:
+    wide, deep = np.int64(report[3]) + report[0] + 1, np.int64(report[4]) + report[1] + 1
+    high = np.int64(report[5]) + report[2] + 1
+    cell[i] = 0
+    slot[i] = 0
+    if wide > count.shape[0] or wide * deep > count.shape[0] or wide * deep * high > count.shape[0]:
+        report[6] = 1
+    else:
+        place = place_in_box(keys[i], report)
+        cell[i] = place
+        slot[i] = cuda.atomic.add(count, place, 1)
+        if slot[i] >= MOST_NEIGHBOURS:
             report[6] = 1
-        else:
-            place = place_in_box(keys[i], report)
-            cell[i] = place
-            slot[i] = cuda.atomic.add(count, place, 1)
-            if slot[i] >= MOST_NEIGHBOURS:
-                report[6] = 1
 
 
-@cuda_kernel
-def fill_buckets(cell, slot, count, run, report, bucket):
+@row_kernel
+def fill_buckets(i, cell, slot, count, run, report, bucket):
     """The particles of each cell one after the other, in whatever order they came."""
-    i = cuda.grid(1)
-    if i < bucket.shape[0] and report[6] == 0:
+    if report[6] == 0:
         bucket[run[cell[i]] - count[cell[i]] + slot[i]] = i
 
 
-@cuda_kernel
-def order_buckets(cell, count, run, report, bucket, order):
+@row_kernel
+def order_buckets(i, cell, count, run, report, bucket, order):
     """Order of the particles: each behind those of its cell that have smaller numbers."""
-    i = cuda.grid(1)
-    if i < order.shape[0]:
-        if report[6] == 0:
-            end = run[cell[i]]
-            first = end - count[cell[i]]
-            place = first
-            for k in range(first, end):
-                if bucket[k] < i:
-                    place += 1
-            order[place] = i
-        else:
-            order[i] = i
+    if report[6] == 0:
+        end = run[cell[i]]
+        first = end - count[cell[i]]
+        place = first
+        for k in range(first, end):
+            if bucket[k] < i:
+                place += 1
+        order[place] = i
+    else:
+        order[i] = i
 
 
 class CellOrder:

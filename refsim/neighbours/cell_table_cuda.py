@@ -3,52 +3,34 @@
 import numpy as np
 
 from refsim.backends import device
-from refsim.backends.compile import cuda, cuda_kernel
-from refsim.neighbours.formulas import key_of_place
+from refsim.backends.compile import row_kernel
+from refsim.neighbours.cell_list import cell_keys
 from refsim.neighbours.limits import PARTICLES_PER_CELL
 
 FARTHEST = (1 << 63) - 1  # above every cell's key
 
 
-@cuda_kernel(rows_of="keys")
-def cell_keys(position, inverse_cell, periodic, keys, begins):
-    """Cell key of every position; `inverse_cell` [1/m] in float64, `periodic` the cells of a periodic box or None.
-
-    begins[i] = 1 where particle i is the first of its cell, for particles that stand in cell order; None otherwise.
-    """
-    i = cuda.grid(1)
-    if i < keys.shape[0]:
-        key = key_of_place(position[i, 0], position[i, 1], position[i, 2], inverse_cell, periodic)
-        keys[i] = key
-        if begins is not None:
-            j = max(i - 1, 0)
-            before = key_of_place(position[j, 0], position[j, 1], position[j, 2], inverse_cell, periodic)
-            begins[i] = i == 0 or key != before
-
-
-@cuda_kernel
-def occupied_cells(keys, cells, first, report, run):
+@row_kernel
+def occupied_cells(i, keys, cells, first, report, run):
     """Keys of the occupied cells and the first particle of each, behind which n and keys beyond all others stand.
 
     `run` (n,) counts the cells up to each particle. report[0] is the number of cells, also if the
     capacity is exceeded.
     """
-    i = cuda.grid(1)
     n = run.shape[0]
-    if i < n:
-        occupied = run[n - 1]
-        capacity = cells.shape[0]
-        cell = run[i] - 1
-        if cell < capacity and (i == 0 or keys[i] != keys[i - 1]):
-            cells[cell] = keys[i]
-            first[cell] = i
-        if occupied + i < capacity:
-            cells[occupied + i] = FARTHEST
-        if i == 0:
-            report[0] = occupied
-            report[3] += 1
-            if occupied <= capacity:
-                first[occupied] = n
+    occupied = run[n - 1]
+    capacity = cells.shape[0]
+    cell = run[i] - 1
+    if cell < capacity and (i == 0 or keys[i] != keys[i - 1]):
+        cells[cell] = keys[i]
+        first[cell] = i
+    if occupied + i < capacity:
+        cells[occupied + i] = FARTHEST
+    if i == 0:
+        report[0] = occupied
+        report[3] += 1
+        if occupied <= capacity:
+            first[occupied] = n
 
 
 class CellTable:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from refsim.backends import device
-from refsim.backends.compile import cuda, cuda_formula, cuda_kernel
+from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, row_kernel
 from refsim.backends.primitives import four_of, set_four, sum_before_lane
 from refsim.backends.runtime import simulated
 from refsim.core.errors import RunStopped
@@ -47,12 +47,10 @@ def cell_ranges(cells, first, query_cells, query_report, periodic, low, high):
             high[i, piece] = first[b]
 
 
-@cuda_kernel(rows_of="source")
-def pack_places(source, placed):
+@row_kernel(rows_of="source")
+def pack_places(i, source, placed):
     """placed[i] = (x, y, z, 0) of the source [m], which a thread reads at once."""
-    i = cuda.grid(1)
-    if i < source.shape[0]:
-        set_four(placed, i, source[i, 0], source[i, 1], source[i, 2], placed.dtype.type(0))
+    set_four(placed, i, source[i, 0], source[i, 1], source[i, 2], placed.dtype.type(0))
 
 
 @cuda_kernel(rows_of="query", lanes="listed")

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from refsim.backends import device
-from refsim.backends.compile import Kernel, cuda, cuda_kernel
+from refsim.backends.compile import Kernel, row_kernel
 from refsim.backends.primitives import set_four
 from refsim.neighbours.pair_functions import Layout, fields_of, kind_of, layout
 from refsim.smoothing.shapes import Smoothing
@@ -58,9 +58,7 @@ def packed(row_layout: Layout, given: Mapping[str, Any], scratch: Any) -> Packed
     return PackedColumns(neighbours.count, neighbours.entries, neighbours.lanes, rows)
 
 
-@cuda_kernel
-def pack_scalars(scalars, out):
+@row_kernel
+def pack_scalars(i, scalars, out):
     """out[i] (4,) = the four scalars of particle i."""
-    i = cuda.grid(1)
-    if i < out.shape[0]:
-        set_four(out, i, scalars[0][i], scalars[1][i], scalars[2][i], scalars[3][i])
+    set_four(out, i, scalars[0][i], scalars[1][i], scalars[2][i], scalars[3][i])

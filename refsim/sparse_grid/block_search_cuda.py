@@ -5,7 +5,7 @@ from collections import namedtuple
 import numpy as np
 
 from refsim.backends import device
-from refsim.backends.compile import SIMULATED_THREADS, cuda, cuda_kernel, formula
+from refsim.backends.compile import SIMULATED_THREADS, cuda, formula, row_kernel
 from refsim.backends.runtime import simulated
 from refsim.sparse_grid.block_table_cuda import enter_keys, make_table
 from refsim.sparse_grid.formulas import BLOCK, block_key, cell_coordinate, find_node
@@ -20,54 +20,47 @@ def number(i):
     return np.int64(np.uint32(i))
 
 
-@cuda_kernel
-def block_keys(position, inverse_cell, dim, keys):
+@row_kernel
+def block_keys(i, position, inverse_cell, dim, keys):
     """Key of the block in which each position [m] stands."""
-    i = cuda.grid(1)
-    if i < keys.shape[0]:
-        bits = 2 if dim == 3 else 3
-        jx = cell_coordinate(position[i, 0], inverse_cell, 0.0)
-        jy = cell_coordinate(position[i, 1], inverse_cell, 0.0)
-        jz = cell_coordinate(position[i, 2], inverse_cell, 0.0) if dim == 3 else 0
-        keys[i] = block_key(jx, jy, jz, bits)
+    bits = 2 if dim == 3 else 3
+    jx = cell_coordinate(position[i, 0], inverse_cell, 0.0)
+    jy = cell_coordinate(position[i, 1], inverse_cell, 0.0)
+    jz = cell_coordinate(position[i, 2], inverse_cell, 0.0) if dim == 3 else 0
+    keys[i] = block_key(jx, jy, jz, bits)
 
 
-@cuda_kernel
-def point_nodes(position, inverse_cell, shift, blocks, node):
+@row_kernel
+def point_nodes(i, position, inverse_cell, shift, blocks, node):
     """Node of the cell in which each point stands, -1 where no block holds it."""
-    i = cuda.grid(1)
-    if i < node.shape[0]:
-        jx = cell_coordinate(position[i, 0], inverse_cell, shift)
-        jy = cell_coordinate(position[i, 1], inverse_cell, shift)
-        jz = cell_coordinate(position[i, 2], inverse_cell, shift) if blocks.neighbour.shape[1] == 27 else 0
-        node[i] = find_node(blocks, jx, jy, jz)
+    jx = cell_coordinate(position[i, 0], inverse_cell, shift)
+    jy = cell_coordinate(position[i, 1], inverse_cell, shift)
+    jz = cell_coordinate(position[i, 2], inverse_cell, shift) if blocks.neighbour.shape[1] == 27 else 0
+    node[i] = find_node(blocks, jx, jy, jz)
 
 
 # Points are sorted by counting, without the host. The order in which they reach a counter differs from run to run, so
 # that their numbers are sorted within each cell afterwards.
 
 
-@cuda_kernel(rows_of="node")
-def count_points(node, held, place):
+@row_kernel(rows_of="node")
+def count_points(i, node, held, place):
     """How many points of its cell were counted before each."""
-    i = cuda.grid(1)
-    if i < node.shape[0] and node[i] >= 0:
+    if node[i] >= 0:
         place[i] = cuda.atomic.add(held, node[i], 1)
 
 
-@cuda_kernel
-def fill_cells(cell, place, first, unsorted):
+@row_kernel(rows_of="cell")
+def fill_cells(i, cell, place, first, unsorted):
     """The particles of each cell, in any order."""
-    i = cuda.grid(1)
-    if i < cell.shape[0] and cell[i] >= 0:
+    if cell[i] >= 0:
         unsorted[first[cell[i]] + place[i]] = i
 
 
-@cuda_kernel
-def sort_cells(cell, first, unsorted, point):
+@row_kernel(rows_of="cell")
+def sort_cells(i, cell, first, unsorted, point):
     """The particles of each cell by their numbers."""
-    i = cuda.grid(1)
-    if i < cell.shape[0] and cell[i] >= 0:
+    if cell[i] >= 0:
         begin, end = number(first[cell[i]]), number(first[cell[i] + 1])
         at = begin
         while begin < end:
@@ -88,14 +81,12 @@ def lists_of(empty, bins, points):
     return Lists(*(empty(part, shape, np.int32) for part, shape in zip(Lists._fields, shapes, strict=True)))
 
 
-@cuda_kernel(rows_of="held")
-def begin_lists(first, held):
+@row_kernel(rows_of="held")
+def begin_lists(i, first, held):
     """Counts and the first place are 0."""
-    i = cuda.grid(1)
-    if i < held.shape[0]:
-        held[i] = 0
-        if i == 0:
-            first[0] = 0
+    held[i] = 0
+    if i == 0:
+        first[0] = 0
 
 
 def fill_lists(cell, lists):

@@ -6,7 +6,7 @@ Keys are entered in tables of a power of two of places. If a table is too full, 
 import numpy as np
 
 from refsim.backends import device
-from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
+from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula, row_kernel
 from refsim.neighbours.formulas import BITS, lower_bound
 from refsim.sparse_grid.formulas import COORDINATE
 from refsim.sparse_grid.tables import Blocks
@@ -45,14 +45,12 @@ def enter(key, entry, table, listed, counts, number):
     counts[FULL] = 1
 
 
-@cuda_kernel
-def clear_table(counts, table):
+@row_kernel
+def clear_table(at, counts, table):
     """No key in the table, and counts of 0."""
-    at = cuda.grid(1)
-    if at < table.shape[0]:
-        table[at] = EMPTY
-        if at < counts.shape[0]:
-            counts[at] = 0
+    table[at] = EMPTY
+    if at < counts.shape[0]:
+        counts[at] = 0
 
 
 @cuda_formula
@@ -64,12 +62,10 @@ def enter_point(key, before, table, listed, counts):
         enter(key, key, table, listed, counts, HELD)
 
 
-@cuda_kernel
-def enter_keys(table, listed, counts, keys):
+@row_kernel
+def enter_keys(i, table, listed, counts, keys):
     """The different keys of points."""
-    i = cuda.grid(1)
-    if i < keys.shape[0]:
-        enter_point(keys[i], keys[i - 1] if i > 0 else EMPTY, table, listed, counts)
+    enter_point(keys[i], keys[i - 1] if i > 0 else EMPTY, table, listed, counts)
 
 
 @formula
@@ -89,12 +85,11 @@ def enter_reached(listed, low, width, layers, counts, table, reached):
             enter(key, ~key, table, reached, counts, MADE)
 
 
-@cuda_kernel(lanes=ALL_WAYS, rows_of="keys")
-def find_neighbours(keys, neighbour):
+@row_kernel(lanes=ALL_WAYS, rows_of="keys")
+def find_neighbours(b, lane, keys, neighbour):
     """Numbers of the blocks around each block, -1 for none; x runs fastest."""
-    b, way = cuda.grid(1) // ALL_WAYS, cuda.grid(1) % ALL_WAYS
-    ways = neighbour.shape[1]
-    if b < keys.shape[0] and way < ways:
+    way, ways = lane[0], neighbour.shape[1]
+    if way < ways:
         key = keys[b] + key_step(way, -1, 3, ways // 9)
         place = lower_bound(keys, key)
         neighbour[b, way] = place if place < keys.shape[0] and keys[place] == key else -1

@@ -144,6 +144,7 @@ def support_launches(dtype):
     from refsim.core.walls import Bounds
     from refsim.mpm import sorting_cuda as mpm_sorting
     from refsim.neighbours import cell_boxes_cuda as cell_boxes
+    from refsim.neighbours import cell_list
     from refsim.neighbours import cell_list_cuda as search
     from refsim.neighbours import cell_order_cuda as cell_order
     from refsim.neighbours import cell_table_cuda as cell_table
@@ -162,9 +163,9 @@ def support_launches(dtype):
     period, planes = period_group((1.0, 0.0, 2.0), dtype), Bounds(scalars, scalars)
     cells = periodic_cells(period, 0.2)
     return [
-        (cell_table.cell_keys, (vectors, 1.0, None, keys, None)),
-        (cell_table.cell_keys, (vectors, 1.0, None, keys, integers)),
-        (cell_table.cell_keys, (vectors, 1.0, cells, keys, integers)),
+        (cell_list.cell_keys.on("cuda"), (vectors, 1.0, None, keys, None)),
+        (cell_list.cell_keys.on("cuda"), (vectors, 1.0, None, keys, integers)),
+        (cell_list.cell_keys.on("cuda"), (vectors, 1.0, cells, keys, integers)),
         (cell_table.occupied_cells, (keys, keys, integers, integers, integers)),
         (columns.cell_ranges, (keys, integers, keys, integers, None, ranges, ranges)),
         (columns.cell_ranges, (keys, integers, keys, integers, cells, ranges, ranges)),
@@ -229,7 +230,8 @@ def kernels_of(module_name):
     def values(name):
         return vars(importlib.import_module(name)).values()
 
-    made = {v for v in values(module_name) if isinstance(v, CudaKernel) and v.function.__module__ == module_name}
+    kernels = {v for v in values(module_name) if isinstance(v, CudaKernel)}
+    made = {v for v in kernels if v.function.__module__.startswith(module_name)}
     bodies = {v for v in values(module_name) if isinstance(v, Kernel) and v.__module__ == module_name}
     if module_name in modules_of("cpu") - modules_of("cuda"):
         bodies = set()

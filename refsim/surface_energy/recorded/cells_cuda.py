@@ -6,7 +6,7 @@ vertices and facets are made, and the host sees why.
 
 import numpy as np
 
-from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
+from refsim.backends.compile import cuda, cuda_formula, formula, row_kernel
 from refsim.backends.primitives import count_up, set_four, sum_before
 from refsim.backends.tuples import three
 from refsim.sparse_grid.block_search_cuda import SUMMING, number
@@ -21,18 +21,16 @@ MISSING, MOST, EDGES, FACETS, VERTICES, MADE, UNFOUND, FILLED, ACTIVE, POINTS = 
 COUNTS = 10
 
 
-@cuda_kernel(rows_of="held")
-def clear(held, held_points, members, first, counts):
+@row_kernel(rows_of="held")
+def clear(i, held, held_points, members, first, counts):
     """Sets to 0 everything that is counted, and the first place."""
-    i = cuda.grid(1)
-    if i < held.shape[0]:
-        held[i] = 0
-        held_points[i] = 0
-        members[i] = 0
-        if i < counts.shape[0]:
-            counts[i] = 0
-        if i == 0:
-            first[0] = 0
+    held[i] = 0
+    held_points[i] = 0
+    members[i] = 0
+    if i < counts.shape[0]:
+        counts[i] = 0
+    if i == 0:
+        first[0] = 0
 
 
 @formula
@@ -44,30 +42,27 @@ def node_at(x, shift, guess, blocks, surface_term):
     return find_node_near(blocks, jx, jy, jz, guess)
 
 
-@cuda_kernel(rows_of="cell")
-def count_particles(interior_position, surface_term, blocks, sure, held, place, cell, counts):
+@row_kernel(rows_of="cell")
+def count_particles(i, interior_position, surface_term, blocks, sure, held, place, cell, counts):
     """Cell of each particle, looked for first in the block of the last one, and its number among those of the cell.
 
     `sure` says of each block whether all blocks in reach of its particles exist.
     """
-    i = cuda.grid(1)
-    if i < cell.shape[0]:
-        found = node_at(three(interior_position, i), 0.0, cell[i] >> 6, blocks, surface_term)
-        cell[i] = found
-        if found < 0 or sure[found >> 6] == 0:
-            counts[MISSING] = 1
-        if found >= 0:
-            place[i] = count_up(held, found)
+    found = node_at(three(interior_position, i), 0.0, cell[i] >> 6, blocks, surface_term)
+    cell[i] = found
+    if found < 0 or sure[found >> 6] == 0:
+        counts[MISSING] = 1
+    if found >= 0:
+        place[i] = count_up(held, found)
 
 
-@cuda_kernel(rows_of="cell")
-def place_particles(interior_position, surface_term, blocks, first, place, cell, point, placed):
+@row_kernel(rows_of="cell")
+def place_particles(i, interior_position, surface_term, blocks, first, place, cell, point, placed):
     """Particles cell by cell, in any order within one: numbers, and offsets [h] from the lowest node of the block.
 
     Offsets need no double precision: a search that stays within a few blocks takes their differences.
     """
-    i = cuda.grid(1)
-    if i < cell.shape[0] and cell[i] >= 0:
+    if cell[i] >= 0:
         c = number(cell[i])
         at = number(first[c] + place[i])
         point[at] = i

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from refsim.backends.compile import cuda, cuda_kernel
+from refsim.backends.compile import cuda, cuda_kernel, row_kernel
 from refsim.backends.tuples import put, scaled, three
 from refsim.sparse_grid.block_search_cuda import number
 from refsim.sparse_grid.formulas import node_coordinates
@@ -13,14 +13,12 @@ from refsim.surface_energy.recorded.fit_cuda import REACHING, load_columns, plac
 ROWS = 9  # of nodes along x that the samples of a cell reach, a thread to each; 3 in the plane
 
 
-@cuda_kernel(rows_of="held")
-def clear_samples(held, counts):
+@row_kernel(rows_of="held")
+def clear_samples(i, held, counts):
     """Sets the counters to 0."""
-    i = cuda.grid(1)
-    if i < held.shape[0]:
-        held[i] = 0
-        if i == 0:
-            counts[FILLED], counts[POINTS] = 0, 0
+    held[i] = 0
+    if i == 0:
+        counts[FILLED], counts[POINTS] = 0, 0
 
 
 @cuda_kernel(rows_of="facets")
