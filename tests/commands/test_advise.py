@@ -10,7 +10,7 @@ from refsim.scene.files import load_scene
 from refsim.study import advice
 from refsim.study.panels import panel
 from refsim.study.panels.scenes import scene_of
-from tests.running import python, rows
+from tests.running import python
 
 
 def advise(*words):
@@ -21,13 +21,6 @@ def advise(*words):
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-@pytest.mark.parametrize(("words", "said"), rows(__file__, "bad_advice"))
-def test_bad_input_gets_a_sentence_and_code_2(folder, capsys, words, said):
-    assert advise(*words) == 2
-    assert said in capsys.readouterr().err
-    assert not list(folder.iterdir())
 
 
 def test_an_answer_and_its_scene(folder, capsys):

@@ -80,6 +80,7 @@ def test_bad_commands_get_one_sentence(scene, capsys, arguments, words):
     told = capsys.readouterr()
     assert told.out == ""
     assert words in one_sentence(told.err)
+    assert {path.name for path in scene.parent.iterdir()} <= {"tank.toml", "loop"}  # nothing was begun
 
 
 ENDLESS = (

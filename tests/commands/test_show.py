@@ -31,12 +31,6 @@ def test_every_program_is_shown_with_formulas_before_the_reference(capsys):
     assert shown.index("def pressure_pair(") < shown.index("## Reference") < shown.index("## Program cpu")
 
 
-@pytest.mark.parametrize(("arguments", "words"), rows(__file__, "missing_operations"))
-def test_what_does_not_exist_is_said(arguments, words, capsys):
-    assert main(["show", *arguments]) == 2
-    assert words in capsys.readouterr().err
-
-
 # Random inputs miss what belongs together: a liquid's share of its volume is 1, moments are those of a rotation
 TOGETHER = ("two_way_coupling.pressure", "two_way_coupling.forces", "shape_matching.match")
 LARGEST = 101  # particles of the examples, each a neighbour of all others at most

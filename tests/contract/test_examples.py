@@ -250,14 +250,6 @@ def test_vectors_are_read_in_cpp_and_by_ctest(vectors, folder):
     assert len(failed) == 4
 
 
-def test_vectors_are_not_mixed_with_other_files(tmp_path, capsys):
-    (tmp_path / "mine.txt").write_text("mine")
-    assert main(["contract", "--export", str(tmp_path), "sph.density"]) == 2
-    assert "the folder holds files; give a new one." in capsys.readouterr().err
-    assert main(["contract", "--export", str(tmp_path / "new"), "sph.densty"]) == 2
-    assert not (tmp_path / "new").exists()
-
-
 # The page's own files
 PAGE = FOLDER.parent / "contract.md"
 FILES = dict(re.findall(r"^```\w+\n# file: (\S+)\n(.*?)^```$", PAGE.read_text(), re.MULTILINE | re.DOTALL))

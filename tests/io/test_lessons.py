@@ -110,8 +110,6 @@ def test_example_writes_the_lessons(tmp_path, capsys):
     written = {path.name for path in (tmp_path / "mine").iterdir()}
     assert written == {name + ending for name in LESSONS for ending in (".md", ".ipynb", ".py")}
     assert "{judge}" not in (tmp_path / "mine" / f"{FIRST}.md").read_text()
-    assert main(["example", "droplet", "--lessons", str(tmp_path)]) == 2
-    assert "leave out the names" in capsys.readouterr().err
 
 
 FIGURES = pictures.ROOT / "figures"
