@@ -113,7 +113,7 @@ def test_bodies_take_their_volume(tmp_path):
     assert np.abs(found).max() <= 1, found
     solid = (rs.SolidBox(lower=(5 * D,) * 3, upper=(9 * D, 8 * D, 10 * D)),)  # 60 particles, no cell of the block's
     block = rs.Box(lower=(0.3 * D, 0.6 * D, 0.5 * D), cells=(12, 12, 12), outside="bodies")
-    made = rs.make_plan(scene((block,), rs.ShapeMatching(), solid=solid))
+    made = rs.make_plan(msgspec.structs.replace(scene((block,), rs.ShapeMatching()), solid=solid))
     body, liquid = np.split(made.state.position, [60])
     assert abs(len(liquid) - 12**3 + 60) <= 1
     assert np.linalg.norm(liquid[:, None] - body, axis=2).min() > 0.7 * D
