@@ -37,7 +37,8 @@ class BoxWalls(ParticleWalls, HasPlanes, HasErrata, frozen=True, kw_only=True):
     model         "extrapolated" (layers as deep as the support whose pressure is extrapolated from the liquid, Adami et
                   al.) or "mirrored" (one layer whose pressure mirrors the liquid's, Akinci et al.); by default
                   extrapolated with an advanced density, else mirrored
-    open_faces    faces without wall, of "-x", "+x", "-y", "+y", "-z", "+z"
+    open_faces    faces without wall, of "-x", "+x", "-y", "+y", "-z", "+z"; liquid that leaves by one is still held by
+                  the planes of the others, which have no end
     viscosity     mu_b of the friction between liquid and wall particles [Pa s]; 0 for free slip
     no_slip       friction with which the liquid's velocity at the walls is theirs
     moving_faces  faces that move in their own plane and drag the liquid by their friction
