@@ -5,7 +5,6 @@ import numpy as np
 from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
 from refsim.backends.runtime import simulated
 from refsim.shape_matching import WIDEST
-from refsim.shape_matching.formulas import slot_offset
 from refsim.shape_matching.phases import EMPTY
 from refsim.shape_matching.region_filling import LEVEL, NUMBER
 
@@ -60,10 +59,19 @@ def fill_shared(s, direct, entries, region, region_count):
 
 
 @formula
+def cell_of(slot, side):
+    """(x, y, z) of a slot among `side` cells along each axis."""
+    over = ((1 << 16) + side - 1) // side  # times a number below 2^13: 2^16 of its whole quotient by `side`
+    column = (slot * over) >> 16
+    plane = (column * over) >> 16
+    return plane, column - plane * side, slot - column * side
+
+
+@formula
 def next_to(s, slot, direct, side):
     """What passes 0 and 1 write into a slot of the region of node s: the node itself, and its direct neighbours."""
-    middle = side // 2
-    a, b, e = slot // (side * side) - middle, slot // side % side - middle, slot % side - middle
+    x, y, z = cell_of(slot, side)
+    a, b, e = x - side // 2, y - side // 2, z - side // 2
     found = EMPTY
     if -1 <= a <= 1 and -1 <= b <= 1 and -1 <= e <= 1:
         found = direct[s, (a + 1) * 9 + (b + 1) * 3 + e + 1]
@@ -77,16 +85,19 @@ def reached(slot, level, direct, entries, side):
     """What pass `level` writes into an empty slot of a region: the node there, if it is a direct neighbour of a member.
 
     The same passes as in `fill_region`, seen from the slot that is written, so that threads can share a region, whose
-    slots are `entries`.
+    slots are `entries`. Those of the pass before are fewer than `level` cells from the middle along each axis.
     """
-    found = EMPTY
-    near = 0
-    x, y, z = slot // (side * side), slot // side % side, slot % side
-    while found == EMPTY and near < 27:
-        a, b, e = slot_offset(near, 1)
-        if 0 <= x - a < side and 0 <= y - b < side and 0 <= z - e < side:
-            entry = entries[((x - a) * side + y - b) * side + z - e]
-            if entry != EMPTY and entry >> LEVEL == level - 1:
-                found = direct[entry & NUMBER, near]
-        near += 1
+    found, first, last = EMPTY, side // 2 - level + 1, side // 2 + level - 1
+    x, y, z = cell_of(slot, side)
+    a, b, e = max(x - last, -1), max(y - last, -1), max(z - last, -1)
+    low_b, low_e, high_a, high_b, high_e = b, e, min(x - first, 1), min(y - first, 1), min(z - first, 1)
+    while found == EMPTY and a <= high_a and b <= high_b and e <= high_e:
+        entry = entries[((x - a) * side + y - b) * side + z - e]
+        if entry != EMPTY and entry >> LEVEL == level - 1:
+            found = direct[entry & NUMBER, (a + 1) * 9 + (b + 1) * 3 + e + 1]
+        e += 1
+        if e > high_e:
+            b, e = b + 1, low_e
+        if b > high_b:
+            a, b = a + 1, low_b
     return found
