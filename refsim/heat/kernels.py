@@ -136,7 +136,7 @@ def note_rounds(i, velocity, compensation_x, rounds):
 
 @kernel(lanes=True)
 def compensate(i, lane, rounds, k, weight, places, neighbours, old, compensation_x, compensation_rest):
-    """Round k of a start, or the one of a step in which something moves; A = I for a reservoir."""
+    """Round k of a start, or the one of a step in which something moves, from `old`; A = I for a reservoir."""
     if rounds[1] != 0 or (k == 0 and rounds[0] != 0):
         sums = neighbour_sum(
             moment_pair, i, lane, neighbours, places.position, places.period, places.volume, old.x, old.rest,
@@ -152,9 +152,11 @@ def compensate(i, lane, rounds, k, weight, places, neighbours, old, compensation
 
 
 @kernel
-def copy_rows(i, values, target):
-    """target = values, rows of three."""
-    put(target, i, three(values, i))
+def take_over(i, rounds, new, compensation_x, compensation_rest):
+    """A as a round has made it, if one was wanted."""
+    if rounds[0] != 0 or rounds[1] != 0:
+        put(compensation_x, i, three(new.x, i))
+        put(compensation_rest, i, three(new.rest, i))
 
 
 @pair

@@ -9,10 +9,10 @@ from refsim.heat.kernels import (
     collect,
     compensate,
     copy,
-    copy_rows,
     note_rounds,
     plan_chebyshev,
     sweep,
+    take_over,
     take_up,
 )
 from refsim.heat.operations import Body, Melting, Step
@@ -49,20 +49,20 @@ def compensation(
     rounds = scratch.array("heat rounds", 2, np.int32)
     scratch.backend.assign(rounds, 0)
     note_rounds(velocity, compensation_x, rounds)
-    old = Tensors(*(scratch.array(f"heat old {part}", (n, 3), real) for part in Tensors._fields))
+    given = Tensors(compensation_x, compensation_rest)
+    made = Tensors(*(scratch.array(f"heat made {part}", (n, 3), real) for part in Tensors._fields))
     places = Places(position, volume, reservoir, conduction, period)
     host = scratch.backend.name != "cuda"  # a GPU decides by itself
     if host and not rounds.any():
         return
-    for k, weight in enumerate(ROUNDS):
-        if host and k > 0 and not rounds[1]:
-            return
-        copy_rows(compensation_x, old.x)
-        copy_rows(compensation_rest, old.rest)
-        compensate(
-            rounds, np.int32(k), real.type(weight or ONE_ROUND), places, neighbours, old, compensation_x,
-            compensation_rest,
-        )  # fmt: skip
+    for k, weight in enumerate(ROUNDS):  # an odd number: the last one writes where the first has read
+        compensate(rounds, np.int32(k), real.type(weight or ONE_ROUND), places, neighbours, given, *made)
+        if k > 0:
+            given, made = made, given
+        else:
+            take_over(rounds, made, *given)
+            if host and not rounds[1]:
+                return
 
 
 # What the schemes share
