@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from refsim.backends import device
-from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel
+from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel, formula
 from refsim.backends.primitives import four_of, largest_of_block, sum_of_block
 from refsim.heat.kernels import capacity_of, factor_in, weight_at
 from refsim.heat.reductions import flow_along, new_direction, new_solution, step_ratio
@@ -33,6 +33,15 @@ def weigh_exchanges(body, neighbours, step, scratch, temperature):
     return exchanges, inverse, largest, flow
 
 
+@formula
+def entry_or_zero(values, i, real):
+    """values[i]; 0 where there are none."""
+    value = real(0)
+    if values is not None:
+        value = values[i]
+    return value
+
+
 @cuda_kernel(rows_of="inverse", lanes="exchanges")
 def exchange_weights(placed, conductor, step, temperature, exchanges, inverse, largest, flow):
     """The weights of every particle's neighbours [J/K], 0 beyond h, 1/C_i [K/J], the largest s_i, and dt Q_i [J]."""
@@ -45,7 +54,7 @@ def exchange_weights(placed, conductor, step, temperature, exchanges, inverse, l
         first, stride, count = row_of(exchanges, i, (lane, lanes))
         total = given = type(conduction.support_radius)(0)
         x, y, z, own_volume = four_of(placed, i)
-        own_conductivity = conductivity[i]
+        own_conductivity, own_temperature = conductivity[i], entry_or_zero(temperature, i, real)
         if count > 0:
             j = exchanges.entries[first]
             following = after = j
@@ -54,11 +63,12 @@ def exchange_weights(placed, conductor, step, temperature, exchanges, inverse, l
             if count > 2:
                 after = exchanges.entries[first + np.uint64(2) * stride]
             xj, yj, zj, volume_j = four_of(placed, j)
-            conductivity_j = conductivity[j]
+            conductivity_j, temperature_j = conductivity[j], entry_or_zero(temperature, j, real)
             for k in range(count):
                 at = first + k * stride
                 xn, yn, zn, next_volume = four_of(placed, following)
                 next_conductivity = conductivity[following]
+                next_temperature = entry_or_zero(temperature, following, real)
                 following = after
                 if k + np.uint64(3) < count:
                     after = exchanges.entries[at + np.uint64(3) * stride]
@@ -68,9 +78,9 @@ def exchange_weights(placed, conductor, step, temperature, exchanges, inverse, l
                 g *= factor_in(conductor, i, exchanges.entries[at], step.period)
                 exchanges.weight[at] = g
                 total += g
-                if temperature is not None:
-                    given += g * (temperature[exchanges.entries[at]] - temperature[i])
-                xj, yj, zj, volume_j, conductivity_j = xn, yn, zn, next_volume, next_conductivity
+                given += g * (temperature_j - own_temperature)
+                xj, yj, zj, volume_j = xn, yn, zn, next_volume
+                conductivity_j, temperature_j = next_conductivity, next_temperature
         total, given = over_lanes(total, (lane, lanes)), over_lanes(given, (lane, lanes))
         if lane == 0:
             flow[i] = given
