@@ -42,8 +42,8 @@ SOLID_NUMBER = Field(
 )
 WET = Field("wet", "-", "sum of W over the liquid near a solid's particle, over W(0); a quarter of that beside it")
 SUCTION = Field("suction", "Pa", "least pressure of a film: below 0, where it breaks, above 0, where bodies overlap")
-ALLOWED_SHARE = Field("allowed_share", "-", "share of space that bodies may fill at a solid", state=True)
-FILM = WET, SUCTION, ALLOWED_SHARE
+ALLOWED_CLOSENESS = Field("allowed_closeness", "-", "how close others may be to a solid's particle", state=True)
+FILM = WET, SUCTION, ALLOWED_CLOSENESS
 TOLD_WET = Field("told_wet", "-", "wetness of solids in the step before", state=True)
 TOLD_PRESSURE = Field("told_pressure", "Pa", "pressure in the step before", state=True)
 TOLD_SUCTION = Field("told_suction", "Pa", "suction in the step before", state=True)
@@ -52,9 +52,9 @@ FOLLOWED_VELOCITY = Field(
     "followed_velocity", "m/s", "velocity that follows the particle's; their difference is the acceleration of solids",
     3, state=True,
 )  # fmt: skip
-DRAWN = 1e3  # share above all, before the first step: what overlaps as drawn is not pressed apart
+DRAWN = 1e3  # above all, before the first step: what overlaps as drawn is not pressed apart
 PASSED = 0.25  # of its wetness that a solid's particle passes on
-STIFFNESS, DAMPED = 2.0, 0.4  # of what overlaps [rho0 c^2], and of how fast [h/c]
+STIFFNESS, DAMPED = 0.05, 1.0  # of what overlaps [rho0 c^2], and of how fast [h/c]
 DELAY = 4.0  # of the followed velocity [h/c]
 
 
@@ -67,8 +67,8 @@ class Delay(NamedTuple):
 class Overlapping(NamedTuple):
     """What presses bodies apart that overlap, as the kernels take it."""
 
-    volume: float  # 1/sum W of a lattice [m^dim]
-    whole: float  # 1/sum V W of a lattice [-]
+    inverse_spacing: float  # 1/d [1/m]
+    inverse_volume: float  # 1/d^dim [1/m^dim]
     stiffness: float  # [Pa]
     delay: float  # by which the growth of an overlap counts [s]
 
@@ -197,7 +197,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
         if not liquid_of(others).advances():
             return {"rest_density": rest_density}
         told = told_at_start(grid, state, others)
-        told |= {"followed_velocity": state.velocity, "allowed_share": np.full(grid.count, DRAWN)}
+        told |= {"followed_velocity": state.velocity, "allowed_closeness": np.full(grid.count, DRAWN)}
         return {"rest_density": rest_density, "solid_number": number, **told}
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
@@ -224,7 +224,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
             Pass("sph.state", writes=("pressure",)),
             Pass("two_way_coupling.extrapolation", writes=("wet", "suction"), updates=("pressure",)),
             Pass("two_way_coupling.spread", updates=("wet", "suction", "pressure")),
-            Pass("two_way_coupling.overlap", updates=("allowed_share", "suction")),
+            Pass("two_way_coupling.overlap", updates=("allowed_closeness", "suction")),
             Pass("two_way_coupling.push", updates=("acceleration",), names=names),
             *((Pass("two_way_coupling.hold", updates=("acceleration",), names=names),) if self.no_slip else ()),
             Pass(
@@ -246,10 +246,8 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
         if liquid.advances():
             delay = Delay(grid.real(DELAY * grid.support_radius / liquid.sound_speed))
             friction = liquid.central_friction(grid) if self.no_slip else {}
-            number = liquid.rest_number_density(grid)
             overlap = (
-                1 / number, 1 / (number * liquid.particle_volume(grid)),
-                STIFFNESS * liquid.rest_density * liquid.sound_speed**2,
+                1 / grid.spacing, 1 / grid.spacing**grid.dim, STIFFNESS * liquid.rest_density * liquid.sound_speed**2,
                 DAMPED * grid.support_radius / liquid.sound_speed,
             )  # fmt: skip
             own = {"delay": delay, "overlapping": Overlapping(*map(grid.real, overlap))}

@@ -73,13 +73,12 @@ particles(told_pressure=lambda case, random: 4e4 * random.uniform(-0.5, 1.0, cas
 # of centimetres a second
 particles(followed_velocity=lambda case, random: 0.05 * vectors(case, random))
 # none yet, and near those of the cases
-particles(allowed_share=lambda case, random: random.choice([1e3, 1.3, 1.0, 0.9], case.count))
+particles(allowed_closeness=lambda case, random: random.choice([1e3, 3.0, 1.0, 0.9], case.count))
 
 
 @groups("overlapping")
 def _overlapping(case, grid):
-    """Twice what half of a lattice needs, as half of the particles are solids."""
-    numbers = 2 * grid.spacing**grid.dim, 1.0, 8e5, 0.02 * case.support_radius
+    numbers = 1 / case.spacing, 1 / case.spacing**case.dim, 2e4, 0.05 * case.support_radius
     return {"overlapping": Overlapping(*map(grid.real, numbers))}
 
 
@@ -90,6 +89,7 @@ groups(delay=lambda case, grid: Delay(grid.real(4 * case.support_radius / 20.0))
 cases.readings(coupling="printed_volume printed_pressure printed_viscosity")
 takes("two_way_coupling.push", fluid="gradient_share")
 takes("two_way_coupling.hold", smoothing="support_radius dim")
+takes("two_way_coupling.overlap", smoothing="support_radius")
 takes("two_way_coupling.spread", fluid="rest_density")
 takes("two_way_coupling.contribution", coupling="least_volume printed_volume")
 takes("two_way_coupling.density", coupling="stiffness exponent")
@@ -248,28 +248,28 @@ for_each_kernel(
 )
 
 
-def _overlapping_by(w, push, allowed, **changes):
-    """Twice W(0)/W(0) of a solid's particle that moves down to another one, with 3 m/s; both bear the same."""
+def _overlapping_by(push, allowed, **changes):
+    """A solid's particle that moves with 3 m/s down to another one's, 1 m below; d = 1.25 m, C = e^0.9."""
     inputs = {
-        "velocity": [[0.0, 0.0, 0.0], [0.0, -3.0, 0.0]], "phase": [SURFACE, INTERIOR], "allowed_share": [1e3, 1e3],
-        "suction": [-5.0, -5.0], "overlapping": Overlapping(2 / w.at_zero, 5.0, 100.0, 0.25), "walls": None,
+        "velocity": [[0.0, 0.0, 0.0], [0.0, -3.0, 0.0]], "phase": [SURFACE, INTERIOR], "solid_number": [1, 2],
+        "allowed_closeness": [1e3, 1e3], "suction": [-5.0, -5.0], "overlapping": Overlapping(0.8, 5.0, 100.0, 0.25),
+        "walls": None,
     } | changes  # fmt: skip
-    return Exact(PAIR, inputs, {"allowed_share": np.broadcast_to(allowed, 2), "suction": np.broadcast_to(push, 2)})
+    return Exact(PAIR, inputs, {"allowed_closeness": np.broadcast_to(allowed, 2), "suction": np.broadcast_to(push, 2)})
 
 
-def _pressed(w):
-    """100 Pa (2 (1 + W(h/2)/W(0)) - 1 + 0.25 s 3 m/s |W'(h/2)| 2/W(0))."""
-    return 100 * (1 + 2 * w.share + 1.5 * w.slope / w.at_zero)
-
-
-for_each_kernel(
+closed_form(
     "two_way_coupling.overlap",
-    solids_that_overlap=lambda w: _overlapping_by(w, _pressed(w), 1.0, allowed_share=[1.0, 1.0]),
-    # what is drawn is allowed, and what has no other solid around it is half of a lattice
-    as_drawn=lambda w: _overlapping_by(w, -5.0, 2 * (1 + w.share)),
-    apart=lambda w: _overlapping_by(w, -5.0, 1.0, overlapping=Overlapping(0.4 / w.at_zero, 5.0, 100.0, 0.25)),
-    # liquid does not count: 100 Pa (2 - 1.5)
-    beside_liquid=lambda w: _overlapping_by(w, [-5.0, 50.0], [9.0, 1.5], phase=WATER_AND_ICE, allowed_share=[9.0, 1.5]),
+    # 100 Pa (0.9 + 0.25 s 5 * 0.64 * 3 /s)
+    solids_that_overlap=lambda: _overlapping_by(330.0, 1.0, allowed_closeness=[1.0, 1.0]),
+    # 100 Pa (0.9 - 2.4) is no pull
+    solids_that_part=lambda: _overlapping_by(0.0, 1.0, allowed_closeness=[1.0, 1.0], velocity=3.0 * np.eye(3)[[0, 1]]),
+    # what is drawn is allowed
+    as_drawn=lambda: _overlapping_by(-5.0, math.exp(0.9)),
+    apart=lambda: _overlapping_by(-5.0, 1.0, overlapping=Overlapping(1.25, 5.0, 100.0, 0.25)),
+    # neither liquid nor the particle's own solid counts
+    beside_liquid=lambda: _overlapping_by(-5.0, [9.0, 1.0], phase=WATER_AND_ICE, allowed_closeness=[9.0, 1.5]),
+    of_one_solid=lambda: _overlapping_by(-5.0, 1.0, solid_number=[2, 2]),
 )
 
 

@@ -3,7 +3,7 @@
 from refsim.backends.compile import formula, kernel
 from refsim.backends.tuples import added, difference, dot, over, scaled
 from refsim.boundary.two_way_coupling import PASSED
-from refsim.boundary.two_way_coupling.formulas import tait_pressure
+from refsim.boundary.two_way_coupling.formulas import closeness, pressed, tait_pressure
 from refsim.neighbours.forces import force
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, first_lane
@@ -220,45 +220,45 @@ def spread(
 
 
 @pair
-def overlap_pair(r, x_ij, velocity_i, velocity_j, phase_j, smoothing):
-    """W_ks of a solid's particle [1/m^dim], and how fast it grows [1/(s m^dim)]."""
-    if phase_j == FLUID:
+def overlap_pair(
+    r, x_ij, velocity_i, velocity_j, phase_j, solid_number_i, solid_number_j, smoothing, overlapping
+):  # fmt: skip
+    """C_ks of another solid's particle, dimensionless, and C_ks (v_k - v_s).x_ks [m^2/s]."""
+    if phase_j == FLUID or solid_number_i == solid_number_j:
         return type(r)(0), type(r)(0)
-    approach = dot(difference(velocity_i, velocity_j), x_ij)
-    return kernel_value(r, smoothing), approach * gradient_factor(r, smoothing)
+    close = closeness(r, overlapping)
+    return close, close * dot(difference(velocity_i, velocity_j), x_ij)
 
 
 @pair
-def wall_overlap_pair(r, x_ij, velocity_i, volume_j, smoothing):
-    """V_b W_kb of a wall particle, dimensionless, and how fast it grows [1/s]."""
-    growth = dot(velocity_i, x_ij) * gradient_factor(r, smoothing)
-    return volume_j * kernel_value(r, smoothing), volume_j * growth
+def wall_overlap_pair(r, x_ij, velocity_i, volume_j, smoothing, overlapping):
+    """The same of a wall particle at rest, V_b/d^dim times."""
+    close = volume_j * overlapping.inverse_volume * closeness(r, overlapping)
+    return close, close * dot(velocity_i, x_ij)
 
 
 @kernel(lanes=True)
 def overlap(
-    i, lane, position, velocity, phase, neighbours, walls, smoothing, overlapping, allowed_share, suction
+    i, lane, position, velocity, phase, solid_number, neighbours, walls, smoothing, overlapping, allowed_closeness,
+    suction,
 ):  # fmt: skip
-    """Least pressure of a film [Pa] at a solid's particle around which solids and walls fill more of a lattice than
-    they ever did, 1 at least."""
+    """Least pressure of a film [Pa] at a solid's particle to which other solids and walls are closer than ever, and
+    than a spacing."""
     if phase[i] == FLUID:
         return
-    zero = type(smoothing.support_radius)(0)
-    number, growth = neighbour_sum(
-        overlap_pair, i, lane, neighbours, position, None, velocity, phase, smoothing
+    close, growth = neighbour_sum(
+        overlap_pair, i, lane, neighbours, position, None, velocity, phase, solid_number, smoothing, overlapping
     )  # fmt: skip
-    share, growth = (number + own_share(smoothing)) * overlapping.volume, growth * overlapping.volume
     if walls is not None:
         of_walls, faster = neighbour_sum(
-            wall_overlap_pair, i, lane, walls, position, None, velocity, walls.volume, smoothing
+            wall_overlap_pair, i, lane, walls, position, None, velocity, walls.volume, smoothing, overlapping
         )  # fmt: skip
-        share, growth = share + of_walls * overlapping.whole, growth + faster * overlapping.whole
+        close, growth = close + of_walls, growth + faster
     if first_lane(lane):
-        allowed = min(allowed_share[i], max(share, type(zero)(1)))
-        allowed_share[i] = allowed
-        if not share <= allowed:  # NaN goes on
-            pressed = share - allowed + overlapping.delay * growth
-            suction[i] = zero if pressed < zero else overlapping.stiffness * pressed
+        allowed = min(allowed_closeness[i], max(close, type(close)(1)))
+        allowed_closeness[i] = allowed
+        if not close <= allowed:  # NaN goes on
+            suction[i] = pressed(close, allowed, growth, overlapping)
 
 
 @pair

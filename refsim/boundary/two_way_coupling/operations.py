@@ -153,22 +153,28 @@ def spread(
 
 
 @operation(
-    "contact", paper="this project", outputs="allowed_share suction", optional="walls", entrywise=True, tolerance=16.0,
-    reason="one rounding in each of distance, kernel, product and sum; the size counts both shares",
+    "contact", paper="this project", outputs="allowed_closeness suction", optional="walls", entrywise=True,
+    tolerance=16.0, reason="one rounding in each of distance, exponential, product, sum and logarithm",
 )  # fmt: skip
-def overlap(position, velocity, phase, walls, smoothing, overlapping, allowed_share, suction, rows=None):
-    """Least share that solids and walls have filled around a solid's particle, at least 1, and the least pressure of a
-    film [Pa], which presses apart what fills more."""
-    i = Fields(position=position, velocity=velocity, allowed=allowed_share, before=suction, **kinds(phase))
+def overlap(
+    position, velocity, phase, solid_number, walls, smoothing, overlapping, allowed_closeness, suction, rows=None
+):  # fmt: skip
+    """Least closeness of other solids and walls to a solid's particle so far, at least 1, and the least pressure of a
+    film [Pa], which presses apart what is closer."""
+    i = Fields(
+        position=position, velocity=velocity, part=solid_number, allowed=allowed_closeness, before=suction,
+        **kinds(phase),
+    )  # fmt: skip
     around, at_walls = (neighbours(i, j, smoothing, rows=rows) for j in (i, wall_particles(walls)))
-    volume, whole, stiffness, delay = map(float, overlapping)
-    share = around(ref.share_of_solids, volume=volume) + at_walls(ref.share_of_walls, whole=whole)
-    growth = around.others(ref.growth_by_solids, volume=volume) + at_walls(ref.growth_at_walls, whole=whole)
-    solid, allowed = around.i.solid.value > 0, minimum(around.i.allowed, maximum(share, 1))
-    push = ref.pressed(share, allowed, growth, stiffness, delay)
+    inverse, inverse_volume, stiffness, delay = map(float, overlapping)
+    close = around(ref.closeness, d=1 / inverse) + at_walls(ref.closeness_of_walls, d=1 / inverse, share=inverse_volume)
+    growth = around(ref.growth, d=1 / inverse) + at_walls(ref.growth_at_walls, d=1 / inverse, share=inverse_volume)
+    solid, allowed = around.i.solid.value > 0, minimum(around.i.allowed, maximum(close, 1))
+    near = solid & (close.value > allowed.value)
+    push = ref.pressed(where(near, close, 1), allowed, growth, stiffness, delay)
     return {
-        "allowed_share": where(solid, allowed, around.i.allowed),
-        "suction": where(solid & (share.value > allowed.value), push, around.i.before),
+        "allowed_closeness": where(solid, allowed, around.i.allowed),
+        "suction": where(near, push, around.i.before),
     }
 
 

@@ -1,6 +1,6 @@
 """Shao & Song 2017, Adami, Hu & Adams 2012: the terms of one pair, and what follows from sums. Solids are k and s."""
 
-from refsim.core.terms import maximum, where
+from refsim.core.terms import exp, log, maximum, where
 from refsim.sph.reference import central_viscous_force
 from refsim.sph.reference import state as state
 
@@ -103,29 +103,29 @@ def suction(k, s, ks):
     return weight_of_film(k, s, ks) * s.suction
 
 
-def share_of_solids(k, s, ks, volume):
-    """phi_k = sum_s W_ks/sum W of solids, k itself included, over a lattice's; `volume` = 1/sum W; dimensionless."""
-    return volume * s.solid * ks.W
+def closeness(k, s, ks, d):
+    """C_k = sum_s exp(2.5 (1 - r_ks^2/d^2)) of other solids; dimensionless."""
+    return where((k.part.value != s.part.value) & (s.solid.value > 0), exp(2.5 - 2.5 / d**2 * ks.r**2), 0)
 
 
-def share_of_walls(k, b, kb, whole):
-    """phi_k += sum_b V_b W_kb/sum V W of walls; `whole` = 1/sum V W of a lattice; dimensionless."""
-    return whole * b.volume * kb.W
+def closeness_of_walls(k, b, kb, d, share):
+    """C_k += sum_b V_b/d^dim exp(2.5 (1 - r_kb^2/d^2)) of walls; `share` = 1/d^dim; dimensionless."""
+    return share * b.volume * exp(2.5 - 2.5 / d**2 * kb.r**2)
 
 
-def growth_by_solids(k, s, ks, volume):
-    """d phi_k/dt = sum_s (v_k - v_s).grad W_ks/sum W of solids [1/s]; `volume` = 1/sum W."""
-    return volume * s.solid * ((k.velocity - s.velocity) @ ks.gradient)
+def growth(k, s, ks, d):
+    """dC_k/dt = -5/d^2 sum_s (v_k - v_s).x_ks exp(2.5 (1 - r_ks^2/d^2)) of other solids [1/s]."""
+    return -5 / d**2 * closeness(k, s, ks, d) * ((k.velocity - s.velocity) @ ks.x)
 
 
-def growth_at_walls(k, b, kb, whole):
-    """d phi_k/dt = sum_b V_b v_k.grad W_kb/sum V W of walls at rest [1/s]; `whole` = 1/sum V W."""
-    return whole * b.volume * (k.velocity @ kb.gradient)
+def growth_at_walls(k, b, kb, d, share):
+    """dC_k/dt += -5/d^2 sum_b V_b/d^dim v_k.x_kb exp(2.5 (1 - r_kb^2/d^2)) of walls at rest [1/s]."""
+    return -5 / d**2 * closeness_of_walls(k, b, kb, d, share) * (k.velocity @ kb.x)
 
 
-def pressed(share, allowed, growth, stiffness, delay):
-    """s_k = K (phi - phi_0 + tau d phi/dt) [Pa], at least 0: solids and walls that fill more than phi_0 overlap."""
-    return stiffness * maximum(share - allowed + delay * growth, 0)
+def pressed(close, allowed, growth, stiffness, delay):
+    """s_k = K (ln(C/C_0) + tau (dC/dt)/C) [Pa], at least 0: solids and walls closer than C_0 overlap."""
+    return stiffness * maximum(log(close / allowed) + delay * growth / close, 0)
 
 
 def push(i, j, ij, s):
