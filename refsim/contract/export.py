@@ -15,21 +15,10 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from refsim.contract import describe
+from refsim.contract import describe, properties
 from refsim.contract.answers import CLOUDS, DENSE, FEW, LARGE, exact_forms, exact_inputs, extended, sampled
 from refsim.contract.bounds import allowed, oracle, takes_neighbours
 from refsim.contract.inputs import Inputs, arguments_of_others, shape_acts, unset, varied, with_kernel, without_walls
-from refsim.contract.properties import (
-    CONSERVED,
-    TOTALS,
-    Spoiled,
-    Usual,
-    descriptions,
-    force_bound,
-    held,
-    on_grid,
-    spoilable,
-)
 from refsim.contract.target import Answer, Target
 from refsim.core import cases
 from refsim.core.errors import InputError
@@ -236,17 +225,17 @@ def _vectors(target: Target) -> Iterator[_Vector]:
     for case in CLOUDS.values():
         yield from _conserved(target, case)
     for case in CLOUDS.values():
-        usual, like = Usual(target, case), f"{case}_on_a_grid"
-        others = descriptions(usual)
+        usual, like = properties.Usual(target, case), f"{case}_on_a_grid"
+        others = properties.descriptions(usual)
         if others:
             yield _Vector(like, "T5", usual.inputs, usual.expected)
         for name, described in others.items():
             inputs = described()[0]
             yield _Vector(f"{like}_{name.replace(' ', '_')}", "T5", inputs, oracle(operation, inputs), like)
     for case in CLOUDS.values():
-        usual = Usual(target, case)
-        for name in spoilable(operation, usual.inputs):
-            yield _with_nan(operation, f"{case}_nan_in_{name}", usual, Spoiled(usual, name))
+        usual = properties.Usual(target, case)
+        for name in properties.spoilable(operation, usual.inputs):
+            yield _with_nan(operation, f"{case}_nan_in_{name}", usual, properties.Spoiled(usual, name))
     for case in FEW.values():
         for group, member, inputs in varied(operation, target.varied(Inputs(cases.CASES[case](), target.dtype))):
             answer = oracle(operation, inputs)
@@ -256,14 +245,14 @@ def _vectors(target: Target) -> Iterator[_Vector]:
 
 def _conserved(target: Target, case: str) -> Iterator[_Vector]:
     """Inputs without walls, on which totals are held to what is conserved; one beside it has another velocity."""
-    usual, operation = without_walls(on_grid(target, case)), target.operation
-    kept = [name for name in held(target) if name in CONSERVED]
-    totals = {name: TOTALS[name](usual, 0 * usual["velocity"], force_bound(target, usual))[1]
+    usual, operation = without_walls(properties.on_grid(target, case)), target.operation
+    kept = [name for name in properties.held(target) if name in properties.CONSERVED]
+    totals = {name: properties.TOTALS[name](usual, 0 * usual["velocity"], properties.force_bound(target, usual))[1]
               for name in kept if name.endswith("momentum")}  # fmt: skip
     if kept:
         yield _Vector(f"{case}_alone", "T4", usual, oracle(operation, usual), invariants=totals)
     for name in (name for name in kept if name not in totals):
-        for number, inputs in enumerate(CONSERVED[name][0](usual)):
+        for number, inputs in enumerate(properties.CONSERVED[name][0](usual)):
             like, bound = (f"{case}_alone", {}) if name == "galilean" else ("", {name: 0.0})
             yield _Vector(f"{case}_{name}_{number}", "T4", inputs, oracle(operation, inputs), like, invariants=bound)
 
@@ -278,7 +267,7 @@ def _given(operation: Operation) -> Iterator[tuple[str, str, str]]:
             yield f"{name}_{kernel}", name, kernel
 
 
-def _with_nan(operation: Operation, name: str, usual: Usual, spoiled: Spoiled) -> _Vector:
+def _with_nan(operation: Operation, name: str, usual: properties.Usual, spoiled: properties.Spoiled) -> _Vector:
     """Rows of particles that depend on the NaN are NaN; of the others those hold that the ladder judges."""
     answer, free = {}, {}
     whole = oracle(operation, spoiled.inputs)

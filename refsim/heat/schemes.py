@@ -2,19 +2,7 @@
 
 import numpy as np
 
-from refsim.heat import reductions
-from refsim.heat.kernels import (
-    add,
-    advance,
-    collect,
-    compensate,
-    copy,
-    note_rounds,
-    plan_chebyshev,
-    sweep,
-    take_over,
-    take_up,
-)
+from refsim.heat import kernels, reductions
 from refsim.heat.operations import Body, Melting, Step
 from refsim.heat.shapes import ONE_ROUND, ROUNDS, Places, StageState, Substance, Tensors
 from refsim.heat.stages import (
@@ -48,7 +36,7 @@ def compensation(
     n, real = volume.shape[0], volume.dtype
     rounds = scratch.array("heat rounds", 2, np.int32)
     scratch.backend.assign(rounds, 0)
-    note_rounds(velocity, compensation_x, rounds)
+    kernels.note_rounds(velocity, compensation_x, rounds)
     given = Tensors(compensation_x, compensation_rest)
     made = Tensors(*(scratch.array(f"heat made {part}", (n, 3), real) for part in Tensors._fields))
     places = Places(position, volume, reservoir, conduction, period)
@@ -56,11 +44,11 @@ def compensation(
     if host and not rounds.any():
         return
     for k, weight in enumerate(ROUNDS):  # an odd number: the last one writes where the first has read
-        compensate(rounds, np.int32(k), real.type(weight or ONE_ROUND), places, neighbours, given, *made)
+        kernels.compensate(rounds, np.int32(k), real.type(weight or ONE_ROUND), places, neighbours, given, *made)
         if k > 0:
             given, made = made, given
         else:
-            take_over(rounds, made, *given)
+            kernels.take_over(rounds, made, *given)
             if host and not rounds[1]:
                 return
 
@@ -71,7 +59,7 @@ def compensation(
 def copied(values, name, scratch):
     """A copy of an array in scratch memory."""
     target = scratch.array(name, values.shape[0], values.dtype)
-    copy(values, target)
+    kernels.copy(values, target)
     return target
 
 
@@ -88,7 +76,7 @@ def planned(largest, conduction, scratch, real):
     """(table, number) of Chebyshev's iteration found where the particles are; the host does not wait for it."""
     table = scratch.array("heat table", (int(conduction.planned_passes), 4), real)
     number = scratch.array("heat number", 1, np.int32)
-    plan_chebyshev(largest, conduction, table, number)
+    kernels.plan_chebyshev(largest, conduction, table, number)
     return table, number
 
 
@@ -107,12 +95,12 @@ def run_stages(plan, exchanges, inverse, flow_start, substance, scratch, enthalp
     for k in range(table.shape[0]):
         new, target = values[k % 2], warm[k % 2]
         stage = StageState(state, now, source, flow_start, change)
-        advance(exchanges, stage, inverse, substance, plan, np.int32(k), target, new)
+        kernels.advance(exchanges, stage, inverse, substance, plan, np.int32(k), target, new)
         now = new
         source = new if substance is None else target
-    collect(*values, number, None if substance is None else state, state)
+    kernels.collect(*values, number, None if substance is None else state, state)
     if substance is not None:
-        collect(*warm, number, None, temperature)
+        kernels.collect(*warm, number, None, temperature)
 
 
 def substance_of(body, melting):
@@ -149,7 +137,7 @@ def one_sided(body: Body, neighbours, step: Step, scratch, temperature):
     exchanges, inverse, *_ = weighed(body, neighbours, step, scratch)
     for backwards in (0, 1):
         old = copied(temperature, "heat start", scratch)
-        sweep(exchanges, inverse, step.conduction, np.int32(backwards), old, temperature)
+        kernels.sweep(exchanges, inverse, step.conduction, np.int32(backwards), old, temperature)
 
 
 def chebyshev(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
@@ -174,7 +162,7 @@ def chebyshev(body: Body, melting: Melting, neighbours, step: Step, scratch, ent
     else:
         run_stages(plan, exchanges, inverse, flow, None, scratch, None, temperature)
     if enthalpy is not None:
-        take_up(start, substance_of(body, melting), enthalpy, temperature)
+        kernels.take_up(start, substance_of(body, melting), enthalpy, temperature)
 
 
 def conjugate_gradient(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
@@ -185,7 +173,7 @@ def conjugate_gradient(body: Body, melting: Melting, neighbours, step: Step, scr
     start = None if enthalpy is None else copied(temperature, "heat start", scratch)
     solve(exchanges, inverse, flow, step.conduction, scratch, temperature)
     if enthalpy is not None:
-        take_up(start, substance_of(body, melting), enthalpy, temperature)
+        kernels.take_up(start, substance_of(body, melting), enthalpy, temperature)
 
 
 def solve(exchanges, inverse, residual, conduction, scratch, temperature):
@@ -214,7 +202,7 @@ def solve(exchanges, inverse, residual, conduction, scratch, temperature):
             enough = float(conduction.residual) ** 2 * first
             if not now > enough or passes > MOST_CONJUGATE_PASSES:
                 break
-    add(solution, temperature)
+    kernels.add(solution, temperature)
 
 
 def runge_kutta_legendre(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):

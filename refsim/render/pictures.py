@@ -27,23 +27,9 @@ from refsim.core.writing import (
     writing,
 )
 from refsim.io.frames import Frame
-from refsim.render import looks
+from refsim.render import looks, space
 from refsim.render.plane import add_area, add_discs, add_line
 from refsim.render.saved_run import USUAL, SavedRun, chosen_frames, open_run, usual_range
-from refsim.render.space import (
-    BOTTOM,
-    FLAT,
-    MILD,
-    SHADED,
-    SIDES,
-    SUPERSAMPLING,
-    TOP,
-    Body,
-    Stage,
-    bar_length,
-    cut_closed,
-    smoothed,
-)
 from refsim.render.surfaces import CELL, SurfaceMesh, surface_around
 
 SIZE = (1280, 960)
@@ -108,7 +94,7 @@ class Series:
             self.limits = self._limits(look.colour)
         apart = np.diff([run.times[k] for k in self.chosen])
         self.pace = "" if per_second is None or not len(apart) else pace(per_second * float(np.median(apart)))
-        self.stage = self._stage(SUPERSAMPLING if per_second is None else 1)
+        self.stage = self._stage(space.SUPERSAMPLING if per_second is None else 1)
 
     def _limits(self, colour: str) -> tuple[float, float]:
         ends = usual_range(self.run.values(f, colour) for f in self.run.frames(self.chosen, self.fields))
@@ -170,33 +156,33 @@ class Series:
         around = (None if solid is None else solid.distance, self.run.closed_box) if liquid else ()
         return surface_around(points, self.run.spacing, self.run.dim, cell, *around)
 
-    def _bodies(self, frame: Frame) -> Iterator[Body]:
+    def _bodies(self, frame: Frame) -> Iterator[space.Body]:
         seen = self._seen(frame.position)
         x, paint, body = frame.position[seen], self._paint(frame)[seen], self.run.solid_body(frame)[seen]
-        light = SHADED if self.look.colour is None else MILD
+        light = space.SHADED if self.look.colour is None else space.MILD
         if self.look.style == "particles":
-            gloss = 0.3 if light == SHADED else 0.0
-            yield Body(x, None, self._colours(paint), radius=0.5 * self.run.spacing, light=light, gloss=gloss)
+            gloss = 0.3 if light == space.SHADED else 0.0
+            yield space.Body(x, None, self._colours(paint), radius=0.5 * self.run.spacing, light=light, gloss=gloss)
         else:
             for number in np.unique(body):
                 members = body == number
                 mesh = self._surface(x[members], number < 0)
                 if not len(mesh.facets):
                     continue
-                points, facets = self._cut(smoothed(mesh.vertices, mesh.facets), mesh.facets)
+                points, facets = self._cut(space.smoothed(mesh.vertices, mesh.facets), mesh.facets)
                 shade = self._colours(_from_particles(points, x[members], paint[members], self.run.spacing))
-                if light == SHADED:
+                if light == space.SHADED:
                     clear, gloss = self.look.style == "water" and number < 0, 0.45 if number < 0 else 0.15
-                    yield Body(points, facets, shade, water=clear, gloss=gloss, edges=self.cut is not None)
+                    yield space.Body(points, facets, shade, water=clear, gloss=gloss, edges=self.cut is not None)
                     continue
                 on_cut = self._on_cut(points, facets)
-                for part, its in ((facets[~on_cut], MILD), (facets[on_cut], FLAT)):
+                for part, its in ((facets[~on_cut], space.MILD), (facets[on_cut], space.FLAT)):
                     if len(part):
-                        yield Body(points, part, shade, gloss=0.0, light=its)
+                        yield space.Body(points, part, shade, gloss=0.0, light=its)
         solid = self.run.mesh
         if solid is not None:
             points, facets = self._cut(solid.mesh.vertices + solid.mesh.origin, solid.mesh.faces)
-            yield Body(points, facets, looks.OBSTACLE, gloss=0.1, edges=True)
+            yield space.Body(points, facets, looks.OBSTACLE, gloss=0.1, edges=True)
 
     def _on_cut(self, points: NDArray, facets: NDArray) -> NDArray[np.bool_]:
         """(f,) facets that lie in the plane of the cut."""
@@ -207,16 +193,16 @@ class Series:
     def _cut(self, points: NDArray, facets: NDArray) -> tuple[NDArray, NDArray]:
         if self.cut is None or not (self.cut(points) > 0).any():
             return points, facets
-        return cut_closed(points, facets, self.cut, self.run.spacing)
+        return space.cut_closed(points, facets, self.cut, self.run.spacing)
 
     # Drawing
 
-    def _stage(self, finer: int) -> Stage:
+    def _stage(self, finer: int) -> space.Stage:
         """What pictures in 3D share."""
         run, box = self.run, self.run.box
         corners = np.array([np.where(pick, self.high, self.low) for pick in np.ndindex(2, 2, 2)])
         tank = None if box is None else (np.maximum(box[0], self.low), np.minimum(box[1], self.high))
-        return Stage(
+        return space.Stage(
             self.low, self.high, run.up, self.camera, self.look.size, ground=float((corners @ run.up).min()), box=tank,
             softness=2.5 * run.spacing, background=BACKGROUNDS[self.look.style], finer=finer,
         )  # fmt: skip
@@ -238,16 +224,17 @@ class Series:
         """Of a picture in 3D: a figure of its labels on nothing, and the text of the time in it."""
         figure, axes = self._sheet()
         figure.patch.set_alpha(0.0)
-        return figure, self._labels(figure, axes, self.stage.metres_a_pixel())
+        metres_a_pixel = 2.0 * self.stage.frame()[1] / self.stage.size[1]
+        return figure, self._labels(figure, axes, metres_a_pixel)
 
     def _in_plane(self, frame: Frame) -> NDArray[np.uint8]:
         figure, axes = self._sheet()
         width, height = self.look.size
         size = self.high - self.low
-        inner = width * (1 - 2 * SIDES), height * (1 - BOTTOM - TOP)
+        inner = width * (1 - 2 * space.SIDES), height * (1 - space.BOTTOM - space.TOP)
         metres = max(size[0] / inner[0], size[1] / inner[1]) / self.camera.zoom
         middle = 0.5 * (self.low + self.high)
-        at = middle[:2] - 0.5 * metres * np.array([width, height * (1 + BOTTOM - TOP)])
+        at = middle[:2] - 0.5 * metres * np.array([width, height * (1 + space.BOTTOM - space.TOP)])
 
         def pixels(points: NDArray) -> NDArray[np.float64]:
             result = np.zeros((len(points), 3))
@@ -328,7 +315,7 @@ class Series:
     def _labels(self, figure: Any, axes: Any, metres: float) -> Any:
         """Draw the scale bar and the colour bar; returns the text for the time."""
         width, height = self.look.size
-        length = bar_length(metres * width)
+        length = space.bar_length(metres * width)
         x, y, long = 0.04 * width, 0.04 * height, length / metres
         axes.plot([x, x + long], [y, y], color=INK, linewidth=3.0, solid_capstyle="butt")
         axes.text(x + 0.5 * long, y + 0.012 * height, _metric(length), color=INK, ha="center", va="bottom", fontsize=13)

@@ -94,10 +94,6 @@ class Stage:
         middle = middle + (0.5 * (along.max() + along.min()) - middle @ upward) * upward
         return middle - (BOTTOM - TOP) * half * upward, half
 
-    def metres_a_pixel(self) -> float:
-        """Length [m] that one pixel of the picture shows."""
-        return 2.0 * self.frame()[1] / self.size[1]
-
     def draw(self, bodies: Sequence[Body]) -> NDArray[np.uint8]:
         """The picture (height, width, 3) of the bodies."""
         return self._images(bodies, self.background)[0]

@@ -5,23 +5,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from refsim import sph
 from refsim.boundary.two_way_coupling import operations as operations
 from refsim.core.capabilities import HasErrata, LimitsMassRatio, SumsDensity
 from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Field, Others, Pass, StepLimit, int32
 from refsim.core.errors import InputError
 from refsim.shape_matching import PHASE
-from refsim.sph import (
-    DENSITY,
-    LIQUID,
-    PRESSURE,
-    ViscosityTerm,
-    acceleration_of,
-    cohesive_pressure,
-    continuity_pass,
-    lean,
-    liquid_of,
-)
 
 if TYPE_CHECKING:
     from refsim.core.effect import InitialState
@@ -89,7 +79,7 @@ def told_at_start(grid: Discretisation, state: "InitialState", others: Others) -
     """Wetness [-] and pressure [Pa] of solids' particles in liquid at rest, from particle to particle within h."""
     from scipy.spatial import cKDTree
 
-    liquid = liquid_of(others)
+    liquid = sph.liquid_of(others)
     solids = 0 if grid.solids is None else len(grid.solids.lattice.body)
     wet, pressure = np.zeros(grid.count), np.zeros(grid.count)
     excess = liquid.initial(grid, state, others)["advanced_excess"]
@@ -98,7 +88,7 @@ def told_at_start(grid: Discretisation, state: "InitialState", others: Others) -
     while len(left) and len(known):
         apart, near = cKDTree(state.position[known]).query(state.position[left])
         found, way = left[apart < grid.support_radius], known[near[apart < grid.support_radius]]
-        head = (state.position[found] - state.position[way]) @ np.array(acceleration_of(others))
+        head = (state.position[found] - state.position[way]) @ np.array(sph.acceleration_of(others))
         wet[found], pressure[found] = weight, pressure[way] + liquid.rest_density * head
         left, known, weight = left[apart >= grid.support_radius], found, PASSED * weight
     pressure[solids:] = 0.0
@@ -129,7 +119,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
     source: ClassVar[str] = "Shao & Song"
     virial: ClassVar[str] = "it is the pressure of liquid and solids, which balances"
     errata: ClassVar[tuple[str, ...]] = ("M2", "M3", "M4")
-    needed: ClassVar[tuple[str, ...]] = (LIQUID, "shape_matching")
+    needed: ClassVar[tuple[str, ...]] = (sph.LIQUID, "shape_matching")
     replaced: ClassVar[tuple[str, ...]] = (
         "sph.density", "sph.continuity", "sph.state", "sph.pressure", "sph.momentum",
     )  # fmt: skip
@@ -143,9 +133,9 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
 
     def check(self, grid: Discretisation, others: Others) -> None:
         self.printed()
-        if cohesive_pressure(grid, others) > 0:
+        if sph.cohesive_pressure(grid, others) > 0:
             raise InputError(f"{self.name}: an effect with cohesion treats particles of solids as liquid; remove it.")
-        liquid = liquid_of(others)
+        liquid = sph.liquid_of(others)
         if self.no_slip and not (liquid.advances() and liquid.dynamic_viscosity > 0):
             raise InputError(
                 f"{self.name}: no_slip needs a liquid with viscosity whose density is advanced; give {liquid.name} a"
@@ -183,25 +173,25 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
             )
 
     def fields(self, others: Others) -> tuple[Field, ...]:
-        if liquid_of(others).advances():
-            return (DENSITY, PRESSURE, REST_DENSITY, PHASE, SOLID_NUMBER, FOLLOWED_VELOCITY, *FILM, *TOLD)
-        return (DENSITY, PRESSURE, REST_DENSITY, PHASE, RELATIVE_CONTRIBUTION, VOLUME)
+        if sph.liquid_of(others).advances():
+            return (sph.DENSITY, sph.PRESSURE, REST_DENSITY, PHASE, SOLID_NUMBER, FOLLOWED_VELOCITY, *FILM, *TOLD)
+        return (sph.DENSITY, sph.PRESSURE, REST_DENSITY, PHASE, RELATIVE_CONTRIBUTION, VOLUME)
 
     def initial(self, grid: Discretisation, state: "InitialState", others: Others) -> Mapping[str, np.ndarray]:
-        rest_density = np.full(grid.count, liquid_of(others).rest_density)
+        rest_density = np.full(grid.count, sph.liquid_of(others).rest_density)
         number = np.zeros(grid.count, np.int32)
         if grid.solids is not None:
             densities = grid.solids.of_bodies("density")
             rest_density[: len(densities)] = densities
             number[: len(densities)] = 1 + grid.solids.lattice.body
-        if not liquid_of(others).advances():
+        if not sph.liquid_of(others).advances():
             return {"rest_density": rest_density}
         told = told_at_start(grid, state, others)
         told |= {"followed_velocity": state.velocity, "allowed_closeness": np.full(grid.count, DRAWN)}
         return {"rest_density": rest_density, "solid_number": number, **told}
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
-        liquid = liquid_of(others)
+        liquid = sph.liquid_of(others)
         if liquid.advances():
             return self._advanced_passes(liquid.summed_passes(others), others)
         viscous = liquid.dynamic_viscosity > 0
@@ -219,7 +209,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
     def _advanced_passes(self, summed: tuple[Pass, ...], others: Others) -> tuple[Pass, ...]:
         names = {"smoothing": "gradient_smoothing"}
         return (
-            continuity_pass(others, {}),
+            sph.continuity_pass(others, {}),
             *summed,
             Pass("sph.state", writes=("pressure",)),
             Pass("two_way_coupling.extrapolation", writes=("wet", "suction"), updates=("pressure",)),
@@ -242,7 +232,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
         return grid.support_radius
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
-        liquid = liquid_of(others)
+        liquid = sph.liquid_of(others)
         if liquid.advances():
             delay = Delay(grid.real(DELAY * grid.support_radius / liquid.sound_speed))
             friction = liquid.central_friction(grid) if self.no_slip else {}
@@ -251,7 +241,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
                 DAMPED * grid.support_radius / liquid.sound_speed,
             )  # fmt: skip
             own = {"delay": delay, "overlapping": Overlapping(*map(grid.real, overlap))}
-            return own | friction | liquid.spreading(grid, others) | lean(grid, others)
+            return own | friction | liquid.spreading(grid, others) | sph.lean(grid, others)
         printed = self.printed()
         exponent = 7 if liquid.state == "tait" else 1
         viscous = liquid.dynamic_viscosity > 0
@@ -261,11 +251,11 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
                 int32(exponent), int32("M4" in printed), int32("M2" in printed), int32("M3" in printed),
                 int32(self.density_weighted),
             ),
-            "viscosity": ViscosityTerm(grid.real(liquid.dynamic_viscosity)) if viscous else None,
+            "viscosity": sph.ViscosityTerm(grid.real(liquid.dynamic_viscosity)) if viscous else None,
         }  # fmt: skip
 
     def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
-        liquid = liquid_of(others)
+        liquid = sph.liquid_of(others)
         limits = {"acoustic": StepLimit.crossing(0.4 * grid.support_radius, liquid.sound_speed)}
         if liquid.dynamic_viscosity > 0 and grid.solids is not None:
             lightest = min([liquid.rest_density, *(body.density for body in grid.solids.bodies)])

@@ -18,15 +18,9 @@ from refsim.core.effect import Discretisation, Field, Others, Pass
 from refsim.core.errors import InputError
 from refsim.sph import liquid_of
 from refsim.surface_normal import SURFACE_NORMAL, axial_part, color_gradient_pass, normal_term
+from refsim.surface_tension import cohesion
 from refsim.surface_tension.akinci_2013 import operations as operations
 from refsim.surface_tension.akinci_2013.reference import cohesion_function
-from refsim.surface_tension.cohesion import (
-    Measured,
-    PairCohesion,
-    angular_momentum_note,
-    neighbours_in_support,
-    spreading_note,
-)
 
 WATER_RATIO = 1e-3  # eps/(gamma rho0) of the one printed coefficient, for water in SI units
 # eps N/(gamma rho0), with N neighbours in the support, up to which drops come to rest, and from which on they fly
@@ -54,7 +48,7 @@ class Adhesion(NamedTuple):
     amplitude: float  # beta 0.007/h^dim
 
 
-class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
+class Akinci2013(cohesion.PairCohesion, HasErrata, frozen=True, kw_only=True):
     """Surface tension of a free liquid surface, and adhesion to walls.
 
     surface_tension    sigma [N/m]: that of measured drops in the default liquid in 3D; else nominal, turned into gamma
@@ -81,7 +75,7 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
     scales: ClassVar[tuple[str, ...]] = ("surface_tension", "gamma", "area_acceleration", "adhesion")
     coefficient_name: ClassVar[str] = "gamma"
     # the middle between the least and the most by jump and frequency of drops of 8.5 and 12 d
-    measured: ClassVar[Measured] = {3: (
+    measured: ClassVar[cohesion.Measured] = {3: (
         (2.3, ((0.0011, 2.15), (0.0090, 1.73))),
         (2.6, ((0.0005, 3.155), (0.00102, 3.055), (0.0021, 2.97), (0.0033, 2.75), (0.0051, 2.44), (0.0100, 2.26),
                (0.0205, 2.01), (0.0300, 1.81))),
@@ -171,7 +165,7 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
         yield from super().margins(grid, others)
         if self._has_area() and self.coheres():
             unit = self.coefficient(grid, others) * liquid_of(others).rest_density
-            near, value = neighbours_in_support(grid), self.area_coefficient(grid, others) / unit
+            near, value = cohesion.neighbours_in_support(grid), self.area_coefficient(grid, others) / unit
             largest, fate = LARGEST_AREA / near, "fly apart" if value * near >= SHATTERING_AREA else "boil"
             name = "area_acceleration/(gamma rho0)"
             consequence = (
@@ -184,10 +178,10 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
         """Notes on an area term that changes angular momentum, stands alone, or adds kinetic energy."""
         if not self._has_area():
             return
-        if note := angular_momentum_note(self.name, "area term", others, self.area_direction):
+        if note := cohesion.angular_momentum_note(self.name, "area term", others, self.area_direction):
             yield note
         if not self.coheres():
-            yield spreading_note(self.name, "area term")
+            yield cohesion.spreading_note(self.name, "area term")
         elif "iisph" in others:
             yield (
                 f"{self.name}: with implicit pressure the area term adds kinetic energy: drops of some hundred"

@@ -19,14 +19,7 @@ from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value
 from refsim.sph import LIQUID, NUMBER_DENSITY, SETS, liquid_of
 from refsim.surface_detection import NEAR_SURFACE, detection_in, near_surface_pass
-from refsim.surface_tension.cohesion import (
-    BECAME_DROPS,
-    Measured,
-    MeasuredByDrops,
-    capillary_limit,
-    density_complete_at_surface,
-    stiffness_margin,
-)
+from refsim.surface_tension import cohesion
 from refsim.surface_tension.csf_wang_2019 import operations as operations
 from refsim.surface_tension.jiang_zhu_2023 import CORRECTED_DENSITY, corrected_density_passes
 
@@ -75,7 +68,15 @@ LEAST_VISCOSITY = 0.45
 
 
 class CsfWang2019(
-    Effect, MeasuredByDrops, HasTension, KnowsLimits, HasErrata, FollowsScene, PullsParticles, frozen=True, kw_only=True
+    Effect,
+    cohesion.MeasuredByDrops,
+    HasTension,
+    KnowsLimits,
+    HasErrata,
+    FollowsScene,
+    PullsParticles,
+    frozen=True,
+    kw_only=True,
 ):
     """Surface tension of a free liquid surface as a force along its normal, by its curvature.
 
@@ -100,7 +101,7 @@ class CsfWang2019(
     needed: ClassVar[tuple[str, ...]] = (LIQUID,)
     in_papers: ClassVar[Mapping[str, Any]] = {"density_correction": True}
     # a second layer whose |n| h is below the threshold has no force: with h = 3 d 0.12 of a lattice's
-    measured: ClassVar[Measured] = {
+    measured: ClassVar[cohesion.Measured] = {
         2: (
             (2.3, ((0.001, 1.0), (0.01, 1.0))),
             (2.6, ((0.0003, 0.98), (0.01, 0.98))),
@@ -130,7 +131,9 @@ class CsfWang2019(
 
     def with_scene_defaults(self, others: Others) -> "CsfWang2019":
         corrects = (
-            not density_complete_at_surface(others) if self.density_correction is None else self.density_correction
+            not cohesion.density_complete_at_surface(others)
+            if self.density_correction is None
+            else self.density_correction
         )
         return msgspec.structs.replace(self, density_correction=corrects)
 
@@ -156,7 +159,9 @@ class CsfWang2019(
     def margins(self, grid: Discretisation, others: Others) -> Iterator[Margin]:
         if not self._acts():
             return
-        yield from stiffness_margin(self.surface_tension, LARGEST_STIFFNESS, BECAME_DROPS, grid, others)
+        yield from cohesion.stiffness_margin(
+            self.surface_tension, LARGEST_STIFFNESS, cohesion.BECAME_DROPS, grid, others
+        )
         fluid = liquid_of(others)
         least = LEAST_VISCOSITY * math.sqrt(fluid.rest_density * self.surface_tension * grid.spacing)
         consequence = (
@@ -206,7 +211,7 @@ class CsfWang2019(
         }  # fmt: skip
 
     def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
-        return capillary_limit(self.surface_tension, grid, others)
+        return cohesion.capillary_limit(self.surface_tension, grid, others)
 
     def _acts(self) -> bool:
         return self.surface_tension > 0 or any(self.tension_gradient)

@@ -18,12 +18,7 @@ from refsim.core.effect import Discretisation, Field, Others, Pass, int32
 from refsim.core.errors import InputError
 from refsim.sph import liquid_of
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
-from refsim.surface_tension.cohesion import (
-    Measured,
-    PairCohesion,
-    angular_momentum_note,
-    density_complete_at_surface,
-)
+from refsim.surface_tension import cohesion
 from refsim.surface_tension.dong_2016 import operations as operations
 from refsim.surface_tension.dong_2016.reference import force_function
 from refsim.surface_tension.jiang_zhu_2023 import CORRECTED_DENSITY
@@ -51,7 +46,7 @@ class NormalCorrection(NamedTuple):
     symmetric: int  # 0: V_j = m_j/rho_j (Dong E21)
 
 
-class Dong2016(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=True):
+class Dong2016(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=True):
     """Surface tension of a free liquid surface by a Lennard-Jones-like pair force.
 
     surface_tension   sigma [N/m]: that of measured drops in the default liquid; else nominal, turned into k by a sum
@@ -81,7 +76,7 @@ class Dong2016(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=True)
     paper: ClassVar[Mapping[str, Any]] = {"solver": "hu_adams", "balance_pressure": False}
     in_papers: ClassVar[Mapping[str, Any]] = {"filter_density": True}
     lattice: ClassVar[bool] = True
-    measured: ClassVar[Measured] = {
+    measured: ClassVar[cohesion.Measured] = {
         2: (
             (3.8, ((0.0062, 8.6), (0.0100, 7.36), (0.0124, 7.05))),
             (4.0, ((0.0067, 8.51), (0.013, 7.25))),
@@ -110,7 +105,9 @@ class Dong2016(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=True)
     literal: Printed = ()
 
     def with_scene_defaults(self, others: Others) -> "Dong2016":
-        filters = not density_complete_at_surface(others) if self.filter_density is None else self.filter_density
+        filters = (
+            not cohesion.density_complete_at_surface(others) if self.filter_density is None else self.filter_density
+        )
         return msgspec.structs.replace(self, filter_density=filters)
 
     def check(self, grid: Discretisation, others: Others) -> None:
@@ -191,7 +188,7 @@ class Dong2016(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=True)
         return groups | {"molecular_force": force, "normal_correction": correction}
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
-        turning = angular_momentum_note(self.name, "correction", others) if self._corrects() else ""
+        turning = cohesion.angular_momentum_note(self.name, "correction", others) if self._corrects() else ""
         return (*super().notes(grid, others), *filter(None, [turning]))
 
     def margins(self, grid: Discretisation, others: Others) -> Iterator[Margin]:

@@ -17,6 +17,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from refsim import surface_normal
 from refsim.core.capabilities import FollowsScene, HasErrata, Margin
 from refsim.core.checked import NotNegative, Positive, Printed
 from refsim.core.effect import Discretisation, Field, Others, Pass, int32
@@ -24,21 +25,7 @@ from refsim.core.errors import InputError
 from refsim.smoothing.shapes import NORMALISATION, POLY6
 from refsim.sph import NUMBER_DENSITY, liquid_of
 from refsim.surface_detection import NEAR_SURFACE, SurfaceDetection, detection_in, near_surface_pass
-from refsim.surface_normal import (
-    CORRECTED_NORMAL,
-    SURFACE_NORMAL,
-    axial_part,
-    color_gradient_pass,
-    corrected_pass,
-    normal_term,
-)
-from refsim.surface_tension.cohesion import (
-    PRESSURE,
-    TENSION,
-    PairCohesion,
-    angular_momentum_note,
-    density_complete_at_surface,
-)
+from refsim.surface_tension import cohesion
 from refsim.surface_tension.jiang_zhu_2023 import operations as operations
 from refsim.surface_tension.jiang_zhu_2023.modes import AREA_TERMS, PAIR_MODES
 
@@ -129,7 +116,7 @@ def kirkwood_buff_sigma(
     gamma: float, rest_density: float, support_radius: float, dim: int, alpha: float | None = None, beta: float = BETA
 ) -> float:
     """Nominal surface tension [N/m] of the pair force between all particles (`cohesion.TENSION`)."""
-    power, factor = TENSION[dim]
+    power, factor = cohesion.TENSION[dim]
     moment = unit_moment(power, ALPHA[dim] if alpha is None else alpha, beta, dim)
     return math.prod((factor, rest_density**2, gamma, support_radius**2, moment))
 
@@ -138,12 +125,12 @@ def kirkwood_buff_pressure(
     gamma: float, rest_density: float, support_radius: float, dim: int, alpha: float | None = None, beta: float = BETA
 ) -> float:
     """Cohesive pressure [Pa] of the pair force between all particles (`cohesion.PRESSURE`)."""
-    power, factor = PRESSURE[dim]
+    power, factor = cohesion.PRESSURE[dim]
     moment = unit_moment(power, ALPHA[dim] if alpha is None else alpha, beta, dim)
     return math.prod((factor, rest_density**2, gamma, support_radius, moment))
 
 
-class JiangZhu2023(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=True):
+class JiangZhu2023(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=True):
     """Surface tension of a free liquid surface by a pair force that changes sign and by area minimisation.
 
     surface_tension     sigma [N/m]; nominal: turned into gamma by the Kirkwood-Buff integral (kirkwood_buff_sigma).
@@ -206,7 +193,7 @@ class JiangZhu2023(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=T
         if self.density_correction is not None:
             return self
         return msgspec.structs.replace(
-            self, density_correction=self.coheres() and not density_complete_at_surface(others)
+            self, density_correction=self.coheres() and not cohesion.density_complete_at_surface(others)
         )
 
     def check(self, grid: Discretisation, others: Others) -> None:
@@ -244,13 +231,13 @@ class JiangZhu2023(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=T
             fields += [NUMBER_DENSITY, NEAR_SURFACE, CORRECTED_DENSITY]
         if self.coheres():
             if self.pair_mode == "soft":
-                fields += [SURFACE_NORMAL, SURFACE_WEIGHT]
+                fields += [surface_normal.SURFACE_NORMAL, SURFACE_WEIGHT]
             if self._marked():
                 fields += self._detection(others).fields(others)
             if self._area() == "corrected":
-                fields += [NUMBER_DENSITY, CORRECTED_NORMAL]
+                fields += [NUMBER_DENSITY, surface_normal.CORRECTED_NORMAL]
             if self._area() == "color":
-                fields.append(SURFACE_NORMAL)
+                fields.append(surface_normal.SURFACE_NORMAL)
         return tuple(fields)
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
@@ -261,7 +248,7 @@ class JiangZhu2023(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=T
             return tuple(passes)
         names: dict[str, str | None] = {"surface_weight": None, "surface": None, "area_normal": None}
         if self.pair_mode == "soft" or self._area() == "color":
-            passes.append(color_gradient_pass())
+            passes.append(surface_normal.color_gradient_pass())
         if self.pair_mode == "soft":
             passes.append(Pass("jiang_zhu_2023.soft_weight", writes=("surface_weight",)))
             names["surface_weight"] = "surface_weight"
@@ -272,7 +259,7 @@ class JiangZhu2023(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=T
         if self._area() == "none":
             operation = "jiang_zhu_2023.cohesion"
         elif self._area() == "corrected":
-            passes.append(corrected_pass())
+            passes.append(surface_normal.corrected_pass())
             names["area_normal"] = "corrected_normal"
         else:
             names["area_normal"] = "surface_normal"
@@ -298,7 +285,9 @@ class JiangZhu2023(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=T
             area = AreaTerm(int32(AREA_TERMS["color"]), real(eps))
         amplitude = gamma * NORMALISATION[POLY6][dim] / h**dim
         groups = self._detection(others).prepare(grid, others)
-        groups |= normal_term(fluid, grid, own_density="E10" in self.printed()) | axial_part(self.area_direction, grid)
+        groups |= surface_normal.normal_term(
+            fluid, grid, own_density="E10" in self.printed()
+        ) | surface_normal.axial_part(self.area_direction, grid)
         return groups | {
             "pairs": PairSelection(int32(PAIR_MODES[self.pair_mode])),
             "soft": SoftThresholds(
@@ -353,7 +342,7 @@ class JiangZhu2023(PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=T
                 f"{self.name}: pair_mode {self.pair_mode!r} switches tension on and off as particles enter and leave"
                 " the surface set, so that drops boil or fall apart: 'all' comes to rest"
             )
-        note = angular_momentum_note(self.name, "area term", others, self.area_direction)
+        note = cohesion.angular_momentum_note(self.name, "area term", others, self.area_direction)
         if self._area() != "none" and note:
             yield note
 
