@@ -11,6 +11,7 @@ import pytest
 
 from refsim import Ball, RunStopped, simulate
 from refsim.core import terminal
+from refsim.engine import driver
 from refsim.scene.files import parse_scene
 from tests.running import python
 from tests.tank_file import GRAVITY, tank
@@ -100,3 +101,15 @@ def test_the_parts_of_a_process(tmp_path):
     assert 0.6 * used < seconds["processor"]["total"] < used
     assert min(seconds["start"], seconds["processor"]["start"]) > 1
     assert all(f"{name} " in told.splitlines()[1] for name in PARTS)
+
+
+@pytest.mark.parametrize("seconds, said", [(0.9, 0), (1.1, 1), (1.9, 1)])
+def test_compiling_is_told_of_above_a_second(seconds, said, monkeypatch):
+    words = []
+    monkeypatch.setattr(driver, "say", words.append)
+    monkeypatch.setattr(driver, "Bar", lambda until, time: (until, time))
+    run = type("Run", (), {"time": 0.25, "timings": type("T", (), {"account": lambda self: {"compiling": seconds}})()})
+    shown = driver.Progress.__new__(progress.Progress)
+    shown.until = 2.0
+    shown._open(run)
+    assert (len(words), shown.time, shown.bar) == (said, 0.25, (2.0, 0.25))

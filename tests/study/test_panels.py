@@ -180,3 +180,9 @@ def test_an_observable_is_read_at_its_moments_and_reduced():
     assert found.steps >= 20
     broken_times = observable_of(watching(lambda scene: 1 / 0, reduce), plan)
     assert "cannot be read (ZeroDivisionError" in measure(Setting("", "", 1.0, scene, "numpy"), broken_times).failed
+
+
+def test_what_is_measured_is_told_of_its_machine(monkeypatch):
+    monkeypatch.setattr(measuring, "machine", lambda: "a processor, 8 cores")
+    found = measuring._here("numpy")
+    assert (found.machine, found.threads, found.device) == ("a processor", 1, "")
