@@ -61,9 +61,9 @@ def an_open_octant():
 
 @closed_form("winding_number.winding")
 def a_far_dipole():
-    """A triangle of area 1/2 m^2 seen from 100 m along its normal: N.d/(4 pi d^3)."""
-    triangle = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]]], float)
+    """A triangle of area 1/2 m^2, 4 m off the origin, seen from 100 m along its normal: N.d/(4 pi d^3)."""
+    triangle = np.array([[[4, 0, 0], [5, 0, 0], [4, 1, 0]]], float)
     return _exact(
-        "dipole", triangle, [[1 / 3, 1 / 3, -100.0], [1 / 3, 1 / 3, 100.0]],
+        "dipole", triangle, [[13 / 3, 1 / 3, -100.0], [13 / 3, 1 / 3, 100.0]],
         [0.5 / (4 * np.pi * 1e4), -0.5 / (4 * np.pi * 1e4)],
     )  # fmt: skip
