@@ -109,7 +109,7 @@ def test_compiling_is_told_of_above_a_second(seconds, said, monkeypatch):
     monkeypatch.setattr(driver, "say", words.append)
     monkeypatch.setattr(driver, "Bar", lambda until, time: (until, time))
     run = type("Run", (), {"time": 0.25, "timings": type("T", (), {"account": lambda self: {"compiling": seconds}})()})
-    shown = driver.Progress.__new__(progress.Progress)
+    shown = driver.Progress.__new__(driver.Progress)
     shown.until = 2.0
     shown._open(run)
     assert (len(words), shown.time, shown.bar) == (said, 0.25, (2.0, 0.25))
