@@ -70,6 +70,14 @@ class FollowsScene:
         raise NotImplementedError  # an effect with this capability defines it
 
 
+class FollowsGrid:
+    """Has parameters that follow the grid and the effects as the scene has them, where they are None."""
+
+    def on_grid(self, given: Any, grid: Discretisation, others: Mapping[str, Effect]) -> Any:
+        """This effect with those parameters that are None in the `given` one."""
+        raise NotImplementedError  # an effect with this capability defines it
+
+
 class FollowsStart:
     """Has parameters that follow the particles of the start where they are None."""
 
@@ -123,6 +131,14 @@ class PullsParticles(SumsDensity):
     def keeps_drops(self) -> bool:
         """Whether free drops of the default liquid are known to have the tension that is given."""
         return False
+
+
+class ReturnsDensity:
+    """Wants an advanced density to return to the counted one at a rate of its own."""
+
+    def return_rate(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        """Least rate [c/h]; 0 where it wants none."""
+        return 0.0
 
 
 class BringsWalls:

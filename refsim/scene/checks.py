@@ -11,6 +11,7 @@ import numpy as np
 
 from refsim.core.capabilities import (
     BringsWalls,
+    FollowsGrid,
     HasPlanes,
     KnowsParticleMass,
     LimitsMassRatio,
@@ -55,6 +56,9 @@ def checked(scene: Scene) -> tuple[Discretisation, dict[str, Effect]]:
     if moves_tank(scene.motion) and "gravity" not in given:
         given["gravity"] = EFFECTS["gravity"](acceleration=(0.0, 0.0, 0.0))
     effects = with_scene_defaults(effect for effect in given.values() if not _is_open(effect, grid))
+    for name, effect in effects.items():
+        if isinstance(effect, FollowsGrid):
+            effects[name] = effect.on_grid(given[name], grid, effects)
     _check_support(grid, effects)
     postponed = []
     for effect in (given | effects).values():

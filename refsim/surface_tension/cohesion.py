@@ -11,7 +11,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from refsim.core.capabilities import (
     KnowsLimits,
     Margin,
     PullsParticles,
+    ReturnsDensity,
     effects_with,
 )
 from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
@@ -49,6 +50,10 @@ TENSION = {2: (3, -1 / 3), 3: (4, -math.pi / 8)}
 PRESSURE = {2: (2, -math.pi / 2), 3: (3, -2 * math.pi / 3)}
 # Measured over nominal tension of drops of the default liquid, by dimension: at each h/d, pairs (S, share) with the
 # measured S. The return of the density is in c/h: the smaller S, the nearer to a summed one.
+# Rate [c/h] of that return over (h/d)^3 S^(5/4) in free drops: below it a large drop swings faster than its jump tells,
+# since its density returns as slowly as it swings; at several times it a small drop swings more slowly. Waves in a
+# container would be damped.
+RETURN = 0.5
 Measured = Mapping[int, tuple[tuple[float, tuple[tuple[float, float], ...]], ...]]
 PairForce = Callable[[NDArray], NDArray]  # C(r) [N/kg^2] of distances r [m]
 
@@ -107,7 +112,16 @@ def _between(table: tuple[tuple[float, tuple[tuple[float, float], ...]], ...], s
     return float(np.interp(support, supports, values))
 
 
-class MeasuredByDrops:
+class FreeDrops(NamedTuple):
+    """`measured`, `by_radius`, `radii` and `held` of drops that stand on nothing, whose density returns by RETURN."""
+
+    measured: Measured
+    by_radius: Mapping[int, tuple[tuple[float, tuple[Any, ...]], ...]]
+    radii: Mapping[int, tuple[float, float, str]]
+    held: float
+
+
+class MeasuredByDrops(ReturnsDensity):
     """What a model has whose tension in the default liquid is that of measured drops."""
 
     name: ClassVar[str]
@@ -119,6 +133,7 @@ class MeasuredByDrops:
     # by dimension, what drops of the default liquid have of a nominal sigma: by their pressure jump, their frequency
     shown: ClassVar[Mapping[int, tuple[str, str]]] = {}
     held: ClassVar[float] = 0.0  # least h/d at which drops have it within 5 %, by their jump and by their frequency
+    free: ClassVar[FreeDrops | None] = None  # where drops that stand on nothing have a map of their own
     beyond: ClassVar[str] = ""  # of the supports of `measured`: what acts there, in words
     on_walls: ClassVar[str] = ""  # contact angles of drops of the default liquid on walls [degrees]
 
@@ -132,10 +147,11 @@ class MeasuredByDrops:
         if stiffness is None:
             return 1.0
         support, radius = (length / grid.spacing for length in (grid.support_radius, grid.drop_radius))
-        share = _between(self.measured[dim], support, stiffness)
-        if not (radius and dim in self.by_radius):
+        drops = self._drops(grid, others)
+        share = _between(drops.measured[dim], support, stiffness)
+        if not (radius and dim in drops.by_radius):
             return share
-        radii, tables = zip(*self.by_radius[dim], strict=True)
+        radii, tables = zip(*drops.by_radius[dim], strict=True)
         factors = [_between(table, support, stiffness) for table in tables]
         return share * float(np.interp(math.log(radius), np.log(radii), factors))
 
@@ -153,10 +169,25 @@ class MeasuredByDrops:
         """S = sigma/(rho0 c^2 d), where the coefficient follows from measured drops."""
         liquid, sigma = liquid_of(others), getattr(self, SIGMA)
         if not (
-            sigma and density_complete_at_surface(others) and grid.dim in self.measured and self._as_measured(others)
+            sigma
+            and density_complete_at_surface(others)
+            and grid.dim in self._drops(grid, others).measured
+            and self._as_measured(others)
         ):
             return None
         return sigma / (liquid.rest_density * liquid.sound_speed**2 * grid.spacing)
+
+    def _drops(self, grid: Discretisation, others: Others) -> Any:
+        """Whose maps hold: those of free drops, or the model's own."""
+        free = self.free and grid.dim in self.free.measured and not effects_with(others, BringsWalls)
+        return self.free if free else self
+
+    def return_rate(self, grid: Discretisation, others: Others) -> float:
+        """That of the measured drops, which follows S and h/d."""
+        stiffness = self._measured_at(grid, others)
+        if stiffness is None or self._drops(grid, others) is self:
+            return 0.0
+        return RETURN * (grid.support_radius / grid.spacing) ** 3 * stiffness**1.25
 
     def beyond_measured(self, grid: Discretisation, others: Others) -> Iterator[str]:
         """Notes on a tension that no drop of the liquid has shown, and on one in a setting of no such drop.
@@ -178,16 +209,16 @@ class MeasuredByDrops:
                 )
             yield f"{self.name}: surface_tension is nominal: {reason}"
             return
-        supports, drops = zip(*[at for at in self.measured[grid.dim] if at[0] >= self.held], strict=True)
+        whose = self._drops(grid, others)
+        beyond = self.beyond if whose is self else ""
+        supports, drops = zip(*[at for at in whose.measured[grid.dim] if at[0] >= whose.held], strict=True)
         begin = f"{self.name}: surface_tension is that of drops measured with"
         reach = " to ".join(f"{h:g}" for h in dict.fromkeys((supports[0], supports[-1])))
         if not supports[0] - 0.01 <= support <= supports[-1] + 0.01:
-            yield (
-                f"{begin} a support_radius of {reach} spacings; with {support:.3g} another tension acts{self.beyond}"
-            )
+            yield (f"{begin} a support_radius of {reach} spacings; with {support:.3g} another tension acts{beyond}")
         radius, (small, large, others_have) = (
             grid.drop_radius / grid.spacing,
-            self.radii.get(grid.dim, (0, math.inf, "")),
+            whose.radii.get(grid.dim, (0, math.inf, "")),
         )
         if radius and not 0.95 * small <= radius <= 1.05 * large:
             yield f"{begin} a radius of {small:g} to {large:g} spacings, to 5 %; with {radius:.3g} {others_have}"

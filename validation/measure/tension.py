@@ -13,6 +13,8 @@ from functools import partial
 from typing import Any
 
 import refsim
+from refsim.core.capabilities import with_scene_defaults
+from refsim.core.effect import Discretisation
 from refsim.particle_shifting import ParticleShifting
 from refsim.scene.plan import make_plan
 from validation.measure import drops
@@ -28,31 +30,58 @@ MODELS = SPH | {"mpm": partial(refsim.SurfaceEnergy, enclose_volume=True)}
 RADII = {2: (11.0, 16.0, 24.0), 3: (8.5, 10.0, 12.0)}  # in spacings
 SUPPORTS = (2.3, 3.0)  # h in spacings, beside 2.6
 STIFFNESS = 0.001  # S of water in a scene of one's own, 0.072 N/m, d = 1 mm, c = 8.5 m/s; beside 0.01
-# Where sigma is that of measured drops, others judge it: radii, of the first and last one seed alone; h and S
-JUDGED: dict[tuple[str, int], tuple[tuple[float, ...], tuple[tuple[float, float], ...]]] = {
-    ("akinci", 3): (
+# Where sigma is that of measured drops, others judge it, by model, dimension and whether containers' coefficients are
+# meant: radii; h and S. Seeds are 41 to 45 of free drops with a map of their own, else 31 and, between the radii, 32
+JUDGED: dict[tuple[str, int, bool], tuple[tuple[float, ...], tuple[tuple[float, float], ...]]] = {
+    ("akinci", 2, False): ((6.0, 8.0, 11.0, 16.0, 20.0), ((2.6, 0.0015), (2.6, 0.006), (3.0, 0.003), (3.0, 0.009))),
+    ("akinci", 3, False): (
+        (6.0, 8.5, 12.0, 14.0, 20.0),
+        ((2.6, 0.0007), (2.6, 0.002), (2.6, 0.006), (2.6, 0.015), (2.8, 0.005), (3.0, 0.003), (3.0, 0.009)),
+    ),
+    ("akinci", 3, True): (
         (6.0, 8.5, 12.0, 14.0),
         ((2.6, 0.0007), (2.6, 0.0015), (2.6, 0.004), (2.6, 0.007), (2.6, 0.015), (2.6, 0.025), (2.8, 0.008),
          (3.0, 0.002), (3.0, 0.008)),
     ),
-    ("csf", 2): ((6.0, 11.0, 16.0, 20.0), ((2.3, 0.003), (2.6, 0.0005), (2.6, 0.006), (3.0, 0.002), (3.0, 0.008))),
-    ("csf", 3): ((6.0, 8.5, 12.0, 14.0), ((2.6, 0.0015), (2.6, 0.006), (2.8, 0.003), (3.0, 0.008))),
-    ("dong", 2): ((8.0, 11.0, 16.0, 20.0), ((3.8, 0.007), (3.8, 0.011), (3.9, 0.009), (4.0, 0.008), (4.0, 0.012))),
-    ("dong", 3): ((6.0, 7.0, 12.0, 14.0), ((3.0, 0.002), (3.0, 0.006))),
+    ("csf", 2, False): (
+        (6.0, 11.0, 16.0, 20.0), ((2.3, 0.003), (2.6, 0.0005), (2.6, 0.006), (3.0, 0.002), (3.0, 0.008)),
+    ),
+    ("csf", 3, False): ((6.0, 8.5, 12.0, 14.0), ((2.6, 0.0015), (2.6, 0.006), (2.8, 0.003), (3.0, 0.008))),
+    ("dong", 2, False): (
+        (8.0, 11.0, 16.0, 20.0), ((3.8, 0.007), (3.8, 0.011), (3.9, 0.009), (4.0, 0.008), (4.0, 0.012)),
+    ),
+    ("dong", 3, False): ((6.0, 7.0, 12.0, 14.0), ((3.0, 0.002), (3.0, 0.006))),
 }  # fmt: skip
-JUDGES = (31, 32)  # seeds
 
 
 @dataclass(frozen=True)
 class Point(drops.Point):
-    """One drop, of the default liquid or a summed one, with a tension as a scene asks for it."""
+    """One drop, of the default liquid or a summed one, with a tension as a scene asks for it.
+
+    standing  with the coefficient that a container has
+    """
 
     kernels: Any = "wendland"
     liquid: Any = "continuity"
+    standing: Any = False
+
+    @property
+    def key(self) -> str:
+        return super().key + ".standing" * self.standing
 
     def tension(self) -> tuple[Any, ...]:
         shifted = self.model in SPH and not drops.summed(asdict(self))
-        return MODELS[self.model](surface_tension=1.0), *((ParticleShifting(),) if shifted else ())
+        made = MODELS[self.model](surface_tension=1.0)
+        if self.standing:
+            made = MODELS[self.model](**{made.coefficient_name: self.share("coefficient")})
+        return made, *((ParticleShifting(),) if shifted else ())
+
+    def share(self, of: str = "share_of_nominal") -> float:
+        """What the model takes in a container, measured over nominal tension by default."""
+        fluid = refsim.WeaklyCompressible(sound_speed=self.stiffness**-0.5, rest_density=1.0, density=self.liquid)
+        beside = (fluid, ParticleShifting(), refsim.BoxWalls(lower=(0.0,) * 3, upper=(1.0,) * 3))
+        grid = Discretisation(self.dim, "float64", 1.0, self.support, 0, drop_radius=self.radius)
+        return getattr(MODELS[self.model](surface_tension=1.0), of)(grid, with_scene_defaults(beside))
 
 
 def points(models: tuple[str, ...] = tuple(MODELS), dims: tuple[int, ...] = (2, 3)) -> Iterator[Point]:
@@ -63,23 +92,25 @@ def points(models: tuple[str, ...] = tuple(MODELS), dims: tuple[int, ...] = (2, 
     for model, dim in itertools.product(models, dims):
         first, middle, last = RADII[dim]
         if model == "mpm":  # whose h is three spacings
-            for radius, seed in itertools.product((6.0, 8.0, 12.0, 20.0), JUDGES):
+            for radius, seed in itertools.product((6.0, 8.0, 12.0, 20.0), (31, 32)):
                 yield Point(model, dim, support=3.0, radius=radius, seed=seed)
             continue
         for radius, stiffness in ((first, 0.01), (first, STIFFNESS), (last, 0.01)):
             yield Point(model, dim, radius=radius, stiffness=stiffness, liquid="summation")
-        if (model, dim) in JUDGED:
-            radii, places = JUDGED[model, dim]
-            for (support, stiffness), radius, seed in itertools.product(places, radii, JUDGES):
-                if radius in radii[1:-1] or seed == JUDGES[0]:
-                    yield Point(model, dim, support=support, radius=radius, stiffness=stiffness, seed=seed)
+        judged = [(standing, *JUDGED[of]) for standing in (False, True) if (of := (model, dim, standing)) in JUDGED]
+        for standing, radii, places in judged:
+            seeds = range(41, 46) if model == "akinci" and not standing else (31, 32)
+            for (support, stiffness), radius, seed in itertools.product(places, radii, seeds):
+                if radius in radii[1:-1] or seed != 32:
+                    yield Point(model, dim, support, radius, stiffness, seed=seed, standing=standing)
+        if judged and (model, dim) != ("akinci", 2):  # whose tension is nominal in a container
             continue
         for radius in RADII[dim]:
             for seed in (1, 2, 3) if radius == middle else (1,):
-                yield Point(model, dim, radius=radius, seed=seed)
+                yield Point(model, dim, radius=radius, seed=seed, standing=bool(judged))
         for support in SUPPORTS:
-            yield Point(model, dim, radius=middle, support=support)
-        yield Point(model, dim, radius=first, stiffness=STIFFNESS)
+            yield Point(model, dim, radius=middle, support=support, standing=bool(judged))
+        yield Point(model, dim, radius=first, stiffness=STIFFNESS, standing=bool(judged))
 
 
 def measure(point: Point, backend: str = "cpu") -> dict[str, Any]:
@@ -89,6 +120,5 @@ def measure(point: Point, backend: str = "cpu") -> dict[str, Any]:
         return row
     plan = make_plan(free_drop(point, drops.start(point), None, CALM))
     tension: Any = plan.effects[MODELS[point.model].name]
-    return {
-        **(row if row["stopped"] else with_motion(row)), "share": tension.share_of_nominal(plan.grid, plan.effects)
-    }  # fmt: skip
+    share = point.share() if point.standing else tension.share_of_nominal(plan.grid, plan.effects)
+    return {**(row if row["stopped"] else with_motion(row)), "share": share}
