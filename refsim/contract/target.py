@@ -233,8 +233,8 @@ class Target:
         passed = bool(error <= 1) and not faults
         words = "; ".join(faults) or ("" if passed else self.sought.unsteady) or words
         return Outcome(
-            self.operation.name, "", "", self.backend, self.dtype, self.variant, passed, float(error), words,
-            kernel=self.kernel, dim=self.last.get("dim", 0), **more,
+            self.operation.name.partition(":")[0], "", "", self.backend, self.dtype, self.variant, passed,
+            float(error), words, kernel=self.kernel, dim=self.last.get("dim", 0), **more,
         )  # fmt: skip
 
     def varied(self, inputs: Inputs) -> Inputs:

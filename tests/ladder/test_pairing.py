@@ -38,6 +38,7 @@ def test_ladder(name, variant, program, dtype):
         pytest.skip(reason)
     outcomes = list(contract.climb(contract.Target(REGISTRY[name], program, dtype, variant)))
     assert len(outcomes) >= 2, "nothing was climbed"
+    assert {outcome.operation for outcome in outcomes} == {name}  # also of a fused program
     failed = [str(outcome) for outcome in outcomes if not outcome.passed]
     assert not failed, "\n".join(failed)
 
