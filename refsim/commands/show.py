@@ -297,7 +297,8 @@ def _made(operation: Operation, name: str, value: Any, rows: int, radius: str) -
     kind, per_row = f"np.{value.dtype.name}", len(value) == rows
     shape = ", ".join(["count", *map(str, value.shape[1:])]) if per_row else ""
     shape = f"({shape})" if value.ndim > 1 else shape or str(value.shape)
-    if name in operation.outputs and (per_row or value.size <= MOST_NUMBERS):
+    read_too = value.dtype.kind == "f" and per_row and 0 < value.min() < value.max()  # and cannot be zero
+    if name in operation.outputs and not read_too and (per_row or value.size <= MOST_NUMBERS):
         return f"np.zeros({shape if per_row else value.shape}, {kind})"
     if name == "position" and per_row:
         return f"rng.uniform(0, {f'2.4 * {radius}.support_radius' if radius else 1.0}, (count, 3)).astype({kind})"

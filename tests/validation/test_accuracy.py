@@ -25,14 +25,14 @@ def test_the_page_is_what_the_stored_points_make():
 
 def test_a_column_of_seconds_has_one_machine():
     """Panels of two processors have two tables, two GPUs have two columns; a panel of two processors is refused."""
-    known = [panel("front"), panel("vortex_decay"), panel("melt_front")]
+    known = [panel("droplet"), panel("vortex_decay"), panel("melt_front")]
     text = "\n".join(accuracy_page.tables(known))
     assert text.count("| observable |") == len(re.findall("^CPU: (.*)", text, re.MULTILINE)) == 2
     assert text.count("| NVIDIA H100 80GB HBM3 | NVIDIA H200 |") == 1
     row = next(line for line in text.splitlines() if "80 spacings" in line)
     assert [cell.strip() for cell in row.split("|")][-5:-1] == ["1.21 s", "", "307 ms", ""]
     other = [msgspec.structs.replace(place, machine=f"machine {k}") for k, place in enumerate(known[0].places)]
-    with pytest.raises(ValueError, match="front was not timed on one processor"):
+    with pytest.raises(ValueError, match="droplet was not timed on one processor"):
         accuracy_page.tables([replace(known[0], places=tuple(other))])
 
 
