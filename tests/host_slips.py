@@ -13,7 +13,6 @@ import argparse
 import ast
 import contextlib
 import datetime
-import gzip
 import importlib
 import inspect
 import json
@@ -40,7 +39,7 @@ from slips import altered, code_of, parsed, sites  # noqa: E402
 
 PACKAGES = ("engine", "gauges", "motion", "scene", "study", "boundary", "contract")
 HARMLESS = tomllib.loads(pathlib.Path(__file__).with_name("harmless_host.toml").read_text(encoding="utf-8"))
-CALLS = "REFSIM_CALLS"
+CALLS = "REFSIM_CALLS_FOLDER"
 CALLED: set[str] = set()  # by the test that runs
 STYLE = ("alpha", "dpi", "figsize", "fontsize", "indent", "lw", "ms")  # of pictures and files, which say the same
 MEMORY = 6 << 30  # bytes that a slip may make a test take
@@ -92,7 +91,7 @@ def pytest_configure() -> None:
     """As a plugin of a worker of pytest: the packages' functions note that they were called."""
     if "PYTEST_XDIST_WORKER" not in os.environ or CALLS not in os.environ:
         return
-    for function in [f for package in os.environ[CALLS].split(",") for f in functions(package) if changes(f)]:
+    for function in [f for package in PACKAGES for f in functions(package) if changes(f)]:
         with contextlib.suppress(NameError):  # in an annotation
             function.__code__ = noting(function)
 
@@ -128,17 +127,17 @@ def pytest_runtest_makereport(item: Any, call: Any) -> None:
         for fixtures in item._fixtureinfo.name2fixturedefs.values():
             CALLED.update(getattr(fixtures[-1], "called", ()))
         row = {"test": item.nodeid, "seconds": time.process_time() - item.began, "calls": sorted(CALLED)}
-        with pathlib.Path(os.environ["REFSIM_CALLS_FOLDER"], f"{worker}.jsonl").open("a", encoding="utf-8") as file:
+        with pathlib.Path(os.environ[CALLS], f"{worker}.jsonl").open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
 
 
-def callers(jobs: int, packages: tuple[str, ...], folder: str) -> dict[str, list[tuple[float, str]]]:
+def callers(jobs: int) -> dict[str, list[tuple[float, str]]]:
     """Tests that call each function, quick ones first."""
     found: dict[str, list[tuple[float, str]]] = {}
     with tempfile.TemporaryDirectory() as into:
         path = os.pathsep.join(filter(None, (str(ROOT / "tests"), os.environ.get("PYTHONPATH"))))
-        environment = {CALLS: ",".join(packages), "REFSIM_CALLS_FOLDER": into, "PYTHONPATH": path}
-        command = [sys.executable, "-m", "pytest", "-q", "-n", str(jobs), "-p", "host_slips", "--tb=line", folder]
+        environment = {CALLS: into, "PYTHONPATH": path}
+        command = [sys.executable, "-m", "pytest", "-q", "-n", str(jobs), "-p", "host_slips", "--tb=line", "tests"]
         done = subprocess.run(command, cwd=ROOT, env=os.environ | environment, capture_output=True, text=True)
         print(*done.stdout.splitlines()[-12:], sep="\n", flush=True)
         for file in pathlib.Path(into).iterdir():
@@ -213,26 +212,15 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=300)
     parser.add_argument("--seed", type=int, default=int(f"{datetime.date.today():%Y%m%d}"))
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--packages", default=",".join(PACKAGES))
-    parser.add_argument("--tests", default="tests", help="folder or file of the tests")
     parser.add_argument("--seconds", type=float, default=120.0, help="after which the tests of a slip end")
-    parser.add_argument(
-        "--calls", type=pathlib.Path, help=".json.gz of the tests that call each function; made if missing"
-    )
     parser.add_argument("--one", action="store_true", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.one:
         return one(**json.load(sys.stdin))
-    packages = tuple(given.packages.split(","))
-    code = {f.__code__: f for package in packages for f in functions(package)}
+    code = {f.__code__: f for package in PACKAGES for f in functions(package)}
     places = [(f, number) for f in code.values() for number in range(len(changes(f)))]
     drawn = random.Random(given.seed).sample(places, min(given.count, len(places)))
-    if given.calls and given.calls.exists():
-        called = json.loads(gzip.decompress(given.calls.read_bytes()))
-    else:
-        called = callers(given.jobs, packages, given.tests)
-        if given.calls:
-            given.calls.write_bytes(gzip.compress(json.dumps(called).encode(), 1))
+    called = callers(given.jobs)
     jobs = [
         {
             "module": f.__module__, "name": f.__qualname__, "number": number, "seconds": given.seconds,

@@ -92,18 +92,14 @@ def test_a_plan_uses_each_field_and_launches_each_pass_once(name):
 
 def held_by_grid(simulation):
     """{what: (bytes held, bytes by the plan or by the numbers of nodes and points)} of MPM; {} without it."""
-    plan, backend = simulation.plan, simulation.backend.name
+    plan, backend, real = simulation.plan, simulation.backend.name, simulation.plan.grid
     if "mpm_liquid" not in plan.effects:
         return {}
-    real = plan.grid
-    grid = simulation.parameters["mpm_liquid"]["grid"]
-    surface = simulation.shared.get("surface")
-    tension = plan.effects["mpm_liquid"].step(plan.effects).tension
-    blocks = grid.nodes // 64
-    if surface is None:
-        return {"background grid": (grid.bytes(), bytes_of(plan, backend)["background_grid"])}
-    sets = [len(cell) for name, cell in grid.cells.items() if name != "particles"]
-    expected = grid_bytes(blocks, plan.grid.count, real.dim, real.dtype, backend, tension, sets)
+    grid, expected = simulation.parameters["mpm_liquid"]["grid"], bytes_of(plan, backend)["background_grid"]
+    if "surface" in simulation.shared:
+        sets = [len(cell) for name, cell in grid.cells.items() if name != "particles"]
+        tension = plan.effects["mpm_liquid"].step(plan.effects).tension
+        expected = grid_bytes(grid.nodes // 64, real.count, real.dim, real.dtype, backend, tension, sets)
     return {"background grid": (grid.bytes(), expected)}
 
 

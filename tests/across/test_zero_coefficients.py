@@ -18,6 +18,7 @@ from refsim.commands.plan import describe_plan
 from refsim.core.capabilities import PullsParticles
 from refsim.core.effect import Extremes
 from tests import pairs
+from tests.across.test_composition import scene
 
 PEBBLE = pathlib.Path(__file__).parents[2] / "refsim" / "examples" / "pebble.obj"
 FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
@@ -101,17 +102,12 @@ TERMS = {
 CASES = [(name, k) for name, cases in IDENTITIES.items() for k in range(len(cases))]
 
 
-def scene(*effects, solid=False):
-    solids = (rs.SolidBox(lower=(0.1, 0.1, 0.5), upper=(0.4, 0.4, 0.7)),) if solid else ()
-    return rs.Scene(spacing=0.1, support_radius=0.21, fluid=(rs.Box(cells=(4, 4, 4)),), solid=solids, effects=effects)
-
-
 def both(name, k):
     """(scene without the effect, scene with its zeros)."""
     effect, rest, _ = IDENTITIES[name][k]
     if not isinstance(effect, rs.ShapeMatching):
         return scene(*rest), scene(*rest, effect)
-    with_it = scene(*rest, effect, solid=True)  # a solid must have its effect: without it the same particles are liquid
+    with_it = scene(*rest, effect)  # a solid must have its effect: without it the same particles are liquid
     start = make_plan(with_it).state
     solid = slice(0, start.sizes[0])
     cloud = rs.Cloud(position=start.position[solid], mass=start.mass[solid])
@@ -180,7 +176,7 @@ def test_the_plan_is_that_of_a_scene_without(name, k):
 def test_a_term_of_zero_is_left_out(place):
     zero, value, rest, *brought = TERMS[place]
     act = msgspec.structs.replace(zero, **(value if isinstance(value, dict) else {place.partition(".")[2]: value}))
-    without, with_it = (make_plan(scene(*rest, e, solid=isinstance(e, rs.ShapeMatching))) for e in (zero, act))
+    without, with_it = (make_plan(scene(*rest, e)) for e in (zero, act))
     for own, of in zip(brought, (lambda plan: set(plan.launches(True)), lambda plan: set(plan.fields)), strict=True):
         assert set(own.split()) <= of(with_it)
         assert not set(own.split()) & of(without)

@@ -154,14 +154,12 @@ def outcome(suffix: str, data: bytes, volume: float | None, folder: pathlib.Path
     return "taken"
 
 
-def campaign(count: int, seed: int, only: int | None = None, minutes: float = float("inf")) -> int:
+def campaign(count: int, seed: int, only: int | None = None) -> int:
     """Trials, what they came to, and what went wrong; how many did."""
     outcomes: collections.Counter[str] = collections.Counter()
-    until, wrong = time.monotonic() + 60 * minutes, 0
+    wrong = 0
     with tempfile.TemporaryDirectory() as folder:
         for number in range(count) if only is None else [only]:
-            if time.monotonic() > until:
-                break
             words, *mesh = drawn(random.Random(f"{seed} {number}"))
             try:
                 outcomes[outcome(*mesh, pathlib.Path(folder))] += 1
@@ -179,10 +177,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=5000)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--minutes", type=float, default=float("inf"), help="begin no further mesh after so long")
     parser.add_argument("--only", type=int, help="number of the one trial to repeat")
     given = parser.parse_args()
-    return 4 if campaign(given.count, given.seed, given.only, given.minutes) else 0
+    return 4 if campaign(given.count, given.seed, given.only) else 0
 
 
 if __name__ == "__main__":

@@ -42,8 +42,6 @@ class Pairs:
             d[..., 2] = 0
         self.d, self.r = d, np.sqrt((d * d).sum(2))
         self.q, self.cut = self.r / self.h, fault != "no cut"
-        if fault == "at r = h/2":
-            self.q = np.where(self.q > 0.5, self.q, 0.5)
         self.near = self.r < self.h
         self.six = 6.003 if fault == "coefficient of one kernel" else 6
 
@@ -188,14 +186,8 @@ def momentum_with(fault):
         if walls is not None and len(walls.position):
             w = Pairs(fault, smoothing, position, walls.position, period)
             part = 1.0 if fault == "wall share" else float(fluid.wall_share)
-            factor = (
-                part
-                * share
-                * float(fluid.rest_density)
-                * np.asarray(walls.volume, float)[None]
-                * (pr / rho**2)[:, None]
-            )
-            total -= ((factor * w.slope_over_r())[..., None] * w.d).sum(1)
+            filled = part * share * float(fluid.rest_density) * np.asarray(walls.volume, float)[None]
+            total -= ((filled * (pr / rho**2)[:, None] * w.slope_over_r())[..., None] * w.d).sum(1)
         if fault == "z missing":
             total[:, 2] = 0
         if fault == "overwrites":

@@ -14,10 +14,8 @@ import inspect
 import itertools
 import json
 import math
-import os
 import pathlib
 import signal
-import subprocess
 import sys
 import textwrap
 import time
@@ -41,6 +39,8 @@ from refsim.sparse_grid import block_search
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
+from tests.running import python  # noqa: E402
+
 SECONDS = {False: 60, True: 600}  # of processor time, after which a slip has made a trial (shallow, deep) endless
 PATIENCE = 10.0  # times the processor time without a slip, plus a second: likewise
 SHARED = (
@@ -317,14 +317,8 @@ def programs():
 
 
 def judged(names):
-    """`inject` in a process of its own. Raises RuntimeError if it fails."""
-    path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
-    command = [sys.executable, __file__, *names]
-    environment = dict(os.environ, NUMBA_DISABLE_JIT="1", PYTHONPATH=path)
-    done = subprocess.run(command, capture_output=True, text=True, env=environment)
-    if done.returncode:
-        raise RuntimeError(f"{'+'.join(names)}: {done.stderr}")
-    return json.loads(done.stdout)
+    """`inject` in a process of its own."""
+    return json.loads(python(__file__, *names, NUMBA_DISABLE_JIT="1").stdout)
 
 
 def main():

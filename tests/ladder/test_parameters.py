@@ -53,13 +53,13 @@ def sphere(dim):
 
 def shape(name, q):
     """w(q) with W(r) = norm/h^dim w(r/h): poly6 and spiky of Mueller et al. 2003, Monaghan's spline, Wendland C2."""
-    q = np.asarray(q, dtype=float)
+    q = np.asarray(q) * 1.0
     inner, outer = 6 * (q**3 - q**2) + 1, 2 * (1 - q) ** 3
     w = {
-        "poly6": (1 - q**2) ** 3, "spiky": (1 - q) ** 3, "cubic_spline": np.where(q < 0.5, inner, outer),
+        "poly6": (1 - q**2) ** 3, "spiky": (1 - q) ** 3, "cubic_spline": np.where(q.real < 0.5, inner, outer),
         "wendland_c2": (1 - q) ** 4 * (1 + 4 * q),
     }[name]  # fmt: skip
-    return np.where(q < 1, w, 0.0)
+    return np.where(q.real < 1, w, 0.0)
 
 
 def norm(name, dim):
@@ -74,13 +74,7 @@ def kernel(name, r, dim, h=H):
 
 def slope(name, r, dim, h=H):
     """W'(r) [1/m^(dim+1)], by differences in the complex plane, so that nothing cancels."""
-    q = np.asarray(r) / h + 1e-30j
-    one = 1 - q
-    w = {
-        "poly6": (1 - q**2) ** 3, "spiky": one**3,
-        "cubic_spline": np.where(q.real < 0.5, 6 * (q**3 - q**2) + 1, 2 * one**3), "wendland_c2": one**4 * (1 + 4 * q),
-    }[name]  # fmt: skip
-    return np.where(q.real < 1, norm(name, dim) / h ** (dim + 1) * w.imag / 1e-30, 0.0)
+    return norm(name, dim) / h ** (dim + 1) * shape(name, np.asarray(r) / h + 1e-30j).imag / 1e-30
 
 
 def offsets(dim):
@@ -719,12 +713,9 @@ def is_group(value):
 
 def handed_out(effects, dim, dtype="float64"):
     """Everything that the first effect gives to passes."""
-    solids = None
-    grid = Discretisation(dim, dtype, D, H, 100)
-    if any(effect.name == "shape_matching" for effect in effects):
-        solids = voxelised(BODIES, grid)
-    grid = Discretisation(dim, dtype, D, H, 100, solids=solids)
-    others = {effect.name: effect for effect in effects}
+    grid, others = Discretisation(dim, dtype, D, H, 100), {effect.name: effect for effect in effects}
+    if "shape_matching" in others:
+        grid = Discretisation(dim, dtype, D, H, 100, solids=voxelised(BODIES, grid))
     for effect in effects:
         effect.check(grid, others)
     return effects[0].shares(grid, others) | effects[0].prepare(grid, others)

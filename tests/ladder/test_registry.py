@@ -4,10 +4,8 @@ import ast
 import functools
 import importlib
 import inspect
-import os
 import pathlib
 import re
-import subprocess
 import sys
 import types
 
@@ -23,6 +21,7 @@ from refsim.core import cases
 from refsim.core.effect import EFFECTS
 from refsim.core.operation import REGISTRY
 from refsim.surface_tension.cohesion import PairCohesion
+from tests.running import python
 
 ROOT = pathlib.Path(refsim.__file__).parent
 IMPORT_SECONDS = 0.3
@@ -281,15 +280,10 @@ def test_cases_are_hard():
 def test_import_needs_little_time(tmp_path):
     """Processor time with stored bytecode, because other work on the machine must not count, and without the threads of
     the linear algebra, which wait for work on the processor."""
-    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
-    environment |= {"PYTHONPYCACHEPREFIX": str(tmp_path), "OPENBLAS_NUM_THREADS": "1"}
+    own = {"PYTHONPYCACHEPREFIX": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "", "OPENBLAS_NUM_THREADS": "1"}
     spent = []
     for _ in range(8):
-        program = "import refsim, time; print(time.process_time())"
-        done = subprocess.run(
-            [sys.executable, "-c", program], capture_output=True, text=True, check=True, env=environment
-        )
-        spent.append(float(done.stdout))
+        spent.append(float(python("-c", "import refsim, time; print(time.process_time())", **own).stdout))
         if spent[-1] < IMPORT_SECONDS:
             break
     assert min(spent) < IMPORT_SECONDS

@@ -4,18 +4,11 @@ A slip that no trial notices is a gap in the contract, unless it changes nothing
 with reasons.
 """
 
-import importlib.util
-import pathlib
-import sys
-
 import pytest
 
 from refsim.core import cases
 from refsim.core.operation import REGISTRY
-
-spec = importlib.util.spec_from_file_location("slips", pathlib.Path(__file__).with_name("slips.py"))
-slips = sys.modules.setdefault(spec.name, importlib.util.module_from_spec(spec))
-spec.loader.exec_module(slips)
+from tests.ladder import slips
 
 
 def verdict(names):

@@ -1,5 +1,6 @@
 """What looks for faults: attacks, of which none comes back, and slips in host code."""
 
+import importlib
 import types
 
 import pytest
@@ -73,26 +74,23 @@ def rest(rows, flags):
 
 
 @pytest.fixture
-def area(tmp_path, monkeypatch):
-    """A function of a module of its own."""
+def small(tmp_path, monkeypatch):
+    """A module of two functions."""
     (tmp_path / "small_module.py").write_text(MODULE)
     monkeypatch.syspath_prepend(tmp_path)
-    import small_module
-
-    return small_module.area
+    return importlib.import_module("small_module")
 
 
-def test_what_is_as_good_as_before_is_no_slip(area):
+def test_what_is_as_good_as_before_is_no_slip(small):
     """A flag that is -1 or 1.01, a size of letters, and -2 for the rest of a shape."""
-    import small_module
-
-    slips = [host_slips.altered(small_module.rest, *change)[1] for change in host_slips.changes(small_module.rest)]
+    slips = [host_slips.altered(small.rest, *change)[1] for change in host_slips.changes(small.rest)]
     assert sorted(words.partition("  ->  ")[2] for words in slips) == [
         "flags[rows <= 2] = True", "flags[rows > 0] = True", "return rows.reshape(+1, 3)", "return rows.reshape(-1, 4)",
     ]  # fmt: skip
 
 
-def test_slips_are_found_outside_of_words_and_alter_the_answer(area):
+def test_slips_are_found_outside_of_words_and_alter_the_answer(small):
+    area = small.area
     slips = [host_slips.altered(area, *change) for change in host_slips.changes(area)]
     assert sorted(words.partition("  ->  ")[2] for _, words in slips) == [
         "return width * height + 4", "return width * height - 3", "return width / height + 3", "width < 1",
