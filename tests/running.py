@@ -8,6 +8,8 @@ import sys
 import tomllib
 from time import monotonic, sleep
 
+ROOT = pathlib.Path(__file__).parents[1]
+
 
 @functools.cache
 def tables(folder):
@@ -41,6 +43,14 @@ def awaited(condition, process, within=120):
             process.kill()
         assert process.poll() is None, process.communicate()
         sleep(0.02)
+
+
+def answer_of(capture, words, code=0):
+    """What a command of refsim, with that exit code, has written in this process."""
+    from refsim.__main__ import main
+
+    assert main(words) == code
+    return capture.readouterr()
 
 
 def python(*words, folder=None, code=0, given=None, seconds=None, **environment):

@@ -11,9 +11,8 @@ import shutil
 
 import pytest
 
-from tests.running import python
+from tests.running import ROOT, python
 
-ROOT = pathlib.Path(__file__).parents[2]
 FILE = re.compile(r"^```python\n# file: (refsim/\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 TOML = re.compile(r"^```toml\n(?!# file)(.*?)^```$", re.MULTILINE | re.DOTALL)
 ORDER = ["reference.py", "operations.py", "kernels.py", "__init__.py", "cases.py"]

@@ -3,8 +3,6 @@
 import json
 import pathlib
 import re
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -14,6 +12,7 @@ from refsim.__main__ import main
 from refsim.examples import mpm_by_hand, sph_by_hand
 from scripts.cookbook import FOLDER, MADE, MEASURED, cards, page
 from tests.across.test_docs import commands, understood
+from tests.running import python
 from validation.drawing import LARGEST_PICTURE
 
 LONG = ("dam_obstacle", "funnel", "mpm_droplet")  # 4 to 15 s each
@@ -105,4 +104,4 @@ def test_a_program_is_written_and_runs_with_numpy_alone(name, tmp_path, capsys):
     assert len(text.splitlines()) <= 100
     short = f"import {name} as p, sys; p.STEP *= 1; p.dam_break(4, 4, 0.02) if 'sph' in '{name}' else p.bounce(4, 0.02)"
     blocked = "import sys; sys.modules |= dict.fromkeys(('scipy', 'numba', 'matplotlib', 'refsim'));"
-    subprocess.run([sys.executable, "-W", "error", "-c", blocked + short], cwd=tmp_path, check=True)
+    python("-W", "error", "-c", blocked + short, folder=tmp_path)

@@ -216,9 +216,6 @@ def test_tests_and_scripts_that_a_page_names_are_there(page):
     assert [each for each in inside if not re.search(rf"\b{each[1]}\b", (ROOT / each[0]).read_text())] == []
 
 
-# Numbers have a command
-
-
 def test_the_numbers_on_the_pages_have_commands():
     """`python scripts/page_numbers.py --without` shows those that have none."""
     found = [counted(page.read_text(), page.relative_to(ROOT).as_posix() in WRITTEN) for page in numbered_pages()]

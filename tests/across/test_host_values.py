@@ -52,9 +52,6 @@ def test_steps_beside_solids():
     assert rs.MeshBoundary(file="none").step_limits(grid(), named(LIQUID)) == {}
 
 
-# Step limits
-
-
 def test_steps_of_the_grid_liquid():
     """a h/(c + |v|), 0.3 h/|v|, rho0 h^2/(16 mu), sqrt(0.3 h/|g|)."""
     liquid = rs.MpmLiquid(
@@ -94,9 +91,6 @@ def test_steps_of_the_grid_liquids_surface():
         soft = found(surface_tension=tension, inset=-1.0)
         assert soft["surface_at_r"] == near(0.03 * min(0.15, period(tension)))
     assert set(found(surface_tension=900.0)) == {"capillary"}
-
-
-# Initial values
 
 
 def test_start_of_enthalpy_and_temperature():
@@ -146,9 +140,6 @@ def test_start_of_latent_heat():
     assert found["temperature_range"].tolist() == [-1e30, 1e30]
 
 
-# Parameter groups
-
-
 def test_groups_of_deformation_have_the_determinant_of_linear_algebra():
     """Every permutation's sign: a matrix of the six products alone, and any other."""
     for order in itertools.permutations(range(3)):
@@ -158,9 +149,6 @@ def test_groups_of_deformation_have_the_determinant_of_linear_algebra():
         assert determinant(tuple(matrix.ravel())) == 30.0 * sign
     matrix = np.random.default_rng(4).standard_normal((3, 3))
     assert determinant(tuple(matrix.ravel())) == near(np.linalg.det(matrix))
-
-
-# Verdicts
 
 
 def test_verdicts_on_particles_of_a_grid_liquid():

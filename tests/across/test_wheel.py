@@ -3,8 +3,6 @@
 import configparser
 import importlib.metadata
 import json
-import os
-import pathlib
 import runpy
 import shutil
 import subprocess
@@ -13,7 +11,8 @@ import tarfile
 
 import pytest
 
-ROOT = pathlib.Path(__file__).parents[2]
+from tests.running import ROOT, python
+
 SCRIPTS = sorted(file for file in (ROOT / "scripts").glob("*.py") if "__main__" in file.read_text())
 HELP = """
 import contextlib, os, runpy, sys
@@ -28,19 +27,13 @@ for script in scripts:
 IGNORED = (ROOT / ".gitignore").read_text().replace("/\n", "\n").split()  # names that git does not track
 
 
-def run(command, folder, **environment):
-    return subprocess.run(
-        [sys.executable, *command], cwd=folder, env=os.environ | environment, capture_output=True, text=True, check=True
-    ).stdout
-
-
 @pytest.fixture(scope="module")
 def from_sdist(tmp_path_factory):
     """The source distribution of the tree, unpacked."""
     folder = tmp_path_factory.mktemp("sdist")
     command = "from setuptools import setup; setup(script_args=['-q', 'sdist', '-d', 'dist', 'egg_info', '-e', '.'])"
     copy = shutil.copytree(ROOT, folder / "tree", ignore=shutil.ignore_patterns("__pycache__", ".git", *IGNORED))
-    run(("-c", command), copy)
+    python("-c", command, folder=copy)
     (archive,) = (copy / "dist").glob("refsim-*.tar.gz")
     with tarfile.open(archive) as tar:
         tar.extractall(folder, filter="data")
@@ -88,7 +81,8 @@ def test_the_wheel_holds_every_source_and_its_data(unpacked):
 
 def test_scripts_find_the_clone_from_any_folder(tmp_path):
     """One process runs all, each with the path that it begins with by itself, and without the clone's modules."""
-    assert run(("-c", HELP, *map(str, SCRIPTS)), tmp_path, PYTHONPATH="").count("usage") == len(SCRIPTS)
+    told = python("-c", HELP, *SCRIPTS, folder=tmp_path, PYTHONPATH="").stdout
+    assert told.count("usage") == len(SCRIPTS)
 
 
 def test_validation_outside_of_the_clone_says_what_to_do(tmp_path):

@@ -2,7 +2,6 @@
 
 import os
 import sys
-from pathlib import Path
 
 import numba
 import numpy as np
@@ -11,9 +10,8 @@ import pytest
 from refsim import Cloud, Scene, Simulation, WeaklyCompressible
 from refsim.backends import threads
 from refsim.core.errors import InputError
-from tests.running import advanced, python
+from tests.running import ROOT, advanced, python
 
-ROOT = Path(__file__).parents[2]
 STARTS = {
     "threads first": "from refsim.backends.arrays import Backend, threads_of; threads_of(Backend('cpu'), 1)",
     "kernels first": "import refsim.backends.compile",

@@ -93,16 +93,12 @@ def cluster(tmp_path_factory):
     made.end()
 
 
-def by(cluster, tasks, **more):
-    return {each.task.key: each for each in perform(tasks, scheduler=cluster.address, **more)}
-
-
 @pytest.mark.filterwarnings("default")  # of Dask itself
 def test_values_errors_and_a_killed_worker(cluster, tmp_path):
     tasks = [Task(str(k), f"task {k}", there.square, (k,)) for k in range(6)]
     tasks += [Task("wild", "wild", there.diverge), Task("killed", "killed", there.die_once, (str(tmp_path / "m"), 7))]
     watched = []
-    found = by(cluster, tasks, watch=lambda shares, workers: watched.append(workers))
+    found = outcomes(tasks, scheduler=cluster.address, watch=lambda shares, workers: watched.append(workers))
     assert [found[str(k)].value for k in range(6)] == [k * k for k in range(6)]
     assert found["wild"].error.reason == "diverged"
     assert found["killed"].value == (7, "1"), "by another worker"
@@ -138,7 +134,7 @@ def test_a_scheduler_that_goes_away_ends_with_a_sentence(cluster, monkeypatch):
     assert told.value.reason == "scheduler_lost"
     monkeypatch.setattr(scheduler, "PATIENCE", 1.0)
     with pytest.raises(InputError, match="no scheduler answers at"):
-        by(cluster, [Task("a", "a", there.square, (1,))])
+        outcomes([Task("a", "a", there.square, (1,))], scheduler=cluster.address)
 
 
 def test_what_is_lost_between_a_task_and_its_result_is_redone_or_told(monkeypatch):

@@ -10,11 +10,11 @@ from refsim.scene.files import load_scene
 from refsim.study import advice
 from refsim.study.panels import panel
 from refsim.study.panels.scenes import scene_of
-from tests.running import python
+from tests.running import answer_of, python
 
 
-def advise(*words):
-    return main(["advise", *words])
+def advise(capsys, *words):
+    return answer_of(capsys, ["advise", *words]).out
 
 
 @pytest.fixture
@@ -24,16 +24,14 @@ def folder(tmp_path, monkeypatch):
 
 
 def test_an_answer_and_its_scene(folder, capsys):
-    assert advise("droplet", "--error", "0.007", "--json") == 0
-    found = json.loads(capsys.readouterr().out)
+    found = json.loads(advise(capsys, "droplet", "--error", "0.007", "--json"))
     point = panel("droplet").points[found["answer"]["key"]]
     assert found["answer"]["error"] <= 0.007
     assert found["command"] == "refsim run droplet.toml --observable panel:droplet"
     scenes = load_scene("droplet.toml"), scene_of(panel("droplet"), point, 0)  # as it was measured, from a shaken start
     assert len({scene.fluid[0].position[7][1] for scene in scenes}) == 1
     assert scenes[0].effects == scenes[1].effects
-    assert advise("droplet", "--error", "0.007", "--gpu", "--overwrite") == 0
-    text = capsys.readouterr().out
+    text = advise(capsys, "droplet", "--error", "0.007", "--gpu", "--overwrite")
     assert text.endswith("refsim run droplet.toml --observable panel:droplet --backend cuda\n")
     assert "on NVIDIA H" in text
     assert "others" not in text  # which are measured on a CPU
@@ -53,19 +51,16 @@ def test_an_answer_takes_two_seconds_of_the_processor(folder):
 
 
 def test_the_least_error_that_seconds_buy_and_what_is_not_reached_are_said(folder, capsys):
-    assert advise("surface_tension_jump", "--error", "0.01") == 0
-    assert "no meaning: the reference is known to 2.3 % (uncertainty of Akinci's flat" in capsys.readouterr().out
-    assert advise("detection_2d", "--error", "0.001") == 0
-    assert "not reached; the least error has:" in capsys.readouterr().out
+    told = advise(capsys, "surface_tension_jump", "--error", "0.01")
+    assert "no meaning: the reference is known to 2.3 % (uncertainty of Akinci's flat" in told
+    assert "not reached; the least error has:" in advise(capsys, "detection_2d", "--error", "0.001")
     assert not list(folder.iterdir())
-    assert advise("tank_pressure", "--seconds", "0.3", "--json") == 0
-    found = json.loads(capsys.readouterr().out)
+    found = json.loads(advise(capsys, "tank_pressure", "--seconds", "0.3", "--json"))
     assert found["answer"]["seconds"] <= 0.3
     assert found["error"] == found["answer"]["error"]
     (quick, _), (slow, _) = (advice.least(panel("droplet"), seconds=s) for s in (0.3, 2.0))
     assert quick > slow
-    assert advise() == 0
-    assert "surge front of a 2D dam break" in capsys.readouterr().out
+    assert "surge front of a 2D dam break" in advise(capsys)
 
 
 ANSWERS = {  # errors that are wanted of observables: each has an answer
@@ -80,8 +75,7 @@ ANSWERS = {  # errors that are wanted of observables: each has an answer
 def test_the_run_of_an_answer_s_scene_has_its_error(folder, capsys, name):
     """Within the error that was asked for, by the command that the answer names."""
     wanted = ANSWERS[name]
-    assert advise(name, "--error", str(wanted)) == 0
-    words = capsys.readouterr().out.splitlines()[-1].split()
+    words = advise(capsys, name, "--error", str(wanted)).splitlines()[-1].split()
     threads = [] if words[1] == "study" else ["--threads", "1"]
     assert main([*words[1:], *threads, "--quiet", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)

@@ -17,9 +17,8 @@ from refsim.commands import COMMANDS, discover, doctor
 from refsim.core.effect import EFFECTS
 from refsim.core.operation import BACKENDS, REGISTRY
 from refsim.scene import solids
-from tests.running import python, rows
+from tests.running import ROOT, answer_of, python, rows
 
-ROOT = pathlib.Path(__file__).parents[2]
 SCENE = rows(__file__, "scene")
 MESH = '[[solid]]\nshape = "mesh"\nfile = "{}"\ncenter = [0.0, 0.0, 0.0]\n[effects.shape_matching]\n'
 
@@ -60,8 +59,7 @@ def test_bad_scenes_get_one_sentence(scene, capsys, name):
     old, new, words = BAD[name]
     assert old in SCENE
     scene.write_text(SCENE.replace(old, new, 1))
-    assert main(["run", str(scene)]) == 2
-    told = capsys.readouterr()
+    told = answer_of(capsys, ["run", str(scene)], 2)
     assert told.out == ""
     assert words in one_sentence(told.err)
     assert "tank.toml" in told.err
@@ -76,8 +74,7 @@ def test_bad_scenes_get_one_sentence(scene, capsys, name):
 def test_bad_commands_get_one_sentence(scene, capsys, arguments, words):
     if "loop" in arguments:
         pathlib.Path("loop").symlink_to("loop")
-    assert main(["--json" if a is None else a for a in arguments]) == 2
-    told = capsys.readouterr()
+    told = answer_of(capsys, ["--json" if a is None else a for a in arguments], 2)
     assert told.out == ""
     assert words in one_sentence(told.err)
     assert {path.name for path in scene.parent.iterdir()} <= {"tank.toml", "loop"}  # nothing was begun
@@ -134,8 +131,7 @@ def array(kind, rows):
 def test_a_cloud_of_no_numbers_is_told(scene, capsys, content, words):
     pathlib.Path("p.npy").write_bytes(content)
     scene.write_text(SCENE.replace(BOX, 'shape = "cloud"\nfile = "p.npy"'))
-    assert main(["plan", str(scene)]) == 2
-    assert words in one_sentence(capsys.readouterr().err)
+    assert words in one_sentence(answer_of(capsys, ["plan", str(scene)], 2).err)
 
 
 @pytest.mark.parametrize("cells, total, words", rows(__file__, "more_than_memory"))
@@ -146,8 +142,7 @@ def test_more_than_memory_is_refused_with_the_spacing_that_fits(
     """Before particles are laid out, in the liquid and in walls, and where a run of them takes more than they do."""
     scene.write_text(SCENE.replace("6, 10, 1", cells))
     monkeypatch.setattr(solids, "host_memory", lambda: {"total": total, "free": total})
-    assert main([command, str(scene)]) == 2
-    sentence = one_sentence(capsys.readouterr().err)
+    sentence = one_sentence(answer_of(capsys, [command, str(scene)], 2).err)
     assert words in sentence
     fits = float(re.search(r"a spacing of (\S+) m fits", sentence)[1])
     assert 0.01 < fits < 0.03
@@ -155,26 +150,22 @@ def test_more_than_memory_is_refused_with_the_spacing_that_fits(
 
 @pytest.mark.skipif(unavailable("cuda") is None, reason="there is a GPU here")
 def test_a_backend_that_is_not_there_is_told_with_its_reason(scene, capsys):
-    assert main(["run", str(scene), "--backend", "cuda"]) == 2
-    err = one_sentence(capsys.readouterr().err)
+    err = one_sentence(answer_of(capsys, ["run", str(scene), "--backend", "cuda"], 2).err)
     assert unavailable("cuda") in err
 
 
 def test_with_json_a_mistake_is_one_object_and_a_byte_order_mark_is_none(scene, capsys):
-    assert main(["plan", "none.toml", "--json"]) == 2
-    told = capsys.readouterr()
+    told = answer_of(capsys, ["plan", "none.toml", "--json"], 2)
     found = json.loads(told.out)
     assert (found["exit_code"], found["reason"]) == (2, "bad_input")
     assert found["error"] in one_sentence(told.err)
     scene.write_bytes(b"\xef\xbb\xbf" + scene.read_bytes())
-    assert main(["plan", str(scene)]) == 0
-    assert capsys.readouterr().err == ""
+    assert answer_of(capsys, ["plan", str(scene)]).err == ""
 
 
 # -- commands
 def test_list_tells_the_registry(capsys):
-    assert main(["list", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = json.loads(answer_of(capsys, ["list", "--json"]).out)
     assert found["operations"].keys() == REGISTRY.keys()
     assert found["effects"].keys() == EFFECTS.keys()
     for name, operation in found["operations"].items():
@@ -185,13 +176,11 @@ def test_list_tells_the_registry(capsys):
     assert speed == {
         "name": "sound_speed", "default": None, "required": True, "meaning": "numerical sound speed c [m/s]",
     }  # fmt: skip
-    assert main(["list"]) == 0
-    assert "Jiang & Zhu 2023" in capsys.readouterr().out
+    assert "Jiang & Zhu 2023" in answer_of(capsys, ["list"]).out
 
 
 def test_doctor_finds_the_backends_that_work(capsys):
-    assert main(["doctor", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = json.loads(answer_of(capsys, ["doctor", "--json"]).out)
     assert found["verdict"].startswith("pass")
     for name in ("numpy", "cpu"):
         test = found["self_test"][name]
@@ -210,8 +199,7 @@ def test_doctor_notices_wrong_numbers(capsys, monkeypatch):
         return plain(self, name) * (1.001 if self.backend.name == "cpu" else 1)
 
     monkeypatch.setattr(doctor.Simulation, "field", field)
-    assert main(["doctor"]) == 4
-    out = capsys.readouterr().out
+    out = answer_of(capsys, ["doctor"], 4).out
     assert "Verdict: fail: backend cpu computes wrong numbers" in out
     assert "WRONG" in out
 
@@ -219,8 +207,7 @@ def test_doctor_notices_wrong_numbers(capsys, monkeypatch):
 def test_run_writes_a_folder_and_a_report(scene, capsys):
     wide = SCENE.replace("support_radius = 0.02", "support_radius = 0.026")
     scene.write_text(wide.replace("viscosity = 2.0", "viscosity = 3.0"))  # nothing is noted of it
-    assert main(["run", str(scene), "--json"]) == 0
-    told = capsys.readouterr()
+    told = answer_of(capsys, ["run", str(scene), "--json"])
     found = json.loads(told.out)
     folder = scene.parent / "tank_run"
     names = ["checkpoint.h5", "checkpoint.previous.h5", "particles", "particles.pvd", "report.json"]
@@ -242,23 +229,19 @@ def test_run_writes_a_folder_and_a_report(scene, capsys):
 
     assert main(["run", str(scene), "--quiet"]) == 2  # an earlier run is not lost by a second command
     assert "--overwrite" in one_sentence(capsys.readouterr().err)
-    assert main(["run", str(scene), "--quiet", "--overwrite"]) == 0
-    told = capsys.readouterr()
+    told = answer_of(capsys, ["run", str(scene), "--quiet", "--overwrite"])
     assert told.err == ""
     assert "0 neighbours missed" in told.out
     assert "60 of 60" in told.out
-    assert main(["run", "--resume", str(folder)]) == 0
-    assert "nothing was left to do" in capsys.readouterr().err
+    assert "nothing was left to do" in answer_of(capsys, ["run", "--resume", str(folder)]).err
 
 
 def test_without_a_command_help_is_shown(capsys):
-    assert main([]) == 0
-    out = capsys.readouterr().out
+    out = answer_of(capsys, []).out
     discover()
     assert {"doctor", "list", "plan", "run", "schema"} <= COMMANDS.keys()
     assert all(name in out for name in COMMANDS)
-    assert main(["--version"]) == 0
-    assert refsim.__version__ in capsys.readouterr().out
+    assert refsim.__version__ in answer_of(capsys, ["--version"]).out
 
 
 def test_a_reader_that_goes_away_is_no_error():
@@ -273,9 +256,7 @@ def test_example_replaces_no_file_unless_it_may(tmp_path, capsys):
     given = ["example", "droplet", "--output", str(tmp_path)]
     assert main(given) == 0
     (tmp_path / "droplet.toml").write_text("mine")
-    assert main(given) == 2
-    assert "droplet.toml is there already" in capsys.readouterr().err
+    assert "droplet.toml is there already" in answer_of(capsys, given, 2).err
     assert main([*given, "--overwrite"]) == 0
     assert "surface_tension" in (tmp_path / "droplet.toml").read_text()
-    assert main(["example", "dropplet"]) == 2
-    assert "did you mean droplet?" in capsys.readouterr().err
+    assert "did you mean droplet?" in answer_of(capsys, ["example", "dropplet"], 2).err

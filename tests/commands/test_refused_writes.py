@@ -3,7 +3,6 @@
 import importlib.util
 import json
 import os
-import pathlib
 import subprocess
 import sys
 
@@ -14,9 +13,9 @@ from refsim.boundary.mesh import load_mesh
 from refsim.core.errors import InputError
 from tests.commands import refused_writes
 from tests.commands.test_cli import one_sentence
+from tests.running import ROOT, answer_of
 from tests.tank_file import tank
 
-ROOT = pathlib.Path(__file__).parents[2]
 SCENE = tank(0.002) + refused_writes.GAUGE
 SWEEP = 'scene = "tank.toml"\nobservable = "{}"\nbackend = "numpy"\n'
 STUDY = ["study", "tank.toml", "--backend", "numpy", "--levels", "1", "--knobs", "spacing", "--quiet", "--observable"]
@@ -35,8 +34,7 @@ def folder(tmp_path, monkeypatch):
 @pytest.fixture
 def ran(folder, capsys):
     """The same with a run."""
-    assert main(["run", "tank.toml", "--backend", "numpy", "--quiet", "--output", "run"]) == 0
-    capsys.readouterr()
+    answer_of(capsys, ["run", "tank.toml", "--backend", "numpy", "--quiet", "--output", "run"])
     return folder
 
 
@@ -105,8 +103,7 @@ def test_a_campaign_finds_what_writes_by_halves(monkeypatch, capsys):
 ])  # fmt: skip
 def test_a_link_to_itself_is_told(ran, capsys, words):
     os.symlink("loop", "loop")
-    assert main(words) == 2
-    assert "loop" in one_sentence(capsys.readouterr().err)
+    assert "loop" in one_sentence(answer_of(capsys, words, 2).err)
 
 
 @pytest.mark.parametrize("words", [[*STUDY], ["sweep", "own.toml", "--jobs", "1", "--quiet"]], ids=["study", "sweep"])

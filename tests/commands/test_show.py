@@ -10,12 +10,11 @@ import numba
 import numpy as np
 import pytest
 
-from refsim.__main__ import main
 from refsim.commands.equations import equations, page
 from refsim.commands.show import describe, kernel_of, printed, shown
 from refsim.core import cases
 from refsim.core.operation import REGISTRY
-from tests.running import rows
+from tests.running import answer_of, rows
 
 
 def test_every_program_is_shown_with_formulas_before_the_reference(capsys):
@@ -25,8 +24,7 @@ def test_every_program_is_shown_with_formulas_before_the_reference(capsys):
             assert [len(found[part]) for part in ("reference", "program")] == [1, 1], (name, program)
             for source in (source for sources in found.values() for source in sources):
                 assert f"def {source.name}(" in source.text, (name, program)
-    assert main(["show", "sph.momentum"]) == 0
-    shown = capsys.readouterr().out
+    shown = answer_of(capsys, ["show", "sph.momentum"]).out
     assert all(part in shown for part in ("J(10)", "def pressure_pair(", "neighbour_sum("))
     assert shown.index("def pressure_pair(") < shown.index("## Reference") < shown.index("## Program cpu")
 
@@ -122,6 +120,5 @@ def test_the_errata_that_are_named_are_those_of_the_source():
 
 @pytest.mark.parametrize(("name", "parts"), rows(__file__, "equations"))
 def test_an_equation_is_shown_with_its_code(name, parts, capsys):
-    assert main(["show", name]) == 0
-    text = capsys.readouterr().out
+    text = answer_of(capsys, ["show", name]).out
     assert all(part in text for part in parts)

@@ -15,10 +15,9 @@ import pytest
 
 from refsim import Simulation
 from refsim.core.stopping import handling_signals, held_back
-from tests.running import awaited, rows
+from tests.running import ROOT, awaited, rows
 from tests.tank_file import tank
 
-ROOT = pathlib.Path(__file__).parents[2]
 SCENE = tank(100.0)
 SWEEP = rows(__file__, "sweep")
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")

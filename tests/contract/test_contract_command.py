@@ -176,9 +176,6 @@ def test_a_right_answer_that_destroys_something_fails(name):
         assert outcome.error <= 1  # the answer itself is right
 
 
-# Programs that break their process
-
-
 BROKEN = """
 import ctypes, os, sys
 import numpy as np

@@ -21,6 +21,7 @@ from refsim.contract.inputs import Inputs, arguments_of_others
 from refsim.core import cases
 from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY
+from tests.running import answer_of
 
 FOLDER = pathlib.Path(__file__).parents[2] / "docs" / "contract"
 OPERATIONS = ["sph.density", "sph.momentum", "becker_teschner_2007.cohesion"]
@@ -257,8 +258,7 @@ FILES = dict(re.findall(r"^```\w+\n# file: (\S+)\n(.*?)^```$", PAGE.read_text(),
 
 def test_the_pages_density_holds_as_it_is_declared(folder, capsys):
     (folder / "mine.py").write_text(FILES["mine.py"])
-    assert main(["contract", "mine.py"]) == 0
-    out = capsys.readouterr().out
+    out = answer_of(capsys, ["contract", "mine.py"]).out
     shown = re.search(r"^```text\n(.*?)^```$", PAGE.read_text(), re.MULTILINE | re.DOTALL).group(1)
     told = next(line for line in shown.splitlines() if line.startswith("Not judged")).replace("(3)", "(#)")
     assert re.sub(r"\(\d+\)", "(#)", told).split(": ")[1].split(" (#)")[0] in out
@@ -272,8 +272,7 @@ HERE = pathlib.Path(__file__).parent
 
 
 def printed(capsys, language):
-    assert main(["contract", "sph.density", "--header", language]) == 0
-    return capsys.readouterr().out
+    return answer_of(capsys, ["contract", "sph.density", "--header", language]).out
 
 
 def library_holds(folder, name, variants, **declared):

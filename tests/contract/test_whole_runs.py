@@ -18,6 +18,7 @@ from refsim.core.errors import InputError
 from refsim.engine.simulation import Simulation
 from refsim.io.frames import write_vtp
 from refsim.scene.files import load_scene
+from tests.running import answer_of
 
 SCENE = pathlib.Path(__file__).with_name("dam_break.toml").read_text()
 STEPS = 40
@@ -105,8 +106,7 @@ def test_a_slip_is_found(other, tmp_path, capsys):
     assert (code, found["coarser"]) == (4, "")
     assert not measures["centre y"]["holds"]
     assert measures["spread y"]["holds"]
-    assert main(["contract", "--run", str(scene), folder, "--backend", "numpy", "--chaos-only"]) == 4
-    out = capsys.readouterr().out
+    out = answer_of(capsys, ["contract", "--run", str(scene), folder, "--backend", "numpy", "--chaos-only"], 4).out
     least = {line.split()[0]: line.split()[1] for line in out.splitlines() if line.startswith(("gravity", "weakly"))}
     assert float(least["gravity.acceleration"]) < 1e-4  # which is the slip
     assert float(least["gravity.acceleration"]) < float(least["weakly_compressible.sound_speed"])
@@ -206,7 +206,6 @@ def test_bad_input_gets_one_sentence(name, other, tmp_path, capsys):
         folder.mkdir()
     for file, arrays in files.items():
         (folder / file).write_text("mine") if arrays is None else np.savez(folder / file, **arrays)
-    assert main(["contract", "--run", str(other[0]), str(folder), *options]) == 2
-    err = capsys.readouterr().err
+    err = answer_of(capsys, ["contract", "--run", str(other[0]), str(folder), *options], 2).err
     assert said in err
     assert err.count("\n") == 1

@@ -17,7 +17,7 @@ from refsim.__main__ import main
 from refsim.core import terminal
 from refsim.core.streams import any_letter
 from refsim.core.tables import fitted, table
-from tests.running import python
+from tests.running import ROOT, answer_of, python
 from tests.tank_file import GRAVITY, tank
 
 HEAD = ("name", "bytes", "meaning", "where")
@@ -62,19 +62,16 @@ def on_a_terminal(monkeypatch):
 def test_commands_fit_on_a_terminal(command, tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "tank.toml").write_text(tank(1e-3, 4, 4, GRAVITY))
-    assert main(command) == 0
-    wide = capfd.readouterr().out
+    wide = answer_of(capfd, command).out
     on_a_terminal(monkeypatch)
-    assert main(command) == 0
-    narrow = capfd.readouterr().out
+    narrow = answer_of(capfd, command).out
     assert max(map(len, narrow.splitlines())) <= 80
     assert words(narrow) == words(wide)
 
 
 def test_an_error_is_wrapped_between_words(capfd, monkeypatch):
     on_a_terminal(monkeypatch)
-    assert main(["run", "a_scene_file_that_is_not_there.toml", "--backend", "numpy", "--quiet"]) == 2
-    told = capfd.readouterr().err
+    told = answer_of(capfd, ["run", "a_scene_file_that_is_not_there.toml", "--backend", "numpy", "--quiet"], 2).err
     assert max(map(len, told.splitlines())) <= 80
     assert " ".join(told.split()).startswith("refsim: scene file a_scene_file_that_is_not_there.toml does not exist; ")
 
@@ -94,7 +91,6 @@ def test_a_bar_in_a_pipe_is_lines_of_text(capfd, monkeypatch):
     assert all(re.fullmatch(r"[ \w%.,:-]+", line) for line in told)
 
 
-ROOT = pathlib.Path(__file__).parents[2]
 NAME = "Tänk ρ 水 \udcff"  # the last is a byte of a file's name that is no letter
 TOML = tank(0.001).replace("\n", '\nname = "Tänk ρ 水"\n', 1)
 

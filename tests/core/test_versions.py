@@ -4,11 +4,11 @@ import json
 import pathlib
 import shutil
 import subprocess
-import sys
 
 import pytest
 
 import refsim
+from tests.running import python
 
 PACKAGE = pathlib.Path(refsim.__file__).parent
 HEAD = "0123456789abcdef0123456789abcdef01234567"
@@ -18,7 +18,7 @@ def told(folder):
     """(commit, version) of the module in a folder."""
     words = "import json, runpy; m = runpy.run_path('refsim/core/versions.py'); "
     words += "print(json.dumps([m['commit'](), m['version']()]))"
-    return json.loads(subprocess.run([sys.executable, "-c", words], cwd=folder, capture_output=True, check=True).stdout)
+    return json.loads(python("-c", words, folder=folder).stdout)
 
 
 @pytest.fixture

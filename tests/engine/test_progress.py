@@ -76,12 +76,6 @@ def test_a_stop_is_logged_with_its_reason(caplog):
 PARTS = ("start", "compiling", "steps", "writing")
 
 
-def add_up(seconds):
-    for each in (seconds, seconds["processor"]):
-        assert all(each[name] >= -1e-9 for name in PARTS)
-        assert sum(each[name] for name in PARTS) == pytest.approx(each["total"], abs=1e-9)
-
-
 @pytest.mark.skipif(os.name != "posix", reason="children's seconds are read by getrusage")
 def test_the_parts_of_a_process(tmp_path):
     """They are its wall time and its processor seconds, less its end; the start holds what came before refsim."""
@@ -95,7 +89,9 @@ def test_the_parts_of_a_process(tmp_path):
     wall, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
     used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     seconds = json.loads((tmp_path / "tank_run" / "report.json").read_bytes())["seconds"]
-    add_up(seconds)
+    for each in (seconds, seconds["processor"]):
+        assert all(each[name] >= -1e-9 for name in PARTS)
+        assert sum(each[name] for name in PARTS) == pytest.approx(each["total"], abs=1e-9)
     assert seconds["compiling"] == 0  # the reference compiles nothing
     assert 0.6 * used < seconds["total"] < wall
     assert 0.6 * used < seconds["processor"]["total"] < used

@@ -16,6 +16,7 @@ from refsim.engine.limits import StepOutcome
 from refsim.engine.postmortem import examine
 from refsim.scene.files import parse_scene
 from tests.across.test_recorded_scenes import SCENES
+from tests.running import advanced
 
 SEARCH = ("squared_displacement", "margin", "step_displacement", "shifted", "length", "ahead", "gained", "rate")
 
@@ -25,10 +26,7 @@ def run_of(name, *changes, backend="numpy", steps=0):
     for old, new in changes:
         assert old in text
         text = text.replace(old, new)
-    made = Simulation(make_plan(parse_scene(text, name)), backend, 1)
-    for _ in range(steps):
-        made.step()
-    return made
+    return advanced(Simulation(make_plan(parse_scene(text, name)), backend, 1), steps)
 
 
 def test_lists_of_a_tank_are_kept_and_built_as_ever(recorded):
@@ -261,9 +259,7 @@ def test_a_velocity_that_is_set_acts_behind_the_step_that_led_to_the_positions()
     """A density that is advanced belongs to the positions, whatever velocity is set then; at the start it stays."""
     found = []
     for steps, share in ((3, None), (3, 0.0), (3, 2.0), (0, None), (0, 5.0)):
-        run = Simulation(parse_scene(SCENES["tank"], "tank"), "numpy")
-        for _ in range(steps):
-            run.step()
+        run = run_of("tank", steps=steps)
         if share is not None:
             run.set_field("velocity", share * run.field("velocity"))
         run.evaluate()

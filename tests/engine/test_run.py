@@ -18,7 +18,7 @@ from refsim.io.checkpoint import read_checkpoint, whole_checkpoint, write_checkp
 from refsim.io.frames import read_particles
 from refsim.scene.files import scene_to_toml
 from tests.commands.test_stopping import start
-from tests.running import advanced, awaited
+from tests.running import advanced, answer_of, awaited
 
 
 def tank(dtype="float32", step=0.0, literal=(), viscosity=0.05, velocity=(0.0, 0.0, 0.0), **changes):
@@ -260,8 +260,7 @@ def test_a_running_run_keeps_its_checkpoints(tmp_path, capsys):
             before = {file: file.read_bytes() for file in out.rglob("*.*")}
             for command in ([path, "--overwrite"], ["--resume", out]):
                 words = ["run", *map(str, command), "--output", str(out), "--backend", "numpy", "--quiet"]
-                assert main(words) == 2
-                looked.append(capsys.readouterr().err)
+                looked.append(answer_of(capsys, words, 2).err)
             assert {file: file.read_bytes() for file in out.rglob("*.*")} == before
 
     simulate(tank(), 0.001, backend="numpy", output=out, checkpoint_every=0.0, progress=progress)
@@ -280,8 +279,7 @@ def test_a_damaged_checkpoint_is_passed_over_and_the_run_says_so(tmp_path, capsy
         resumed = rs.Simulation.resume(place)
         assert resumed.source == out / "checkpoint.previous.h5"
         assert "does not match its digest): resumed from" in resumed.notes[-1]
-    assert main(["run", "--resume", str(out), "--until", "0.001", "--quiet"]) == 0
-    assert "note: checkpoint" in capsys.readouterr().err
+    assert "note: checkpoint" in answer_of(capsys, ["run", "--resume", str(out), "--until", "0.001", "--quiet"]).err
     assert rs.Simulation.resume(out).source == newest
 
 
@@ -291,8 +289,7 @@ def test_a_diverging_run_stops_with_its_reason(tmp_path, capsys):
     scene = tank(step=0.0003, viscosity=50.0, literal=("E3",)).with_(weakly_compressible__density_bound=100.0)
     path.write_text(scene_to_toml(scene))
     command = ["run", str(path), "--until", "5", "--output", str(out), "--quiet", "--checkpoint-every", "0"]
-    assert main([*command, "--json"]) == 3
-    told = capsys.readouterr()
+    told = answer_of(capsys, [*command, "--json"], 3)
     found = json.loads(told.out)
     report = json.loads((out / "report.json").read_text())
     assert found["reason"] == found["report"]["reason"] == report["reason"] == "diverged"

@@ -16,7 +16,7 @@ from refsim.gauges import KINDS as gauge_kinds
 from refsim.motion import KINDS as motion_kinds
 from refsim.smoothing import smoothing
 from refsim.smoothing.reference import kernel_value
-from tests.running import run_to
+from tests.running import advanced, run_to
 from tests.sph.test_liquid_at_rest import DEPTH
 from tests.sph.test_liquid_at_rest import tank as water
 
@@ -81,9 +81,7 @@ def test_the_frame_exerts_no_force_on_a_solid(of):
         effects=(liquid, rs.Gravity(), rs.ShapeMatching(), rs.TwoWayCoupling()),
         gauge=(rs.Gauge(name="body", kind="force", on="solid 1"),),
     )  # fmt: skip
-    simulation = rs.Simulation(scene, "numpy")
-    for _ in range(3):
-        simulation.step()
+    simulation = advanced(rs.Simulation(scene, "numpy"), 3)
     assert simulation.gauge("body").values == pytest.approx(0.0, abs=1e-9)  # N, of a body of 4 kg
 
 

@@ -12,9 +12,8 @@ import pytest
 
 from refsim.io.exercises import HELPERS, Exercises, WrongAnswer, cells, judges, lessons, notebook, number
 from refsim.smoothing import reference, smoothing
-from tests.running import rows
+from tests.running import ROOT, rows
 
-ROOT = pathlib.Path(__file__).parents[2]
 LESSONS = lessons()
 every = pytest.mark.parametrize("name", LESSONS)
 SLOW = "135678"  # numbers of lessons that compile for long; the others are judged by the same program

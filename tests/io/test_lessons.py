@@ -3,12 +3,10 @@
 import ast
 import configparser
 import importlib
-import importlib.util
 import json
 import os
 import pathlib
 import shlex
-import sys
 
 import numpy as np
 import pytest
@@ -16,13 +14,10 @@ from PIL import Image
 
 from refsim.__main__ import main
 from refsim.io.exercises import cells, lessons, notebook, script
+from scripts import lessons as runner
 from scripts import page_pictures, pictures, schematics
 
 ROOT = pathlib.Path(__file__).parents[2]
-spec = importlib.util.spec_from_file_location("lessons", ROOT / "scripts" / "lessons.py")
-runner = sys.modules.setdefault(spec.name, importlib.util.module_from_spec(spec))
-spec.loader.exec_module(runner)
-
 LESSONS = lessons()
 FIRST = "1_surface_particles"
 TOY = (

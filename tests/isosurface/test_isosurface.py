@@ -37,23 +37,14 @@ def meshed(function, half, h, **options):
     return extract(CPU, nodes, function(h * nodes), h, 3, **options)
 
 
-def sides(mesh):
-    """How often each directed edge of a triangle mesh is there."""
-    return collections.Counter((int(t[k - 1]), int(t[k])) for t in mesh.facets for k in range(3))
-
-
 def closed(mesh):
     """Every edge in two triangles, once in each direction."""
-    found = sides(mesh)
+    found = collections.Counter((int(t[k - 1]), int(t[k])) for t in mesh.facets for k in range(3))
     return set(found.values()) == {1} and all((b, a) in found for a, b in found)
 
 
-def corners(mesh):
-    return [mesh.vertices[mesh.facets[:, k]] for k in range(3)]
-
-
 def area(mesh):
-    a, b, c = corners(mesh)
+    a, b, c = (mesh.vertices[mesh.facets[:, k]] for k in range(3))
     return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
 
 

@@ -112,9 +112,6 @@ def test_a_resumed_run_is_the_same_run(backend):
     assert all(outcome.passed for outcome in outcomes), "\n".join(map(str, outcomes))
 
 
-# What the contract hands out
-
-
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_every_step_hands_a_kernel_the_types_of_a_run(dtype):
     """Lists over all pairs are typed as those of the search, and groups of closed forms as those of a scene."""

@@ -176,9 +176,6 @@ def test_bits_do_not_depend_on_threads_or_repetition(dtype):
     assert answers[0] == answers[1] == answers[2]
 
 
-# Where the input is no good
-
-
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_positions_that_are_no_numbers_harm_no_other_particle(value):
     """The search returns and raises nothing; such a particle has no neighbours, the others keep theirs."""

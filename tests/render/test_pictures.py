@@ -2,7 +2,6 @@
 
 import importlib.util
 import re
-import subprocess
 import sys
 
 import numpy as np
@@ -10,16 +9,17 @@ import pytest
 import trimesh
 from PIL import Image
 
+import refsim as rs
 from refsim import Box, BoxWalls, Gravity, InputError, Scene, Simulation, WeaklyCompressible, simulate
 from refsim.__main__ import main
 from refsim.io.frames import Frame, ParticleWriter, origin_of
-from refsim.render.looks import Camera, camera_of, cut_of, level_axes
+from refsim.render.looks import Camera, camera_of, cut_of, level_axes, liquid_colour, melt_colour, solid_colour
 from refsim.render.pictures import Look, Series, moving, pace, write_film, write_pictures
 from refsim.render.plane import loops
 from refsim.render.saved_run import SavedRun, chosen_frames, open_run
 from refsim.render.space import Body, Stage
 from refsim.render.surfaces import surface_around
-from tests.running import rows
+from tests.running import answer_of, python, rows
 
 SMALL = (320, 240)
 
@@ -161,11 +161,9 @@ def test_quantities_have_values_and_units_and_walls_their_distance(in_plane):
 
 
 def test_solids_and_their_melt_have_colours_of_their_own(tmp_path):
-    from refsim import Ball, SolidBox
-    from refsim.io.frames import Frame
-    from refsim.render.looks import liquid_colour, melt_colour, solid_colour
-
-    scene = scene_of_solids(SolidBox(lower=(0, 0, 0), upper=(0.04, 0.04, 0.04)), Ball(center=(0.2, 0, 0), radius=0.03))
+    effects = (WeaklyCompressible(sound_speed=20.0, density="summation"), rs.ShapeMatching())
+    solid, fluid = rs.SolidBox(lower=(0, 0, 0), upper=(0.04, 0.04, 0.04)), rs.Ball(center=(0.2, 0, 0), radius=0.03)
+    scene = rs.make_plan(Scene(spacing=0.01, support_radius=0.026, solid=(solid,), fluid=(fluid,), effects=effects))
     run = SavedRun(tmp_path, scene, (0.0,), {})
     count, solid = len(scene.state.position), scene.state.sizes[0]
     identity, phase = np.arange(count)[::-1], np.zeros(count, int)
@@ -176,13 +174,6 @@ def test_solids_and_their_melt_have_colours_of_their_own(tmp_path):
     colours = {tuple(c) for c in series._paint(frame)}
     assert colours == {solid_colour(0), melt_colour(0), liquid_colour(0)}
     assert (run.solid_body(frame) == 0).sum() == (phase > 0).sum()
-
-
-def scene_of_solids(solid, fluid):
-    from refsim import Scene, ShapeMatching, WeaklyCompressible, make_plan
-
-    effects = (WeaklyCompressible(sound_speed=20.0, density="summation"), ShapeMatching())
-    return make_plan(Scene(spacing=0.01, support_radius=0.026, solid=(solid,), fluid=(fluid,), effects=effects))
 
 
 @pytest.mark.parametrize("place", ["nowhere", "file.txt"])
@@ -264,7 +255,7 @@ def test_a_picture_in_space_is_drawn_without_numba(tmp_path):
     """Its 116 MiB would bring a film of 7,200 particles, 1,280 x 960, above 600 MB."""
     words = ["render", str(strayed(tmp_path, 0)), "-o", str(tmp_path / "picture.png"), "--size", "320x240"]
     code = f"import sys; from refsim.__main__ import main; assert main({words}) == 0; assert 'numba' not in sys.modules"
-    subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path)
+    python("-c", code, folder=tmp_path)
     assert (tmp_path / "picture.png").is_file()
 
 
@@ -335,8 +326,7 @@ def test_the_near_one_of_two_clear_drops_is_drawn_over_the_far_one(edges):
 # Files and commands
 def test_the_command_writes_pictures(in_plane, tmp_path, capsys):
     words = ["render", str(in_plane), "--frames", "0,2", "--size", "320x240", "-o", str(tmp_path / "dam.webp")]
-    assert main(words) == 0
-    out = capsys.readouterr().out
+    out = answer_of(capsys, words).out
     for name in ("dam_0000.webp", "dam_0002.webp"):
         assert name in out
         with Image.open(tmp_path / name) as written:
@@ -362,8 +352,7 @@ def test_the_command_writes_a_film(in_plane, tmp_path, capsys):
 @pytest.mark.parametrize("words, answer", rows(__file__, "wrong_words"))
 def test_wrong_words_are_answered_in_a_sentence(in_plane, tmp_path, monkeypatch, capsys, words, answer):
     monkeypatch.chdir(tmp_path)
-    assert main(["render", str(in_plane), *words]) == 2
-    err = capsys.readouterr().err
+    err = answer_of(capsys, ["render", str(in_plane), *words], 2).err
     assert answer in err
     assert len(re.findall(r"\n", err)) == 1
     assert not list(tmp_path.iterdir())
@@ -380,8 +369,7 @@ def test_an_absent_extra_is_named_in_a_sentence(in_space, in_plane, tmp_path, mo
         (in_plane, ["--film", str(tmp_path / "a.mp4")], "imageio-ffmpeg, which is not installed"),
     ]  # fmt: skip
     for run, words, answer in cases:
-        assert main(["render", str(run), *words]) == 2
-        err = capsys.readouterr().err
+        err = answer_of(capsys, ["render", str(run), *words], 2).err
         assert answer in err
         assert "view" in err
     with pytest.raises(InputError, match="films need"):

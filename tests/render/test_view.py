@@ -13,6 +13,7 @@ from refsim.__main__ import main
 from refsim.io.frames import ParticleWriter, origin_of, read_particles
 from refsim.render.view import FIELDS, view
 from tests.render.browser import Browser, chromium
+from tests.render.test_pictures import differ
 from tests.running import rows
 
 needs_chromium = pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
@@ -132,10 +133,6 @@ def shown(browser, change=""):
 
 def setting(name, value, event):
     return f"const e = document.getElementById('{name}'); e.value = {value!r}; e.dispatchEvent(new Event('{event}'))"
-
-
-def differ(first, second):
-    return (np.abs(first - second).max(2) > 16).sum()
 
 
 @needs_chromium

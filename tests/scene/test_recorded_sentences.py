@@ -37,9 +37,6 @@ def test_changed_scenes_are_refused_or_noted_on_with_the_same_numbers(name, reco
     recorded(found)
 
 
-# Shapes and solids
-
-
 def test_numbers_that_memory_or_indices_do_not_hold_are_refused_at_their_bound(monkeypatch, recorded):
     grid, found = Discretisation(2, "float64", 0.1, 0.26, 0), {}
     for total, cells, each in (
@@ -94,9 +91,6 @@ def test_other_spacings_of_drawn_scenes_are_as_ever(recorded):
         assert _cells(low, high, spacing) == max(1, within), (low, high, spacing)
 
 
-# How full places are
-
-
 def test_places_that_stand_twice_are_found_in_both_precisions():
     random = np.random.default_rng(5)
     for dtype in ("float32", "float64"):
@@ -121,9 +115,6 @@ def test_a_plan_takes_few_bytes_a_particle():
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak / plan.grid.count < 260
-
-
-# Motions and gauges
 
 
 def test_gauges_are_due_once_on_each_multiple():

@@ -89,9 +89,6 @@ def test_fast_sums_are_exact_far_from_the_first_particle():
     assert max(fastest) < 1.05 * np.linalg.norm(kick, axis=1).max()
 
 
-# Coupling
-
-
 @pytest.mark.parametrize(("literal", "expected"), [((), 1.057), (("M4",), 1.165)], ids=["all solids", "as printed"])
 def test_first_layer_of_liquid_on_a_solid(literal, expected):
     """Density over rest density next to a flat solid: V_k over all solids 1.057, over surfaces alone 1.165."""

@@ -53,9 +53,6 @@ def test_flow_of_a_fall_is_noted_and_the_advice_suffices(name):
     assert not flow_notes(made(advised))
 
 
-# Tension
-
-
 def drop(*effects, sound=1.0, dim=3):
     liquid = rs.WeaklyCompressible(rest_density=1.0, sound_speed=sound, dynamic_viscosity=1.0, density="summation")
     cells = (6, 6, 6 if dim == 3 else 1)

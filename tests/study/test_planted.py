@@ -16,14 +16,11 @@ from refsim.study import runs
 from refsim.study.observables import observable_of
 from tests.running import rows
 
-FLIGHT = {
-    "spacing": 0.01, "support_radius": 0.026, "end_time": 0.002,
-    "effects": (WeaklyCompressible(sound_speed=20.0, density="summation"), Gravity()),
-}  # fmt: skip
-
 
 def block(**more):
-    return Scene(**{**FLIGHT, "fluid": (Box(cells=(4, 4, 4)),), **more})
+    effects = (WeaklyCompressible(sound_speed=20.0, density="summation"), Gravity())
+    given = {"spacing": 0.01, "support_radius": 0.026, "end_time": 0.002, "effects": effects}
+    return Scene(**{**given, "fluid": (Box(cells=(4, 4, 4)),), **more})
 
 
 def key(scene, observable):

@@ -12,7 +12,6 @@ import pytest
 
 import refsim as rs
 from refsim import Box, BoxWalls, Gravity, InputError, Scene, Simulation, WeaklyCompressible, make_plan
-from refsim.__main__ import main
 from refsim.commands.plan import describe_plan
 from refsim.core import clock as clocks
 from refsim.core import errors
@@ -27,6 +26,7 @@ from refsim.study.panels import measured, panel
 from refsim.study.result import Study
 from refsim.study.runs import Reading, Setting
 from tests import tank_file
+from tests.running import advanced, answer_of
 
 KINDS = ("spacing", "spacing", "spacing", "spacing", "support", "step", "precision", "tolerance", "backend", "effect")
 
@@ -300,9 +300,7 @@ def test_observables_of_a_started_tank_are_as_ever(recorded):
     gauges = (rs.Gauge(name="floor", kind="force", on="-y"), rs.Gauge(name="at", kind="pressure", at=(0.05, 0.05, 0)))
     effects = (*tank().effects[:2], rs.BoxWalls(lower=(0, 0, 0), upper=(0.1, 0.4, 0)))
     scene = tank(6, gauge=gauges, dtype="float64", effects=effects)
-    run, found = Simulation(scene, "numpy"), {}
-    for _ in range(3):
-        run.step()
+    run, found = advanced(Simulation(scene, "numpy"), 3), {}
     for name in (
         "front", "front:-x", "front:+y", "front:-y", "kinetic_energy", "field:density@0.05,0.05", "field:pressure@max",
         "field:velocity.y@min", "field:velocity.x@mean", "field:velocity.y@0.02,0.03,0", "gauge:floor.force_y",
@@ -434,12 +432,9 @@ def test_the_command_times_the_scene(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "tank.toml").write_text(tank_file.tank(0.01, 6, 10))
     given = ["plan", "tank.toml", "--time", "--backend", "numpy"]
-    assert main([*given, "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)["time"]
+    found = json.loads(answer_of(capsys, [*given, "--json"]).out)["time"]
     assert found["processor"] == pytest.approx(found["steps"] * found["each"])
     assert found["wall"] == pytest.approx(found["ratio"] * found["processor"])
-    assert main(given) == 0
-    assert "one CPU thread, from 10 steps; later list builds" in capsys.readouterr().out
+    assert "one CPU thread, from 10 steps; later list builds" in answer_of(capsys, given).out
     monkeypatch.setattr(Simulation, "__init__", lambda *given: (_ for _ in ()).throw(InputError("no such backend.")))
-    assert main(given) == 2
-    assert "no such backend" in capsys.readouterr().err
+    assert "no such backend" in answer_of(capsys, given, 2).err

@@ -11,12 +11,12 @@ import pytest
 import refsim
 import refsim as rs
 from refsim import Box, Gravity, InputError, Scene, Simulation, WeaklyCompressible, make_plan
-from refsim.__main__ import main
 from refsim.engine.conserved_totals import conserved_totals
+from refsim.scene.files import parse_scene
 from refsim.study import runs
 from refsim.study.convergence import CAUTIOUS, SAFE, converge
 from refsim.study.observables import observable_of
-from tests.running import rows
+from tests.running import answer_of, rows
 from tests.tank_file import GRAVITY, tank
 from validation.metrics.dam_break import front_position
 
@@ -24,14 +24,7 @@ SCENE = tank(0.001, 6, 12, GRAVITY)
 
 
 def block(**more):
-    given = {
-        "spacing": 0.01, "support_radius": 0.02, "dim": 2, "end_time": 0.001, "fluid": (rs.Box(cells=(6, 12, 1)),),
-        "effects": (
-            rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0, density="summation"),
-            rs.Gravity(acceleration=(0.0, -9.81, 0.0)),
-        ),
-    }  # fmt: skip
-    return rs.Scene(**(given | more))
+    return parse_scene(SCENE, "tank.toml").with_(**more)
 
 
 def manufactured(order):
@@ -122,20 +115,18 @@ def file(tmp_path, monkeypatch):
     return tmp_path
 
 
-def run(*arguments):
-    return main(["study", "tank.toml", "--backend", "numpy", *arguments])
+def run(capsys, *arguments, code=0):
+    return answer_of(capsys, ["study", "tank.toml", "--backend", "numpy", *arguments], code)
 
 
 def test_the_command_writes_table_and_picture(file, capsys):
-    assert run("--observable", "own.py:grid", "--knobs", "spacing,precision", "--error", "0.1") == 0
-    said = capsys.readouterr()
+    said = run(capsys, "--observable", "own.py:grid", "--knobs", "spacing,precision", "--error", "0.1")
     assert "own.grid = 5 ± 0.56" in said.out
     assert "4 runs to do, the cheapest first" in said.err
     assert "of steps left" in said.err.splitlines()[3]
     assert "cheapest for an error of 10 %" in said.out
     assert {"study.txt", "study.png"} < {path.name for path in (file / "tank_study").iterdir()}
-    assert run("--observable", "own.py:grid", "--knobs", "spacing,precision", "--error", "0.1", "--json") == 0
-    again = capsys.readouterr()
+    again = run(capsys, "--observable", "own.py:grid", "--knobs", "spacing,precision", "--error", "0.1", "--json")
     assert "runs to do" not in again.err
     found = json.loads(again.out)
     assert found["order"] == pytest.approx(2.0)
@@ -144,14 +135,11 @@ def test_the_command_writes_table_and_picture(file, capsys):
 
 
 def test_bad_input_of_the_command(file, capsys):
-    assert run("--observable", "fornt") == 2
-    assert "did you mean front" in capsys.readouterr().err
+    assert "did you mean front" in run(capsys, "--observable", "fornt", code=2).err
     cloud = SCENE.replace('shape = "box"\ncells = [6, 12, 1]', 'shape = "cloud"\nposition = [[0, 0], [0, 0.01]]')
     (file / "tank.toml").write_text(cloud)
-    assert run("--observable", "front") == 2
-    assert "it has no other spacing" in capsys.readouterr().err
-    assert run("--observable", "front", "--knobs", "precision", "--quiet") == 0
-    assert capsys.readouterr().err == ""
+    assert "it has no other spacing" in run(capsys, "--observable", "front", code=2).err
+    assert run(capsys, "--observable", "front", "--knobs", "precision", "--quiet").err == ""
 
 
 def test_seconds_that_do_not_settle_are_said(monkeypatch):

@@ -116,9 +116,6 @@ def test_force_is_the_slope_of_the_surface_energy():
     assert work == pytest.approx(-2.0 * slope, rel=2e-3)
 
 
-# Readings and bad input
-
-
 @pytest.mark.parametrize(("parameters", "words"), rows(__file__, "bad_parameters"))
 def test_bad_parameters_are_told(parameters, words):
     with pytest.raises(InputError, match=words):

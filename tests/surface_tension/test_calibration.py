@@ -253,15 +253,11 @@ def test_the_coefficient_is_interpolated_in_the_cosine_as_a_share_of_the_cohesio
     assert found.effect.adhesion == found.adhesion
     at = calibrate_contact_angle(60.0, 0.072, settings=SESSILE, **WATER)
     assert (at.share, at.uncertainty) == (pytest.approx(20.0), pytest.approx(math.hypot(2.0, 3.0)))
-    from refsim import Cloud, Scene, WeaklyCompressible, make_plan
-
     found = calibrate_contact_angle(90.0, 0.072, settings=SESSILE, **WATER)
-    fluid = WeaklyCompressible(
-        rest_density=1000.0, sound_speed=found.tension.sound_speed, kernels="mueller", density="summation"
-    )
-    scene = Scene(
-        spacing=1e-3, support_radius=2.6e-3, fluid=(Cloud(position=np.zeros((1, 3))),), effects=(fluid, found.effect)
-    )
+    given = {"rest_density": 1000.0, "sound_speed": found.tension.sound_speed, "density": "summation"}
+    effects = (rs.WeaklyCompressible(kernels="mueller", **given), found.effect)
+    one = rs.Cloud(position=np.zeros((1, 3)))
+    scene = rs.Scene(spacing=1e-3, support_radius=2.6e-3, fluid=(one,), effects=effects)
     gamma = float(make_plan(scene).parameters["akinci_2013"]["spline"].gamma)
     assert found.adhesion / gamma == pytest.approx(10.0, rel=1e-5)
 

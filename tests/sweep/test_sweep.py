@@ -11,7 +11,7 @@ from refsim.cluster import perform
 from refsim.io.store import write_stored
 from refsim.study import runs, tasks
 from refsim.sweep import TABLE, sweep
-from tests.running import rows
+from tests.running import answer_of, rows
 from tests.sweep.small_sweep import SCENE, SWEEP, files, killed_task, observable, points, same_bits, setting
 
 VISCOSITY = "effects.weakly_compressible.dynamic_viscosity"
@@ -54,8 +54,7 @@ def test_a_bad_file_gets_a_sentence(folder, old, new, words):
 
 
 def test_what_was_computed_is_not_computed_again(folder, capsys):
-    assert main(["sweep", "grid.toml", "--jobs", "2"]) == 0
-    said = capsys.readouterr()
+    said = answer_of(capsys, ["sweep", "grid.toml", "--jobs", "2"])
     assert "4 runs, 4 of them computed now" in said.out
     assert "4 runs to do" in said.err
     assert "4 of 4, " in said.err
@@ -63,8 +62,7 @@ def test_what_was_computed_is_not_computed_again(folder, capsys):
     alone = runs.measure(setting(folder, 3), observable(folder), threads=1)
     assert float(rows[3]["value"]) == alone.value
     (folder / "grid.toml").write_text(SWEEP.replace("[1.0, 2.0]", "[1.0, 2.0, 3.0]"))
-    assert main(["sweep", "grid.toml", "--jobs", "2", "--json"]) == 0
-    said = capsys.readouterr()
+    said = answer_of(capsys, ["sweep", "grid.toml", "--jobs", "2", "--json"])
     found = json.loads(said.out)
     assert found["computed"] == 2
     assert "2 runs to do, 4 are on file" in said.err
@@ -136,8 +134,7 @@ def test_a_file_that_changes_before_its_run_leaves_no_result(folder, name):
 
 def test_a_run_that_was_not_computed_is_named(folder, monkeypatch, capsys):
     monkeypatch.setattr("refsim.cluster.pool.host_memory", lambda: {"total": 10, "free": 10})
-    assert main(["sweep", "grid.toml", "--jobs", "2"]) == 3
-    said = capsys.readouterr()
+    said = answer_of(capsys, ["sweep", "grid.toml", "--jobs", "2"], 3)
     assert "4 not computed" in said.out
     assert "of memory and 10 B are available" in said.out
     rows = list(csv.DictReader((folder / "grid_sweep" / TABLE).read_text().splitlines()))

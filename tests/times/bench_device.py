@@ -13,6 +13,7 @@ from refsim import Cloud, MpmLiquid, Scene, Simulation, make_plan
 from refsim.backends import device, runtime
 from refsim.backends.arrays import choose
 from refsim.backends.compile import cuda, cuda_kernel
+from tests.running import advanced
 from validation import limits, timed
 from validation.peers import missing, warp_sph
 
@@ -139,11 +140,7 @@ def test_step(reading, benchmark, tiny, size, effects, backend):
     simulation = Simulation(timed.spinning_cube(3 if tiny else SIZES[size], effects), backend)
     simulation.write_field("velocity", timed.spinning(simulation.plan.state.position))
     more = {"particles": simulation.count, "steps": 1 if tiny else 100}
-
-    def steps():
-        for _ in range(more["steps"]):
-            simulation.step()
-
+    steps = functools.partial(advanced, simulation, more["steps"])
     reading("device", backend, f"{size} {effects}", steps, warm=1, rounds=3, iterations=1, **more)
     assert simulation.search.log.missed_neighbours == 0
 
@@ -155,13 +152,8 @@ def test_melting(reading, tiny, figure, backend):
 
     simulation = Simulation(scene_named(figure, 0.2 if tiny else 1.0), backend)
     more = {"particles": simulation.count, "steps": 1 if tiny else STEPS}
-    for _ in range(2 if tiny else WARM):
-        simulation.step()
-
-    def steps():
-        for _ in range(more["steps"]):
-            simulation.step()
-
+    advanced(simulation, 2 if tiny else WARM)
+    steps = functools.partial(advanced, simulation, more["steps"])
     reading("device", backend, f"melting {figure}", steps, warm=0, rounds=1, iterations=1, **more)
 
 

@@ -10,6 +10,7 @@ import os
 import pytest
 
 from refsim import Simulation
+from tests.running import advanced
 from validation import timed
 
 THREADS = (1, 2, 4, 8, 16, 32)
@@ -48,8 +49,7 @@ def test_steps(reading, request, cores, system, threads, backend):
     def steps():
         if simulation.search is not None:
             simulation.lists.invalidate()
-        for _ in range(STEPS):
-            simulation.step()
+        advanced(simulation, STEPS)
 
     simulation.threads = threads
     pin(cores[:threads])

@@ -4,8 +4,6 @@ import inspect
 import pathlib
 import pkgutil
 import re
-import subprocess
-import sys
 import textwrap
 import tomllib
 from collections import Counter
@@ -19,6 +17,7 @@ from refsim.core.effect import EFFECTS
 from refsim.core.errors import RunStopped
 from refsim.scene.files import describe, unit_of
 from refsim.scene.shapes import Box
+from tests.running import python
 from validation.laws import command, exact, laws
 from validation.laws.command import campaign, table
 from validation.laws.scenes import Drawn, drawn
@@ -72,8 +71,8 @@ def test_a_mend_is_where_the_file_says():
 def test_the_hunt_finds_a_fault_and_none_in_what_changes_nothing(tmp_path):
     mends = tmp_path / "mends.toml"
     mends.write_text(MEND.format(words="heavier", factor=1.1) + MEND.format(words="the same", factor=1.0))
-    command = [sys.executable, HUNT, "--seed", "105", "--mends", mends, "--minutes", "0.001", "--jobs", "1"]
-    told = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    words = ("--seed", "105", "--mends", mends, "--minutes", "0.001", "--jobs", "1")
+    told = python(HUNT, *words, folder=tmp_path).stdout
     assert "found 0: heavier\n" in told  # in one of the first two scenes of this seed
     assert "missed 1: the same; " in told
     assert told.endswith("1 of 2 faults found, seed 105\n")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 import io
 import json
 import re
@@ -14,7 +13,8 @@ import numpy as np
 import pytest
 
 from refsim.core.errors import InputError, RunStopped
-from tests.running import python
+from scripts import reproduce as script
+from tests.running import ROOT, python
 from validation import __main__ as command
 from validation import checks, experiments, judging, results
 from validation import perform as performing
@@ -180,9 +180,6 @@ def test_pictures_are_drawn_from_their_files_alone(options, monkeypatch):
         performing.redraw(case.pictures[0], options.figures / "nowhere")
 
 
-# Tiny runs of the real cases
-
-
 def test_ledger_finds_a_lost_particle_and_gained_energy():
     simulation = Context().simulation(dam_runs.column_scene(4), "numpy")
     simulation.evaluate()
@@ -203,7 +200,6 @@ def test_the_main_job_needs_no_package_of_the_tests():
     assert "Hypothesis is not installed" in python("-c", code, code=2).stderr
 
 
-ROOT = Path(__file__).parents[2]
 FILE = re.compile(r"^```\w+\n# file: validation/experiments/(\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -291,18 +287,8 @@ def test_what_a_run_loads_counts(tmp_path):
     assert loaded <= set(results.modules_behind(file))
 
 
-SCRIPT = Path(__file__).resolve().parents[2] / "scripts" / "reproduce.py"
-
-
-def load_script():
-    spec = importlib.util.spec_from_file_location("reproduce", SCRIPT)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def test_main_job_is_made_of_runs_that_are_there():
-    script, known = load_script(), discover()
+    known = discover()
     for group in script.MAIN:
         for name, keys in group.items():
             runs = {run.key: run for run in known[name].runs(Options(quick=True))}
@@ -316,7 +302,7 @@ def test_main_job_is_made_of_runs_that_are_there():
 
 
 def test_full_leaves_no_run_out():
-    script, known, options = load_script(), discover(), Options()
+    known, options = discover(), Options()
     groups = script.planned(known, options)
     assert [part.name for part in groups[0]] == list(script.MAIN[0])
     there = {part.name: [run.key for run in part.runs] for parts in groups for part in parts}
