@@ -172,11 +172,6 @@ def cos(x):
     return Terms(np.cos(x.value), np.abs(np.cos(x.value)) + x.size)
 
 
-def exp(x):
-    """e^x; it takes over the rounding of x."""
-    return Terms(np.exp(x.value), np.exp(x.value) * (1 + x.size))
-
-
 def log(x):
     """ln x of what is positive; it takes over the relative rounding of x."""
     return Terms(np.log(x.value), np.abs(np.log(x.value)) + x.size / x.value)

@@ -152,7 +152,8 @@ def test_heavy_bodies_rest_on_the_floor_and_on_each_other(sizes):
     while simulation.steps < 300:
         simulation.step()
         found.append(lifts(bodies, simulation))
-    parts = np.split(simulation.field("position")[:, 2], np.cumsum([np.prod(size) for size in sizes]))
-    assert [part.min() / 0.1 for part in parts[:-1]] == pytest.approx(low[:-1] + 0.5, abs=0.06)
+    parts = np.split(simulation.field("position") / 0.1, np.cumsum([np.prod(size) for size in sizes]))[:-1]
+    assert [part[:, 2].min() for part in parts] == pytest.approx(low[:-1] + 0.5, abs=0.06)
+    assert parts[0].mean(0)[:2] == pytest.approx(np.array(sizes[0][:2]) / 2 + [2, 2], abs=0.1)
     assert simulation.stopped_at_walls == 0
     assert np.mean(found[150:], axis=0) == pytest.approx(np.tile([0.0, 0.0, 2.0], (len(sizes), 1)), abs=0.05)

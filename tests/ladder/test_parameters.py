@@ -650,12 +650,12 @@ SETUPS = {
         replace(WATER, viscosity="central")), lambda dim: implicit(dim, 0.4, 2e-3, 3, 50)
         | {"viscosity": None, "central_viscosity": {"coefficient": LINE[dim]}}),
     "two-way": ((rs.TwoWayCoupling(), WATER, rs.ShapeMatching()), coupling, (3,)),
-    # four crossings of the support radius by sound; diffusion as in "advanced liquid"; overlaps by 0.05 rho0 c^2, h/c
+    # four crossings of the support radius by sound; diffusion as in "advanced liquid"; overlaps by 0.005 rho0 c^2, h/c
     "two-way, advanced liquid": ((rs.TwoWayCoupling(), replace(WATER, density="continuity", diffusion=0.05,
         restoring=0.4, viscosity="central"), rs.ShapeMatching(), PULL),
         lambda dim: {"delay": {"tau": 4 * H / C}, "lean": {"x": 0.3, "y": -9.7, "z": 0.0},
         "recount": recount(dim, 0.4 * C / H),
-        "overlapping": {"inverse_spacing": 1 / D, "inverse_volume": D**-dim, "stiffness": 0.05 * RHO * C**2,
+        "overlapping": {"inverse_spacing": 1 / D, "inverse_volume": D**-dim, "stiffness": 0.005 * RHO * C**2,
         "delay": H / C},
         "diffusion": {"coefficient": 0.025 * H * C, "stretch": RHO / C**2, "release": C / H}}, (3,)),
     "two-way, printed": ((rs.TwoWayCoupling(literal=("all",), density_weighted=True), replace(WATER, state="tait"),

@@ -31,9 +31,10 @@ SOLID_NUMBER = Field(
     "solid_number", "-", "number of the particle's solid, from 1; 0 in the liquid", dtype="int32", state=True
 )
 WET = Field("wet", "-", "sum of W over the liquid near a solid's particle, over W(0); a quarter of that beside it")
-SUCTION = Field("suction", "Pa", "least pressure of a film: below 0, where it breaks, above 0, where bodies overlap")
+SUCTION = Field("suction", "Pa", "least pressure of a film, below 0, where it breaks")
 ALLOWED_CLOSENESS = Field("allowed_closeness", "-", "how close others may be to a solid's particle", state=True)
-FILM = WET, SUCTION, ALLOWED_CLOSENESS
+CONTACT_PRESSURE = Field("contact_pressure", "Pa", "what presses bodies apart that overlap, over their closeness")
+FILM = WET, SUCTION, ALLOWED_CLOSENESS, CONTACT_PRESSURE
 TOLD_WET = Field("told_wet", "-", "wetness of solids in the step before", state=True)
 TOLD_PRESSURE = Field("told_pressure", "Pa", "pressure in the step before", state=True)
 TOLD_SUCTION = Field("told_suction", "Pa", "suction in the step before", state=True)
@@ -44,7 +45,7 @@ FOLLOWED_VELOCITY = Field(
 )  # fmt: skip
 DRAWN = 1e3  # above all, before the first step: what overlaps as drawn is not pressed apart
 PASSED = 0.25  # of its wetness that a solid's particle passes on
-STIFFNESS, DAMPED = 0.05, 1.0  # of what overlaps [rho0 c^2], and of how fast [h/c]
+STIFFNESS, DAMPED = 0.005, 1.0  # of what overlaps [rho0 c^2], and of how fast [h/c]
 DELAY = 4.0  # of the followed velocity [h/c]
 
 
@@ -214,8 +215,9 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
             Pass("sph.state", writes=("pressure",)),
             Pass("two_way_coupling.extrapolation", writes=("wet", "suction"), updates=("pressure",)),
             Pass("two_way_coupling.spread", updates=("wet", "suction", "pressure")),
-            Pass("two_way_coupling.overlap", updates=("allowed_closeness", "suction")),
+            Pass("two_way_coupling.overlap", updates=("allowed_closeness",), writes=("contact_pressure",)),
             Pass("two_way_coupling.push", updates=("acceleration",), names=names),
+            Pass("two_way_coupling.contact", updates=("acceleration",)),
             *((Pass("two_way_coupling.hold", updates=("acceleration",), names=names),) if self.no_slip else ()),
             Pass(
                 "two_way_coupling.follow",

@@ -7,6 +7,7 @@ import numpy as np
 from refsim.boundary.two_way_coupling import Coupling, Delay, Overlapping, TwoWayCoupling
 from refsim.core import cases
 from refsim.core.cases import REST_DENSITY, Case, Exact, at, closed_form, example, groups, particles, takes, vectors
+from refsim.core.walls import WallParticles
 from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
 from refsim.smoothing.cases import for_each_kernel
 from refsim.sph import CentralViscosity, Fluid, ViscosityTerm, WallFrameGravity
@@ -73,7 +74,10 @@ particles(told_pressure=lambda case, random: 4e4 * random.uniform(-0.5, 1.0, cas
 # of centimetres a second
 particles(followed_velocity=lambda case, random: 0.05 * vectors(case, random))
 # none yet, and near those of the cases
-particles(allowed_closeness=lambda case, random: random.choice([1e3, 3.0, 1.0, 0.9], case.count))
+particles(
+    allowed_closeness=lambda case, random: random.choice([1e3, 3.0, 1.0, 0.9], case.count),
+    contact_pressure=lambda case, random: -_suction(case, random),
+)
 
 
 @groups("overlapping")
@@ -90,6 +94,7 @@ cases.readings(coupling="printed_volume printed_pressure printed_viscosity")
 takes("two_way_coupling.push", fluid="gradient_share")
 takes("two_way_coupling.hold", smoothing="support_radius dim")
 takes("two_way_coupling.overlap", smoothing="support_radius")
+takes("two_way_coupling.contact", smoothing="support_radius", overlapping="inverse_spacing inverse_volume")
 takes("two_way_coupling.spread", fluid="rest_density")
 takes("two_way_coupling.contribution", coupling="least_volume printed_volume")
 takes("two_way_coupling.density", coupling="stiffness exponent")
@@ -248,29 +253,56 @@ for_each_kernel(
 )
 
 
-def _overlapping_by(push, allowed, **changes):
-    """A solid's particle that moves with 3 m/s down to another one's, 1 m below; d = 1.25 m, C = e^0.9."""
+def _overlapping_by(pressure, allowed, **changes):
+    """A solid's particle that moves with 3 m/s down to another one's, 1 m below; d = 2 m, n = 1.6, C = n^3."""
     inputs = {
         "velocity": [[0.0, 0.0, 0.0], [0.0, -3.0, 0.0]], "phase": [SURFACE, INTERIOR], "solid_number": [1, 2],
-        "allowed_closeness": [1e3, 1e3], "suction": [-5.0, -5.0], "overlapping": Overlapping(0.8, 5.0, 100.0, 0.25),
-        "walls": None,
+        "allowed_closeness": [1e3, 1e3], "overlapping": Overlapping(0.5, 5.0, 100.0, 0.25), "walls": None,
     } | changes  # fmt: skip
-    return Exact(PAIR, inputs, {"allowed_closeness": np.broadcast_to(allowed, 2), "suction": np.broadcast_to(push, 2)})
+    found = {"allowed_closeness": allowed, "contact_pressure": pressure}
+    return Exact(PAIR, inputs, {name: np.broadcast_to(value, 2) for name, value in found.items()})
 
 
 closed_form(
     "two_way_coupling.overlap",
-    # 100 Pa (0.9 + 0.25 s 5 * 0.64 * 3 /s)
-    solids_that_overlap=lambda: _overlapping_by(330.0, 1.0, allowed_closeness=[1.0, 1.0]),
-    # 100 Pa (0.9 - 2.4) is no pull
-    solids_that_part=lambda: _overlapping_by(0.0, 1.0, allowed_closeness=[1.0, 1.0], velocity=3.0 * np.eye(3)[[0, 1]]),
+    # 100 Pa (3 ln 1.6 + 0.25 s 4.8/(4 m * 1.6) 3 m/s)/1.6^3
+    solids_that_overlap=lambda: _overlapping_by(
+        100 * (3 * math.log(1.6) + 0.5625) / 1.6**3, 1.0, allowed_closeness=[1.0, 1.0]
+    ),
+    # 3 ln 1.6 - 3 * 0.5625 is no pull
+    solids_that_part=lambda: _overlapping_by(0.0, 1.0, allowed_closeness=[1.0, 1.0], velocity=9.0 * np.eye(3)[[0, 1]]),
     # what is drawn is allowed
-    as_drawn=lambda: _overlapping_by(-5.0, math.exp(0.9)),
-    apart=lambda: _overlapping_by(-5.0, 1.0, overlapping=Overlapping(1.25, 5.0, 100.0, 0.25)),
+    as_drawn=lambda: _overlapping_by(0.0, 1.6**3),
+    apart=lambda: _overlapping_by(0.0, 1.0, overlapping=Overlapping(1.25, 5.0, 100.0, 0.25)),
     # neither liquid nor the particle's own solid counts
-    beside_liquid=lambda: _overlapping_by(-5.0, [9.0, 1.0], phase=WATER_AND_ICE, allowed_closeness=[9.0, 1.5]),
-    of_one_solid=lambda: _overlapping_by(-5.0, 1.0, solid_number=[2, 2]),
+    beside_liquid=lambda: _overlapping_by(0.0, [9.0, 1.0], phase=WATER_AND_ICE, allowed_closeness=[9.0, 1.5]),
+    of_one_solid=lambda: _overlapping_by(0.0, 1.0, solid_number=[2, 2]),
 )
+
+
+def _touching(force, where=PAIR, **changes):
+    """Solids of 10 and 30 Pa, 1 m apart, d = 2 m, of cells of 8 m^3; |grad C| = 4.8 * 1.6^2/4 m; F on the second."""
+    inputs = {
+        "mass": [500.0, 1800.0], "phase": [SURFACE, INTERIOR], "solid_number": [1, 2], "walls": None,
+        "contact_pressure": [10.0, 30.0], "overlapping": Overlapping(0.5, 0.125, 1.0, 1.0),
+    } | changes  # fmt: skip
+    force = 3.072 * np.array([0.0, force, 0.0])
+    return Exact(where, inputs, {"acceleration": [-force / 500, force / 1800]})
+
+
+WALL = np.array([[0.0, 1.0, 0.0]])
+
+closed_form(
+    "two_way_coupling.contact",
+    solids_push_each_other=lambda: _touching(8 * 40.0),
+    beside_liquid=lambda: _touching(0.0, phase=WATER_AND_ICE),
+    of_one_solid=lambda: _touching(0.0, solid_number=[2, 2]),
+    # half of a cell, 1 m from each, with twice its 30 Pa
+    wall_between=lambda: _touching(
+        4 * 60.0, at("wall_between", [[0.0, 0.0, 0.0], [0.0, 2.0, 0.0]], WALL), contact_pressure=[30.0, 30.0],
+        solid_number=[2, 2], walls=WallParticles(WALL, np.array([4.0])),
+    ),
+)  # fmt: skip
 
 
 def _lifted(w, phase, body, force, pressure=(30.0, 10.0)):

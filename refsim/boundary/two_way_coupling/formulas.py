@@ -20,18 +20,24 @@ def tait_pressure(density, rest_density, coupling):
 
 
 @formula
-def closeness(r, overlapping):
-    """C = exp(2.5 (1 - r^2/d^2)), dimensionless; at the distance d of a particle, a row or a face 1 to 1.3."""
+def nearness(r, overlapping):
+    """n = 1 + 0.8 (1 - r^2/d^2), at least 0, dimensionless; C = n^3, 0.9 to 1 a spacing off a particle, row or face."""
     real = type(r)
     q = r * overlapping.inverse_spacing
-    return real(math.exp(real(2.5) * (real(1) - q * q)))
+    return max(real(1.8) - real(0.8) * q * q, real(0))
+
+
+@formula
+def steepness(r, overlapping):
+    """4.8 n^2/d^2 [1/m^2]: grad C = -4.8 n^2/d^2 x."""
+    real = type(r)
+    q = overlapping.inverse_spacing * nearness(r, overlapping)
+    return real(4.8) * q * q
 
 
 @formula
 def pressed(close, allowed, growth, overlapping):
-    """s_k = K (ln(C/C_0) + tau (dC/dt)/C) [Pa], at least 0, with growth = sum_s C_ks (v_k - v_s).x_ks [m^2/s]."""
+    """s_k/C = K (ln(C/C_0) + tau (dC/dt)/C)/C [Pa], at least 0."""
     real = type(close)
-    inverse = overlapping.inverse_spacing
-    rate = real(-5) * inverse * (inverse * growth) / close
-    push = real(math.log(close / allowed)) + overlapping.delay * rate
-    return real(0) if push < real(0) else overlapping.stiffness * push
+    push = real(math.log(close / allowed)) + overlapping.delay * growth / close
+    return real(0) if push < real(0) else overlapping.stiffness * push / close

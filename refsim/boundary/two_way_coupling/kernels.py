@@ -3,7 +3,7 @@
 from refsim.backends.compile import formula, kernel
 from refsim.backends.tuples import added, difference, dot, over, scaled
 from refsim.boundary.two_way_coupling import PASSED
-from refsim.boundary.two_way_coupling.formulas import closeness, pressed, tait_pressure
+from refsim.boundary.two_way_coupling.formulas import nearness, pressed, steepness, tait_pressure
 from refsim.neighbours.forces import force
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, first_lane
@@ -223,28 +223,30 @@ def spread(
 def overlap_pair(
     r, x_ij, velocity_i, velocity_j, phase_j, solid_number_i, solid_number_j, smoothing, overlapping
 ):  # fmt: skip
-    """C_ks of another solid's particle, dimensionless, and C_ks (v_k - v_s).x_ks [m^2/s]."""
+    """C_ks of another solid's particle, dimensionless, and dC_ks/dt [1/s]."""
     if phase_j == FLUID or solid_number_i == solid_number_j:
         return type(r)(0), type(r)(0)
-    close = closeness(r, overlapping)
-    return close, close * dot(difference(velocity_i, velocity_j), x_ij)
+    near = nearness(r, overlapping)
+    return near * near * near, -steepness(r, overlapping) * dot(difference(velocity_i, velocity_j), x_ij)
 
 
 @pair
 def wall_overlap_pair(r, x_ij, velocity_i, volume_j, smoothing, overlapping):
     """The same of a wall particle at rest, V_b/d^dim times."""
-    close = volume_j * overlapping.inverse_volume * closeness(r, overlapping)
-    return close, close * dot(velocity_i, x_ij)
+    share, near = volume_j * overlapping.inverse_volume, nearness(r, overlapping)
+    return share * near * near * near, -share * steepness(r, overlapping) * dot(velocity_i, x_ij)
 
 
 @kernel(lanes=True)
 def overlap(
     i, lane, position, velocity, phase, solid_number, neighbours, walls, smoothing, overlapping, allowed_closeness,
-    suction,
+    contact_pressure,
 ):  # fmt: skip
-    """Least pressure of a film [Pa] at a solid's particle to which other solids and walls are closer than ever, and
+    """Pressure of contact over C [Pa] at a solid's particle to which other solids and walls are closer than ever, and
     than a spacing."""
     if phase[i] == FLUID:
+        if first_lane(lane):
+            contact_pressure[i] = type(smoothing.support_radius)(0)
         return
     close, growth = neighbour_sum(
         overlap_pair, i, lane, neighbours, position, None, velocity, phase, solid_number, smoothing, overlapping
@@ -257,8 +259,46 @@ def overlap(
     if first_lane(lane):
         allowed = min(allowed_closeness[i], max(close, type(close)(1)))
         allowed_closeness[i] = allowed
-        if not close <= allowed:  # NaN goes on
-            suction[i] = pressed(close, allowed, growth, overlapping)
+        apart = close <= allowed  # NaN goes on
+        contact_pressure[i] = type(close)(0) if apart else pressed(close, allowed, growth, overlapping)
+
+
+@pair
+def contact_pair(
+    r, x_ij, phase_j, solid_number_i, solid_number_j, contact_pressure_i, contact_pressure_j, smoothing, overlapping
+):  # fmt: skip
+    """-(b_k + b_s) grad C_ks of another solid's particle, b = s/C [Pa/m]."""
+    f = type(r)(0)
+    if phase_j != FLUID and solid_number_i != solid_number_j:
+        f = (contact_pressure_i + contact_pressure_j) * steepness(r, overlapping)
+    return f * x_ij[0], f * x_ij[1], f * x_ij[2]
+
+
+@pair
+def wall_contact_pair(r, x_ij, contact_pressure_i, volume_j, smoothing, overlapping):
+    """The same of a wall particle, V_b/d^dim times, with b_b = b_k."""
+    share = volume_j * overlapping.inverse_volume
+    f = share * (contact_pressure_i + contact_pressure_i) * steepness(r, overlapping)
+    return f * x_ij[0], f * x_ij[1], f * x_ij[2]
+
+
+@kernel(lanes=True)
+def contact(
+    i, lane, position, mass, phase, solid_number, contact_pressure, neighbours, walls, smoothing, overlapping,
+    acceleration,
+):  # fmt: skip
+    """What presses a solid's particle off other solids and walls; added to the acceleration [m/s^2]."""
+    if phase[i] == FLUID:
+        return
+    force = neighbour_sum(
+        contact_pair, i, lane, neighbours, position, None, phase, solid_number, contact_pressure, smoothing, overlapping
+    )  # fmt: skip
+    if walls is not None:
+        of_walls = neighbour_sum(
+            wall_contact_pair, i, lane, walls, position, None, contact_pressure, walls.volume, smoothing, overlapping
+        )  # fmt: skip
+        force = added(force, of_walls)
+    add_vector(acceleration, i, lane, over(force, mass[i] * overlapping.inverse_volume))
 
 
 @pair
@@ -311,5 +351,4 @@ def follow(
     for c in range(3):
         before = followed_velocity[i, c]
         followed_velocity[i, c] = before + (velocity[i, c] - before) * timestep[1] / (timestep[1] + delay.tau)
-    told_wet[i], told_pressure[i] = wet[i], pressure[i]
-    told_suction[i] = suction[i] if not suction[i] > type(delay.tau)(0) else type(delay.tau)(0)
+    told_wet[i], told_pressure[i], told_suction[i] = wet[i], pressure[i], suction[i]

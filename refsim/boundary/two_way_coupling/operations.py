@@ -8,7 +8,7 @@ import numpy as np
 
 from refsim.boundary.two_way_coupling import reference as ref
 from refsim.core.operation import SYMMETRY, operations
-from refsim.core.terms import maximum, minimum, where
+from refsim.core.terms import Terms, maximum, minimum, where
 from refsim.gauges.operations import in_each
 from refsim.neighbours.sums import Fields, neighbours, wall_particles
 from refsim.smoothing.reference import kernel_value
@@ -152,30 +152,47 @@ def spread(
     }
 
 
+def touching(position, phase, solid_number, walls, overlapping, smoothing, rows, **own):
+    """(pairs with other particles, pairs with walls), whose `share` is 1 of solids and V_b/d^dim of walls."""
+    kind = kinds(phase)
+    i = Fields(position=position, part=solid_number, share=kind["solid"], **kind, **own)
+    w = None if walls is None else np.asarray(walls.volume, dtype=float) * float(overlapping.inverse_volume)
+    w = wall_particles(walls, part=-1, share=w, velocity=Terms(np.zeros(3), rank=1))
+    return tuple(neighbours(i, j, smoothing, rows=rows) for j in (i, w))
+
+
 @operation(
-    "contact", paper="this project", outputs="allowed_closeness suction", optional="walls", entrywise=True,
-    tolerance=16.0, reason="one rounding in each of distance, exponential, product, sum and logarithm",
+    "contact", paper="this project", outputs="allowed_closeness contact_pressure", optional="walls", entrywise=True,
+    tolerance=16.0, reason="one rounding in each of distance, closeness, product, sum and logarithm",
 )  # fmt: skip
-def overlap(
-    position, velocity, phase, solid_number, walls, smoothing, overlapping, allowed_closeness, suction, rows=None
-):  # fmt: skip
-    """Least closeness of other solids and walls to a solid's particle so far, at least 1, and the least pressure of a
-    film [Pa], which presses apart what is closer."""
-    i = Fields(
-        position=position, velocity=velocity, part=solid_number, allowed=allowed_closeness, before=suction,
-        **kinds(phase),
-    )  # fmt: skip
-    around, at_walls = (neighbours(i, j, smoothing, rows=rows) for j in (i, wall_particles(walls)))
-    inverse, inverse_volume, stiffness, delay = map(float, overlapping)
-    close = around(ref.closeness, d=1 / inverse) + at_walls(ref.closeness_of_walls, d=1 / inverse, share=inverse_volume)
-    growth = around(ref.growth, d=1 / inverse) + at_walls(ref.growth_at_walls, d=1 / inverse, share=inverse_volume)
+def overlap(position, velocity, phase, solid_number, walls, smoothing, overlapping, allowed_closeness, rows=None):
+    """Least closeness of other solids and walls to a solid's particle so far, at least 1, and what presses apart what
+    is closer, over the closeness [Pa]."""
+    own = {"velocity": velocity, "allowed": allowed_closeness}
+    around, at_walls = touching(position, phase, solid_number, walls, overlapping, smoothing, rows, **own)
+    inverse, _, stiffness, delay = map(float, overlapping)
+    d = 1 / inverse
+    close, growth = (around(term, d=d) + at_walls(term, d=d) for term in (ref.closeness, ref.growth))
     solid, allowed = around.i.solid.value > 0, minimum(around.i.allowed, maximum(close, 1))
     near = solid & (close.value > allowed.value)
-    push = ref.pressed(where(near, close, 1), allowed, growth, stiffness, delay)
+    push = ref.pressed(where(near, close, 1), allowed, growth, stiffness, delay) / where(near, close, 1)
     return {
         "allowed_closeness": where(solid, allowed, around.i.allowed),
-        "suction": where(near, push, around.i.before),
+        "contact_pressure": where(near, push, 0),
     }
+
+
+@operation(
+    "force of contact", paper="this project", adds="acceleration", optional="walls", tolerance=8.0,
+    reason="one rounding in each of distance, closeness, product and sum",
+    invariants=f"{SYMMETRY} linear_momentum angular_momentum",
+)  # fmt: skip
+def contact(position, mass, phase, solid_number, contact_pressure, walls, smoothing, overlapping, rows=None):
+    """Accelerations [m/s^2] of solids by others and by walls that they touch."""
+    own = {"mass": mass, "bears": contact_pressure}
+    around, at_walls = touching(position, phase, solid_number, walls, overlapping, smoothing, rows, **own)
+    given = {"d": 1 / float(overlapping.inverse_spacing), "cell": 1 / float(overlapping.inverse_volume)}
+    return {"acceleration": around(ref.contact, **given) + at_walls(ref.contact_of_walls, **given)}
 
 
 def near_solids(i, smoothing, lean, delay, rows):
@@ -227,5 +244,5 @@ def follow(velocity, wet, pressure, suction, delay, timestep, followed_velocity,
     told = Fields(velocity=velocity, followed=followed_velocity, wet=wet, pressure=pressure, suction=suction).at(rows)
     return {
         "followed_velocity": ref.follow(told, float(timestep[1]), float(delay.tau)), "told_wet": told.wet,
-        "told_pressure": told.pressure, "told_suction": minimum(told.suction, 0),
+        "told_pressure": told.pressure, "told_suction": told.suction,
     }  # fmt: skip

@@ -1,6 +1,6 @@
 """Shao & Song 2017, Adami, Hu & Adams 2012: the terms of one pair, and what follows from sums. Solids are k and s."""
 
-from refsim.core.terms import exp, log, maximum, where
+from refsim.core.terms import log, maximum, where
 from refsim.sph.reference import central_viscous_force
 from refsim.sph.reference import state as state
 
@@ -103,29 +103,39 @@ def suction(k, s, ks):
     return weight_of_film(k, s, ks) * s.suction
 
 
+def nearness(k, s, ks, d):
+    """n_ks = 1 + 0.8 (1 - r_ks^2/d^2), at least 0, of another solid or a wall; dimensionless."""
+    return where(k.part.value != s.part.value, maximum(1.8 - 0.8 / d**2 * ks.r**2, 0), 0)
+
+
 def closeness(k, s, ks, d):
-    """C_k = sum_s exp(2.5 (1 - r_ks^2/d^2)) of other solids; dimensionless."""
-    return where((k.part.value != s.part.value) & (s.solid.value > 0), exp(2.5 - 2.5 / d**2 * ks.r**2), 0)
+    """C_k = sum_s n_ks^3, times V_b/d^dim of walls; dimensionless."""
+    return k.solid * s.share * nearness(k, s, ks, d) ** 3
 
 
-def closeness_of_walls(k, b, kb, d, share):
-    """C_k += sum_b V_b/d^dim exp(2.5 (1 - r_kb^2/d^2)) of walls; `share` = 1/d^dim; dimensionless."""
-    return share * b.volume * exp(2.5 - 2.5 / d**2 * kb.r**2)
+def gradient(k, s, ks, d):
+    """grad C_ks = -4.8/d^2 n_ks^2 x_ks, times V_b/d^dim of walls [1/m]."""
+    return -4.8 / d**2 * k.solid * s.share * nearness(k, s, ks, d) ** 2 * ks.x
 
 
 def growth(k, s, ks, d):
-    """dC_k/dt = -5/d^2 sum_s (v_k - v_s).x_ks exp(2.5 (1 - r_ks^2/d^2)) of other solids [1/s]."""
-    return -5 / d**2 * closeness(k, s, ks, d) * ((k.velocity - s.velocity) @ ks.x)
-
-
-def growth_at_walls(k, b, kb, d, share):
-    """dC_k/dt += -5/d^2 sum_b V_b/d^dim v_k.x_kb exp(2.5 (1 - r_kb^2/d^2)) of walls at rest [1/s]."""
-    return -5 / d**2 * closeness_of_walls(k, b, kb, d, share) * (k.velocity @ kb.x)
+    """dC_k/dt = sum_s (v_k - v_s).grad C_ks [1/s], walls at rest."""
+    return (k.velocity - s.velocity) @ gradient(k, s, ks, d)
 
 
 def pressed(close, allowed, growth, stiffness, delay):
     """s_k = K (ln(C/C_0) + tau (dC/dt)/C) [Pa], at least 0: solids and walls closer than C_0 overlap."""
     return stiffness * maximum(log(close / allowed) + delay * growth / close, 0)
+
+
+def contact(k, s, ks, d, cell):
+    """a_k = -(d^dim/m_k) sum_s (s_k/C_k + s_s/C_s) grad C_ks [m/s^2], `cell` = d^dim."""
+    return -cell / k.mass * (k.bears + s.bears) * gradient(k, s, ks, d)
+
+
+def contact_of_walls(k, b, kb, d, cell):
+    """a_k = -(d^dim/m_k) sum_b 2 s_k/C_k grad C_kb [m/s^2]."""
+    return -2 * cell / k.mass * k.bears * gradient(k, b, kb, d)
 
 
 def push(i, j, ij, s):
