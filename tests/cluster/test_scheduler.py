@@ -10,13 +10,12 @@ from types import SimpleNamespace
 import pytest
 
 import refsim
-from refsim.__main__ import main
 from refsim.cluster import perform, pool, scheduler
 from refsim.cluster.tasks import ATTEMPTS, Task
 from refsim.core.errors import InputError, RunStopped
 from refsim.sweep import sweep
 from tests.cluster import cluster_tasks as there
-from tests.running import awaited, python
+from tests.running import answer_of, awaited, python
 from tests.sweep.small_sweep import files, killed_task, same_bits
 
 WORKERS = 3
@@ -115,8 +114,7 @@ def test_a_run_whose_worker_is_killed_goes_on_elsewhere_with_the_same_bits(clust
 @pytest.mark.filterwarnings("default")
 def test_a_sweep_and_a_study_by_the_workers(cluster, folder, capsys):
     here = sweep("grid.toml", folder="here", jobs=1)
-    assert main(["sweep", "grid.toml", "--output", "there", "--scheduler", cluster.address]) == 0
-    said = capsys.readouterr()
+    said = answer_of(capsys, ["sweep", "grid.toml", "--output", "there", "--scheduler", cluster.address])
     assert "4 runs, 4 of them computed now" in said.out
     again = sweep("grid.toml", folder="there", scheduler=cluster.address)
     assert (again.computed, [r.value for r in again.readings]) == (0, [r.value for r in here.readings])

@@ -77,8 +77,7 @@ def test_the_run_of_an_answer_s_scene_has_its_error(folder, capsys, name):
     wanted = ANSWERS[name]
     words = advise(capsys, name, "--error", str(wanted)).splitlines()[-1].split()
     threads = [] if words[1] == "study" else ["--threads", "1"]
-    assert main([*words[1:], *threads, "--quiet", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = json.loads(answer_of(capsys, [*words[1:], *threads, "--quiet", "--json"]).out)
     value = found["points"][0]["value"] if words[1] == "study" else found["observable"]["value"]
     known, scale, uncertainty = panel(name).reference()
     assert abs(value - known) / scale + uncertainty <= wanted

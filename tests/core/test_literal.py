@@ -9,7 +9,7 @@ from refsim.__main__ import main
 from refsim.core.capabilities import HasErrata
 from refsim.scene.files import load_scene
 from tests import pairs
-from tests.running import rows
+from tests.running import answer_of, rows
 
 REQUIRED = {
     type(effect): {f.name: getattr(effect, f.name) for f in msgspec.structs.fields(effect) if f.required}
@@ -49,8 +49,7 @@ def test_a_scene_file_takes_a_word_or_a_list_and_plan_and_list_show_it(tmp_path,
     assert main(["plan", str(file)]) == 0
     words = "As in Jiang & Zhu: jiang_zhu_2023 with E4, E6, E7, E23, pair_mode = 'either', balance_pressure = False"
     assert words in capsys.readouterr().out
-    assert main(["list", "jiang_zhu_2023"]) == 0
-    told = " ".join(capsys.readouterr().out.split())
+    told = " ".join(answer_of(capsys, ["list", "jiang_zhu_2023"]).out.split())
     assert 'literal = "paper" takes of Jiang & Zhu: E6, E7, E23, pair_mode = "either", balance_pressure = false' in told
     file.write_text(SCENE.format(literal='"papers"'))
     assert main(["plan", str(file)]) == 2
