@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 
 from refsim.contract import Target, causes
+from refsim.contract.answers import CLOUDS
 from refsim.contract.bounds import errors, oracle
 from refsim.contract.causes import SIGNS, Diagnosis, traits_of
 from refsim.contract.properties import on_grid
 from refsim.contract.target import Judged, Sought
 from refsim.core.operation import REGISTRY
-
-CLOUDS = {2: "cloud_2d", 3: "cloud_3d"}
 
 
 def judged(operation, variant, dim, kind, rows=None):

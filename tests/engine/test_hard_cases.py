@@ -14,6 +14,7 @@ from refsim.io.checkpoint import read_checkpoint, write_checkpoint
 from tests.running import advanced, run_to
 
 D, H, SOUND, DENSITY = 0.01, 0.026, 20.0, 1000.0  # [m], [m], [m/s], [kg/m^3]
+TENSION = rs.JiangZhu2023(surface_tension=0.03 * DENSITY * SOUND**2 * H / 7.8)  # internal pressure 0.03 rho0 c^2
 ROUNDINGS = 32 * 1.2e-7  # of float32, over sum of m |v|
 
 
@@ -23,11 +24,6 @@ def liquid(fluid, *effects, viscosity=0.5, **changes):
     )
     parts = fluid if isinstance(fluid, tuple) else (fluid,)
     return rs.Scene(**{"spacing": D, "support_radius": H, "fluid": parts, "effects": (own, *effects), **changes})
-
-
-def tension(sigma=0.03 * DENSITY * SOUND**2 * H / 7.8):
-    """An internal pressure of 3 % of rho0 c^2."""
-    return rs.JiangZhu2023(surface_tension=sigma)
 
 
 def block(n):
@@ -53,7 +49,7 @@ def fastest(run):
 
 
 def test_particles_that_meet_at_one_place_in_a_run_part_slowly_and_keep_momentum(tmp_path):
-    run = sound(liquid(rs.Box(cells=(6, 6, 6)), tension()), 5)
+    run = sound(liquid(rs.Box(cells=(6, 6, 6)), TENSION), 5)
     run.checkpoint(tmp_path / "edited.h5")
     saved = read_checkpoint(tmp_path / "edited.h5")
     x = saved.arrays["field.position"]
@@ -71,7 +67,7 @@ def test_particles_that_meet_at_one_place_in_a_run_part_slowly_and_keep_momentum
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 def test_a_few_particles_fall_freely_and_are_all_surface(count):
     points = D * np.array([[0.0, 0, 0], [0.4, 0, 0], [0.2, 0.5, 0], [0.1, 0.2, 0.6]])[:count]
-    run = sound(liquid(rs.Cloud(position=points), rs.Gravity(), tension(), rs.SurfaceDetection(each_step=True)), 300)
+    run = sound(liquid(rs.Cloud(position=points), rs.Gravity(), TENSION, rs.SurfaceDetection(each_step=True)), 300)
     run.evaluate()
     reached = -9.81 * (run.time - run.last.length / 2)  # velocities are half a step behind
     assert run.field("velocity")[:, 2].astype(float).mean() == pytest.approx(reached, rel=1e-4)
@@ -83,12 +79,12 @@ def test_a_few_particles_fall_freely_and_are_all_surface(count):
 def test_particles_almost_at_one_place_move_in_float64_and_are_refused_in_float32():
     points = block(4)
     points = np.vstack([points, points[21] + [1e-12 * D, 0, 0], [[1.0, 0, 0]], [[1.0 + 1e-12 * D, 0, 0]]])
-    run = sound(rs.Simulation(liquid(rs.Cloud(position=points), tension(), dtype="float64"), "numpy"), 100)
+    run = sound(rs.Simulation(liquid(rs.Cloud(position=points), TENSION, dtype="float64"), "numpy"), 100)
     total, scale = momentum(run)
     assert np.linalg.norm(total) <= 32 * 2.3e-16 * scale
     assert fastest(run) <= 0.5 * SOUND
     with pytest.raises(rs.InputError):
-        rs.make_plan(liquid(rs.Cloud(position=points), tension(), dtype="float32"))
+        rs.make_plan(liquid(rs.Cloud(position=points), TENSION, dtype="float32"))
 
 
 @pytest.mark.parametrize("heavy", ["one", "half"])
