@@ -24,7 +24,7 @@ WIDTH, LINES = 100, 25  # characters of a line and lines of the summary, at most
 FIRST = (  # numbers of the summary, the first that were measured: (experiment, how the check's name begins, in words)
     ("models", "rest_seconds.cut_jiang_zhu", "cube to rest, seconds of this machine"),
     ("dam_break", "f1_gain.detection_2d", "detection: F1, refsim's two-step above number density"),
-    ("dam_break", "f1_gain_paper.detection_2d", "detection: F1, the paper's two-step above number density"),
+    ("dam_break", "f1_gain_paper", "detection: F1, the paper's two-step above number density"),
     ("dam_break", "recall_gap.detection_2d", "detection: recall, refsim's two-step less its fan scan"),
     ("dam_break", "recall_gap_paper.detection_2d", "detection: recall, the paper's two-step less its fan scan"),
     ("dam_break", "detection_ratio.", "detection: time, two-step over fan scan"),

@@ -607,7 +607,8 @@ def checks(results: Results, check: Checks) -> None:
             check("recall_gap", recall_gap(values["over_time"], k), f"{key}.{moment}", f"{label}, {moment} s")
         check("recall_gap", recall["two_step"] - recall["fan_scan"], key, f"{label}, whole collapse")
         if label == "2D":  # the paper's figures are in the plane
-            check("f1_gain_paper", f1["two_step_paper"] - f1["number_density"], key, label)
+            small = "" if values["particles"] >= FIGURE_FROM else "_small"
+            check("f1_gain_paper" + small, f1["two_step_paper"] - f1["number_density"], key, label)
             gap = recall["two_step_paper"] - recall["fan_scan_paper"]
             check("recall_gap_paper", gap, key, f"{label}, whole collapse")
         check("scanned_share", values["scanned_share"], key, label)
