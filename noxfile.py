@@ -20,6 +20,7 @@ SLIPS = "tests/ladder/test_slips.py"
 PYTHON, VALIDATION = ("python",), ("python", "-m", "validation")
 PYTEST = (*PYTHON, "-m", "pytest", "-q")
 NIGHT = {  # minutes, and the command
+    "main_job": (10, (*PYTHON, "scripts/reproduce.py", "--quick")),
     "slow": (240, (*PYTEST, "-m", "slow", "--ignore", SLIPS)),
     "slips": (240, (*PYTEST, "-m", "slow", "-n", CORES, SLIPS)),
     "host_slips": (240, (*PYTHON, "tests/host_slips.py", "--count", "300", "--seed", SEED, "--jobs", CORES)),
