@@ -374,9 +374,12 @@ def test_kept_readings_are_those_that_were_kept_and_a_run_that_cannot_begin_has_
     assert found.steps == found.particles == found.bytes == 0
     assert (found.seconds, found.wall, found.mass) == (0.0, 0.0, 0.0)
     seen = []
-    monkeypatch.setattr(runs, "measure", lambda *given: seen.append(given[3:6:2]) or made)
-    tasks.compute(lambda share: None, replace(work, key="cd"))
-    assert seen == [(1, 1)]  # on one thread, and once
+    half = types.SimpleNamespace(time=0.05)
+    monkeypatch.setattr(runs, "measure", lambda *given: (given[4](half), seen.append(given[3:6:2])) and made)
+    for end in (0.1, 0.0):
+        at = Setting("spacing", "a", 1.0, tank(end_time=end), "numpy")
+        tasks.compute(seen.append, replace(work, key=f"at {end}", setting=at))
+    assert seen == [0.5, (1, 1), 1.0, (1, 1)]  # shares of the time that are done; on one thread, and once
 
 
 @pytest.mark.parametrize("backend", ["cpu", "cuda"])
