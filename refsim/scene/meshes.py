@@ -14,38 +14,8 @@ import numpy as np
 from refsim.core.errors import InputError
 from refsim.core.reading import LONGEST, open_regular
 
-ARCHIVES = ("zip", "gz", "bz2", "xz", "tar", "tgz", "7z", "3mf", "3dxml", "zae")  # a few MB can unpack to all memory
-TEXT = ("obj", "off", "ply", "stl", "xyz", "gltf")  # whose names and comments may be in any alphabet of one byte
-
-
-def refuse_what_unpacks(path: str | os.PathLike[str], what: str = "mesh") -> None:
-    """Raises InputError for a mesh whose arrays are compressed, of which a few kB can unpack to all memory.
-
-    Readers of .vtu and of formats that are HDF5 inside unpack what they find.
-    """
-    kind = Path(path).suffix[1:].lower()
-    with open_regular(path) as file:
-        content = file.read() if kind == "vtu" else b""
-    if b"compressor" in content.replace(b"\0", b"") or (kind not in TEXT and _unpacks(path)):  # a letter may be 2 bytes
-        raise InputError(
-            f"{what}: the arrays of {str(path)!r} are compressed, and refsim does not unpack meshes; save it without"
-            " compression, or as .obj, .ply or .stl."
-        )
-
-
-def _unpacks(path: str | os.PathLike[str]) -> bool:
-    """Whether an HDF5 file has a dataset with a filter, or one larger than the file."""
-    import h5py
-
-    size = os.path.getsize(path)
-
-    def grows(name: str, item: Any) -> bool | None:
-        held = hasattr(item, "nbytes")
-        return (held and (item.id.get_create_plist().get_nfilters() > 0 or item.nbytes > size)) or None
-
-    with contextlib.suppress(OSError, RuntimeError), h5py.File(path, "r") as root:  # reading the mesh reports it
-        return bool(root.visititems(grows))
-    return False
+TEXT = ("obj", "off", "ply", "stl", "gltf")  # whose names and comments may be in any alphabet of one byte
+READ = (*TEXT, "glb")  # formats in which nothing is compressed: a few kB of others can unpack to all memory
 
 
 def read_mesh(path: str | os.PathLike[str], what: str = "mesh", opened: list[str] | None = None) -> Any:
@@ -75,11 +45,10 @@ def read_mesh(path: str | os.PathLike[str], what: str = "mesh", opened: list[str
                 return file.read()
 
     kind = Path(path).suffix[1:].lower()
-    if kind in ARCHIVES:
-        raise InputError(f"{what}: {str(path)!r} is an archive; give the mesh in it, as .obj, .ply or .stl.")
-    options = {"skip_materials": True} if kind in ("gltf", "glb", "obj", "ply") else {}  # no texture has to be there
+    if kind not in READ:
+        raise InputError(f"{what}: {str(path)!r} is of no format that is read; give a mesh as .{', .'.join(READ)}.")
+    options = {} if kind in ("stl", "off") else {"skip_materials": True}  # no texture has to be there
     try:
-        refuse_what_unpacks(path, what)
         with open_regular(path) as file, _silent():
             content = io.BytesIO(_plain(file.read(), kind, f"{what}: {str(path)!r}")) if kind in TEXT else file
             read = trimesh.load(
@@ -96,10 +65,6 @@ def read_mesh(path: str | os.PathLike[str], what: str = "mesh", opened: list[str
             f"{what}: {str(path)!r} cannot be read: it is damaged, or needs the file {name!r}, which is not beside it;"
             " save it again."
         ) from None
-    except ImportError as error:
-        named = f"the package {error.name}" if error.name else f"a package ({' '.join(str(error).split())})"
-        needs = f"needs {named}, which is not installed; check the file, or install the package."
-        raise InputError(f"{what}: {str(path)!r} cannot be read: its format {needs}") from None
     except Exception as error:  # trimesh raises whatever its readers do
         reason = getattr(error, "strerror", None) or " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{what}: {str(path)!r} cannot be read ({reason}); give a mesh file.") from None

@@ -117,7 +117,7 @@ class SolidTorus(Solid, tag="torus", frozen=True, kw_only=True):
 class SolidMesh(Solid, tag="mesh", frozen=True, kw_only=True):
     """Closed triangle mesh.
 
-    file      mesh file that trimesh reads (.stl, .obj, .ply, ...)
+    file      mesh file (.obj, .off, .ply, .stl, .gltf, .glb)
     center    where the middle of its bounding box goes [m]
     size      its longest edge there [m]; 0 leaves the file's numbers as metres
     rotation  turn about x, then y, then z before [degrees]

@@ -13,7 +13,7 @@ from refsim.boundary.sampling import sample
 from refsim.boundary.signed_distance import signed_distance
 from refsim.core.errors import InputError
 from refsim.scene import overlaps
-from refsim.scene.meshes import mesh_files, read_mesh
+from refsim.scene.meshes import mesh_files
 from tests.boundary import damaged_meshes
 from tests.running import python, rows
 
@@ -256,29 +256,6 @@ def test_comments_in_latin_1_and_bytes_after_the_last_triangle_are_taken(tmp_pat
         (tmp_path / name).write_bytes(data)
         with pytest.raises(InputError, match=words):
             load_mesh(tmp_path / name)
-
-
-@pytest.mark.parametrize("name, packed, plain, hidden", [
-    ("body.vtu", {"compression": "zlib"}, {"compression": None},
-     lambda data: data.replace(b"<VTK", b"<!--%9999d--><VTK" % 0, 1).decode().encode("utf-16")),
-    ("body.h5m", {"compression": "gzip"}, {"compression": None, "compression_opts": None},
-     lambda data: bytes(512) + data),
-])  # fmt: skip
-def test_compressed_arrays_of_a_mesh_are_not_unpacked(tmp_path, monkeypatch, name, packed, plain, hidden):
-    """Nor behind a long comment in UTF-16, or another program's block before the file's."""
-    meshio = pytest.importorskip("meshio", reason="meshio is not installed (refsim[test])")
-    monkeypatch.chdir(tmp_path)
-    box = trimesh.creation.box((1.0, 1.0, 1.0))
-    mesh = meshio.Mesh(np.asarray(box.vertices), [("triangle", np.asarray(box.faces))])
-    mesh.write(name, **packed)
-    data = (tmp_path / name).read_bytes()
-    for content in (data, hidden(data)):
-        (tmp_path / name).write_bytes(content)
-        assert len(meshio.read(name).points) == 8
-        with pytest.raises(InputError, match=f"the arrays of '{name}' are compressed.*save it without compression"):
-            read_mesh(name)
-    mesh.write(name, **plain)
-    assert len(read_mesh(name).faces) == 12
 
 
 WINDS = rows(__file__, "winds")
