@@ -621,7 +621,7 @@ class WeaklyCompressible(
         if self.diffusion == 0:
             return {"diffusion": None, "lean": None, "recount": recount}
         coefficient = 0.5 * self.diffusion * grid.support_radius * self.sound_speed
-        stretch = self.rest_density / self.sound_speed**2
+        stretch = self.rest_density / self.sound_speed**2 if stands(others) else 0.0  # falling liquid has no slope
         release = self.sound_speed / grid.support_radius
         diffusion = Diffusion(*map(grid.real, (coefficient, stretch, release)))
         return {"diffusion": diffusion, "recount": recount, **lean(grid, others)}

@@ -61,6 +61,20 @@ def test_a_film_bears_the_tension_of_the_liquid_around_it():
     assert found == pytest.approx([0.0, 0.0, 1.0], abs=0.1)
 
 
+@pytest.mark.parametrize("given", [{"dtype": "float32"}, {"dtype": "float64"}, {"floor": -2.0}])
+def test_what_falls_feels_no_gravity(given):
+    """A body in falling liquid, no wall near: at the start, and without walls for as long as it falls, 0 to 1e-4 g."""
+    scene = at_rest([((2, 2, 2), (2, 2, 2))], (6, 6, 6), given.get("dtype", "float64"))
+    walls = (rs.BoxWalls(lower=(-1.0, -1.0, given["floor"]), upper=(2.0, 2.0, 2.0)),) if "floor" in given else ()
+    kept = (effect for effect in scene.effects if effect.name != "box_walls")
+    simulation = rs.Simulation(msgspec.structs.replace(scene, effects=(*kept, *walls)), "numpy")
+    for steps in (0,) if walls else (0, 1, 6):
+        advanced(simulation, steps)
+        simulation.evaluate()
+        pulled = np.average(simulation.field("acceleration")[:8], 0, simulation.field("mass")[:8])
+        assert pulled == pytest.approx([0.0, 0.0, -runs.GRAVITY], abs=1e-4 * runs.GRAVITY)
+
+
 def test_solids_feel_a_tank_that_sways():
     """Their pressure is that of the acceleration in the tank's frame, 1 m/s^2 along x here."""
     sway = rs.Motion(of="gravity", kind="formula", direction=(1.0, 0.0, 0.0), formula="-0.5*t**2")

@@ -76,8 +76,16 @@ class Coupling(NamedTuple):
     density_weighted: int  # pairs of liquid have a common pressure, weighted by densities
 
 
+def delay(grid: Discretisation, liquid: "WeaklyCompressible") -> float:
+    """tau of the followed velocity [s]."""
+    return DELAY * grid.support_radius / liquid.sound_speed
+
+
 def told_at_start(grid: Discretisation, state: "InitialState", others: Others) -> dict[str, np.ndarray]:
-    """Wetness [-] and pressure [Pa] of solids' particles in liquid at rest, from particle to particle within h."""
+    """Wetness [-], pressure [Pa] and u [m/s] of solids' particles at the start, from particle to particle within h.
+
+    Liquid that stands on no wall has no pressure and falls; so does what it wets, with a_k = g and u = v - tau g.
+    """
     from scipy.spatial import cKDTree
 
     liquid = sph.liquid_of(others)
@@ -85,15 +93,18 @@ def told_at_start(grid: Discretisation, state: "InitialState", others: Others) -
     wet, pressure = np.zeros(grid.count), np.zeros(grid.count)
     excess = liquid.initial(grid, state, others)["advanced_excess"]
     pressure[solids:] = liquid.sound_speed**2 * excess[solids:]
+    falls, pull = excess == 0, np.array(sph.acceleration_of(others))
     left, known, weight = np.arange(solids), np.arange(solids, grid.count), 1.0
     while len(left) and len(known):
         apart, near = cKDTree(state.position[known]).query(state.position[left])
         found, way = left[apart < grid.support_radius], known[near[apart < grid.support_radius]]
-        head = (state.position[found] - state.position[way]) @ np.array(sph.acceleration_of(others))
+        head = np.where(falls[way], 0.0, (state.position[found] - state.position[way]) @ pull)
         wet[found], pressure[found] = weight, pressure[way] + liquid.rest_density * head
+        falls[found] = falls[way]
         left, known, weight = left[apart >= grid.support_radius], found, PASSED * weight
     pressure[solids:] = 0.0
-    return {"told_wet": wet, "told_pressure": pressure}
+    u = state.velocity - np.where((wet > 0) & falls, delay(grid, liquid), 0.0)[:, None] * pull
+    return {"told_wet": wet, "told_pressure": pressure, "followed_velocity": u}
 
 
 class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=True, kw_only=True):
@@ -188,8 +199,8 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
         if not sph.liquid_of(others).advances():
             return {"rest_density": rest_density}
         told = told_at_start(grid, state, others)
-        told |= {"followed_velocity": state.velocity, "allowed_closeness": np.full(grid.count, DRAWN)}
-        return {"rest_density": rest_density, "solid_number": number, **told}
+        told |= {"rest_density": rest_density, "solid_number": number}
+        return told | {"allowed_closeness": np.full(grid.count, DRAWN)}
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         liquid = sph.liquid_of(others)
@@ -236,13 +247,12 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         liquid = sph.liquid_of(others)
         if liquid.advances():
-            delay = Delay(grid.real(DELAY * grid.support_radius / liquid.sound_speed))
             friction = liquid.central_friction(grid) if self.no_slip else {}
             overlap = (
                 1 / grid.spacing, 1 / grid.spacing**grid.dim, STIFFNESS * liquid.rest_density * liquid.sound_speed**2,
                 DAMPED * grid.support_radius / liquid.sound_speed,
             )  # fmt: skip
-            own = {"delay": delay, "overlapping": Overlapping(*map(grid.real, overlap))}
+            own = {"delay": Delay(grid.real(delay(grid, liquid))), "overlapping": Overlapping(*map(grid.real, overlap))}
             return own | friction | liquid.spreading(grid, others) | sph.lean(grid, others)
         printed = self.printed()
         exponent = 7 if liquid.state == "tait" else 1

@@ -344,11 +344,11 @@ def solid_holds_liquid():
 
 @closed_form("two_way_coupling.follow")
 def follows_by_a_third():
-    """tau = 0.5 s, dt = 0.25 s: a third of the difference of 3 m/s."""
+    """tau = 0.75 s, dt = 0.25 s: a third of the difference of 3 m/s."""
     told = {"wet": [0.0, 2.0], "pressure": [3.0, -4.0], "suction": [0.0, -5.0]}
     inputs = told | {
-        "velocity": [[0.0, 5.0, 0.0], [0.0, 0.0, 0.0]], "delay": Delay(0.5),
-        "followed_velocity": [[0.0, 2.0, 0.0], [3.0, 0.0, 0.0]], "timestep": [0.5, 0.25],
+        "velocity": [[0.0, 5.0, 0.0], [0.0, 0.0, 0.0]], "delay": Delay(0.75),
+        "followed_velocity": [[0.0, 2.0, 0.0], [3.0, 0.0, 0.0]], "timestep": [0.25, 0.5],
     }  # fmt: skip
     kept = {f"told_{name}": value for name, value in told.items()}
     return Exact(PAIR, inputs, kept | {"followed_velocity": [[0.0, 3.0, 0.0], [2.0, 0.0, 0.0]]})

@@ -346,9 +346,9 @@ hold = force(hold_pair, divided="density")
 def follow(
     i, velocity, wet, pressure, suction, delay, timestep, followed_velocity, told_wet, told_pressure, told_suction
 ):
-    """Velocity u that follows that of particle i [m/s], with the delay tau: u += (v - u) dt/(dt + tau); and what the
-    next step spreads."""
+    """Velocity u that follows that of particle i [m/s], with the delay tau: u += (v - u) dt/tau; and what the next step
+    spreads."""
     for c in range(3):
         before = followed_velocity[i, c]
-        followed_velocity[i, c] = before + (velocity[i, c] - before) * timestep[1] / (timestep[1] + delay.tau)
+        followed_velocity[i, c] = before + (velocity[i, c] - before) * timestep[0] / delay.tau
     told_wet[i], told_pressure[i], told_suction[i] = wet[i], pressure[i], suction[i]

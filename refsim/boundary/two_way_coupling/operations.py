@@ -243,6 +243,6 @@ def follow(velocity, wet, pressure, suction, delay, timestep, followed_velocity,
     """Velocity [m/s] that follows that of a particle, and what the next step's `spread` takes."""
     told = Fields(velocity=velocity, followed=followed_velocity, wet=wet, pressure=pressure, suction=suction).at(rows)
     return {
-        "followed_velocity": ref.follow(told, float(timestep[1]), float(delay.tau)), "told_wet": told.wet,
+        "followed_velocity": ref.follow(told, float(timestep[0]), float(delay.tau)), "told_wet": told.wet,
         "told_pressure": told.pressure, "told_suction": told.suction,
     }  # fmt: skip

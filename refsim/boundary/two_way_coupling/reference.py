@@ -157,5 +157,5 @@ def hold(i, j, ij, k):
 
 
 def follow(i, dt, tau):
-    """u <- u + (v - u)/(1 + tau/dt) [m/s]; (v - u)/tau is its acceleration."""
-    return i.followed + dt / (dt + tau) * (i.velocity - i.followed)
+    """u <- u + (v - u) dt/tau [m/s], dt between the velocities; of even acceleration it is (v - u)/tau."""
+    return i.followed + dt / tau * (i.velocity - i.followed)
