@@ -40,10 +40,6 @@ from refsim.scene.plan import Plan
 from refsim.scene.scene import Scene
 
 CHECKPOINT = "checkpoint.h5"
-ONE_BY_ONE = (
-    "profiled on cuda: the passes were launched one by one with a wait after each, not as one CUDA graph; each launch"
-    " took some 10 to 50 microseconds longer than in a run without a profile"
-)
 FRAMES = 100  # of a whole run, where the caller does not say how often
 HELD_FOR, HELD_BYTES = 0.5, 2**26  # s and bytes until which frames are held, to be written in one go
 
@@ -65,8 +61,6 @@ class RunReport(Shown):
                       compiling (the first call of each kernel, which loads or compiles it), steps and writing, their
                       sum total, and in `processor` those of all processors; in `stages` wall seconds of this process by
                       stage, without first calls
-    profile           of a run that was profiled: `note`, and in `stages` what each stage took
-                      (`refsim.engine.timings.StageCost`), the longest first; else None
     """
 
     scene: str
@@ -90,7 +84,6 @@ class RunReport(Shown):
     frames: int = 0
     checkpoints: int = 0
     seconds: dict[str, Any] = field(default_factory=dict)
-    profile: dict[str, Any] | None = None
     files: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
@@ -117,7 +110,6 @@ def simulate(
     every: float | None = None,
     checkpoint_every: float = 60.0,
     overwrite: bool = False,
-    profile: bool = False,
     progress: bool | Callable[[Simulation], None] | None = None,
     asked_to_stop: Callable[[], bool] = lambda: False,
 ) -> RunReport:
@@ -128,7 +120,6 @@ def simulate(
     every             simulated time between frames [s], a hundredth of the run by default
     checkpoint_every  wall time between checkpoints [s]; one more is written at the end
     overwrite         begin anew in a folder that holds an earlier run, unless that one is still running
-    profile           time every pass to its end (see `Simulation`, which has the option where one is given)
     progress          True shows a bar, False none; None shows it on a terminal and in Jupyter. Or what is called before
                       the first step and after every step
     asked_to_stop     called after every step; if it is true, the run ends with reason "interrupted" and a checkpoint
@@ -143,7 +134,7 @@ def simulate(
     if isinstance(scene, Simulation):
         simulation = scene
     else:
-        simulation = Simulation(scene, backend, threads, profile)
+        simulation = Simulation(scene, backend, threads)
     run = _Run(simulation, until, output, every, checkpoint_every, overwrite, threads)
     bar = Progress(run.until, run.folder) if shown else None
     try:
@@ -188,7 +179,6 @@ class _Run:
         self.frames = self.checkpoints = self.logged = 0
         self.last_checkpoint: Path | None = None
         self.stop: RunStopped | None = None
-        self.loop_began, self.counted_before = time.perf_counter(), simulation.timings.counted
         self.files: dict[str, str] = {}
         self.writer: ParticleWriter | None = None
         self.held: list[Frame] = []  # not yet written
@@ -396,19 +386,10 @@ class _Run:
             density=simulation.counting.report(),
             ledger={"start": conserved_totals(plan), "end": conserved_totals(simulation)},
             seconds={**timings.account(), "stages": dict(timings.stages)},
-            profile=self._profile(),
             notes=list(simulation.notes),
             files=dict(self.files),
             **given,
         )
-
-    def _profile(self) -> dict[str, Any] | None:
-        timings = self.simulation.timings
-        if timings.wait is None:
-            return None
-        elapsed = time.perf_counter() - self.loop_began + self.counted_before
-        note = ONE_BY_ONE if self.simulation.backend.name == "cuda" else ""
-        return {"note": note, "stages": [cost._asdict() for cost in timings.costs(elapsed)]}
 
     def close(self) -> None:
         if self.writer is not None:
