@@ -5,7 +5,6 @@ A run's folder holds `particles.pvd` with the folder `particles` (frames), `chec
 `postmortem.json` and `postmortem.npz`.
 """
 
-import functools
 import json
 import math
 import os
@@ -150,9 +149,7 @@ def simulate(
         if bar is not None:
             bar.close()
         run.close()
-    report = run.report()
-    log().info("%s: reached %.6g s in %d steps", report.scene, report.time, report.steps)
-    return report
+    return run.report()
 
 
 class _Run:
@@ -176,7 +173,7 @@ class _Run:
         self.every = every or self.until / FRAMES or math.inf
         self.checkpoint_every = checkpoint_every
         self.resumed_at = simulation.steps if simulation.steps or simulation.source is not None else None
-        self.frames = self.checkpoints = self.logged = 0
+        self.frames = self.checkpoints = 0
         self.last_checkpoint: Path | None = None
         self.stop: RunStopped | None = None
         self.files: dict[str, str] = {}
@@ -223,12 +220,7 @@ class _Run:
             raise
 
     def go(self, progress: Callable[[Simulation], None] | None, asked_to_stop: Callable[[], bool]) -> None:
-        simulation, grid = self.simulation, self.simulation.plan.grid
-        log().info(
-            "%s: %d particles in %dD, %s, backend %s, from %.6g to %.6g s", simulation.plan.scene.name,
-            simulation.count, grid.dim, grid.dtype, simulation.backend.name, simulation.time, self.until,
-        )  # fmt: skip
-        self._log_notes()
+        simulation = self.simulation
         if progress is not None:
             progress(simulation)
         clock = time.perf_counter()
@@ -241,7 +233,6 @@ class _Run:
         while simulation.time < self.until:
             next_frame = self._frame_after(simulation.time)
             simulation.step()
-            self._log_notes()
             if progress is not None:
                 progress(simulation)
             if self.folder is not None:
@@ -262,18 +253,12 @@ class _Run:
         note = simulation.counting.judged(simulation)
         if note and LOOKED not in simulation.remarks:
             simulation.notes.append(note)
-            self._log_notes()
         if self.folder is not None:
             assert self.writer is not None
             self._flush()
             if self.writer.last_time is None or simulation.time > self.writer.last_time:
                 self._frame()
             self._checkpoint()
-
-    def _log_notes(self) -> None:
-        for note in self.simulation.notes[self.logged :]:
-            log().warning("%s", note)
-        self.logged = len(self.simulation.notes)
 
     def _frame_after(self, time: float) -> float:
         """The first time of the frames' grid after `time` [s]; the step that reaches it ends with a frame."""
@@ -300,7 +285,6 @@ class _Run:
             scene = simulation.plan.scene
             position = wrapped(values.pop("position"), scene.period, scene.period_lower)
             self.held.append(Frame(simulation.time, position, values))
-        log().debug("frame at %.6g s", simulation.time)
 
     def _flush(self, held_for: float = 0.0) -> None:
         """Write the frames that are held, unless others were written less than `held_for` seconds ago."""
@@ -323,7 +307,6 @@ class _Run:
             self.simulation.checkpoint(path)
             self._write_gauges()
         self.checkpoints += 1
-        log().debug("checkpoint at %.6g s: %s", self.simulation.time, path)
         self.last_checkpoint = path
         self.files["checkpoint"] = str(path)
         self._write_report()
@@ -343,7 +326,6 @@ class _Run:
     def stopped(self, stop: RunStopped) -> RunStopped:
         """Note why the run stopped, in a post-mortem and in the report; the error to raise, with the report."""
         self.stop = stop
-        log().error("%s [%s]", stop, stop.reason)
         with suppress(InputError, RunStopped, OSError, MemoryError):  # a full disk must not hide the first reason
             self._flush()
         with suppress(InputError, RunStopped, OSError, MemoryError):
@@ -396,16 +378,6 @@ class _Run:
             with suppress(InputError, RunStopped, OSError, MemoryError):
                 self._flush()
             self.writer.close()
-
-
-@functools.cache
-def log() -> Any:
-    """The logger `refsim`; it prints nothing unless the program sets up logging."""
-    import logging  # here, because it takes a thirtieth of the time that importing refsim does
-
-    logger = logging.getLogger("refsim")
-    logger.addHandler(logging.NullHandler())
-    return logger
 
 
 class Progress:
