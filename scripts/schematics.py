@@ -18,6 +18,7 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from refsim import smoothing  # noqa: E402
+from refsim.backends.arrays import Backend  # noqa: E402
 from refsim.core.effect import Lattice  # noqa: E402
 from refsim.isosurface.table import edges, facets  # noqa: E402
 from refsim.shape_matching import operations  # noqa: E402
@@ -27,7 +28,7 @@ from refsim.surface_detection import operations as detection  # noqa: E402
 from refsim.surface_detection.formulas import in_scan_region  # noqa: E402
 from refsim.surface_energy import Tension  # noqa: E402
 from refsim.surface_energy.formulas import spline_weight  # noqa: E402
-from refsim.surface_energy.reference_reconstruction import ReferenceReconstruction  # noqa: E402
+from refsim.surface_energy.reconstruction import Reconstruction  # noqa: E402
 from refsim.surface_normal import NormalTerm  # noqa: E402
 from refsim.surface_normal import operations as normals  # noqa: E402
 from scripts.pictures import command  # noqa: E402
@@ -111,7 +112,7 @@ def _drops() -> Array:
 def _surface() -> tuple[Array, Any]:
     place = _drops()
     tension = Tension(surface_tension=1.0, normals="mls", inset=-1.0)
-    return place, ReferenceReconstruction(2, "float64", 1.0, tension).surface(place)
+    return place, Reconstruction(Backend("numpy"), 2, "float64", 1.0, tension).surface(place)
 
 
 def _grid(axes: Any, lower: Array, upper: Array) -> None:

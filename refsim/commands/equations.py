@@ -22,7 +22,6 @@ SEARCHES = ("neighbours", "sparse_grid")
 MOST = 2  # programs that stand for an equation without a number of its own in them
 LEADING = 25  # characters of a docstring, within which a number says what the function is
 LOST = "lost in the source; read: "
-JUDGES = ("reference", "reference_reconstruction")
 OTHERS = ("operations", "cases", "__init__", "memory", "limits", "groups")  # modules without equations
 FOLDERS = {
     "Dong, Zhang & Chen 2016": ("surface_tension",), "Shao & Song 2017": ("heat", "boundary"),
@@ -136,7 +135,7 @@ def _label(number: str) -> re.Pattern[str]:
 
 def _kinds(places: Iterable[CodeLocation]) -> tuple[list[CodeLocation], list[CodeLocation]]:
     """References, and the rest."""
-    references = [place for place in places if place.module.rpartition(".")[2] in JUDGES]
+    references = [place for place in places if place.module.endswith(".reference")]
     return references, [place for place in places if place not in references]
 
 

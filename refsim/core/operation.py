@@ -160,6 +160,14 @@ class Operation:
                 waiting += _called(place)
         return [f for f in functions if inspect.isfunction(f) and f.__module__.endswith(".reference")]
 
+    def launch(self, backend: str, *arguments: Any) -> None:
+        """Run the plain program of a backend on the arguments of the reference and, behind them, the outputs."""
+        if backend == "numpy":
+            names = (*self.arguments("numpy"), *self.outputs)
+            self.bind("numpy", dict(zip(names, arguments, strict=True)).__getitem__)()
+        else:
+            self.program(backend)(*arguments)
+
     def bind(self, program: str, lookup: Callable[[str], Any]) -> Callable[[], None]:
         """A call without arguments: the program of that name on the values that `lookup` gives for its arguments."""
         function = self.program(program)

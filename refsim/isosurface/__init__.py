@@ -54,14 +54,14 @@ def edges_and_facets(backend: Backend, blocks: Blocks, node_state: Any, dim: int
     count = nodes(blocks)
     table, bits_set = case_tables(backend, dim, merged)
     crossings, cell_case = backend.empty(count, np.uint8), backend.empty(count, np.uint8)
-    REGISTRY["isosurface.classify"].program(backend.name)(blocks, node_state, crossings, cell_case)
+    REGISTRY["isosurface.classify"].launch(backend.name, blocks, node_state, crossings, cell_case)
     _, to_xp, from_xp = backend.array_library()
     edge_first = backend.running_sum(from_xp(to_xp(bits_set)[to_xp(crossings)]))
     facet_first = backend.running_sum(from_xp(to_xp(table.count)[to_xp(cell_case)]))
     vertices, facets = (int(backend.host(first[count:])[0]) for first in (edge_first, facet_first))
     vertex_edge, facet = backend.empty(vertices, np.int32), backend.empty((facets, dim), np.int32)
-    REGISTRY["isosurface.facets"].program(backend.name)(
-        blocks, crossings, cell_case, edge_first, facet_first, table, vertex_edge, facet
+    REGISTRY["isosurface.facets"].launch(
+        backend.name, blocks, crossings, cell_case, edge_first, facet_first, table, vertex_edge, facet
     )
     return Cells(vertex_edge, facet, facet_first)
 

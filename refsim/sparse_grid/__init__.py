@@ -27,8 +27,10 @@ class SparseGrid:
     def __post_init__(self) -> None:
         if self.backend.name == "cuda":
             from refsim.sparse_grid import block_search_cuda as programs
-        else:
+        elif self.backend.name == "cpu":
             from refsim.sparse_grid import block_search as programs  # type: ignore[no-redef]
+        else:
+            from refsim.sparse_grid import block_search_numpy as programs  # type: ignore[no-redef]
         self.programs: Any = programs.BlockSearch(self.dim, inverse_cell(self.cell_size, self.dtype))
 
     def cover(self, position: Any, below: int, above: int) -> Blocks:

@@ -18,7 +18,6 @@ from refsim.core.errors import InputError, RunStopped
 from refsim.core.operation import REGISTRY, Procedure, enter
 from refsim.surface_energy import Tension
 from refsim.surface_energy.reconstruction import Reconstruction
-from refsim.surface_energy.reference_reconstruction import ReferenceReconstruction
 
 CROWDING = Field("crowding", "-", "density counted on the grid times J, over the rest density")
 GREATEST_CROWDING = Field("greatest_crowding", "-", "largest crowding of the particles", rows=1)
@@ -204,13 +203,11 @@ def reconstruction_on(
     backend: Backend, dim: int, dtype: str, cell_size: float, tension: Tension, timed: bool = False,
     reused: bool = False,
 ) -> Any:  # fmt: skip
-    """A `Reconstruction` on backend "cpu", its counterparts on "numpy" and "cuda".
+    """A `Reconstruction` on a backend; its counterpart on "cuda".
 
-    timed   measure each stage, waiting for the device after it; not on "numpy"
+    timed   measure each stage, waiting for the device after it
     reused  the next surface overwrites the arrays of the last one: on a GPU it is then one recorded graph
     """
-    if backend.name == "numpy":
-        return ReferenceReconstruction(dim, dtype, cell_size, tension)
     if backend.name == "cuda":
         from refsim.surface_energy.recorded import DeviceReconstruction
 

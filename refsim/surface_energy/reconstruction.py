@@ -1,7 +1,7 @@
 """The reconstruction of a surface, step after step: from particles to samples with normals, areas and particles.
 
 Figure 4.7 of the thesis up to the transfers: level set, marching cubes, samples, offsets, fit, normals, inset, and
-which components have tension. `recorded` does it on a GPU, `reference_reconstruction` in NumPy.
+which components have tension. `recorded` does it on a GPU.
 """
 
 import math
@@ -282,7 +282,7 @@ class Reconstruction:
     # Arrays
 
     def _run(self, name: str, *arguments: Any) -> None:
-        REGISTRY[f"surface_energy.{name}"].program(self.backend.name)(*arguments)
+        REGISTRY[f"surface_energy.{name}"].launch(self.backend.name, *arguments)
 
     def _empty(self, shape: Any, dtype: Any = None) -> Any:
         return self.backend.empty(shape, self.dtype if dtype is None else np.dtype(dtype))

@@ -10,7 +10,6 @@ from refsim.core.errors import InputError, RunStopped
 from refsim.sparse_grid.reference import node_table
 from refsim.surface_energy import Tension, operations
 from refsim.surface_energy.reconstruction import Reconstruction
-from refsim.surface_energy.reference_reconstruction import ReferenceReconstruction
 from tests.running import advanced, rows
 
 CPU = Backend("cpu")
@@ -165,6 +164,6 @@ def test_run_of_the_references_is_the_cpus(dim, parameters):
 
 
 def test_references_stop_where_the_grid_ends():
-    made = ReferenceReconstruction(2, "float64", H, Tension(surface_tension=2.0))
-    with pytest.raises(RunStopped, match="left the background grid of the surface"):
+    made = Reconstruction(Backend("numpy"), 2, "float64", H, Tension(surface_tension=2.0))
+    with pytest.raises(RunStopped, match="left the background grid, which ends"):
         made.surface(np.array([[0.0, 0.0, 0.0], [1e9, 0.0, 0.0]]))
