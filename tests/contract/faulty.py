@@ -10,6 +10,7 @@ import numpy as np
 
 from refsim.contract import Programs, trials
 from refsim.contract.causes import first_cause
+from tests.running import rows
 
 NORMS = {
     "cubic_spline": {2: 40 / (7 * math.pi), 3: 8 / math.pi}, "wendland_c2": {2: 7 / math.pi, 3: 21 / (2 * math.pi)},
@@ -202,38 +203,7 @@ ONE = {"kernels": ("wendland_c2",), "without": ("number_density", "asymmetry")}
 ALL_PAIRS = ONE | {"most_particles": 1100}
 TWO = ALL_PAIRS | {"kernels": ("wendland_c2", "cubic_spline")}
 LISTS = {"kernels": ("wendland_c2",), "without": ("number_density", "asymmetry", "period"), "walls": False}
-CAUSES = {  # {fault: words of the right first cause}
-    "no self": "leaves out the particle itself", "self twice": "counts the particle itself 2 times",
-    "constant of the plane": "normalisation for 2 dimensions", "constant of space": "normalisation for 3 dimensions",
-    "constant off": "1.0005 times",
-    "constant off in 2D": "1.0005 times as large as right, in all rows; wrong only in 2",
-    "coefficient of one kernel": "wrong only with the kernel cubic_spline", "half h": "0.5 times h in place of h",
-    "twice h": "2 times h in place of h", "other kernel": "that of the kernel cubic_spline",
-    "m_i": "mass_i in place of mass_j", "last missing": "one neighbour is missing",
-    "first missing": "one neighbour is missing", "last twice": "one neighbour is counted twice",
-    "64 neighbours": "with up to 59 neighbours, wrong from 309",
-    "32 neighbours": "right with up to 32 neighbours, wrong from 33", "no cut": "no cut at r = h",
-    "no period": "that without period", "one image": "wrong only with period", "no walls": "that without walls",
-    "mirrored walls": "wall particles are mirrored", "half walls": "the part of walls is 0.5 times",
-    "walls off": "the part of walls is 1.01 times", "no z": "in the plane z = 0",
-    "adds": "holds no number before the call; it must assign it", "not written": "does not write density",
-    "float32 sum": "single precision", "float32 factor": "single precision", "float32 positions": "single precision",
-    "prefix sums": "float32", "a race": "a race between threads", "two threads": "a race between threads",
-    "stale by number": "kept from other positions", "stale list": "kept from other positions",
-    "last block": "last rows", "last of four lanes": "last rows", "last row": "last rows",
-    "above 128 particles": "right with up to", "rows from 128 on": "up to row 127",
-    "index of 8 bits": "wrong from 309", "index of 16 bits": "particles' numbers up to", "reversed": "in other rows",
-    "same amount": "the same amount", "r = 0 left out": "one neighbour is missing", "raises": "it raised IndexError",
-    "changes an input": "it changed its input mass", "writes behind": "it wrote behind the end of density",
-    "m for V": "1 in place of density_j", "p_i for p_j": "pressure_i in place of pressure_j",
-    "V by rho_j": "the square in place of density_j", "rho_i for rho_j": "density_i in place of density_j",
-    "p_i - p_j": "-pressure_j in place of pressure_j", "opposite": "with the opposite sign",
-    "half": "0.5 times as large", "no viscosity": "that without viscosity",
-    "twice mu": "the part of viscosity is 2 times", "minus mu": "the part of viscosity is -1 times",
-    "Laplacian of the plane": "wrong only with viscosity", "Laplacian off": "the part of viscosity is 1.001 times",
-    "v_j alone": "wrong only with viscosity", "z missing": "wrong in z alone",
-    "wall share": "the part of walls is 0.5 times", "overwrites": "it must add", "0 by 0": "that is NaN or infinite",
-}  # fmt: skip
+CAUSES = rows(__file__, "causes")
 FORCES = list(CAUSES)[list(CAUSES).index("m for V") :]
 VARIANTS = {"walls": (0, 6), "period": (0, 7), "image": (0, 7), "viscosity": (0, 3), "mu": (0, 3), "Laplacian": (0, 3)}
 VARIANTS |= {"v_j alone": (0, 3), "wall share": (0, 4)}  # by a word of the fault; else the plain one

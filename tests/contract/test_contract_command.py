@@ -12,6 +12,7 @@ from refsim import contract
 from refsim.__main__ import main
 from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY
+from tests.running import rows
 
 GRAVITY = "def gravity(field, acceleration):\n    acceleration += field\n"
 
@@ -50,36 +51,13 @@ def test_programs_are_found_by_file_module_name_and_entry_point(folder):
     assert all(o.passed for o in contract.trials(found, "sph.gravity", ("float64",), steps=("T1",)))
 
 
-MISTAKES = {
-    "no such module": ("nowhere.to.be_found", None, "There is no module 'nowhere.to.be_found'"),
-    "no such file": ("nowhere.py", None, "there is no file nowhere.py; give the path of a Python file."),
-    "its own import fails": ("own.py", "import a_thing_that_is_not_there", "own.py cannot be imported: ModuleNotFound"),
-    "no programs": ("own.py", "", "own.py has no PROGRAMS; write PROGRAMS = {'sph.density': function} in it."),
-    "not a mapping": ("own.py", "PROGRAMS = 3", "own.py is int; give a mapping"),
-    "unknown operation": ("own.py", "PROGRAMS = {'sph.densty': len}", "did you mean sph.density?"),
-    "no function": ("own.py", "PROGRAMS = {'sph.density': 3}", "its program for sph.density is 3; give a function."),
-    "no such dtype": ("own.py",
-        "from refsim.contract import Programs\nPROGRAMS = Programs({'sph.gravity': len}, dtypes=('float16',))",
-        "there is no dtype 'float16'; choose from float32, float64."),
-    "no such arrays": ("own.py",
-        "from refsim.contract import Programs\nPROGRAMS = Programs({'sph.gravity': len}, arrays='fpga')",
-        "there are no arrays of 'fpga'; take one of cpu, cuda."),
-    "sys.exit": ("own.py", "import sys\nsys.exit(0)", "cannot be imported: SystemExit: 0."),
-    "words": ("own.py", "class E(Exception):\n def __str__(self): return 1/0\nraise E", "imported: E: no message."),
-}  # fmt: skip
-ENDS = {  # of a process that judges
-    "import os\nos._exit(0)": "cannot be imported: the program ended its process (exit code 0).",
-    "import ctypes\nctypes.string_at(0)": "the program ended its process (signal SIGSEGV).",
-    "while True: pass": "cannot be imported: its import did not end within 2 s (--time-limit).",
-    "raise KeyboardInterrupt": "cannot be imported: KeyboardInterrupt",
-    "PROGRAMS = {}": "own.py has no program for any operation",
-}
+MISTAKES, ENDS = (rows(__file__, name) for name in ("mistakes", "ends"))
 
 
 @pytest.mark.parametrize("name", MISTAKES)
 def test_a_mistake_gets_one_sentence(name, folder):
     source, text, said = MISTAKES[name]
-    if text is not None:
+    if text != "-":
         (folder / source).write_text(text + "\n")
     with pytest.raises(InputError, match=re.escape(said)) as told:
         contract.load(source)
