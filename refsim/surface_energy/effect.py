@@ -304,12 +304,12 @@ class SurfaceOfRun(SurfaceSamples):
         """
         volume = None if held is None else float(held.sum()) / self.rest_density
         self.latest = self.reconstruction.surface(position, volume=volume, number=identity)
-        most = self.reconstruction.most_in_a_cell(self.latest)
+        most = self.latest.most_in_a_cell
         if most > CLUMPED * self.full:
             raise RunStopped(
                 "clumped", f"{most} particles have gathered in one cell, which holds {self.full:.3g}: {GATHERED}"
             )
-        if not self.reconstruction.finds_all(self.latest):
+        if self.latest.unfound:
             raise RunStopped(
                 "diverged",
                 "A part of the reconstructed surface has no particle within two cells: particles fly apart; take a"

@@ -7,7 +7,7 @@ which components have tension. `recorded` does it on a GPU.
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -55,10 +55,10 @@ class Surface:
     facet_normal: Any
     offset_direction: Any
     sample_place: Any
-    seconds: dict[str, float] = field(default_factory=dict)  # time of each stage [s], if measured
+    seconds: dict[str, float]  # time of each stage [s], if measured
+    most_in_a_cell: int  # largest number of particles in one cell
+    unfound: bool  # whether a sample has no particle
     padded: Samples | None = None  # the samples with unused capacity, see `RecordedSurface`, or None
-    most_in_a_cell: int | None = None  # largest number of particles in one cell, or None: not computed
-    unfound: bool | None = None  # whether a sample has no particle, or None: not computed
 
 
 def area_before(area: Any, h: float, dim: int) -> Any:
@@ -108,12 +108,8 @@ class Reconstruction:
         return Surface(
             Samples(place, normal, area, nearest), mesh, inset_mesh, size, blocks, cells, coefficients,
             facet_normal, away, fit_position[: place.shape[0]], dict(self._seconds),
+            most_in_a_cell=int(np.diff(cells.first).max(initial=0)), unfound=bool((nearest < 0).any()),
         )  # fmt: skip
-
-    def mesh(self, position: Any) -> Mesh:
-        """The level set's surface alone, of particles at `position` (n, 3) [m]."""
-        blocks, cells = self._cells(position)
-        return self._mesh(position, blocks, cells)
 
     def force(self, samples: Samples, blocks: Blocks) -> Any:
         """Force of the surface's tension on the nodes of `blocks` (nodes, 3) [N], (4.18*)."""
@@ -121,14 +117,6 @@ class Reconstruction:
         bases = self.grid.by_cell(samples.position, blocks, 0.5)
         self._run("surface_force", samples.position, samples.area, samples.normal, bases, blocks, self.term, force)
         return force
-
-    def most_in_a_cell(self, surface: Surface) -> int:
-        """Largest number of particles in one cell."""
-        return int(np.diff(surface.cells.first).max(initial=0))
-
-    def finds_all(self, surface: Surface) -> bool:
-        """Whether every sample has a particle."""
-        return bool((surface.samples.nearest >= 0).all())
 
     # Stages
 

@@ -51,7 +51,7 @@ class RecordedSurface(Surface):
         """The same with all of its arrays, which are overwritten no more."""
         later = {name: call() for name, call in self._later.items()}
         return Surface(
-            self.samples, blocks=self.blocks, cells=self.cells, seconds=self.seconds, padded=None,
+            self.samples, blocks=self.blocks, cells=self.cells, seconds=self.seconds,
             most_in_a_cell=self.most_in_a_cell, unfound=self.unfound, **later,
         )  # fmt: skip
 
@@ -97,12 +97,6 @@ class DeviceReconstruction(Reconstruction):
         if self.reused and graph is not None and samples is graph.samples and blocks is graph.blocks:
             return graph.force()
         return super().force(samples, blocks)
-
-    def most_in_a_cell(self, surface: Surface) -> int:
-        return surface.most_in_a_cell or 0
-
-    def finds_all(self, surface: Surface) -> bool:
-        return not surface.unfound
 
 
 class SurfaceGraph:
