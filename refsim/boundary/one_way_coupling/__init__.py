@@ -72,9 +72,6 @@ class MeshBoundary(
     restitution     c_r of the correction, from 0 (slip) to 1 (elastic)
     rebound         largest D_r of the correction, a fraction of the depth
     field_spacing   of the signed distances [m]; 0 for half a spacing of the liquid
-    every_particle  interpolate a distance for every particle, not only in the marked region around the surface
-    volume_factor   g of the boundary particles' volumes V_b = g/sum_k W_bk; 0 calibrates it so that liquid on a
-                    lattice, one spacing from a flat wall, has the rest density
     seed            of the positions of boundary particles
     literal         readings of the patent: its own choices "E27" (velocities that point out of the solid are reflected,
                     too), "E30" (one layer with g = 1, which mirrors the particle's own pressure), also as "all";
@@ -105,8 +102,6 @@ class MeshBoundary(
     restitution: Share = 0.0
     rebound: NotNegative = 0.1
     field_spacing: NotNegative = 0.0
-    every_particle: bool = False
-    volume_factor: NotNegative = 0.0
     seed: int = 0
     literal: Printed = ()
 
@@ -127,13 +122,13 @@ class MeshBoundary(
         self.printed()
         if self.extrapolates() and self._of_mirrored():
             raise InputError(
-                f"{self.name}: radius, layers, volume_factor, adhesion and literal belong to model = 'mirrored'; leave"
+                f"{self.name}: radius, layers, adhesion and literal belong to model = 'mirrored'; leave"
                 " them out with 'extrapolated'."
             )
 
     def _of_mirrored(self) -> bool:
         """Whether a parameter is given that mirrored walls alone have."""
-        return any((self.radius, self.layers, self.volume_factor, self.adhesion, *self.literal))
+        return any((self.radius, self.layers, self.adhesion, *self.literal))
 
     def sums_density(self, standing: bool) -> bool:
         return self.model == "mirrored" or self._of_mirrored()
@@ -178,8 +173,8 @@ class MeshBoundary(
 
     def _factors(self, grid: Discretisation, others: Others, layers: int, own: bool = True) -> tuple[float, ...]:
         """g of each layer, the calibrated ones where not `own`."""
-        if own and (self.volume_factor or "E30" in self.printed()):
-            return (self.volume_factor or 1.0,) * layers
+        if own and "E30" in self.printed():
+            return (1.0,) * layers
         shape, radius = liquid_of(others).sum_kernel(), self.radius or 0.5 * grid.spacing
         return layer_factors(shape, grid.support_radius, grid.spacing, radius, layers)
 
@@ -250,7 +245,7 @@ class MeshBoundary(
         if self.correction != "none":
             groups |= penetration_groups(
                 self.placed(grid).band.field, grid.dtype, self.restitution, self.rebound, self.correction == "swept",
-                "E27" in self.printed(), self.every_particle,
+                "E27" in self.printed(),
             )  # fmt: skip
         return groups
 

@@ -23,7 +23,6 @@ class Penetration(NamedTuple):
     rebound: float  # largest D_r
     swept: int  # test the whole path, not only the end of the step
     printed: int  # reflect also velocities that point out of the solid (patent E27)
-    everywhere: int  # interpolate a distance for every particle, not only in marked cells
     lower: Any  # (3,) corners of the box around all marked cells [m]
     upper: Any  # (3,) the box's other corner [m]
 
@@ -34,7 +33,7 @@ def correction_pass() -> Pass:
 
 
 def penetration_groups(
-    solid_field: Any, dtype: str, restitution: float, rebound: float, swept: bool, printed: bool, everywhere: bool
+    solid_field: Any, dtype: str, restitution: float, rebound: float, swept: bool, printed: bool
 ) -> dict[str, Any]:
     """Parameter groups of the pass, for `Effect.prepare`: the narrow band and the correction."""
     lower, upper = marked_box(solid_field)
@@ -45,7 +44,7 @@ def penetration_groups(
         band=real(solid_field.band),
     )
     group = Penetration(
-        real(restitution), real(rebound), int32(swept), int32(printed), int32(everywhere),
+        real(restitution), real(rebound), int32(swept), int32(printed),
         np.nextafter(lower.astype(dtype), real(-np.inf)), np.nextafter(upper.astype(dtype), real(np.inf)),
     )  # fmt: skip
     return {"solid_field": solid_field, "penetration": group}

@@ -49,10 +49,10 @@ def _solid(case, grid):
     middle = np.median(case.position, axis=0) if case.count else np.zeros(3)
     coarse = case.count > 0 and np.abs(middle).max() > 1e5 * case.spacing
     center = middle + case.spacing * np.array([5.13 if coarse else 0.13, -0.21, 0.07])
-    return penetration_groups(octahedron(center, case.spacing, grid.dtype), grid.dtype, 0.4, 0.1, True, False, False)
+    return penetration_groups(octahedron(center, case.spacing, grid.dtype), grid.dtype, 0.4, 0.1, True, False)
 
 
-as_printed, everywhere = other("penetration", swept=0, printed=1), other("penetration", everywhere=1)
+as_printed = other("penetration", swept=0, printed=1)
 
 
 def long_steps(case, grid):
@@ -60,9 +60,7 @@ def long_steps(case, grid):
     return np.array([0.8, 1.0], dtype=grid.dtype) * grid.real(0.25 * case.spacing)
 
 
-# `everywhere` interpolates more distances, with the same result.
 readings(penetration="printed")
-takes("penetration.kick_drift", penetration="restitution rebound swept printed")
 takes("penetration.kick_drift", solid_field="origin_x origin_y origin_z")
 
 
@@ -87,7 +85,7 @@ def _step(begin, speed, position, velocity, corrections=1, field=None, **changes
         "velocity": np.array([speed]), "acceleration": np.zeros((1, 3)), "timestep": [0.0, 1.0], "shift": None,
         "build_position": start, "corrections": np.zeros(1, np.int32), "identity": np.zeros(1, np.int32),
         "solid_field": field or slab,
-        "penetration": Penetration(0.5, 0.0, 1, 0, 0, *marked_box(slab))._replace(**changes),
+        "penetration": Penetration(0.5, 0.0, 1, 0, *marked_box(slab))._replace(**changes),
     }  # fmt: skip
     moved = np.array(position) - begin
     after = {"position": [position], "velocity": [velocity], "corrections": [corrections]}

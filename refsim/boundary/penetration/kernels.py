@@ -22,15 +22,14 @@ LEFT = 128  # a push that leaves the particle less deep than h/LEFT is the last 
 
 
 @formula
-def marked_distance(x, solid_field, penetration):
+def marked_distance(x, solid_field):
     """(phi [m], its slope along x, y, z) at a point: interpolated in a marked cell, +-band and slope 0 in others."""
-    if not penetration.everywhere:
-        _, (jx, jy, jz) = place_in_field(x, solid_field)
-        if find_node(solid_field, jx, jy, jz) < 0:
-            far, flat = solid_field.band, type(x[0])(0)
-            if beyond_inside(solid_field, jx, jy, jz):
-                far = -far
-            return far, (flat, flat, flat)
+    _, (jx, jy, jz) = place_in_field(x, solid_field)
+    if find_node(solid_field, jx, jy, jz) < 0:
+        far, flat = solid_field.band, type(x[0])(0)
+        if beyond_inside(solid_field, jx, jy, jz):
+            far = -far
+        return far, (flat, flat, flat)
     return trilinear(x, solid_field)
 
 
@@ -68,7 +67,7 @@ def entry(x, path, solid_field, penetration):
     clearance = solid_field.spacing / real(CLEARANCE)
     t = first
     for _ in range(LONGEST):
-        d, _ = marked_distance(added(x, scaled(path, t)), solid_field, penetration)
+        d, _ = marked_distance(added(x, scaled(path, t)), solid_field)
         if d < real(0):
             return t
         if t >= last:
@@ -136,18 +135,18 @@ def kick_drift(
     if penetration.swept:
         begun = real(1)
         if not outside_box(start, penetration):
-            begun, _ = marked_distance(start, solid_field, penetration)
+            begun, _ = marked_distance(start, solid_field)
         if begun >= real(0):  # otherwise the particle is inside already, and only the end of its step counts
             path = difference(x, start)
             t = entry(start, path, solid_field, penetration)
             if t < real(1):
                 x = added(start, scaled(path, t))
                 corrected = True
-    if penetration.everywhere or not outside_box(x, penetration):
+    if not outside_box(x, penetration):
         share = rebound(identity[i], corrections[i], penetration)
         allowed = real(0)
         for push in range(PUSHES if penetration.swept else 1):
-            depth, n = marked_distance(x, solid_field, penetration)
+            depth, n = marked_distance(x, solid_field)
             steep = math.sqrt(dot(n, n))
             if not (depth < allowed and steep > real(0)):
                 break

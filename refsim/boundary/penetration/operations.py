@@ -18,7 +18,7 @@ ROUNDING = 4e-7  # of a position, relative, in float32
     variants=(
         without("bounds position_residual shift", timestep="long_steps"), "shift", "",
         without("bounds shift", penetration="as_printed"),
-        without("bounds", timestep="long_steps", penetration="everywhere"),
+        without("bounds", timestep="long_steps"),
     ),
     reason="one rounding in each product and sum; the scale counts those of distance and normal",
     invariants="reordering", cases="towards_edges outside_the_grid",
@@ -34,7 +34,7 @@ def kick_drift(
     counts distance and normal; it is infinite where a distance on the path is within rounding of 0.
     """
     kick, drift = (float(t) for t in timestep)
-    a, everywhere = np.asarray(acceleration, dtype=float), bool(penetration.everywhere)
+    a = np.asarray(acceleration, dtype=float)
     old_v, old_x = np.asarray(velocity, dtype=float), np.asarray(position, dtype=float)
     count, sampled = (
         np.asarray(corrections, dtype=np.int64),
@@ -50,8 +50,8 @@ def kick_drift(
     hit, jumped, grazing = np.zeros((3, len(x)), dtype=bool)
     margin, exact = np.full((2, len(x)), np.inf)
     if penetration.swept and len(x):
-        begun = np.where(ref.in_box(old_x, *box), sampled(old_x, everywhere)[0], np.inf)
-        share, least = ref.entry(old_x, x - old_x, sampled, *box, everywhere)
+        begun = np.where(ref.in_box(old_x, *box), sampled(old_x)[0], np.inf)
+        share, least = ref.entry(old_x, x - old_x, sampled, *box)
         margin, exact = np.where(begun >= 0, least, np.inf), np.abs(begun) / sampled.band
         hit = (begun >= 0) & (share < 1)
         x = np.where(hit[:, None], old_x + np.where(hit, share, 0.0)[:, None] * (x - old_x), x)
@@ -61,11 +61,11 @@ def kick_drift(
     tilt = 1e-3 + 2 * ROUNDING * largest / sampled.h  # of a normal, by rounding
     total, doubt = np.sqrt((v_scale**2).sum(1)), size / sampled.h
     rebound, printed = ref.rebound(identity, count, float(penetration.rebound)), bool(penetration.printed)
-    looked = np.flatnonzero(ref.in_box(x, *box) | everywhere)
+    looked = np.flatnonzero(ref.in_box(x, *box))
     for push in range(PUSHES if penetration.swept else 1):
         if not len(looked):
             break
-        phi, slope = sampled(x[looked], everywhere)
+        phi, slope = sampled(x[looked])
         short = phi + (sampled.h / LEFT if push else 0.0)  # a push may leave a little
         margin[looked] = np.minimum(margin[looked], np.abs(short))
         steep = np.sqrt((slope**2).sum(1))

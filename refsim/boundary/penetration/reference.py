@@ -30,7 +30,7 @@ def path_in_box(start, path, lower, upper):
     return first, np.where((still & ((start < lower) | (start > upper))).any(1), -1.0, last)
 
 
-def samples(start, path, sampled, lower, upper, everywhere):
+def samples(start, path, sampled, lower, upper):
     """Sphere tracing, t <- t + max(phi - h/4, h/4)/|path|: yields (rows, t dimensionless, phi [m]), sample by sample.
 
     A row's samples end within the solid, phi < 0, or where its path leaves the box.
@@ -41,7 +41,7 @@ def samples(start, path, sampled, lower, upper, everywhere):
     for _ in range(LONGEST):
         if not len(going):
             return
-        phi, _ = sampled(start[going] + t[going, None] * path[going], everywhere)
+        phi, _ = sampled(start[going] + t[going, None] * path[going])
         yield going, t[going], phi
         on = (phi >= 0) & (t[going] < last[going])
         step = np.maximum(phi - sampled.h / CLEARANCE, sampled.h / CLEARANCE) / length[going]
@@ -49,13 +49,13 @@ def samples(start, path, sampled, lower, upper, everywhere):
         going = going[on]
 
 
-def entry(start, path, sampled, lower, upper, everywhere):
+def entry(start, path, sampled, lower, upper):
     """Swept: (least t of a sample with phi < 0, inf for none, dimensionless; least |phi| on the path [m]).
 
     The particle's own position, t = 0, is exact and does not count in the second.
     """
     share, least = np.full((2, len(start)), np.inf)
-    for rows, t, phi in samples(start, path, sampled, lower, upper, everywhere):
+    for rows, t, phi in samples(start, path, sampled, lower, upper):
         least[rows] = np.minimum(least[rows], np.where(t > 0, np.abs(phi), np.inf))
         share[rows] = np.where(phi < 0, t, np.inf)
     return share, least
