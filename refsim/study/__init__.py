@@ -67,7 +67,8 @@ def study(
     error       relative error for which the cheapest setting is given
     reference   what the value is held against
     reaches     the study is of the first time [s] at which the observable has this value
-    folder      where the runs' results are kept: a study that is called again goes on from there
+    folder      where the runs' results are kept: a study that is called again goes on from there; not of a function,
+                whose text no key could follow
     threads     of a CPU that a run takes; seconds are those of the processor, of all its threads
     say         is given the lines of progress; `progress` is called after every step
 
@@ -84,6 +85,8 @@ def study(
         raise InputError(f"error = {error:g} is not possible; give a relative error between 0 and 1, such as 0.01.")
     require_backend(backend)
     watched = observable_of(observable, plan)
+    if folder is not None and not watched.digest:
+        raise InputError("study: runs of a function are not kept; leave folder out, or give FILE.py:function.")
     left_out: list[str] = []
     remarks: list[str] = []  # about damaged results
     factors = spaced(scene, levels, levels // 2 if finer is None else finer, ratio) if "spacing" in chosen else (1.0,)

@@ -15,13 +15,11 @@ is the work whose seconds count, its attribute `seconds` gives them of what was 
 
 import ast
 import hashlib
-import pickle
 import re
 import runpy
 import sys
 import sysconfig
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -40,7 +38,6 @@ from refsim.study.panels import FOLDER, panel
 
 OVER_ALL: dict[str, Callable[[np.ndarray], Any]] = {"mean": np.mean, "max": np.max, "min": np.min}
 LINK = 2.0  # spacings up to which two particles of the liquid count as connected
-DEFAULTS = ("__defaults__", "__kwdefaults__")  # of a function's parameters
 Reader = Callable[[Simulation], float]
 
 
@@ -48,6 +45,7 @@ Reader = Callable[[Simulation], float]
 class Observable:
     """A number of a simulation: how it is called, its unit, how it is read, and a digest of what reads it.
 
+    digest  "" of a function of Python, of whose source no file is known
     times, reduce, seconds  see above; None for a number that is read at the end
     """
 
@@ -120,9 +118,7 @@ def observable_of(given: str | Callable[[Simulation], float] | Observable, plan:
     if isinstance(given, Observable):
         return given
     if callable(given):
-        return Observable(
-            getattr(given, "__name__", "observable"), "", given, _function_digest(given, set()), *_watch(given)
-        )
+        return Observable(getattr(given, "__name__", "observable"), "", given, "", *_watch(given))
     word, _, rest = given.partition(":")
     if word == "front":
         return _front(given, rest or "+x", plan)
@@ -276,45 +272,6 @@ def digest_of(name: str) -> str:
     files = {"": Path(path), **local_modules(Path(path))}
     digests = [(module, hashlib.sha256(file.read_bytes()).hexdigest()) for module, file in sorted(files.items())]
     return _digest(repr((function, digests)))
-
-
-def _function_digest(function: Callable[..., Any], seen: set[int]) -> str:
-    """Digest of a function's source, of the values and functions that it names, and of the modules of its file."""
-    import inspect
-
-    seen.add(id(function))
-    parts = [_source(function), _value_digest([getattr(function, name, None) for name in DEFAULTS])]
-    named: dict[str, Any] = {}
-    with suppress(TypeError, ValueError):
-        variables = inspect.getclosurevars(function)
-        named = {**variables.globals, **variables.nonlocals}
-    for word, value in sorted(named.items()):
-        if id(value) not in seen and not inspect.ismodule(value):
-            inner = _function_digest(value, seen) if inspect.isfunction(value) else _value_digest(value)
-            parts.append(f"{word} {inner}")
-    with suppress(TypeError, OSError):
-        for module, file in sorted(local_modules(Path(inspect.getsourcefile(function) or "")).items()):
-            parts.append(f"{module} {hashlib.sha256(file.read_bytes()).hexdigest()}")
-    return _digest("\0".join(parts))
-
-
-def _value_digest(value: Any) -> str:
-    """Digest of a value; of one that cannot be pickled, of how it is shown, which may differ in another process."""
-    try:
-        return hashlib.sha256(pickle.dumps(value)).hexdigest()
-    except Exception:  # objects refuse in any way
-        return repr(value)
-
-
-def _source(function: Callable[..., Any]) -> str:
-    """What a function computes, as text: its source where there is one."""
-    import inspect
-    import tokenize
-
-    try:
-        return inspect.getsource(function)
-    except (OSError, TypeError, SyntaxError, tokenize.TokenError):  # the last of a text that is no Python file
-        return repr(getattr(function, "__code__", function))
 
 
 def _words(error: BaseException) -> str:

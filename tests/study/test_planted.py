@@ -1,6 +1,5 @@
 """Slips of host code: what a key covers, what is read, which end a prediction is for, what is counted."""
 
-import importlib
 import json
 import os
 import shutil
@@ -28,36 +27,14 @@ def key(scene, observable):
 
 
 # What a key covers
-def test_a_key_follows_the_body_of_an_observable_and_the_values_that_it_names(tmp_path, monkeypatch):
-    """Those around it, those of its module, its defaults, and what functions that it calls name."""
-    plan, file = make_plan(block()), tmp_path / "own.py"
-    keys = []
+def test_a_key_follows_the_body_of_an_observable_and_a_function_has_none(tmp_path):
+    plan, file, keys = make_plan(block()), tmp_path / "own.py", []
     for body in ("return 1.0", "return 2.0"):
         file.write_text(f"def value(simulation):\n    {body}\n")
         keys.append(key(block(), observable_of(f"{file}:value", plan)))
-
-    def value(simulation):
-        return 1.0
-
-    one = observable_of(value, plan)
-
-    def value(simulation):
-        return 2.0
-
-    keys += [key(block(), each) for each in (one, observable_of(value, plan))]
-    assert len(set(keys)) == 4
-    (tmp_path / "functions_of_keys.py").write_text(FUNCTIONS)
-    monkeypatch.syspath_prepend(tmp_path)
-    module = importlib.import_module("functions_of_keys")
-    plan, keys = make_plan(block()), []
-    for functions in (module.around(1.0), module.around(np.ones(2), by=2.0), module.around(2 * np.ones(2), by=3.0)):
-        keys.append([key(block(), observable_of(function, plan)) for function in functions])
-    again = module.around(2 * np.ones(2), by=3.0)
-    assert keys[-1] == [key(block(), observable_of(function, plan)) for function in again]
-    monkeypatch.setattr(module, "FACTOR", 2.0)
-    keys.append([*keys[-1][:2], key(block(), observable_of(again[2], plan))])
-    monkeypatch.delitem(sys.modules, "functions_of_keys")
-    assert [len(set(each)) for each in zip(*keys)] == [3, 3, 2]
+    assert len(set(keys)) == 2
+    with pytest.raises(refsim.InputError, match="runs of a function are not kept; leave folder out, or give FILE"):
+        refsim.study(block(), lambda simulation: 1.0, backend="numpy", folder=tmp_path)
 
 
 def test_a_key_follows_the_buffers_of_a_mesh_and_so_does_the_mesh(tmp_path):
@@ -77,15 +54,6 @@ def test_a_key_follows_the_buffers_of_a_mesh_and_so_does_the_mesh(tmp_path):
         found.append((key(scene, observable), float(body.extent()[1][0])))
     assert found[0][0] != found[1][0]
     assert [reach for *_, reach in found] == pytest.approx([0.05, 0.1])
-
-
-FUNCTIONS = """
-FACTOR = 1.0
-def scaled(simulation):
-    return FACTOR * simulation
-def around(value, by=1.0):
-    return (lambda s: value * s, lambda s, by=by: by * s, lambda s: scaled(s))
-"""
 
 
 HELPERS = rows(__file__, "helpers")
