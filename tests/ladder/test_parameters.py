@@ -571,11 +571,11 @@ def boxes(dim):
     return {"boxes": dict.fromkeys(("node", "cell", "origin", "side", "planes", "first", "second"), table)}
 
 
-def advanced(dim):
-    """1/(delta0 d^dim) of the lattice; delta h_s c with h_s = h/2, the slope rho0 g/c^2 of the density at rest, h/c."""
+def advanced(dim, slope=0.0):
+    """1/(delta0 d^dim) of the lattice; delta h_s c with h_s = h/2, the slope rho0 g/c^2 of the density in walls, h/c."""
     return {
         "recount": {"rate": 0.4 * C / H, "whole": 1 / (rest_number_density(dim) * D**dim)},
-        "diffusion": {"coefficient": 0.025 * H * C, "stretch": RHO / C**2, "release": C / H},
+        "diffusion": {"coefficient": 0.025 * H * C, "stretch": slope * RHO / C**2, "release": C / H},
         "lean": {"x": 0.3, "y": -9.7, "z": 0.0},
     }
 
