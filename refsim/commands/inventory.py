@@ -1,43 +1,20 @@
 """`refsim list`: every operation with its paper and programs, every effect with its parameters."""
 
 import argparse
-import ast
-import functools
 import inspect
 from typing import Any
 
 import msgspec
 
 from refsim.commands import CommandResult, columns, command, fitted, table, takes
-from refsim.commands.show import file_of, parsed
 from refsim.core.capabilities import HasErrata
 from refsim.core.checked import suggestion
 from refsim.core.effect import EFFECTS, Effect
 from refsim.core.errors import InputError
-from refsim.core.operation import REGISTRY, Operation
+from refsim.core.operation import REGISTRY
 from refsim.scene.files import describe
 
 WIDTH = 100  # of a line at most, in a pipe, too
-
-
-@functools.cache
-def _functions(module: str) -> frozenset[str]:
-    """Names that a module defines, read from its source: nothing is imported but its package."""
-    names: set[str] = set()
-    for node in parsed(module)[1].body if file_of(module) is not None else ():
-        if isinstance(node, ast.FunctionDef):
-            names.add(node.name)
-        elif isinstance(node, ast.Assign):
-            names |= {target.id for target in node.targets if isinstance(target, ast.Name)}
-        elif isinstance(node, ast.ImportFrom):
-            names |= {alias.asname or alias.name for alias in node.names}
-    return frozenset(names)
-
-
-def programs_of(operation: Operation) -> list[str]:
-    """Names of the programs that the operation has: backends, and backend:algorithm where there are more."""
-    places = {name: operation.place(name) for name in operation.names()}
-    return [name for name, (module, function) in places.items() if function in _functions(module)]
 
 
 def _parameters(effect: type[Effect]) -> list[dict[str, Any]]:
@@ -58,7 +35,7 @@ def _parameters(effect: type[Effect]) -> list[dict[str, Any]]:
 def execute(options: argparse.Namespace) -> CommandResult:
     """List the registry and the effects: by method, or in full those that the words name."""
     operations: dict[str, dict[str, Any]] = {
-        o.name: {"paper": o.paper, "equation": o.equation, "programs": programs_of(o)}
+        o.name: {"paper": o.paper, "equation": o.equation, "programs": o.names()}
         | {"roundings": o.tolerance, "counts": o.tolerance_reason}
         for o in REGISTRY.values()
     }
