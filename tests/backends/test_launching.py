@@ -123,7 +123,7 @@ def test_doctor_says_why_launches_are_slower(monkeypatch):
     monkeypatch.setattr(doctor, "lost", lambda: {"launch": "Kernels are launched slowly."})
     monkeypatch.setattr(doctor, "unavailable", lambda name: None if name == "numpy" else "it is not tested")
     found = doctor.execute(None)
-    assert found.data["launch_note"] == "Kernels are launched slowly."
+    assert found.data["private_names"]["launch"] == "Kernels are launched slowly."
     assert "Kernels are launched slowly." in found.text
 
 

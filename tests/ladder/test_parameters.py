@@ -572,7 +572,7 @@ def boxes(dim):
 
 
 def advanced(dim, slope=0.0):
-    """1/(delta0 d^dim) of the lattice; delta h_s c with h_s = h/2, the slope rho0 g/c^2 of the density in walls, h/c."""
+    """1/(delta0 d^dim) of the lattice; delta h_s c with h_s = h/2, the density's slope rho0 g/c^2 in walls, h/c."""
     return {
         "recount": {"rate": 0.4 * C / H, "whole": 1 / (rest_number_density(dim) * D**dim)},
         "diffusion": {"coefficient": 0.025 * H * C, "stretch": slope * RHO / C**2, "release": C / H},
