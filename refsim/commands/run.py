@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from refsim.commands import CommandResult, command, in_time, planned, takes
+from refsim.commands import CommandResult, command, in_time, planned, table, takes
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.stopping import Interrupted, handling_signals
 from refsim.core.terminal import say
@@ -36,6 +36,7 @@ checkpoint.h5, report.json and, if the run stops, a post-mortem. Ctrl-C ends the
 @takes("--overwrite", action="store_true", help="begin anew in a folder that holds an earlier run")
 @takes("--threads", type=int, metavar="N", help="CPU threads (one for 1,024 particles, at most all)")
 @takes("--observable", metavar="WHAT", help="print its value, as refsim study takes it (panel:NAME of refsim advise)")
+@takes("--profile", action="store_true", help="time every pass to its end, and print the seconds by pass")
 @takes("--quiet", action="store_true", help="no progress")
 def execute(options: argparse.Namespace) -> CommandResult:
     """Run the scene, or go on from the checkpoint."""
@@ -85,12 +86,12 @@ def _begin(options: argparse.Namespace) -> tuple[Simulation, Path]:
     scene = None if options.scene is None else load_scene(options.scene)
     if options.resume is not None:
         source = Path(options.resume)
-        simulation = Simulation.resume(options.resume, options.backend, options.threads, scene)
+        simulation = Simulation.resume(options.resume, options.backend, options.threads, scene, options.profile)
         return simulation, Path(options.output or (source if os.path.isdir(source) else source.parent))
     if scene is None:
         raise InputError("there is nothing to run; give a scene file, or a checkpoint with --resume.")
     plan = planned(scene, options.scene, options.backend or "cpu")
-    simulation = Simulation(plan, options.backend or "cpu", options.threads)
+    simulation = Simulation(plan, options.backend or "cpu", options.threads, options.profile)
     return simulation, Path(options.output or f"{Path(options.scene).stem}_run")
 
 
@@ -164,7 +165,7 @@ def _text(report: RunReport) -> str:
     lines += [f"{name}: {path}" for name, path in report.files.items()]
     if "report" in report.files:
         lines.append(f"next: refsim view {shlex.quote(os.path.dirname(report.files['report']))}")
-    return "\n".join(lines)
+    return "\n".join(lines) + ("" if report.profile is None else _profile(report.profile))
 
 
 def seconds_told(seconds: dict[str, Any]) -> str:
@@ -172,6 +173,18 @@ def seconds_told(seconds: dict[str, Any]) -> str:
     used = seconds["processor"]
     parts = (f"{name} {in_time(seconds[name])}" for name in used if name != "total")
     return f"{in_time(seconds['total'])}: {', '.join(parts)}; {in_time(used['total'])} of processors"
+
+
+def _profile(profile: dict[str, Any]) -> str:
+    """The seconds by stage, the longest first."""
+    rows = []
+    for cost in profile["stages"]:
+        launches = f"{cost['launches']:,}" if cost["launches"] else "-"
+        first = f"{cost['first']:.3g}" if cost["first"] else "-"
+        rows.append((cost["stage"], f"{cost['seconds']:.4g}", f"{100 * cost['share']:.1f} %", launches, first))
+    head = ("pass or part of the loop", "seconds", "share", "launches", "first launch [s]")
+    note = f"\n{profile['note']}" if profile["note"] else ""
+    return f"\n\n{table(rows, head, right=(1, 2, 3, 4))}{note}"
 
 
 def _beside(difference: float) -> str:

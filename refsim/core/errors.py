@@ -80,6 +80,7 @@ def refused(error: OSError, what: str = "") -> RefsimError:
 
 EXTRAS = {  # module: (package that brings it, the extra of refsim that has it)
     "distributed": ("distributed", "cluster"),
+    "pandas": ("pandas", "results"),
     "pyvista": ("pyvista", "view"),
 }
 

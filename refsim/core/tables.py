@@ -1,4 +1,4 @@
-"""Tables as text; bytes and times with their units."""
+"""Tables as text, as HTML for notebooks and as pandas' frames; bytes and times with their units."""
 
 import io
 import math
@@ -9,7 +9,7 @@ from contextlib import suppress
 from typing import Any
 
 from refsim.core.checked import suggestion
-from refsim.core.errors import InputError
+from refsim.core.errors import InputError, extra
 
 
 class UnknownRow(InputError, KeyError):
@@ -96,6 +96,18 @@ def _narrow(lines: Sequence[Sequence[str]], widths: Sequence[int], right: Sequen
     return "\n".join(row.rstrip() for row in written.getvalue().splitlines())
 
 
+def html_table(title: str, rows: Iterable[Sequence[Any]], head: Sequence[str] = ()) -> str:
+    """The rows as an HTML table with a title above it."""
+    import html
+
+    def line(cells: Sequence[Any], tag: str) -> str:
+        return "<tr>" + "".join(f"<{tag}>{html.escape(str(cell))}</{tag}>" for cell in cells) + "</tr>"
+
+    lines = [line(head, "th")] if head else []
+    lines += [line(row, "td") for row in rows]
+    return f"<p><b>{html.escape(title)}</b></p><table>{''.join(lines)}</table>"
+
+
 def in_bytes(count: float) -> str:
     """A number of bytes as text with its unit."""
     for unit in ("B", "KiB", "MiB", "GiB"):
@@ -115,7 +127,7 @@ def in_time(seconds: float) -> str:
 
 
 class Shown:
-    """Shows itself as a table of facts."""
+    """Shows itself as a table of facts, as text and in notebooks."""
 
     def _summary(self) -> tuple[str, list[tuple[str, str]]]:
         """Title, and (what, its value in words)."""
@@ -124,6 +136,9 @@ class Shown:
     def __repr__(self) -> str:
         title, rows = self._summary()
         return f"{title}\n{table(rows)}"
+
+    def _repr_html_(self) -> str:
+        return html_table(*self._summary())
 
 
 class Table(Mapping[str, Any]):
@@ -164,3 +179,11 @@ class Table(Mapping[str, Any]):
 
     def __repr__(self) -> str:
         return table(self._shown(), self.columns)
+
+    def _repr_html_(self) -> str:
+        return html_table(self.title, self._shown(), self.columns)
+
+    def to_pandas(self) -> Any:
+        """The table as a pandas.DataFrame, indexed by the first column (extra "results")."""
+        pandas = extra("pandas", "Table.to_pandas")
+        return pandas.DataFrame(self.rows, columns=list(self.columns)).set_index(self.columns[0])

@@ -5,6 +5,7 @@ A run's folder holds `particles.pvd` with the folder `particles` (frames), `chec
 `postmortem.json` and `postmortem.npz`.
 """
 
+import functools
 import json
 import math
 import os
@@ -39,6 +40,10 @@ from refsim.scene.plan import Plan
 from refsim.scene.scene import Scene
 
 CHECKPOINT = "checkpoint.h5"
+ONE_BY_ONE = (
+    "profiled on cuda: the passes were launched one by one with a wait after each, not as one CUDA graph; each launch"
+    " took some 10 to 50 microseconds longer than in a run without a profile"
+)
 FRAMES = 100  # of a whole run, where the caller does not say how often
 HELD_FOR, HELD_BYTES = 0.5, 2**26  # s and bytes until which frames are held, to be written in one go
 
@@ -60,6 +65,8 @@ class RunReport(Shown):
                       compiling (the first call of each kernel, which loads or compiles it), steps and writing, their
                       sum total, and in `processor` those of all processors; in `stages` wall seconds of this process by
                       stage, without first calls
+    profile           of a run that was profiled: `note`, and in `stages` what each stage took
+                      (`refsim.engine.timings.StageCost`), the longest first; else None
     """
 
     scene: str
@@ -83,6 +90,7 @@ class RunReport(Shown):
     frames: int = 0
     checkpoints: int = 0
     seconds: dict[str, Any] = field(default_factory=dict)
+    profile: dict[str, Any] | None = None
     files: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
@@ -109,6 +117,7 @@ def simulate(
     every: float | None = None,
     checkpoint_every: float = 60.0,
     overwrite: bool = False,
+    profile: bool = False,
     progress: bool | Callable[[Simulation], None] | None = None,
     asked_to_stop: Callable[[], bool] = lambda: False,
 ) -> RunReport:
@@ -119,6 +128,7 @@ def simulate(
     every             simulated time between frames [s], a hundredth of the run by default
     checkpoint_every  wall time between checkpoints [s]; one more is written at the end
     overwrite         begin anew in a folder that holds an earlier run, unless that one is still running
+    profile           time every pass to its end (see `Simulation`, which has the option where one is given)
     progress          True shows a bar, False none; None shows it on a terminal and in Jupyter. Or what is called before
                       the first step and after every step
     asked_to_stop     called after every step; if it is true, the run ends with reason "interrupted" and a checkpoint
@@ -133,7 +143,7 @@ def simulate(
     if isinstance(scene, Simulation):
         simulation = scene
     else:
-        simulation = Simulation(scene, backend, threads)
+        simulation = Simulation(scene, backend, threads, profile)
     run = _Run(simulation, until, output, every, checkpoint_every, overwrite, threads)
     bar = Progress(run.until, run.folder) if shown else None
     try:
@@ -149,7 +159,9 @@ def simulate(
         if bar is not None:
             bar.close()
         run.close()
-    return run.report()
+    report = run.report()
+    log().info("%s: reached %.6g s in %d steps", report.scene, report.time, report.steps)
+    return report
 
 
 class _Run:
@@ -173,9 +185,10 @@ class _Run:
         self.every = every or self.until / FRAMES or math.inf
         self.checkpoint_every = checkpoint_every
         self.resumed_at = simulation.steps if simulation.steps or simulation.source is not None else None
-        self.frames = self.checkpoints = 0
+        self.frames = self.checkpoints = self.logged = 0
         self.last_checkpoint: Path | None = None
         self.stop: RunStopped | None = None
+        self.loop_began, self.counted_before = time.perf_counter(), simulation.timings.counted
         self.files: dict[str, str] = {}
         self.writer: ParticleWriter | None = None
         self.held: list[Frame] = []  # not yet written
@@ -220,7 +233,12 @@ class _Run:
             raise
 
     def go(self, progress: Callable[[Simulation], None] | None, asked_to_stop: Callable[[], bool]) -> None:
-        simulation = self.simulation
+        simulation, grid = self.simulation, self.simulation.plan.grid
+        log().info(
+            "%s: %d particles in %dD, %s, backend %s, from %.6g to %.6g s", simulation.plan.scene.name,
+            simulation.count, grid.dim, grid.dtype, simulation.backend.name, simulation.time, self.until,
+        )  # fmt: skip
+        self._log_notes()
         if progress is not None:
             progress(simulation)
         clock = time.perf_counter()
@@ -233,6 +251,7 @@ class _Run:
         while simulation.time < self.until:
             next_frame = self._frame_after(simulation.time)
             simulation.step()
+            self._log_notes()
             if progress is not None:
                 progress(simulation)
             if self.folder is not None:
@@ -253,12 +272,18 @@ class _Run:
         note = simulation.counting.judged(simulation)
         if note and LOOKED not in simulation.remarks:
             simulation.notes.append(note)
+            self._log_notes()
         if self.folder is not None:
             assert self.writer is not None
             self._flush()
             if self.writer.last_time is None or simulation.time > self.writer.last_time:
                 self._frame()
             self._checkpoint()
+
+    def _log_notes(self) -> None:
+        for note in self.simulation.notes[self.logged :]:
+            log().warning("%s", note)
+        self.logged = len(self.simulation.notes)
 
     def _frame_after(self, time: float) -> float:
         """The first time of the frames' grid after `time` [s]; the step that reaches it ends with a frame."""
@@ -285,6 +310,7 @@ class _Run:
             scene = simulation.plan.scene
             position = wrapped(values.pop("position"), scene.period, scene.period_lower)
             self.held.append(Frame(simulation.time, position, values))
+        log().debug("frame at %.6g s", simulation.time)
 
     def _flush(self, held_for: float = 0.0) -> None:
         """Write the frames that are held, unless others were written less than `held_for` seconds ago."""
@@ -307,6 +333,7 @@ class _Run:
             self.simulation.checkpoint(path)
             self._write_gauges()
         self.checkpoints += 1
+        log().debug("checkpoint at %.6g s: %s", self.simulation.time, path)
         self.last_checkpoint = path
         self.files["checkpoint"] = str(path)
         self._write_report()
@@ -326,6 +353,7 @@ class _Run:
     def stopped(self, stop: RunStopped) -> RunStopped:
         """Note why the run stopped, in a post-mortem and in the report; the error to raise, with the report."""
         self.stop = stop
+        log().error("%s [%s]", stop, stop.reason)
         with suppress(InputError, RunStopped, OSError, MemoryError):  # a full disk must not hide the first reason
             self._flush()
         with suppress(InputError, RunStopped, OSError, MemoryError):
@@ -368,16 +396,35 @@ class _Run:
             density=simulation.counting.report(),
             ledger={"start": conserved_totals(plan), "end": conserved_totals(simulation)},
             seconds={**timings.account(), "stages": dict(timings.stages)},
+            profile=self._profile(),
             notes=list(simulation.notes),
             files=dict(self.files),
             **given,
         )
+
+    def _profile(self) -> dict[str, Any] | None:
+        timings = self.simulation.timings
+        if timings.wait is None:
+            return None
+        elapsed = time.perf_counter() - self.loop_began + self.counted_before
+        note = ONE_BY_ONE if self.simulation.backend.name == "cuda" else ""
+        return {"note": note, "stages": [cost._asdict() for cost in timings.costs(elapsed)]}
 
     def close(self) -> None:
         if self.writer is not None:
             with suppress(InputError, RunStopped, OSError, MemoryError):
                 self._flush()
             self.writer.close()
+
+
+@functools.cache
+def log() -> Any:
+    """The logger `refsim`; it prints nothing unless the program sets up logging."""
+    import logging  # here, because it takes a thirtieth of the time that importing refsim does
+
+    logger = logging.getLogger("refsim")
+    logger.addHandler(logging.NullHandler())
+    return logger
 
 
 class Progress:

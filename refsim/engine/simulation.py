@@ -53,6 +53,8 @@ class Simulation(State, Shown):
     scene    the scene, or a plan made from it
     backend  "numpy" (the references, all pairs), "cpu" or "cuda"; never swapped for another
     threads  CPU threads; by default one for 1,024 particles, at most all
+    profile  time every pass to its end (`timings`); on "cuda" the host then launches the passes one by one and waits
+             after each, instead of launching a step as one graph. The results are the same
 
     Beside what is defined here it has `plan`, `time` [s], `steps`, `count` of particles, `search` (of neighbours, or
     None), `last` step, `limiters` (steps by what set their length), `stopped_at_walls` and `notes`.
@@ -61,11 +63,14 @@ class Simulation(State, Shown):
     """
 
     @plainly
-    def __init__(self, scene: Scene | Plan, backend: str = "cpu", threads: int | None = None) -> None:
+    def __init__(
+        self, scene: Scene | Plan, backend: str = "cpu", threads: int | None = None, profile: bool = False
+    ) -> None:
         plan = scene if isinstance(scene, Plan) else make_plan(scene)
         timings, chosen = Timings(), backends.choose(backend)
         self.threads = backends.threads_of(chosen, threads, plan.grid.count)
         timings.compiles = chosen.name != "numpy"
+        timings.wait = chosen.synchronize if profile else None
         with self.at_work():
             super().__init__(plan, chosen, timings)
             if chosen.name == "numpy" and self.count > MANY_FOR_ALL_PAIRS:
@@ -266,6 +271,7 @@ class Simulation(State, Shown):
         backend: str | None = None,
         threads: int | None = None,
         scene: Scene | None = None,
+        profile: bool = False,
     ) -> "Simulation":
         """The simulation as it was when the checkpoint was written.
 
@@ -274,12 +280,13 @@ class Simulation(State, Shown):
         backend  that of the checkpoint by default; on it the run goes on bit for bit. Another one is allowed,
                  and `notes` then says that the numbers differ by rounding
         scene    where given, it must be the checkpoint's but for end_time and name, which are taken from it
+        profile  as for a new simulation
 
         Raises InputError where the checkpoint cannot be read or does not fit the scene.
         """
         saved = load_checkpoint(path)
         plan = saved.plan if scene is None else check_same_scene(scene, saved.plan, str(saved.file))
-        simulation = cls(plan, backend or saved.clock.backend, threads)
+        simulation = cls(plan, backend or saved.clock.backend, threads, profile)
         restore(simulation, saved)
         if simulation.gauges is not None:
             simulation.gauges.restore(saved.gauges)

@@ -119,6 +119,8 @@ class DeviceStepper:
     Passes that need nothing of each other are branches of the graph. Where nothing but the state goes into the forces,
     and the list will probably serve, those of the next step are launched behind a step: the device then works on while
     the host looks at what the step did.
+
+    In a run that is profiled they are launched one by one, each with a wait behind it; the programs are the same.
     """
 
     def __init__(self, state: State) -> None:
@@ -133,7 +135,8 @@ class DeviceStepper:
         watched = {name for effect in effects_with(s.plan.effects, RunMonitor) for name in effect.watched}
         self.mirrors = {name: device.PinnedCopy(s.fields[name]) for name in sorted(watched)}
         self.in_step_with = -1  # the step up to which the device's clock has counted
-        whole = not any(effect.host_in_step for effect in s.plan.effects.values())
+        self.profiled = s.timings.wait is not None
+        whole = not (self.profiled or any(effect.host_in_step for effect in s.plan.effects.values()))
         passes = (*s.plan.passes, *s.plan.motion)
         self.pushed = any("acceleration" in (*p.writes, *p.updates) for _, p in passes)  # else it stays zero
         self.calls, self.touches = self._sequence()
@@ -202,7 +205,8 @@ class DeviceStepper:
             self.forces()  # of the next step, while the host looks at this one
         self.mark.wait()
         clock = self.mirror.values
-        s.timings.add("step", time.perf_counter() - began)
+        if not self.profiled:
+            s.timings.add("step", time.perf_counter() - began)
         seen = (device.SPEED, device.ACCELERATION, device.RATE, device.EXCESS, device.DENSE, device.CRUSHED)
         extremes = Extremes(*(float(clock[row]) for row in seen))
         length, limiter = float(clock[device.LENGTH]), int(clock[device.LIMITER])
@@ -226,7 +230,10 @@ class DeviceStepper:
         s.backend.assign(self.clock, values)
 
     def _launch(self, part: slice) -> None:
-        self.device.launch_after([call for _, call in self.calls[part]], needed_before(self.touches[part]))
+        if self.profiled:
+            self._launch_each()
+        else:
+            self.device.launch_after([call for _, call in self.calls[part]], needed_before(self.touches[part]))
         self.state.scratch.unchanged(False)
 
     def _launch_each(self) -> None:

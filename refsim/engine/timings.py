@@ -8,11 +8,21 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from refsim.core.clock import Compiling, Seconds
 
 WRITING = ("frames", "writing", "checkpoints")  # the stages of the part "writing"
+
+
+class StageCost(NamedTuple):
+    """What one stage of a run took."""
+
+    stage: str  # operation of the pass, or part of the loop
+    seconds: float  # of all launches; without the first one, where that may compile
+    share: float  # of `seconds` in the sum over all stages
+    launches: int  # number of launches, the first one included
+    first: float  # seconds of the first launch, where that may compile, and of compiling in later ones
 
 
 @dataclass
@@ -20,8 +30,8 @@ class Timings:
     """Seconds by part, and wall seconds by stage; what compiles, the first call or in a later one, is counted apart.
 
     compiles  whether first calls belong to the part "compiling"
-
-    A stage on a GPU takes as long as its launch.
+    wait  of a run that is profiled: waits until everything launched has run, after every stage. Without it a stage on
+          a GPU takes as long as its launch
     """
 
     compiles: bool = True
@@ -30,6 +40,7 @@ class Timings:
     stages: dict[str, float] = field(default_factory=dict)
     first_calls: dict[str, float] = field(default_factory=dict)
     launches: dict[str, int] = field(default_factory=dict)
+    wait: Callable[[], None] | None = None
     counted: float = 0.0  # seconds of all stages, first calls included
 
     @contextmanager
@@ -83,6 +94,8 @@ class Timings:
     def _run(self, stage: str, call: Callable[[], None]) -> None:
         began, before, later = time.perf_counter(), Compiling.taken, stage in self.first_calls
         call()
+        if self.wait is not None:
+            self.wait()
         compiling = Compiling.taken.less(before)
         self.add(stage, time.perf_counter() - began, compiling.wall)
         if later and compiling.wall:
@@ -98,3 +111,13 @@ class Timings:
         self.stages[stage] = self.stages.get(stage, 0.0) + seconds
         self.launches[stage] = self.launches.get(stage, 0) + 1
         self.counted += seconds
+
+    def costs(self, elapsed: float) -> list[StageCost]:
+        """Every stage, the longest first; "other" is what is left of the `elapsed` seconds."""
+        seconds = {stage: self.stages.get(stage, 0.0) for stage in self.launches}
+        seconds["other"] = max(elapsed - self.counted, 0.0)
+        whole = sum(seconds.values()) or 1.0
+        return [
+            StageCost(stage, took, took / whole, self.launches.get(stage, 0), self.first_calls.get(stage, 0.0))
+            for stage, took in sorted(seconds.items(), key=lambda item: -item[1])
+        ]

@@ -277,6 +277,14 @@ class Study:
             }
         )
 
+    def table(self) -> Any:
+        """The rows as a pandas DataFrame; without pandas, as a list of dictionaries."""
+        try:
+            import pandas
+        except ImportError:
+            return self.rows()
+        return pandas.DataFrame(self.rows())
+
     def plot(self) -> Any:
         """The picture, a Matplotlib figure (`draw`)."""
         return draw(self)

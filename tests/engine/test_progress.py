@@ -1,6 +1,7 @@
-"""What a run shows by itself: a bar where one is seen, seconds that add up."""
+"""What a run shows by itself: a bar where one is seen, messages to Python's logging, seconds that add up."""
 
 import json
+import logging
 import os
 import sys
 import time
@@ -8,7 +9,7 @@ import types
 
 import pytest
 
-from refsim import simulate
+from refsim import Ball, RunStopped, simulate
 from refsim.core import terminal
 from refsim.engine import driver
 from refsim.scene.files import parse_scene
@@ -16,9 +17,12 @@ from tests.running import python
 from tests.tank_file import GRAVITY, tank
 
 
+def scene(**changes):
+    return parse_scene(tank(1e-3, 4, 4, GRAVITY), "tank.toml").with_(name="block", step=2e-4, **changes)
+
+
 def run(**options):
-    scene = parse_scene(tank(1e-3, 4, 4, GRAVITY), "tank.toml").with_(name="block", step=2e-4)
-    return simulate(scene, backend="numpy", **options)
+    return simulate(scene(), backend="numpy", **options)
 
 
 def test_no_bar_where_standard_error_is_a_file(capfd):
@@ -48,6 +52,25 @@ def test_a_bar_in_jupyter(capfd, monkeypatch):
     monkeypatch.setitem(sys.modules, "IPython", types.SimpleNamespace(get_ipython=lambda: None))
     run()
     assert capfd.readouterr().err == ""
+
+
+def test_the_run_is_logged(caplog, tmp_path):
+    with caplog.at_level(logging.DEBUG, logger="refsim"):
+        simulate(scene(dtype="float32", fluid=(Ball(radius=0.03),)), backend="numpy",
+                 output=tmp_path, every=5e-4)  # fmt: skip
+    messages = [(record.levelname, record.getMessage()) for record in caplog.records]
+    assert messages[0][0] == "INFO"
+    assert messages[0][1].startswith("block: ")
+    assert any(level == "WARNING" and "brakes free rotation" in text for level, text in messages)
+    assert sum(text.startswith("frame at") for _, text in messages) == 3
+    assert messages[-1] == ("INFO", "block: reached 0.001 s in 5 steps")
+
+
+def test_a_stop_is_logged_with_its_reason(caplog):
+    with pytest.raises(RunStopped):
+        run(asked_to_stop=lambda: True)
+    last = caplog.records[-1]
+    assert (last.levelname, last.getMessage().endswith("[interrupted]")) == ("ERROR", True)
 
 
 PARTS = ("start", "compiling", "steps", "writing")

@@ -211,7 +211,7 @@ def test_a_report_and_frames_are_as_ever(tmp_path, recorded):
     run = run_of("tank")
     report = simulate(run, 0.02, output=tmp_path / "out", every=0.004, checkpoint_every=0.0, progress=False)
     told = json.loads((tmp_path / "out" / "report.json").read_text())
-    left = ("seconds", "versions", "files", "message", "notes")
+    left = ("seconds", "versions", "files", "message", "profile", "notes")
     frames = (tmp_path / "out" / "particles.pvd").read_text()
     assert report.checkpoints == report.steps + 2  # at the start, after every step, and at the end
     assert report.frames == 6

@@ -252,7 +252,7 @@ def test_what_a_scene_costs_leaves_out_what_first_calls_take(monkeypatch):
 
 
 def test_every_second_of_a_run_is_counted_once(monkeypatch):
-    """Stages are called three times; one of the host holds another one.
+    """Of stages that are called three times, 0.5 s are waited for each time; one of the host holds another one.
 
     The third call compiles, in one kernel another: what no first call does counts no more for the steps.
     """
@@ -268,19 +268,26 @@ def test_every_second_of_a_run_is_counted_once(monkeypatch):
 
     clock.set_in(monkeypatch, clocks, timings)
     of = timings.Timings()
+    of.wait = lambda: clock(0.5, 0.1)
     clock(4.0, 1.0)
     of.begin_steps()
     for k in range(3):
-        of.run("density", lambda k=k: (clock(10.5 if k == 0 else 2.5, 1.1), compiled() if k == 2 else None))
+        of.run("density", lambda k=k: (clock(10.0 if k == 0 else 2.0, 1.0), compiled() if k == 2 else None))
         with of.of_host("frames"):
             clock(1.0, 0.5)
-            of.run("forces", lambda: clock(3.5, 2.1))
+            of.run("forces", lambda: clock(3.0, 2.0))
         clock(0.25, 0.25)
         of.begin_steps()
     assert of.stages == pytest.approx({"density": 5.0, "forces": 7.0, "frames": 3.0})
     assert of.first_calls == pytest.approx({"density": 12.0, "forces": 3.5})
     assert of.launches == {"density": 3, "frames": 3, "forces": 3}
     assert of.counted == pytest.approx(5.0 + 7.0 + 3.0 + 15.5)
+    costs = of.costs(40.0)
+    assert [cost.stage for cost in costs] == ["other", "forces", "density", "frames"]
+    assert [cost.seconds for cost in costs] == pytest.approx([9.5, 7.0, 5.0, 3.0])
+    assert [cost.share for cost in costs] == pytest.approx([x / 24.5 for x in (9.5, 7.0, 5.0, 3.0)])
+    assert [(cost.launches, cost.first) for cost in costs] == [(0, 0.0), (3, 3.5), (3, 12.0), (3, 0.0)]
+    assert of.costs(1.0)[-1][:2] == ("other", 0.0)
     found = of.account()
     wall, processor = (4.0, 15.5, 5.75, 10.0, 35.25), (1.0, 4.45, 2.95, 5.7, 14.1)
     names = ("start", "compiling", "steps", "writing", "total")

@@ -58,9 +58,9 @@ def law(name: str, own: bool = False) -> Callable[[Any], Any]:
     return add
 
 
-def made(scene: Scene, backend: str, threads: int = 1) -> Simulation:
+def made(scene: Scene, backend: str, profile: bool = False, threads: int = 1) -> Simulation:
     """The scene at its start; where heat is conducted, particles that move are warmer."""
-    simulation = Simulation(scene, backend, threads=threads if backend == "cpu" else None)
+    simulation = Simulation(scene, backend, threads=threads if backend == "cpu" else None, profile=profile)
     if "temperature" in simulation.fields and (conduction := of_kind(scene, HeatConduction)) is not None:
         speed = (simulation.field("velocity").astype(float) ** 2).sum(1)
         share = speed / max(speed.max(initial=0.0), 1e-300)
@@ -180,8 +180,8 @@ def zero_is_absence(drawn: Drawn, backend: str) -> Found | None:
 
 @law("absence")
 def looking_changes_nothing(drawn: Drawn, backend: str) -> Found | None:
-    """Fields computed on demand and checkpoints leave the run as it is, to the bit."""
-    plain, watched = run(drawn.scene, backend, drawn.steps), made(drawn.scene, backend)
+    """Fields computed on demand, checkpoints and a profile leave the run as it is, to the bit."""
+    plain, watched = run(drawn.scene, backend, drawn.steps), made(drawn.scene, backend, profile=True)
     for _ in range(drawn.steps):
         watched.step()
         watched.evaluate()
