@@ -67,7 +67,7 @@ def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
             for of, m in _margins(plan, steps)
         ],
         "defaults": list(_defaults(plan)),
-        "notes": [*plan.notes, *_notes(plan, steps)],
+        "notes": list(plan.notes),
     }
 
 
@@ -182,15 +182,6 @@ def _margins(plan: Plan, steps: dict[str, Any]) -> Iterator[tuple[str, capabilit
                 yield name, capabilities.Margin("heaviest particle over the lightest", ratio, largest)
     if plan.scene.step > 0:
         yield "every scene", capabilities.Margin("step [s]", plan.scene.step, min(steps["limits"].values()))
-
-
-def _notes(plan: Plan, steps: dict[str, Any]) -> Iterator[str]:
-    stable = min(steps["limits"].values())
-    if plan.scene.step > stable:
-        yield (
-            f"the fixed step of {plan.scene.step:.3g} s is {plan.scene.step / stable:.2g} times the stable one"
-            f" ({stable:.3g} s): expect the run to diverge"
-        )
 
 
 @command("plan", "show what a scene would allocate and launch")
