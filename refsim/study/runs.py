@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-import numpy as np
 
 import refsim.core
 from refsim.core.errors import InputError, RunStopped
@@ -28,6 +27,7 @@ from refsim.scene.files import scene_to_toml
 from refsim.scene.meshes import mesh_files
 from refsim.scene.plan import make_plan
 from refsim.scene.scene import Scene
+from refsim.study.cost import bytes_of
 from refsim.study.observables import Observable, Watching, observable_of
 
 NOT_READ = ("cluster", "commands", "contract", "render", "study", "sweep")  # packages that change no result of a run
@@ -65,7 +65,7 @@ class Reading:
     value: float  # of the observable; NaN where the run failed
     seconds: float  # of the processor that its steps took, without compiling; of the clock on a GPU
     wall: float  # the same of the clock
-    bytes: int  # of the arrays that it held at its end
+    bytes: int  # of fields, lists and walls, from the plan
     particles: int
     steps: int
     time: float
@@ -144,9 +144,9 @@ def _run(
         if getattr(error, "reason", "") in NOT_OF_THE_RUN:
             raise
         value, failed = math.nan, str(error)
-    search = simulation.search
+    search, needed = simulation.search, bytes_of(simulation.plan, simulation.backend.name)["total"]
     return Reading(
-        value, clock.seconds, clock.wall, held_bytes(simulation), simulation.count, simulation.steps,
+        value, clock.seconds, clock.wall, needed, simulation.count, simulation.steps,
         simulation.time, search.log.rebuilds if search else 0, failed, float(simulation.plan.state.mass.sum()),
     )  # fmt: skip
 
@@ -244,34 +244,6 @@ def _when(simulation: Simulation, observable: Observable, reaches: float, clock:
         f"observable {observable.name}: it did not reach {reaches:g} by the end of {end:g} s, only {nearest:.4g};"
         " choose another value or a later end_time."
     )
-
-
-def held_bytes(simulation: Simulation) -> int:
-    """Bytes of the arrays that a simulation holds on its backend: fields, lists, walls, temporary arrays."""
-    seen: dict[int, int] = {}
-    names = "fields shared parameters extremes displacement timestep build_position search scratch"
-    _count([getattr(simulation, name) for name in names.split()], seen)
-    return sum(seen.values())
-
-
-def _count(value: Any, seen: dict[int, int], depth: int = 0) -> None:
-    """Add the bytes of every array inside plain containers and objects of refsim, each array once."""
-    if isinstance(value, np.ndarray):
-        owner = value if value.base is None or not isinstance(value.base, np.ndarray) else value.base
-        seen[id(owner)] = owner.nbytes
-    elif hasattr(value, "nbytes") and hasattr(value, "copy_to_host"):
-        seen[id(value)] = int(value.nbytes)
-    elif depth < 6:
-        if isinstance(value, dict):
-            inside = list(value.values())
-        elif isinstance(value, list | tuple):
-            inside = list(value)
-        elif type(value).__module__.startswith("refsim.") and hasattr(value, "__dict__"):
-            inside = [v for v in vars(value).values() if not callable(v)]
-        else:
-            return
-        for part in inside:
-            _count(part, seen, depth + 1)
 
 
 # Kept results

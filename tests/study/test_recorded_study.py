@@ -313,7 +313,6 @@ def test_observables_of_a_started_tank_are_as_ever(recorded):
             found[name] = (observable(run), observable.unit)
         except errors.InputError as error:
             found[name] = str(error)
-    found["bytes held"] = runs.held_bytes(run)
     recorded(found)
 
 
