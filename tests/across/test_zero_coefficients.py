@@ -16,7 +16,7 @@ import refsim as rs
 from refsim import make_plan
 from refsim.commands.plan import describe_plan
 from refsim.core.capabilities import PullsParticles
-from refsim.core.effect import Extremes
+from refsim.core.effect import EFFECTS, Extremes
 from tests import pairs
 from tests.across.test_composition import scene
 
@@ -59,46 +59,10 @@ IDENTITIES = {
     "mpm_walls": [(rs.MpmWalls(open_faces=FACES, **TANK), (MPM, PULL), ())],
 }  # fmt: skip
 LISTED = tomllib.loads(pathlib.Path(__file__).with_name("zeros.toml").read_text(encoding="utf-8"))
-WITHOUT, OTHERS = LISTED["without"], LISTED["others"]
-MESH = rs.MeshBoundary(file=str(PEBBLE), center=(0.2, 0.2, -0.4), size=0.4)
-# effect with a zero; what is not zero; the rest of the scene; operations and fields of the term
-TERMS = {
-    "weakly_compressible.dynamic_viscosity": (LIQUID, 0.3, (), "sph.momentum", ""),
-    "weakly_compressible.artificial_viscosity": (LIQUID, 0.1, (), "sph.momentum", ""),
-    "mpm_liquid.dynamic_viscosity": (MPM, 0.3, (), "mpm.viscosity", ""),
-    "heat_conduction.latent_heat": (
-        rs.HeatConduction(), {"latent_heat": 3e5, **FROZEN}, (LIQUID,), "", "enthalpy melting_point latent_heat",
-    ),
-    "shape_matching.damping": (
-        rs.ShapeMatching(damping=0.0), SHAPE.damping, (LIQUID,), "shape_matching.region_motion shape_matching.damp",
-        "region_velocity region_spin",
-    ),
-    "akinci_2013.area_acceleration": (
-        rs.Akinci2013(surface_tension=0.5, area_acceleration=0.0), None, (LIQUID,), "surface_normal.color_gradient",
-        "surface_normal",
-    ),
-    "akinci_2013.adhesion": (
-        rs.Akinci2013(surface_tension=0.5), 0.1, (LIQUID, rs.BoxWalls(**TANK)), "akinci_2013.adhesion", "",
-    ),
-    "dong_2016.correction": (
-        rs.Dong2016(surface_tension=0.5, correction=0.0), None, (LIQUID,), "surface_normal.color_gradient",
-        "surface_normal",
-    ),
-    "he_2014.surface_tension": (
-        rs.He2014(air_pressure=1.0), 0.1, (LIQUID,), "he_2014.color he_2014.squared_gradient",
-        "color color_gradient_squared",
-    ),
-    "jiang_zhu_2023.area_ratio": (
-        rs.JiangZhu2023(surface_tension=0.5, area_ratio=0.0), rs.JiangZhu2023(surface_tension=0.5).area_ratio,
-        (LIQUID,), "surface_normal.corrected jiang_zhu_2023.tension", "corrected_normal",
-    ),
-    "jiang_zhu_2023.area_acceleration": (
-        rs.JiangZhu2023(surface_tension=0.5, area_term="color", area_acceleration=0.0), None, (LIQUID,),
-        "surface_normal.color_gradient jiang_zhu_2023.tension", "surface_normal",
-    ),
-    "mesh_boundary.viscosity": (MESH, 0.1, (LIQUID,), "one_way_coupling.wall_viscosity", ""),
-    "mesh_boundary.adhesion": (MESH, 0.1, (LIQUID,), "akinci_2013.adhesion", ""),
-}  # fmt: skip
+WITHOUT, OTHERS, TERMS = LISTED["without"], LISTED["others"], LISTED["terms"]
+BESIDE = {"liquid": LIQUID, "tank": rs.BoxWalls(**TANK)}
+BASES = {"weakly_compressible": LIQUID, "mpm_liquid": MPM, "mesh_boundary": rs.MeshBoundary(
+    file=str(PEBBLE), center=(0.2, 0.2, -0.4), size=0.4)}  # fmt: skip
 CASES = [(name, k) for name, cases in IDENTITIES.items() for k in range(len(cases))]
 
 
@@ -174,9 +138,10 @@ def test_the_plan_is_that_of_a_scene_without(name, k):
 
 @pytest.mark.parametrize("place", TERMS)
 def test_a_term_of_zero_is_left_out(place):
-    zero, value, rest, *brought = TERMS[place]
-    act = msgspec.structs.replace(zero, **(value if isinstance(value, dict) else {place.partition(".")[2]: value}))
-    without, with_it = (make_plan(scene(*rest, e)) for e in (zero, act))
-    for own, of in zip(brought, (lambda plan: set(plan.launches(True)), lambda plan: set(plan.fields)), strict=True):
-        assert set(own.split()) <= of(with_it)
-        assert not set(own.split()) & of(without)
+    name, of = place.partition(".")[0], TERMS[place]
+    usual = msgspec.structs.asdict(BASES[name]) if name in BASES else {}
+    effects = (msgspec.convert(usual | of["both"] | of[which], EFFECTS[name]) for which in ("zero", "acts"))
+    without, with_it = (make_plan(scene(*map(BESIDE.get, of["rest"]), effect)) for effect in effects)
+    for own, of_plan in ((of["passes"], lambda plan: plan.launches(True)), (of["fields"], lambda plan: plan.fields)):
+        assert set(own.split()) <= set(of_plan(with_it))
+        assert not set(own.split()) & set(of_plan(without))
