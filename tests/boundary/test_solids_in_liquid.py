@@ -156,11 +156,18 @@ def test_cells_of_a_mesh_and_of_the_box_fill_space_once(tmp_path):
     assert plan.walls.volume[low].sum() == pytest.approx(7 * spacing**3, rel=1e-2)
 
 
-@pytest.mark.parametrize("sizes", [[(3, 3, 2), (3, 3, 2)], [(4, 4, 1), (2, 2, 2)], [(3, 1, 1)], [(1, 1, 1)]], ids=str)
-def test_heavy_bodies_rest_on_the_floor_and_on_each_other(sizes):
+@pytest.mark.parametrize(
+    ("side", "sizes"),
+    [
+        (2, [(3, 3, 2), (3, 3, 2)]), (2, [(4, 4, 1), (2, 2, 2)]), (2, [(3, 1, 1)]), (2, [(1, 1, 1)]), (0, [(3, 3, 2)]),
+        (4, [(3, 3, 2)]),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_heavy_bodies_rest_on_the_floor_and_on_each_other(side, sizes):
     """Of twice the water's density: what is thin or an edge sank by half a spacing, where planes held it."""
     low = np.cumsum([0, *(size[2] for size in sizes)])
-    bodies = [((2, 2, below), size) for below, size in zip(low, sizes)]
+    bodies = [((side, side, below), size) for below, size in zip(low, sizes)]
     simulation = rs.Simulation(at_rest(bodies, (7, 7, 6), dtype="float32"), "cpu", threads=1)
     found = []
     while simulation.steps < 300:
@@ -168,6 +175,6 @@ def test_heavy_bodies_rest_on_the_floor_and_on_each_other(sizes):
         found.append(lifts(bodies, simulation))
     parts = np.split(simulation.field("position") / 0.1, np.cumsum([np.prod(size) for size in sizes]))[:-1]
     assert [part[:, 2].min() for part in parts] == pytest.approx(low[:-1] + 0.5, abs=0.06)
-    assert parts[0].mean(0)[:2] == pytest.approx(np.array(sizes[0][:2]) / 2 + [2, 2], abs=0.1)
+    assert parts[0].mean(0)[:2] == pytest.approx(np.array(sizes[0][:2]) / 2 + [side, side], abs=0.05)
     assert simulation.stopped_at_walls == 0
     assert np.mean(found[150:], axis=0) == pytest.approx(np.tile([0.0, 0.0, 2.0], (len(sizes), 1)), abs=0.05)

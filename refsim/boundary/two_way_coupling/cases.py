@@ -7,7 +7,7 @@ import numpy as np
 from refsim.boundary.two_way_coupling import Coupling, Delay, Overlapping, TwoWayCoupling
 from refsim.core import cases
 from refsim.core.cases import REST_DENSITY, Case, Exact, at, closed_form, example, groups, particles, takes, vectors
-from refsim.core.walls import WallParticles
+from refsim.core.walls import Bounds, WallParticles
 from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
 from refsim.smoothing.cases import for_each_kernel
 from refsim.sph import CentralViscosity, Fluid, ViscosityTerm, WallFrameGravity
@@ -77,6 +77,9 @@ particles(followed_velocity=lambda case, random: 0.05 * vectors(case, random))
 particles(
     allowed_closeness=lambda case, random: random.choice([1e3, 3.0, 1.0, 0.9], case.count),
     contact_pressure=lambda case, random: -_suction(case, random),
+    plane_pressure=lambda case, random: (
+        -_suction(case, random)[:, None] * random.choice([0.0, 1.0, 2.0], (case.count, 3))
+    ),
 )
 
 
@@ -253,14 +256,27 @@ for_each_kernel(
 )
 
 
-def _overlapping_by(pressure, allowed, **changes):
+def _overlapping_by(pressure, allowed, planes=0.0, where=PAIR, **changes):
     """A solid's particle that moves with 3 m/s down to another one's, 1 m below; d = 2 m, n = 1.6, C = n^3."""
     inputs = {
+        "bounds": None,
         "velocity": [[0.0, 0.0, 0.0], [0.0, -3.0, 0.0]], "phase": [SURFACE, INTERIOR], "solid_number": [1, 2],
         "allowed_closeness": [1e3, 1e3], "overlapping": Overlapping(0.5, 5.0, 100.0, 0.25), "walls": None,
     } | changes  # fmt: skip
     found = {"allowed_closeness": allowed, "contact_pressure": pressure}
-    return Exact(PAIR, inputs, {name: np.broadcast_to(value, 2) for name, value in found.items()})
+    found = {name: np.broadcast_to(value, 2) for name, value in found.items()}
+    return Exact(where, inputs, found | {"plane_pressure": np.broadcast_to(planes, (2, 3))})
+
+
+# A particle 1 m off walls across x and y, and one far from both
+CORNER = np.array([[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+BESIDE = at("corner", [[0.0, 0.0, 0.0], [9.0, 0.0, 0.0]], CORNER)
+IN_CORNER = {
+    "solid_number": [1, 1], "velocity": [[0.0, -3.0, 0.0], [0.0, 0.0, 0.0]],
+    "walls": WallParticles(CORNER, np.full(2, 0.2)),
+    "bounds": Bounds(np.array([-0.5, -0.5, -np.inf]), np.full(3, np.inf)),
+}  # fmt: skip
+BORNE = 100 * np.array([3 * math.log(1.6), 3 * math.log(1.6) + 0.5625, 0.0]) / 1.6**3
 
 
 closed_form(
@@ -277,30 +293,45 @@ closed_form(
     # neither liquid nor the particle's own solid counts
     beside_liquid=lambda: _overlapping_by(0.0, [9.0, 1.0], phase=WATER_AND_ICE, allowed_closeness=[9.0, 1.5]),
     of_one_solid=lambda: _overlapping_by(0.0, 1.0, solid_number=[2, 2]),
-)
+    # planes do not add up, neither what is allowed nor what presses
+    drawn_in_a_corner=lambda: _overlapping_by(0.0, [1.6**3, 1.0], where=BESIDE, **IN_CORNER),
+    in_a_corner=lambda: _overlapping_by(
+        0.0, 1.0, [BORNE, np.zeros(3)], BESIDE, allowed_closeness=[1.0, 1.0], **IN_CORNER
+    ),
+    # of a mesh they do: 2 n^3 in all
+    in_a_mesh=lambda: _overlapping_by(
+        [100 * (math.log(2 * 1.6**3) + 0.28125) / (2 * 1.6**3), 0.0], 1.0, where=BESIDE, allowed_closeness=[1.0, 1.0],
+        **IN_CORNER | {"bounds": None},
+    ),
+)  # fmt: skip
 
 
 def _touching(force, where=PAIR, **changes):
     """Solids of 10 and 30 Pa, 1 m apart, d = 2 m, of cells of 8 m^3; |grad C| = 4.8 * 1.6^2/4 m; F on the second."""
     inputs = {
-        "mass": [500.0, 1800.0], "phase": [SURFACE, INTERIOR], "solid_number": [1, 2], "walls": None,
-        "contact_pressure": [10.0, 30.0], "overlapping": Overlapping(0.5, 0.125, 1.0, 1.0),
+        "mass": [500.0, 1800.0], "phase": [SURFACE, INTERIOR], "solid_number": [1, 2], "walls": None, "bounds": None,
+        "contact_pressure": [10.0, 30.0], "plane_pressure": [[9.0, 20.0, 9.0]] * 2,
+        "overlapping": Overlapping(0.5, 0.125, 1.0, 1.0),
     } | changes  # fmt: skip
     force = 3.072 * np.array([0.0, force, 0.0])
     return Exact(where, inputs, {"acceleration": [-force / 500, force / 1800]})
 
 
 WALL = np.array([[0.0, 1.0, 0.0]])
+BETWEEN = at("wall_between", [[0.0, 0.0, 0.0], [0.0, 2.0, 0.0]], WALL)
+BY_WALL = {
+    "contact_pressure": [30.0, 30.0], "solid_number": [2, 2], "walls": WallParticles(WALL, np.array([4.0])),
+}  # fmt: skip
 
 closed_form(
     "two_way_coupling.contact",
     solids_push_each_other=lambda: _touching(8 * 40.0),
     beside_liquid=lambda: _touching(0.0, phase=WATER_AND_ICE),
     of_one_solid=lambda: _touching(0.0, solid_number=[2, 2]),
-    # half of a cell, 1 m from each, with twice its 30 Pa
-    wall_between=lambda: _touching(
-        4 * 60.0, at("wall_between", [[0.0, 0.0, 0.0], [0.0, 2.0, 0.0]], WALL), contact_pressure=[30.0, 30.0],
-        solid_number=[2, 2], walls=WallParticles(WALL, np.array([4.0])),
+    # half of a cell, 1 m from each, with twice its 30 Pa, or the 20 Pa of planes
+    wall_between=lambda: _touching(4 * 60.0, BETWEEN, **BY_WALL),
+    plane_between=lambda: _touching(
+        4 * 40.0, BETWEEN, **BY_WALL | {"bounds": Bounds(np.array([-9.0, 1.5, -9.0]), np.full(3, 9.0))}
     ),
 )  # fmt: skip
 

@@ -36,8 +36,26 @@ def steepness(r, overlapping):
 
 
 @formula
+def side(place, bounds):
+    """(o_x, o_y, o_z, o) of a wall particle, dimensionless, sum 1: o_x = 1 beyond planes across x, o = 1 of meshes."""
+    real = type(place[0])
+    if bounds is None:
+        return real(0), real(0), real(0), real(1)
+    x, y, z = (
+        real(place[0] < bounds.lower[0] or place[0] > bounds.upper[0]),
+        real(place[1] < bounds.lower[1] or place[1] > bounds.upper[1]),
+        real(place[2] < bounds.lower[2] or place[2] > bounds.upper[2]),
+    )
+    planes = x + y + z
+    share = real(1) / max(planes, real(1))
+    return x * share, y * share, z * share, real(1) - planes * share
+
+
+@formula
 def pressed(close, allowed, growth, overlapping):
-    """s_k/C = K (ln(C/C_0) + tau (dC/dt)/C)/C [Pa], at least 0."""
+    """s_k/C = K (ln(C/C_0) + tau (dC/dt)/C)/C [Pa], at least 0; 0 where C <= C_0."""
     real = type(close)
+    if close <= allowed:  # NaN goes on
+        return real(0)
     push = real(math.log(close / allowed)) + overlapping.delay * growth / close
     return real(0) if push < real(0) else overlapping.stiffness * push / close

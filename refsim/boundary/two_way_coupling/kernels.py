@@ -3,10 +3,10 @@
 from refsim.backends.compile import formula, kernel
 from refsim.backends.tuples import added, difference, dot, over, scaled
 from refsim.boundary.two_way_coupling import PASSED
-from refsim.boundary.two_way_coupling.formulas import nearness, pressed, steepness, tait_pressure
+from refsim.boundary.two_way_coupling.formulas import nearness, pressed, side, steepness, tait_pressure
 from refsim.neighbours.forces import force
 from refsim.neighbours.pairs import neighbour_sum, pair
-from refsim.neighbours.rows import add_vector, first_lane
+from refsim.neighbours.rows import add_vector, first_lane, set_vector
 from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
 from refsim.smoothing.formulas import gradient_factor, kernel_slope, kernel_value, safe_distance, viscosity_laplacian
 from refsim.sph.formulas import film_pressure, pressure_pair
@@ -231,36 +231,48 @@ def overlap_pair(
 
 
 @pair
-def wall_overlap_pair(r, x_ij, velocity_i, volume_j, smoothing, overlapping):
-    """The same of a wall particle at rest, V_b/d^dim times."""
+def wall_overlap_pair(r, x_ij, velocity_i, place_j, volume_j, smoothing, overlapping, bounds):
+    """The same of a wall particle at rest, V_b/d^dim times: C of planes across x, y, z and of meshes, and dC/dt."""
     share, near = volume_j * overlapping.inverse_volume, nearness(r, overlapping)
-    return share * near * near * near, -share * steepness(r, overlapping) * dot(velocity_i, x_ij)
+    o = scaled(side(place_j, bounds), share)
+    c, rate = near * near * near, -steepness(r, overlapping) * dot(velocity_i, x_ij)
+    return o[0] * c, o[1] * c, o[2] * c, o[3] * c, o[0] * rate, o[1] * rate, o[2] * rate, o[3] * rate
 
 
 @kernel(lanes=True)
 def overlap(
-    i, lane, position, velocity, phase, solid_number, neighbours, walls, smoothing, overlapping, allowed_closeness,
-    contact_pressure,
+    i, lane, position, velocity, phase, solid_number, neighbours, walls, bounds, smoothing, overlapping,
+    allowed_closeness, contact_pressure, plane_pressure,
 ):  # fmt: skip
-    """Pressure of contact over C [Pa] at a solid's particle to which other solids and walls are closer than ever, and
-    than a spacing."""
+    """Pressure of contact over C [Pa] at a solid's particle to which other solids, meshes or planes are closer than
+    ever, and than a spacing."""
+    zero = type(smoothing.support_radius)(0)
+    planes = zero, zero, zero, zero, zero, zero, zero, zero
     if phase[i] == FLUID:
         if first_lane(lane):
-            contact_pressure[i] = type(smoothing.support_radius)(0)
+            contact_pressure[i] = zero
+        set_vector(plane_pressure, i, lane, planes[0:3])
         return
     close, growth = neighbour_sum(
         overlap_pair, i, lane, neighbours, position, None, velocity, phase, solid_number, smoothing, overlapping
     )  # fmt: skip
     if walls is not None:
-        of_walls, faster = neighbour_sum(
-            wall_overlap_pair, i, lane, walls, position, None, velocity, walls.volume, smoothing, overlapping
+        planes = neighbour_sum(
+            wall_overlap_pair, i, lane, walls, position, None, velocity, walls.position, walls.volume, smoothing,
+            overlapping, bounds,
         )  # fmt: skip
-        close, growth = close + of_walls, growth + faster
+        close, growth = close + planes[3], growth + planes[7]
+    most = max(max(close, planes[0]), max(planes[1], planes[2]))
+    allowed = min(allowed_closeness[i], max(most, type(zero)(1)))
+    across = (
+        pressed(planes[0], allowed, planes[4], overlapping),
+        pressed(planes[1], allowed, planes[5], overlapping),
+        pressed(planes[2], allowed, planes[6], overlapping),
+    )
+    set_vector(plane_pressure, i, lane, across)
     if first_lane(lane):
-        allowed = min(allowed_closeness[i], max(close, type(close)(1)))
         allowed_closeness[i] = allowed
-        apart = close <= allowed  # NaN goes on
-        contact_pressure[i] = type(close)(0) if apart else pressed(close, allowed, growth, overlapping)
+        contact_pressure[i] = pressed(close, allowed, growth, overlapping)
 
 
 @pair
@@ -275,17 +287,18 @@ def contact_pair(
 
 
 @pair
-def wall_contact_pair(r, x_ij, contact_pressure_i, volume_j, smoothing, overlapping):
-    """The same of a wall particle, V_b/d^dim times, with b_b = b_k."""
-    share = volume_j * overlapping.inverse_volume
-    f = share * (contact_pressure_i + contact_pressure_i) * steepness(r, overlapping)
+def wall_contact_pair(r, x_ij, contact_pressure_i, plane_pressure_i, place_j, volume_j, smoothing, overlapping, bounds):
+    """The same of a wall particle, V_b/d^dim times, with b_b = b_k of its planes."""
+    o, share = side(place_j, bounds), volume_j * overlapping.inverse_volume
+    b = dot(o[0:3], plane_pressure_i) + o[3] * contact_pressure_i
+    f = share * (b + b) * steepness(r, overlapping)
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 
 @kernel(lanes=True)
 def contact(
-    i, lane, position, mass, phase, solid_number, contact_pressure, neighbours, walls, smoothing, overlapping,
-    acceleration,
+    i, lane, position, mass, phase, solid_number, contact_pressure, plane_pressure, neighbours, walls, bounds,
+    smoothing, overlapping, acceleration,
 ):  # fmt: skip
     """What presses a solid's particle off other solids and walls; added to the acceleration [m/s^2]."""
     if phase[i] == FLUID:
@@ -295,7 +308,8 @@ def contact(
     )  # fmt: skip
     if walls is not None:
         of_walls = neighbour_sum(
-            wall_contact_pair, i, lane, walls, position, None, contact_pressure, walls.volume, smoothing, overlapping
+            wall_contact_pair, i, lane, walls, position, None, contact_pressure, plane_pressure, walls.position,
+            walls.volume, smoothing, overlapping, bounds,
         )  # fmt: skip
         force = added(force, of_walls)
     add_vector(acceleration, i, lane, over(force, mass[i] * overlapping.inverse_volume))

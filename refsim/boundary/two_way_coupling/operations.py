@@ -152,47 +152,75 @@ def spread(
     }
 
 
-def touching(position, phase, solid_number, walls, overlapping, smoothing, rows, **own):
-    """(pairs with other particles, pairs with walls), whose `share` is 1 of solids and V_b/d^dim of walls."""
+def touching(position, phase, solid_number, walls, bounds, overlapping, smoothing, rows, bears=(None,) * 4, **own):
+    """Pairs with other particles, and with walls: meshes, and planes across x, y and z. `share` is o, `bears` s/C."""
     kind = kinds(phase)
-    i = Fields(position=position, part=solid_number, share=kind["solid"], **kind, **own)
-    w = None if walls is None else np.asarray(walls.volume, dtype=float) * float(overlapping.inverse_volume)
-    w = wall_particles(walls, part=-1, share=w, velocity=Terms(np.zeros(3), rank=1))
-    return tuple(neighbours(i, j, smoothing, rows=rows) for j in (i, w))
+    beyond = np.zeros((0 if walls is None else len(walls.volume), 3))
+    if walls is not None and bounds is not None:
+        place = np.asarray(walls.position)
+        beyond = 1.0 * ((place < np.asarray(bounds.lower)) | (place > np.asarray(bounds.upper)))
+    planes = beyond.sum(1)
+    shares = [planes == 0, *beyond.T / np.maximum(planes, 1)]
+    found = []
+    for pressure, share in zip(bears, shares):
+        i = Fields(position=position, part=solid_number, share=kind["solid"], bears=pressure, **kind, **own)
+        if walls is not None:
+            share = share * np.asarray(walls.volume, dtype=float) * float(overlapping.inverse_volume)
+        w = wall_particles(walls, part=-1, share=share, velocity=Terms(np.zeros(3), rank=1))
+        found += [neighbours(i, j, smoothing, rows=rows) for j in ((i, w) if not found else (w,))]
+    return found
 
 
 @operation(
-    "contact", paper="this project", outputs="allowed_closeness contact_pressure", optional="walls", entrywise=True,
+    "contact", paper="this project", outputs="allowed_closeness contact_pressure plane_pressure",
+    optional="walls bounds", variants=("walls bounds", "bounds", ""), entrywise=True,
     tolerance=16.0, reason="one rounding in each of distance, closeness, product, sum and logarithm",
 )  # fmt: skip
-def overlap(position, velocity, phase, solid_number, walls, smoothing, overlapping, allowed_closeness, rows=None):
-    """Least closeness of other solids and walls to a solid's particle so far, at least 1, and what presses apart what
-    is closer, over the closeness [Pa]."""
+def overlap(
+    position, velocity, phase, solid_number, walls, bounds, smoothing, overlapping, allowed_closeness, rows=None
+):  # fmt: skip
+    """Least closeness to a solid's particle so far, at least 1, and what presses apart what is closer, over the
+    closeness [Pa]: of other solids and meshes, and of planes across x, y and z."""
     own = {"velocity": velocity, "allowed": allowed_closeness}
-    around, at_walls = touching(position, phase, solid_number, walls, overlapping, smoothing, rows, **own)
+    around, *at_walls = touching(position, phase, solid_number, walls, bounds, overlapping, smoothing, rows, **own)
     inverse, _, stiffness, delay = map(float, overlapping)
-    d = 1 / inverse
-    close, growth = (around(term, d=d) + at_walls(term, d=d) for term in (ref.closeness, ref.growth))
-    solid, allowed = around.i.solid.value > 0, minimum(around.i.allowed, maximum(close, 1))
-    near = solid & (close.value > allowed.value)
-    push = ref.pressed(where(near, close, 1), allowed, growth, stiffness, delay) / where(near, close, 1)
+    solid, before, none = around.i.solid.value > 0, around.i.allowed, 0 * around.i.solid
+
+    def summed(term):
+        others, *planes = (none + at(term, d=1 / inverse) for at in at_walls)
+        return [around(term, d=1 / inverse) + others, *planes]
+
+    close, growth = summed(ref.closeness), summed(ref.growth)
+    most = maximum(maximum(close[0], close[1]), maximum(close[2], close[3]))
+    allowed = minimum(before, maximum(most, 1))
+    push = []
+    for c, rate in zip(close, growth):
+        near = solid & (c.value > allowed.value)
+        c = where(near, c, 1)
+        push.append(where(near, ref.pressed(c, allowed, rate, stiffness, delay) / c, 0))
     return {
-        "allowed_closeness": where(solid, allowed, around.i.allowed),
-        "contact_pressure": where(near, push, 0),
-    }
+        "allowed_closeness": where(solid, allowed, before), "contact_pressure": push[0],
+        "plane_pressure": tuple(np.stack(parts, 1) for parts in zip(*push[1:])),
+    }  # fmt: skip
 
 
 @operation(
-    "force of contact", paper="this project", adds="acceleration", optional="walls", tolerance=8.0,
+    "force of contact", paper="this project", adds="acceleration", optional="walls bounds",
+    variants=("walls bounds", "bounds", ""), tolerance=8.0,
     reason="one rounding in each of distance, closeness, product and sum",
-    invariants=f"{SYMMETRY} linear_momentum angular_momentum",
+    invariants=f"{SYMMETRY} linear_momentum angular_momentum", broken={2: "translation rotation"},
 )  # fmt: skip
-def contact(position, mass, phase, solid_number, contact_pressure, walls, smoothing, overlapping, rows=None):
+def contact(
+    position, mass, phase, solid_number, contact_pressure, plane_pressure, walls, bounds, smoothing, overlapping,
+    rows=None,
+):  # fmt: skip
     """Accelerations [m/s^2] of solids by others and by walls that they touch."""
-    own = {"mass": mass, "bears": contact_pressure}
-    around, at_walls = touching(position, phase, solid_number, walls, overlapping, smoothing, rows, **own)
+    bears = contact_pressure, *np.transpose(plane_pressure)
+    around, *at_walls = touching(
+        position, phase, solid_number, walls, bounds, overlapping, smoothing, rows, bears, mass=mass
+    )  # fmt: skip
     given = {"d": 1 / float(overlapping.inverse_spacing), "cell": 1 / float(overlapping.inverse_volume)}
-    return {"acceleration": around(ref.contact, **given) + at_walls(ref.contact_of_walls, **given)}
+    return {"acceleration": sum((at(ref.contact_of_walls, **given) for at in at_walls), around(ref.contact, **given))}
 
 
 def near_solids(i, smoothing, lean, delay, rows):

@@ -109,18 +109,18 @@ def nearness(k, s, ks, d):
 
 
 def closeness(k, s, ks, d):
-    """C_k = sum_s n_ks^3, times V_b/d^dim of walls; dimensionless."""
+    """C_k = sum_s o_s n_ks^3, dimensionless; o_s = 1 of solids, V_b/d^dim of meshes or planes across an axis."""
     return k.solid * s.share * nearness(k, s, ks, d) ** 3
 
 
 def gradient(k, s, ks, d):
-    """grad C_ks = -4.8/d^2 n_ks^2 x_ks, times V_b/d^dim of walls [1/m]."""
-    return -4.8 / d**2 * k.solid * s.share * nearness(k, s, ks, d) ** 2 * ks.x
+    """grad n_ks^3 = -4.8/d^2 n_ks^2 x_ks [1/m]."""
+    return -4.8 / d**2 * k.solid * nearness(k, s, ks, d) ** 2 * ks.x
 
 
 def growth(k, s, ks, d):
-    """dC_k/dt = sum_s (v_k - v_s).grad C_ks [1/s], walls at rest."""
-    return (k.velocity - s.velocity) @ gradient(k, s, ks, d)
+    """dC_k/dt = sum_s o_s (v_k - v_s).grad n_ks^3 [1/s], walls at rest."""
+    return s.share * ((k.velocity - s.velocity) @ gradient(k, s, ks, d))
 
 
 def pressed(close, allowed, growth, stiffness, delay):
@@ -129,13 +129,13 @@ def pressed(close, allowed, growth, stiffness, delay):
 
 
 def contact(k, s, ks, d, cell):
-    """a_k = -(d^dim/m_k) sum_s (s_k/C_k + s_s/C_s) grad C_ks [m/s^2], `cell` = d^dim."""
-    return -cell / k.mass * (k.bears + s.bears) * gradient(k, s, ks, d)
+    """a_k = -(d^dim/m_k) sum_s (s_k/C_k + s_s/C_s) grad n_ks^3 [m/s^2], `cell` = d^dim."""
+    return -cell / k.mass * s.share * (k.bears + s.bears) * gradient(k, s, ks, d)
 
 
 def contact_of_walls(k, b, kb, d, cell):
-    """a_k = -(d^dim/m_k) sum_b 2 s_k/C_k grad C_kb [m/s^2]."""
-    return -2 * cell / k.mass * k.bears * gradient(k, b, kb, d)
+    """a_k = -(d^dim/m_k) sum_b 2 o_b s_k/C_k grad n_kb^3 [m/s^2], s_k and C_k of meshes or of planes across an axis."""
+    return -2 * cell / k.mass * k.bears * b.share * gradient(k, b, kb, d)
 
 
 def push(i, j, ij, s):
