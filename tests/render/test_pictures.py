@@ -13,8 +13,8 @@ import refsim as rs
 from refsim import Box, BoxWalls, Gravity, InputError, Scene, Simulation, WeaklyCompressible, simulate
 from refsim.__main__ import main
 from refsim.io.frames import Frame, ParticleWriter, origin_of
-from refsim.render.looks import Camera, camera_of, cut_of, level_axes, liquid_colour, melt_colour, solid_colour
-from refsim.render.pictures import Look, Series, moving, pace, write_film, write_pictures
+from refsim.render.looks import Camera, level_axes, liquid_colour, melt_colour, solid_colour
+from refsim.render.pictures import Look, Series, moving, write_film, write_pictures
 from refsim.render.plane import loops
 from refsim.render.saved_run import SavedRun, chosen_frames, open_run
 from refsim.render.space import Body, Stage
@@ -104,35 +104,6 @@ def test_lines_in_the_plane_close():
     assert sorted(np.concatenate(found).tolist()) == sorted(mesh.facets[:, 0].tolist())
 
 
-# Cameras, cuts and lists of frames
-@pytest.mark.parametrize("up", [(0, 0, 1), (0, 1, 0), (1, 0, 0), (0.6, 0.0, 0.8)])
-def test_a_camera_looks_level_at_what_is_upright(up):
-    right, upward, towards = Camera(35.0, 20.0).axes(np.array(up, dtype=float))
-    assert np.allclose(np.stack([right, upward, towards]) @ np.stack([right, upward, towards]).T, np.eye(3))
-    assert (right @ up, towards @ up) == (pytest.approx(0), pytest.approx(np.sin(np.radians(20))))
-    assert np.cross(*level_axes(np.array(up, dtype=float))) == pytest.approx(np.array(up))
-
-
-def test_a_cut_leaves_away_the_viewers_side():
-    towards = camera_of("-60,20").axes(np.array([0.0, 0.0, 1.0]))[2]
-    assert (cut_of("y=0.5", towards, 3)([[0, 0, 0]]), cut_of("x=0.5", towards, 3)([[0, 0, 0]])) == ([0.5], [-0.5])
-    assert cut_of(None, towards, 3) is None
-
-
-@pytest.mark.parametrize("words, found", [
-    (None, [9]), ("all", list(range(10))), (":", list(range(10))), ("0,-1,4", [0, 4, 9]), ("2:8:3", [2, 5]),
-    ("::4", [0, 4, 8]), ("-2:", [8, 9]),
-])  # fmt: skip
-def test_lists_of_frames(words, found):
-    assert chosen_frames(words, 10) == found
-
-
-@pytest.mark.parametrize("words", ["10", "-11", "1:2:0", "a", "", "1:2:3:4", "1.5", "5:5"])
-def test_other_lists_of_frames_are_refused_in_a_sentence(words):
-    with pytest.raises(InputError, match="--frames"):
-        chosen_frames(words, 10)
-
-
 # Runs read back
 def test_quantities_have_values_and_units_and_walls_their_distance(in_plane):
     run = open_run(in_plane)
@@ -184,11 +155,6 @@ def test_what_is_no_run_is_refused(tmp_path, place):
 
 
 # Films
-@pytest.mark.parametrize("seconds, words", [(1.0, ""), (0.02, ", 50 times slower"), (60.0, ", 60 times faster")])
-def test_a_film_tells_its_pace(seconds, words):
-    assert pace(seconds) == words
-
-
 def test_frames_in_which_nothing_moves_are_left_out(in_plane, monkeypatch):
     run = open_run(in_plane)
     first, *others = run.frames(range(4))

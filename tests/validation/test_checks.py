@@ -119,50 +119,12 @@ def claim(**changes):
     return checks.Entry(**given | changes)
 
 
-@pytest.mark.parametrize(("values", "verdict"), [
-    ([0.5, 1.0, 0.7, 0.5, 0.5], CONFIRMED), ([1.2, 1.1, 2.0, 2.0, math.inf], REFUTED),
-    ([0.5, 1.1, 1.2, 1.2, 1.2], MIXED), ([math.nan, 2.0, 2.0, 2.0, 2.0], REFUTED),
-    ([math.inf, 0.1, 0.1, 0.1, 0.1], MIXED), ([0.5, 0.5, 0.5, 0.5], NOT_TESTABLE), ([], NOT_TESTABLE),
-])  # fmt: skip
-def test_all_starts_confirm_none_refutes_and_few_judge_nothing(values, verdict):
-    assert claim().judge(values) == verdict
-
-
-@pytest.mark.parametrize("apart", [OWN_READING, NOT_CLAIMED])
-@pytest.mark.parametrize(("values", "went"), [
-    (5 * [0.5], "kept"), (5 * [2.0], "missed"), ([0.5, 2.0, 2.0, 2.0, 2.0], "mixed"), ([0.5], NOT_TESTABLE),
-])  # fmt: skip
-def test_what_the_source_does_not_say_is_never_its_verdict(apart, values, went):
-    """The bar is judged all the same: how it went stands behind the colon, and another outcome fails the check."""
-    entry = claim(verdict=f"{apart}: kept")
-    assert entry.judge(values) == f"{apart}: {went}"
-    assert checks.checked(entry, values).verdict == ("pass" if went == "kept" else "fail")
-
-
 def test_every_run_that_a_check_names_is_planned():
     for name, experiment in discover().items():
         keys = [run.key for run in experiment.runs(Options(peers=True))]
         for entry in checks.read_all(checks.VERDICT):
             for pattern in entry.run.split() if entry.experiment == name else ():
                 assert fnmatch.filter(keys, pattern), (name, entry.name, pattern)
-
-
-@pytest.mark.parametrize("outcome, expected, verdict", [
-    ("pass", "pass", "pass"), ("fails: a", "fails: a, b", "pass"), ("fails: a, c", "fails: a, b", "fail"),
-    ("fails: a", "pass", "fail"), ("pass", "fails: a", "fail"), ("warned: a", "fails: a", "fail"),
-    ("pass", "warned: a", "pass"), ("fails: a", "warned: a", "fail"),
-    ("stopped: diverged", "stopped: collapsed", "fail"),
-])  # fmt: skip
-def test_an_outcome_may_miss_no_other_checks_than_the_one_on_file(outcome, expected, verdict):
-    assert checks.Entry("a", "e", HARD_CASE, verdict=expected).judge([1], outcome) == verdict
-
-
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 2.2])
-def test_what_is_beyond_the_spread_deviates(value):
-    entry = checks.Entry("a", "e", VALUE, spread=(1.9, 2.1))
-    assert not entry.within(value)
-    assert entry.judge([value]) == "fail"
-    assert entry.judge([1.899]) == "pass", "spreads are published with four digits"
 
 
 # The command

@@ -21,17 +21,9 @@ from tests.running import python
 from validation.laws import command, exact, laws
 from validation.laws.command import campaign, table
 from validation.laws.scenes import Drawn, drawn
-from validation.laws.units import SYMBOLS, Unit, hexahedron, turned, unit
+from validation.laws.units import SYMBOLS, hexahedron, turned
 
 PHASES = (Phase.generate,)
-
-
-def test_units_are_read():
-    assert unit("W/(m K)") == Unit(1, -3, 1, -1)
-    assert unit("kg/m^3; kg/m^2 in 2D", 2) == Unit(-3, 0, 1, 0)  # masses of the plane are those of a metre of depth
-    assert unit("kg; kg/m in 2D", 2) == Unit(-1, 0, 1, 0)
-    assert unit("m^4/(kg s^2)") == Unit(4, -2, -1, 0)
-    assert unit("degrees") == Unit(0, 0, 0, 0)
 
 
 @pytest.mark.parametrize("name", sorted(EFFECTS))
@@ -91,11 +83,8 @@ def test_a_note_excuses_only_what_it_says_and_a_stop_only_that_of_the_drawn_scen
     def stops(drawn, backend):
         raise RunStopped("diverged", "It stopped.")
 
-    assert [command.judged(name, breaks, case, "numpy", refusals)[0] for name in ("rest", "units")] == [
-        "noted",
-        "broken",
-    ]
-    assert command.judged("units", stops, case, "numpy", refusals)[0] == "broken"
+    for name, law, outcome in (("rest", breaks, "noted"), ("units", breaks, "broken"), ("units", stops, "broken")):
+        assert command.judged(name, law, case, "numpy", refusals)[0] == outcome
 
 
 GIVEN = {"dim": 2, "spacing": 0.1, "support_radius": 0.213, "fluid": (Box(cells=(6, 6, 1)),), "dtype": "float64"}
