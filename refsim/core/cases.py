@@ -20,7 +20,7 @@ import numpy as np
 from refsim.core.effect import Discretisation, Effect
 from refsim.core.operation import REGISTRY
 from refsim.core.period import Period, period_group
-from refsim.core.walls import Bounds, WallParticles
+from refsim.core.walls import WallParticles, planes
 
 REST_DENSITY = 1000.0
 
@@ -493,12 +493,17 @@ def _run_values(case: Case, grid: Discretisation) -> Mapping[str, Any]:
 
 @groups("bounds")
 def _bounds(case: Case, grid: Discretisation) -> Mapping[str, Any]:
-    """Planes that stop some of the particles, each in the widest gap of its neighbourhood, wider than any step."""
-    low, high = np.full(3, -np.inf), np.full(3, np.inf)
+    """Planes that stop some of the particles, each in the widest gap of its neighbourhood, wider than any step.
+
+    Those near the ends of the first axis are beyond the planes' ends.
+    """
+    sides = np.full((4, 3), [[-np.inf], [np.inf]] * 2)
+    shares = (0.1, 0.3), (0.8, 0.95), (0.0, 0.1), (0.95, 1.0)
     for axis in range(case.dim if case.count > 3 else 0):
         places = np.sort(case.position[:, axis].astype(grid.dtype))
-        low[axis], high[axis] = (_gap(places, *shares) for shares in ((0.1, 0.3), (0.8, 0.95)))
-    return {"bounds": Bounds(low.astype(grid.dtype), high.astype(grid.dtype))}
+        for k in range(4 if axis == 0 else 2):
+            sides[k, axis] = _gap(places, *shares[k])
+    return {"bounds": planes(*sides, dtype=grid.dtype)}
 
 
 def _gap(places: np.ndarray, begin: float, end: float) -> float:

@@ -16,10 +16,20 @@ class WallParticles(NamedTuple):
 
 
 class Bounds(NamedTuple):
-    """Planes that no particle passes, as the density of spray is too small to repel it; open sides are infinite."""
+    """Planes that no particle passes, as the density of spray is too small to repel it; open sides are infinite.
+
+    They stop what is between `first` and `last` before a step: where these are finite, the planes across them end.
+    """
 
     lower: Any  # (3,) [m]
     upper: Any  # (3,) [m]
+    first: Any  # (3,) [m]
+    last: Any  # (3,) [m]
+
+
+def planes(lower: Any, upper: Any, first: Any = -np.inf, last: Any = np.inf, dtype: Any = float) -> Bounds:
+    """Planes, which have no end where none is given, in `dtype`."""
+    return Bounds(*(np.broadcast_to(part, 3).astype(dtype) for part in (lower, upper, first, last)))
 
 
 class WallViscosity(NamedTuple):

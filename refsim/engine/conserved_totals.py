@@ -10,6 +10,7 @@ from refsim.core.errors import RunStopped
 from refsim.engine.simulation import Simulation
 from refsim.scene.plan import Plan
 from refsim.sph import acceleration_of, gravity_of
+from refsim.sph.operations import at_planes
 
 
 def conserved_totals(simulation: Simulation | Plan) -> dict[str, Any]:
@@ -32,7 +33,7 @@ def conserved_totals(simulation: Simulation | Plan) -> dict[str, Any]:
         plan, field = simulation.plan, simulation.field
     x, v, m = (field(name).astype(float) for name in ("position", "velocity", "mass"))
     bounds, local = plan.shared.get("bounds"), plan.grid.local(x).astype(plan.grid.dtype)
-    outside = 0 if bounds is None else int(((local < bounds.lower) | (local > bounds.upper)).any(1).sum())
+    outside = 0 if bounds is None else int(at_planes(bounds, local, local, v, None)[3].sum())
     momenta = {"momentum": m[:, None] * v, "angular_momentum": m[:, None] * np.cross(x, v)}
     result: dict[str, Any] = {"particles": len(x), "mass": math.fsum(m)}
     result |= {name: each.sum(0).tolist() for name, each in momenta.items()}

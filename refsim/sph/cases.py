@@ -6,7 +6,7 @@ import numpy as np
 
 from refsim import sph
 from refsim.core import cases
-from refsim.core.walls import Bounds, WallMotion, WallParticles
+from refsim.core.walls import WallMotion, WallParticles, planes
 from refsim.smoothing import SHAPES, Smoothing, smoothing
 from refsim.smoothing.cases import for_each_kernel
 
@@ -485,5 +485,5 @@ def stopped_by_a_plane():
     far = np.full(3, np.inf)
     return _leapt(
         [[0.25, 0.25, 0.0], [0.0, 1.0, 0.0]], [0.0, 1.0, 0.0], [0.125, 1.0],
-        velocity=[[2.0, 1.0, 0.0], [0.0, 0.0, 0.0]], bounds=Bounds(-far, np.array([0.25, np.inf, np.inf])),
+        velocity=[[2.0, 1.0, 0.0], [0.0, 0.0, 0.0]], bounds=planes(-far, [0.25, np.inf, np.inf]),
     )  # fmt: skip

@@ -173,6 +173,15 @@ def central_viscosity_pair(volume_j, central_viscosity, laplacian):
     return central_viscosity.coefficient * volume_j * laplacian
 
 
+@formula
+def between_ends(x, bounds):
+    """Whether the planes of walls act at x [m]."""
+    beyond = False
+    for c in range(3):
+        beyond = beyond or x[c] < bounds.first[c] or x[c] > bounds.last[c]
+    return not beyond
+
+
 @formula(ordered=True)
 def drifted(x, residual, shift):
     """x + (residual + shift) = place + rest [m]: the sum rounded, and what rounding takes from it (Knuth's two-sum).

@@ -4,7 +4,7 @@ import math
 
 from refsim.backends.compile import formula, kernel
 from refsim.backends.reductions import reduction
-from refsim.backends.tuples import added, difference, dot, scaled
+from refsim.backends.tuples import added, difference, dot, scaled, three
 from refsim.neighbours.forces import force
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import first_lane, set_vector
@@ -496,7 +496,7 @@ def stepped_along(
     else:
         x = position[i, c] + change
     if bounds is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
-        if x < bounds.lower[c] or x > bounds.upper[c]:
+        if (x < bounds.lower[c] or x > bounds.upper[c]) and formulas.between_ends(three(position, i), bounds):
             x = min(max(x, bounds.lower[c]), bounds.upper[c])
             v, residual, stopped = type(v)(0), type(v)(0), True
     moved = x - build_position[i, c]

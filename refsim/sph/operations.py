@@ -340,14 +340,18 @@ def carried(position, residual, shift, size):
     return (x + added, np.abs(x) + small), (rest, small + np.where(close, 2 * np.abs(place), 0.0))
 
 
-def at_planes(bounds, x, v, rest):
-    """x <- its nearest place between the walls' planes [m]; v [m/s] and residual 0 there; flags of those stopped."""
+def at_planes(bounds, before, x, v, rest):
+    """x <- its nearest place between the walls' planes [m]; v [m/s] and residual 0 there; flags of those stopped.
+
+    Only what was `before` [m] between their ends is.
+    """
     if bounds is None:
         return x, v, rest, np.zeros(len(x), dtype=bool)
     lower, upper = np.asarray(bounds.lower, dtype=float), np.asarray(bounds.upper, dtype=float)
-    beyond = (x < lower) | (x > upper)
+    acts = ~((before < bounds.first) | (before > bounds.last)).any(1)
+    beyond = acts[:, None] & ((x < lower) | (x > upper))
     rest = None if rest is None else tuple(np.where(beyond, 0.0, part) for part in rest)
-    return np.clip(x, lower, upper), np.where(beyond, 0.0, v), rest, beyond.any(1)
+    return np.where(beyond, np.clip(x, lower, upper), x), np.where(beyond, 0.0, v), rest, beyond.any(1)
 
 
 @operation(
@@ -373,7 +377,7 @@ def kick_drift(acceleration, build_position, bounds, timestep, shift, position_r
     if position_residual is not None:
         total, rest = carried(position, position_residual, *change)
         x = Terms(*total, 1)
-    x_at, v_at, rest, stopped = at_planes(bounds, x.value, v.value, rest)
+    x_at, v_at, rest, stopped = at_planes(bounds, np.asarray(position), x.value, v.value, rest)
     x, v = Terms(x_at, x.size, 1), Terms(v_at, v.size, 1)
     moved = x.value - np.asarray(build_position, dtype=float)
     squares = (moved**2).sum(1), ((np.abs(moved) + x.size) ** 2).sum(1)

@@ -141,7 +141,7 @@ def support_launches(dtype):
     """Launches of the kernels of searches and array moves, with the types that the searches hand them."""
     from refsim.backends import device, reductions
     from refsim.core.period import period_group
-    from refsim.core.walls import Bounds
+    from refsim.core.walls import planes
     from refsim.mpm import sorting_cuda as mpm_sorting
     from refsim.neighbours import cell_boxes_cuda as cell_boxes
     from refsim.neighbours import cell_list
@@ -160,7 +160,7 @@ def support_launches(dtype):
     keys, ranges, one = np.zeros(n, np.int64), np.zeros((n, 9), np.int32), real(1)
     listed, shared = (NeighbourColumns(integers, integers, (np.int32(0),) * lanes) for lanes in (1, 4))
     blocks = Blocks(keys, np.zeros((n, 27), np.int32))
-    period, planes = period_group((1.0, 0.0, 2.0), dtype), Bounds(scalars, scalars)
+    period, planes = period_group((1.0, 0.0, 2.0), dtype), planes(-1.0, 1.0, dtype=dtype)
     cells = periodic_cells(period, 0.2)
     return [
         (cell_list.cell_keys.on("cuda"), (vectors, 1.0, None, keys, None)),

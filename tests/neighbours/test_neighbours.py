@@ -9,7 +9,7 @@ import refsim as rs
 from refsim.backends.arrays import choose, on_threads
 from refsim.core import cases
 from refsim.core.period import period_group
-from refsim.core.walls import Bounds
+from refsim.core.walls import planes
 from refsim.neighbours import AUDIT_MARGIN, MOST_NEIGHBOURS, AuditedRows, NeighbourSearch, Particles
 from refsim.neighbours.pair_functions import given_to, layout, terms
 from refsim.neighbours.pairs import pair
@@ -210,7 +210,7 @@ def test_audit_looks_where_the_list_was_last_used_and_leaves_out_what_a_plane_st
     listed = search.build(before)
     velocity = np.zeros((4, 3))
     after = before + [[0.0, 0.0, 0.0], [-0.9, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
-    bounds = Bounds(np.array([0.6, -np.inf, -np.inf]), np.full(3, np.inf))  # where the second one stands now
+    bounds = planes([0.6, -np.inf, -np.inf], np.inf)  # where the second one stands now
     rows, still = AuditedRows(1, 4), np.zeros(2)
     search.programs.audit(after, velocity, still, listed, rows, 1.0, bounds)
     assert search.programs.missed == 0

@@ -18,10 +18,10 @@ from refsim.core.checked import NotNegative, Printed
 from refsim.core.effect import Discretisation, Others
 from refsim.core.errors import InputError
 from refsim.core.period import Lengths
-from refsim.core.walls import Bounds, WallMotion, WallParticles
+from refsim.core.walls import WallMotion, WallParticles, planes
 from refsim.scene.solids import countable
 from refsim.smoothing import lattice, smoothing
-from refsim.sph import gravity_of, liquid_of
+from refsim.sph import acceleration_of, gravity_of, liquid_of
 
 if TYPE_CHECKING:
     from refsim.core.effect import InitialState
@@ -37,8 +37,8 @@ class BoxWalls(ParticleWalls, HasPlanes, HasErrata, frozen=True, kw_only=True):
     model         "extrapolated" (layers as deep as the support whose pressure is extrapolated from the liquid, Adami et
                   al.) or "mirrored" (one layer whose pressure mirrors the liquid's, Akinci et al.); by default
                   extrapolated with an advanced density, else mirrored
-    open_faces    faces without wall, of "-x", "+x", "-y", "+y", "-z", "+z"; liquid that leaves by one is still held by
-                  the planes of the others, which have no end
+    open_faces    faces without wall, of "-x", "+x", "-y", "+y", "-z", "+z"; there the others end, but go on above one
+                  against gravity
     viscosity     mu_b of the friction between liquid and wall particles [Pa s]; 0 for free slip
     no_slip       friction with which the liquid's velocity at the walls is theirs
     moving_faces  faces that move in their own plane and drag the liquid by their friction
@@ -174,15 +174,28 @@ class BoxWalls(ParticleWalls, HasPlanes, HasErrata, frozen=True, kw_only=True):
     def shares(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         groups: dict[str, Any] = {}
         if self.moving_faces:
-            planes = np.full((2, 3), [[-np.inf], [np.inf]])
+            moving = np.full((2, 3), [[-np.inf], [np.inf]])
             for face in self.moving_faces:
                 side, axis = "-+".index(face[0]), "xyz".index(face[1])
-                planes[side, axis] = (self.lower, self.upper)[side][axis]
-            groups["wall_motion"] = WallMotion(*(np.array(v, grid.dtype) for v in (*planes, self.velocity)))
+                moving[side, axis] = (self.lower, self.upper)[side][axis]
+            groups["wall_motion"] = WallMotion(*(np.array(v, grid.dtype) for v in (*moving, self.velocity)))
         lower, upper = self.domain(grid)
         if np.isfinite([*lower, *upper]).any():
-            groups["bounds"] = Bounds(lower.astype(grid.dtype), upper.astype(grid.dtype))
+            first, last = self._ends(grid, others)
+            groups["bounds"] = planes(lower, upper, first, last, grid.dtype)
         return groups
+
+    def _ends(self, grid: Discretisation, others: Others) -> np.ndarray:
+        """(2, 3) coordinates [m] between which planes act: corners at open faces, but upward; d/2 behind the others."""
+        ends, up = np.array([self.lower, self.upper], dtype=float), -np.array(acceleration_of(others))
+        for number, face in enumerate(FACES):
+            axis, side = divmod(number, 2)
+            outward = 2 * side - 1
+            if axis >= grid.dim or grid.period[axis] > 0 or (face in self.open_faces and outward * up[axis] > 0):
+                ends[side, axis] = outward * math.inf
+            elif face not in self.open_faces:
+                ends[side, axis] += 0.5 * outward * grid.spacing
+        return ends
 
     def initial(self, grid: Discretisation, state: "InitialState", others: Others) -> Mapping[str, np.ndarray]:
         """No values of its own; raises InputError for particles that start behind a wall."""

@@ -12,7 +12,7 @@ from refsim.backends.tuples import added, difference, dot, over, scaled, three
 from refsim.boundary.penetration.formulas import pushed, rebound, reflected
 from refsim.boundary.signed_distance.formulas import beyond_inside, place_in_field, trilinear
 from refsim.sparse_grid.formulas import find_node
-from refsim.sph.formulas import drifted
+from refsim.sph.formulas import between_ends, drifted
 
 LONGEST = 4096  # samples along one path
 # h/CLEARANCE is subtracted from interpolated distances and is the least step along a path; h: band's spacing
@@ -162,7 +162,7 @@ def kick_drift(
     for c in range(3):
         place, speed, held = x[c], v[c], corrected
         if bounds is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
-            if place < bounds.lower[c] or place > bounds.upper[c]:
+            if (place < bounds.lower[c] or place > bounds.upper[c]) and between_ends(start, bounds):
                 place = min(max(place, bounds.lower[c]), bounds.upper[c])
                 speed = real(0)
                 stopped = held = True

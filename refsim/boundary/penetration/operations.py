@@ -84,7 +84,7 @@ def kick_drift(
     certain = margin > 4 * ROUNDING
     v_scale = np.where((certain & ~grazing)[:, None] | np.isnan(v_scale), v_scale, np.inf)
     x_scale = np.where(certain[:, None] | np.isnan(x_scale), x_scale, np.inf)
-    x, v, rest, stopped = at_planes(bounds, x, v, rest)
+    x, v, rest, stopped = at_planes(bounds, np.asarray(position), x, v, rest)
     answer = {"corrections": (count + jumped, margin), "velocity": (v, v_scale), "position": (x, x_scale)}
     if rest is not None:
         value, scale = (np.where((hit | jumped)[:, None], 0.0, part) for part in rest)
