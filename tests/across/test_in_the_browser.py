@@ -15,6 +15,7 @@ from refsim.smoothing.reference import kernel_value
 from refsim.surface_detection import plane_moment
 from tests.io.test_exercises import WRITTEN
 from tests.render.browser import Browser, chromium
+from tests.running import rows
 
 pytestmark = pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
 DOCS = pathlib.Path(__file__).parents[2] / "docs"
@@ -241,16 +242,7 @@ def test_the_liquid_is_that_of_the_program(opened):
 
 
 MEASURED = pathlib.Path(__file__).with_name("measured.js").read_text()
-LIQUID = {  # what each question of a page asks for, by the page's liquid; particle 6 is in the middle of an edge
-    "sum": (
-        "Math.hypot(...LiquidPage.around(start({}), 105).gradient)",
-        "Liquid.weight(start({}), 0) * 0.05 ** 2", "100 * (weights({kernel: 'spiky'}, 105) - 1)",
-    ),
-    "surface": ("weights({}, 6)", "weights({}, 0)", "weights({ratio: 3.2}, 6)", "1600 * (weights({}, 6) - 1)"),
-    "pressure": ("1 / 3", "Math.hypot(...Liquid.momentum(after({}, 0.1)))", "100 * (energy({form: 'plain'}, 0.1) - 1)"),
-    "walls": ("0.375", "100 * energy({}, 0.5)", "100 * energy({walls: 'particle', viscosity: 0}, 0.5)"),
-    "viscosity": ("100 * energy({}, 0.5)", "explodes({})", "explodes({viscosity: 2})"),
-}  # fmt: skip
+LIQUID = rows(__file__, "liquid")
 
 
 @pytest.mark.parametrize("page", LIQUID)

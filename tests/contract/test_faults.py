@@ -6,12 +6,9 @@ import pytest
 
 from refsim import contract
 from tests.contract import faulty
+from tests.running import rows
 
-QUICK = (  # one of each sign
-    "m_i", "constant off", "stale list", "last block", "self twice", "constant of the plane", "half h", "other kernel",
-    "last twice", "no cut", "no z", "adds", "not written", "prefix sums", "reversed", "same amount", "V by rho_j",
-    "minus mu", "z missing", "overwrites", "0 by 0",
-)  # fmt: skip
+QUICK = rows(__file__, "quick")
 KNOWN = 0.9  # share of the faults whose first cause is right
 
 

@@ -13,6 +13,7 @@ from refsim.contract.causes import SIGNS, Diagnosis, traits_of
 from refsim.contract.properties import on_grid
 from refsim.contract.target import Judged, Sought
 from refsim.core.operation import REGISTRY
+from tests import running
 
 
 def judged(operation, variant, dim, kind, rows=None):
@@ -38,11 +39,7 @@ def judged(operation, variant, dim, kind, rows=None):
     return target, Judged(inputs, before, after, answer, ratios, rows)
 
 
-@pytest.mark.parametrize("operation, variant, dim, kind", [
-    ("sph.density", 0, 3, "more"), ("sph.density", 0, 3, "sign"), ("sph.density", 2, 2, "thirds"),
-    ("sph.density", 2, 2, "last"), ("sph.momentum", 2, 3, "thirds"), ("sph.momentum", 2, 3, "last"),
-    ("sph.momentum", 2, 3, "sign"), ("sph.momentum", 0, 2, "more"),
-])  # fmt: skip
+@pytest.mark.parametrize("operation, variant, dim, kind", running.rows(__file__, "guesses"))
 def test_guesses_are_as_ever(operation, variant, dim, kind, recorded, monkeypatch):
     """How far each differs from the right answer in three rows, over the size of that; of some rows alone, too."""
     found = {}

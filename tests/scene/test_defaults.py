@@ -8,6 +8,7 @@ import pytest
 import refsim as rs
 from refsim import make_plan
 from refsim.commands.plan import _text, describe_plan
+from tests.running import rows
 
 EXAMPLES = pathlib.Path(rs.__file__).parent / "examples"
 PEBBLE = str(EXAMPLES / "pebble.obj")
@@ -55,13 +56,7 @@ def test_a_plan_names_each_default_that_the_papers_have_otherwise_once():
     told = describe_plan(
         make_plan(scene(rs.MeshBoundary(file=PEBBLE, center=(0.2, 0.2, 0.1), size=0.1), walls={})), "cpu"
     )
-    assert told["defaults"] == [
-        "particle_shifting joins the liquid, which names no density; the papers have none",
-        "model of box_walls is 'extrapolated'; the papers have 'mirrored'",
-        "density of weakly_compressible is 'continuity'; the papers have 'summation'",
-        "viscosity of weakly_compressible is 'central'; the papers have 'laplacian'",
-        "model of mesh_boundary is 'extrapolated'; the papers have 'mirrored'",
-    ]
+    assert told["defaults"] == rows(__file__, "defaults")
     assert _text(told).count("Default: ") == 5
     assert describe_plan(make_plan(scene(walls={}, density="summation")), "cpu")["defaults"] == []
     made = make_plan(scene(walls={}, density="summation", artificial_viscosity=0.1))

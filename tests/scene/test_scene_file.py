@@ -13,27 +13,14 @@ import pytest
 import refsim as rs
 from refsim.commands.plan import _text, describe_plan
 from refsim.core.effect import EFFECTS
-from refsim.scene.files import (
-    SHAPES,
-    describe,
-    load_scene,
-    parse_scene,
-    scene_from_dict,
-    scene_schema,
-    scene_to_toml,
-    unit_of,
-)
+from refsim.scene import files
 from tests import pairs
 from tests.running import rows
 
 PACKAGE = pathlib.Path(rs.__file__).parent
 EXAMPLES = PACKAGE / "examples"
-SCENES = tomllib.loads(
-    pathlib.Path(__file__)
-    .with_name("refused_and_noted.toml")
-    .read_text(encoding="utf-8")
-    .replace("EXAMPLES", str(EXAMPLES))
-)
+TABLES = pathlib.Path(__file__).with_name("refused_and_noted.toml").read_text(encoding="utf-8")
+SCENES = tomllib.loads(TABLES.replace("EXAMPLES", str(EXAMPLES)))
 PUBLISHED = {name: effect for name, effect in EFFECTS.items() if effect.__module__.startswith("refsim.")}
 
 
@@ -52,19 +39,19 @@ def test_toml_gives_the_same_scene_back_bit_for_bit():
         gauge=(rs.Gauge(name="floor", kind="force", on="-y", every=0.02),),
         motion=(rs.Motion(of="gravity", kind="formula", direction=(0.0, 1.0, 0.0), formula="0.01*t**3"),),
     )  # fmt: skip
-    text = scene_to_toml(scene)
-    again = parse_scene(text, "scene")
+    text = files.scene_to_toml(scene)
+    again = files.parse_scene(text, "scene")
     assert (again, [e.name for e in again.effects]) == (scene, ["gravity", "weakly_compressible"])
-    assert scene_to_toml(again) == text
+    assert files.scene_to_toml(again) == text
     cloud = rs.Cloud(position=np.array([[0.1, 0.2, 0.3], [1 / 3, 0.0, 1e-20]]), mass=np.array([1.0, 2.0]))
-    again = parse_scene(scene_to_toml(scene.with_(fluid=(cloud,))), "scene").fluid[0]
+    again = files.parse_scene(files.scene_to_toml(scene.with_(fluid=(cloud,))), "scene").fluid[0]
     assert np.array_equal(again.position, cloud.position)
     assert again.mass == (1.0, 2.0)
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.toml")), ids=lambda path: path.stem)
 def test_examples_load_and_plan_without_a_note(path):
-    plan = rs.make_plan(load_scene(path))
+    plan = rs.make_plan(files.load_scene(path))
     told, scene = _text(describe_plan(plan, "cpu")), plan.scene
     assert plan.notes == ()
     assert scene.name in told
@@ -94,13 +81,13 @@ def test_a_plan_tells_the_numbers_of_a_tension(adhesion, source):
 
 def test_the_published_schema_is_current_and_every_field_says_what_it_is():
     committed = json.loads((PACKAGE / "scene" / "scene.schema.json").read_text())
-    assert committed == scene_schema(PUBLISHED), "renew it: python -m refsim schema > refsim/scene/scene.schema.json"
-    for owner in (rs.Scene, *SHAPES.values(), *PUBLISHED.values()):
-        assert set(describe(owner)) == {f.name for f in msgspec.structs.fields(owner)}, owner.__name__
-    schema = scene_schema(PUBLISHED)
+    schema = files.scene_schema(PUBLISHED)
+    assert committed == schema, "renew it: python -m refsim schema > refsim/scene/scene.schema.json"
+    for owner in (rs.Scene, *files.SHAPES.values(), *PUBLISHED.values()):
+        assert set(files.describe(owner)) == {f.name for f in msgspec.structs.fields(owner)}, owner.__name__
     assert schema["properties"]["spacing"]["x-unit"] == "m"
     assert schema["$defs"]["Gravity"]["properties"]["acceleration"]["x-unit"] == "m/s^2"
-    assert unit_of('faces without wall, of "-x"') is None
+    assert files.unit_of('faces without wall, of "-x"') is None
     for entry in [schema, *schema["$defs"].values()]:
         assert entry["additionalProperties"] is False
         assert all("description" in field for field in entry["properties"].values())
@@ -162,7 +149,7 @@ def changed(tables, changes):
 )
 def test_what_a_scene_cannot_have_is_refused_in_one_sentence(of, changes, words):
     with pytest.raises(rs.InputError) as refused:
-        rs.make_plan(scene_from_dict(changed(SCENES[of]["scene"], changes), "scene"))
+        rs.make_plan(files.scene_from_dict(changed(SCENES[of]["scene"], changes), "scene"))
     said = str(refused.value)
     assert any(each in said for each in words.split("|"))
     assert not re.search(r"\n|\. ", said)
@@ -171,5 +158,5 @@ def test_what_a_scene_cannot_have_is_refused_in_one_sentence(of, changes, words)
 @pytest.mark.parametrize("of, table", [(of, table) for of, table in SCENES.items() if "notes" in table])
 def test_a_plan_has_the_notes_of_its_settings_and_no_others(of, table):
     for changes, words, count in table["notes"]:
-        notes = rs.make_plan(scene_from_dict(changed(table["scene"], changes), "scene")).notes
+        notes = rs.make_plan(files.scene_from_dict(changed(table["scene"], changes), "scene")).notes
         assert sum(words in note for note in notes) == count, (changes, words, notes)

@@ -26,7 +26,7 @@ from refsim.study.panels import measured, panel
 from refsim.study.result import Study
 from refsim.study.runs import Reading, Setting
 from tests import tank_file
-from tests.running import advanced, answer_of
+from tests.running import advanced, answer_of, rows
 
 KINDS = ("spacing", "spacing", "spacing", "spacing", "support", "step", "precision", "tolerance", "backend", "effect")
 
@@ -301,13 +301,7 @@ def test_observables_of_a_started_tank_are_as_ever(recorded):
     effects = (*tank().effects[:2], rs.BoxWalls(lower=(0, 0, 0), upper=(0.1, 0.4, 0)))
     scene = tank(6, gauge=gauges, dtype="float64", effects=effects)
     run, found = advanced(Simulation(scene, "numpy"), 3), {}
-    for name in (
-        "front", "front:-x", "front:+y", "front:-y", "kinetic_energy", "field:density@0.05,0.05", "field:pressure@max",
-        "field:velocity.y@min", "field:velocity.x@mean", "field:velocity.y@0.02,0.03,0", "gauge:floor.force_y",
-        "gauge:floor.force_y@max", "gauge:floor.torque_z@mean", "gauge:at", "gauge:at.pressure@min", "front:z",
-        "front:++x", "field:densty@max", "field:density.x@max", "field:velocity@max", "field:density@1,2,3,4",
-        "field:density@9,9", "field:density@nan,1", "gauge:none", "gauge:floor", "gauge:at@median", "other",
-    ):  # fmt: skip
+    for name in rows(__file__, "observables"):
         try:
             observable = observable_of(name, run.plan)
             found[name] = (observable(run), observable.unit)

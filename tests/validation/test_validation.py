@@ -14,7 +14,7 @@ import pytest
 
 from refsim.core.errors import InputError, RunStopped
 from scripts import reproduce as script
-from tests.running import ROOT, python
+from tests.running import ROOT, python, rows
 from validation import __main__ as command
 from validation import checks, experiments, judging, results
 from validation import perform as performing
@@ -148,14 +148,7 @@ def test_command_prints_one_json_object(options, monkeypatch, capsys):
     assert "reused one" in printed.out
 
 
-@pytest.mark.parametrize(("arguments", "said"), [
-    (["run", "dam_brake"], "did you mean 'dam_break'?"), (["run", "zzz"], "choose from boundary, dam_break"),
-    (["stability", "zzz"], "no hard case 'zzz'"), (["claims", "zzz"], "no claim 'zzz'"),
-    (["accuracy", "dropplet"], "no panel 'dropplet'; did you mean 'droplet'?"),
-    (["accuracy", "heat", "--peers"], "has no points of other programs"),
-    (["attack", "--minutes", "-1"], "--minutes = -1.0 is not possible"), (["laws", "--minutes", "-1"], "-1"),
-    (["run", "droplet", "--quick", "--backend", "abacus"], "there is no such backend"),
-])  # fmt: skip
+@pytest.mark.parametrize(("arguments", "said"), rows(__file__, "bad_input"))
 def test_bad_input_gets_a_sentence_and_code_2(arguments, said, tmp_path, capsys):
     folders = ["--results", str(tmp_path / "r"), "--figures", str(tmp_path / "f")]
     given = folders if arguments[0] not in ("accuracy", "attack", "laws") else ()
