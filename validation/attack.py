@@ -40,7 +40,7 @@ from refsim.core.effect import EFFECTS
 from refsim.core.errors import InputError
 from refsim.core.writing import made_by, write_file
 from refsim.io.checkpoint import read_checkpoint
-from refsim.io.frames import read_particles
+from refsim.io.results import open_run
 from refsim.scene import shapes, solids
 from refsim.scene.scene import Scene
 
@@ -353,8 +353,7 @@ def reached(run: Path, frames: bool = True) -> dict[str, Any]:
     clock = json.loads(str(saved.attributes["clock"]))
     state = {name: clock[name] for name in ("time", "steps", "previous_length")}
     reached_state = {"arrays": {name: each.tobytes() for name, each in saved.arrays.items()}, "state": state}
-    read = read_particles(run / "particles.pvd") if frames else ()
-    return reached_state | ({"frames": [(f.time, np.asarray(f.position).tobytes()) for f in read]} if frames else {})
+    return reached_state | ({"frames": [(f.time, f.position.tobytes()) for f in open_run(run)]} if frames else {})
 
 
 # The campaign

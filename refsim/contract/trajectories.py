@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from refsim.core.errors import InputError, extra
-from refsim.io.frames import read_particles
-from refsim.io.results import PARTICLES
+from refsim.io.results import PARTICLES, open_run
 
 
 @dataclass(frozen=True)
@@ -42,9 +41,8 @@ def trajectory(folder: Path) -> list[Snapshot]:
         raise InputError(f"there is no folder {folder}; give the folder of the trajectory.")
     snapshots: list[Snapshot] = []
     if (folder / PARTICLES).exists():
-        for frame in read_particles(folder / PARTICLES):
-            given = {"position": frame.position}
-            given |= {name: frame.fields[name] for name in ("velocity", "mass") if name in frame.fields}
+        for frame in open_run(folder):
+            given = {name: frame[name] for name in ("position", "velocity", "mass") if name in frame.fields}
             snapshots.append(replace(_checked(folder / PARTICLES, frame.time, given), behind=True))
         return snapshots
     times = _pvd(folder) | _listed(folder)

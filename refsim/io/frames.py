@@ -266,24 +266,6 @@ def heads_of(path: Path) -> list[Head]:
     return heads
 
 
-def read_particles(
-    path: str | os.PathLike[str], frames: slice | Collection[int] = slice(None), fields: Collection[str] | None = None
-) -> list[Frame]:
-    """The frames of a collection that `ParticleWriter` wrote, in order of time; their digests are compared.
-
-    frames  which of them: a slice, or numbers from 0
-    fields  names of the fields that are read, of those that the frames have; all by default
-
-    Raises InputError when there is no frame, or one is damaged.
-    """
-    heads, frames_read = heads_of(Path(path)), []
-    for head in heads[frames] if isinstance(frames, slice) else [heads[k] for k in sorted(frames)]:
-        names = ["position", *(name for name in head.fields if fields is None or name in fields)]
-        data = read_arrays(head, names, check=True)
-        frames_read.append(Frame(head.time, data.pop("position"), data))
-    return frames_read
-
-
 def _checked_field(name: str, components: int, dtype: DTypeLike) -> tuple[int, np.dtype]:
     dtype = np.dtype(dtype)
     if not name or "/" in name or name in (".", "position") or components < 1 or dtype not in DTYPES:

@@ -92,7 +92,7 @@ class Series:
         self.limits = look.limits
         if look.colour is not None and look.limits is None:
             self.limits = self._limits(look.colour)
-        apart = np.diff([run.times[k] for k in self.chosen])
+        apart = np.diff(run.files.times[self.chosen])
         self.pace = "" if per_second is None or not len(apart) else pace(per_second * float(np.median(apart)))
         self.stage = self._stage(space.SUPERSAMPLING if per_second is None else 1)
 
@@ -394,7 +394,7 @@ def write_pictures(
     from PIL import Image
 
     saved = open_run(run)
-    series = Series(saved, look, chosen_frames(frames, len(saved.times)))
+    series = Series(saved, look, chosen_frames(frames, len(saved.files)))
     written = []
     for number, image in series:
         each = path if len(series.chosen) == 1 else path.with_stem(f"{path.stem}_{number:04d}")
@@ -425,7 +425,7 @@ def write_film(
         raise InputError('films need imageio-ffmpeg, which is not installed; `pip install "refsim[view]"`.') from None
     saved = open_run(run)
     width, height = (n - n % 2 for n in look.size)
-    every = chosen_frames(frames or "all", len(saved.times))
+    every = chosen_frames(frames or "all", len(saved.files))
     series = Series(saved, look, every if frames else moving(saved, every), per_second)
     remove_stale_temporaries(path.parent, path.name)
     beside = temporary_path(path)

@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 from refsim.boundary.one_way_coupling import MeshBoundary
 from refsim.boundary.one_way_coupling.placing import PlacedSolid
 from refsim.core.errors import InputError
-from refsim.io.frames import Frame, read_particles
+from refsim.io.frames import Frame
 from refsim.io.results import PARTICLES, Run
 from refsim.render.surfaces import depth
 from refsim.scene.plan import Plan, make_plan
 from refsim.sph import acceleration_of
 
-READ_AT_ONCE = 16_000_000  # bytes of frames
-NO_QUANTITY = ("identity", "place")  # numbers of particles
+NO_QUANTITY = ("position", "identity", "place")  # the last two are numbers of particles
 COMPONENTS = "xyz"
 USUAL = 0.005, 0.995  # shares of a frame's particles below the ends of the colour bar, and of what a picture shows
 BESIDE = 0.25  # of the largest edge of what is shown: particles so near beside it are shown too
@@ -29,10 +28,8 @@ BESIDE = 0.25  # of the largest edge of what is shown: particles so near beside 
 class SavedRun:
     """A finished run. All places that it gives are relative to the plan's origin."""
 
-    path: Path  # the particle file
+    files: Run
     plan: Plan  # of its scene
-    times: tuple[float, ...]  # of its frames [s]
-    stored: dict[str, int]  # fields in the file: components by name
 
     @property
     def dim(self) -> int:
@@ -115,7 +112,7 @@ class SavedRun:
 
     def quantities(self) -> tuple[str, ...]:
         """Names that `values` takes, without components of vectors."""
-        return (*(name for name in sorted(self.stored) if name not in NO_QUANTITY), "part")
+        return (*(name for name in sorted(self.files.fields) if name not in NO_QUANTITY), "part")
 
     def unit(self, name: str) -> str:
         """Unit of a quantity; "" if it has none."""
@@ -135,8 +132,8 @@ class SavedRun:
         base, _, component = name.partition(".")
         if name == "part":
             return self.part(frame).astype(float)
-        if base not in self.stored or base in NO_QUANTITY:
-            raise InputError(f"{self.path} has no field {base!r}; give one of {', '.join(self.quantities())}.")
+        if base not in self.files.fields or base in NO_QUANTITY:
+            raise InputError(f"{self.files.folder} has no field {base!r}; give one of {', '.join(self.quantities())}.")
         field = np.asarray(frame.fields[base], dtype=float)
         if component:
             if field.ndim != 2 or field.shape[1] != 3 or component not in tuple(COMPONENTS):
@@ -158,13 +155,11 @@ class SavedRun:
         return np.where(solid, part, -1)
 
     def frames(self, chosen: Sequence[int], fields: Collection[str] | None = None) -> Iterator[Frame]:
-        """The chosen frames, a few at a time; `fields` beside identity and phase, all by default."""
+        """The chosen frames; `fields` beside identity and phase, all by default."""
         wanted = None if fields is None else {"identity", "phase", *(f.partition(".")[0] for f in fields)}
-        kept = [c for name, c in self.stored.items() if wanted is None or name in wanted]
-        at_once = max(1, READ_AT_ONCE // (8 * max(1, sum(self.plan.state.sizes)) * (3 + sum(kept))))
-        for first in range(0, len(chosen), at_once):
-            for frame in read_particles(self.path, chosen[first : first + at_once], wanted):
-                yield Frame(frame.time, self.plan.grid.local(frame.position), frame.fields)
+        names = [name for name in self.files.fields if name != "position" and (wanted is None or name in wanted)]
+        for frame in map(self.files.__getitem__, chosen):
+            yield Frame(frame.time, self.plan.grid.local(frame.position), {name: frame[name] for name in names})
 
     def bounds(self, chosen: Sequence[int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Corners (3,), (3,) [m] of the box that holds all particles of the chosen frames, and the solid at rest."""
@@ -186,7 +181,9 @@ class SavedRun:
             place = self.mesh.mesh.vertices + self.mesh.mesh.origin
             low, high = np.minimum(low, place.min(0)), np.maximum(high, place.max(0))
         if not np.isfinite(low).all() or not np.isfinite(high).all():
-            raise InputError(f"{self.path} has frames with no particle, or with one at no finite place; choose others.")
+            raise InputError(
+                f"{self.files.folder} has frames with no particle, or with one at no finite place; choose others."
+            )
         half = 0.5 * self.spacing * (np.arange(3) < self.dim)
         return low - half, high + half
 
@@ -198,12 +195,8 @@ def open_run(path: str | os.PathLike[str]) -> SavedRun:
         folder = folder.parent
     if not folder.is_dir():
         raise InputError(f"there is no run in {os.fspath(path)!r}; give the folder that `refsim run` has written.")
-    particles = folder / PARTICLES
-    run_files = Run(folder, check=True)
-    if not len(run_files):
-        raise InputError(f"{particles} holds no frame; run the scene again.")
-    stored = {name: field.components for name, field in run_files.fields.items() if name != "position"}
-    return SavedRun(particles, make_plan(run_files.scene), tuple(run_files.times.tolist()), stored)
+    files = Run(folder, check=True)
+    return SavedRun(files, make_plan(files.scene))
 
 
 def without_strays(position: NDArray) -> NDArray[np.float64]:

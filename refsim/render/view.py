@@ -54,7 +54,7 @@ def view(run: str | os.PathLike[str], frames: str | None = None, fields: Sequenc
     Raises InputError where there is no such run, frame or field.
     """
     saved = open_run(run)
-    return make_view(saved, chosen_frames(frames or "all", len(saved.times)), fields)
+    return make_view(saved, chosen_frames(frames or "all", len(saved.files)), fields)
 
 
 def make_view(run: SavedRun, chosen: Sequence[int], fields: Sequence[str] | None = None) -> View:
@@ -63,7 +63,7 @@ def make_view(run: SavedRun, chosen: Sequence[int], fields: Sequence[str] | None
     loaded = [_in_order(frame) for frame in run.frames(chosen, [name for name in names if name != "part"])]
     counts = {len(frame.position) for frame in loaded}
     if len(counts) > 1 or counts == {0}:
-        raise InputError(f"{run.path} has frames of {sorted(counts)} particles; show frames of one number.")
+        raise InputError(f"{run.files.folder} has frames of {sorted(counts)} particles; show frames of one number.")
     low, high = run.bounds(chosen)
     if run.dim == 2:
         low[2], high[2] = -0.5 * run.spacing, 0.5 * run.spacing
@@ -105,11 +105,11 @@ def _fields(run: SavedRun, wanted: Sequence[str] | None) -> tuple[list[str], tup
         unknown = [name for name in wanted if name.partition(".")[0] not in known]
         if unknown or not wanted:
             raise InputError(
-                f"{run.path} has no field {', '.join(map(repr, unknown)) or 'of no name'}; give some of"
+                f"{run.files.folder} has no field {', '.join(map(repr, unknown)) or 'of no name'}; give some of"
                 f" {', '.join(known)}."
             )
         return list(wanted), ()
-    usual = [name for name in known if name == "part" or run.stored[name] in (1, 3)]
+    usual = [name for name in known if name == "part" or run.files.fields[name].components in (1, 3)]
     usual.sort(key=lambda name: (FIRST.index(name) if name in FIRST else len(FIRST), name))
     return usual[:FIELDS], tuple(usual[FIELDS:])
 
@@ -165,6 +165,6 @@ def _head(run: SavedRun, chosen: Sequence[int], count: int, low: NDArray, high: 
     places = {"low": low, "extent": high - low, "up": run.up, "east": east, "north": north, "box": box}
     places |= {"seen": run.seen(*run.framed(chosen)), "tint": OBSTACLE}
     head = {name: None if place is None else np.array(place).tolist() for name, place in places.items()}
-    head |= {"title": run.plan.scene.name, "particles": count, "times": [run.times[k] for k in chosen]}
+    head |= {"title": run.plan.scene.name, "particles": count, "times": run.files.times[chosen].tolist()}
     head |= {"spacing": run.spacing, "flat": run.dim == 2, "mesh": run.mesh is not None}
     return head | {"ramp": ramp, "parts": palette}

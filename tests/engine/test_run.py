@@ -15,7 +15,7 @@ from refsim.engine import driver, stepping
 from refsim.engine.checkpoints import load_checkpoint
 from refsim.engine.conserved_totals import check_particles
 from refsim.io.checkpoint import read_checkpoint, whole_checkpoint, write_checkpoint
-from refsim.io.frames import read_particles
+from refsim.io.results import open_run
 from refsim.scene.files import scene_to_toml
 from tests.commands.test_stopping import start
 from tests.running import advanced, answer_of, awaited
@@ -180,7 +180,7 @@ def test_frames_that_are_held_are_written_when_a_run_stops(tmp_path, monkeypatch
     with pytest.raises((rs.RunStopped, KeyboardInterrupt)):
         simulate(tank(), backend="numpy", output=tmp_path, every=1e-9, progress=progress)
     assert written == [1, 4]  # the first one with the first checkpoint; no frame of the step that stopped
-    assert len(read_particles(tmp_path / "particles.pvd")) == 5
+    assert len(open_run(tmp_path)) == 5
 
 
 @pytest.mark.parametrize(("name", "least"), [("HELD_FOR", 0.0), ("HELD_BYTES", 0)])
@@ -191,7 +191,7 @@ def test_frames_are_held_no_longer_than_stated(tmp_path, monkeypatch, name, leas
 
     def progress(simulation):
         if simulation.steps:
-            seen.append(len(read_particles(tmp_path / "particles.pvd")))
+            seen.append(len(open_run(tmp_path)))
         if simulation.steps == 4:
             raise Killed
 
@@ -231,7 +231,7 @@ def test_frames_of_a_killed_run_have_the_times_of_the_uninterrupted_one(tmp_path
         assert resumed.steps == (steps - 1 if interval == 0 else 0)
         report = simulate(resumed, output=out, every=every)
         assert report.resumed_at_step is not None
-    whole, after = (read_particles(folder / "particles.pvd") for folder in (tmp_path / "whole", out))
+    whole, after = (open_run(folder) for folder in (tmp_path / "whole", out))
     assert [frame.time for frame in after] == [frame.time for frame in whole]
     for a, b in zip(after, whole):
         assert a.position.tobytes() == b.position.tobytes()
@@ -245,7 +245,7 @@ def test_no_frame_is_lost_where_steps_divide_the_interval(tmp_path):
         effects=(rs.Gravity(acceleration=(0.0, 0.0, -1e-3)),),
     )  # fmt: skip
     simulate(scene, backend="numpy", output=tmp_path, every=0.1)
-    times = [frame.time for frame in read_particles(tmp_path / "particles.pvd")]
+    times = [frame.time for frame in open_run(tmp_path)]
     np.testing.assert_allclose(times, np.arange(91) * 0.1, atol=1e-9)
 
 
@@ -421,5 +421,5 @@ def test_a_killed_run_loses_at_most_the_interval(tmp_path):
     whole = advanced(rs.Simulation(tank()), final.steps)
     whole.evaluate(on_demand=False)  # as before each checkpoint, which looks at the list and so decides on a rebuild
     assert_same_run(whole, final)
-    times = [frame.time for frame in read_particles(out / "particles.pvd")]
+    times = [frame.time for frame in open_run(out)]
     assert times == sorted(set(times))

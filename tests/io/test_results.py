@@ -12,7 +12,7 @@ import refsim as rs
 from refsim import make_plan, open_run, simulate
 from refsim.core.errors import EXTRAS
 from refsim.io.checkpoint import read_checkpoint
-from refsim.io.frames import ORIGIN, ParticleWriter, read_particles
+from refsim.io.frames import ORIGIN, ParticleWriter, heads_of, read_arrays
 
 GRID = np.stack(np.meshgrid(np.arange(4) * 0.01, np.arange(5) * 0.01), -1).reshape(-1, 2)
 
@@ -50,14 +50,14 @@ def shuffled(path):
 
 
 def test_frames_by_number_and_time_are_those_of_the_file(folder):
-    run, frames = open_run(folder), read_particles(folder / "particles.pvd")
-    assert len(run) == len(frames) == 6
-    assert run.times.tolist() == [frame.time for frame in frames]
-    for found, expected in zip(run, frames):
-        assert (found.time, len(found)) == (expected.time, len(expected.position))
-        assert found.fields.keys() == {"position", *expected.fields}
-        assert np.array_equal(found.position, expected.position)
-        for name, values in expected.fields.items():
+    run, heads = open_run(folder), heads_of(folder / "particles.pvd")
+    assert len(run) == len(heads) == 6
+    assert run.times.tolist() == [head.time for head in heads]
+    for found, head in zip(run, heads):
+        expected = read_arrays(head, ["position", *head.fields])
+        assert (found.time, len(found)) == (head.time, len(expected["position"]))
+        assert found.fields.keys() == expected.keys()
+        for name, values in expected.items():
             assert np.array_equal(found[name], values), name
             assert found[name].dtype == values.dtype == run.fields[name].dtype
     assert (run[-1].number, [frame.number for frame in run[1:5:2]]) == (5, [1, 3])

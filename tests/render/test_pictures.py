@@ -135,7 +135,7 @@ def test_solids_and_their_melt_have_colours_of_their_own(tmp_path):
     effects = (WeaklyCompressible(sound_speed=20.0, density="summation"), rs.ShapeMatching())
     solid, fluid = rs.SolidBox(lower=(0, 0, 0), upper=(0.04, 0.04, 0.04)), rs.Ball(center=(0.2, 0, 0), radius=0.03)
     scene = rs.make_plan(Scene(spacing=0.01, support_radius=0.026, solid=(solid,), fluid=(fluid,), effects=effects))
-    run = SavedRun(tmp_path, scene, (0.0,), {})
+    run = SavedRun(None, scene)
     count, solid = len(scene.state.position), scene.state.sizes[0]
     identity, phase = np.arange(count)[::-1], np.zeros(count, int)
     phase[-solid // 2 :] = 1
@@ -168,7 +168,7 @@ def test_frames_in_which_nothing_moves_are_left_out(in_plane, monkeypatch):
 # Pictures
 def picture(run, number=-1, **look):
     found = open_run(run)
-    series = Series(found, Look(size=SMALL, **look), chosen_frames(str(number), len(found.times)))
+    series = Series(found, Look(size=SMALL, **look), chosen_frames(str(number), len(found.files)))
     return next(iter(series))[1].astype(int)
 
 
@@ -311,7 +311,7 @@ def test_the_command_writes_a_film(in_plane, tmp_path, capsys):
     facts = next(frames)
     pictures = list(frames)
     assert (facts["size"], facts["fps"]) == ((320, 240), 4)
-    assert len(pictures) == len(open_run(in_plane).times)
+    assert len(pictures) == len(open_run(in_plane).files)
     assert pictures[0] != pictures[-1]
 
 

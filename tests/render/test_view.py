@@ -10,7 +10,8 @@ import pytest
 
 from refsim import Box, Gravity, InputError, Scene, Simulation, WeaklyCompressible
 from refsim.__main__ import main
-from refsim.io.frames import ParticleWriter, origin_of, read_particles
+from refsim.io.frames import ParticleWriter, origin_of
+from refsim.io.results import open_run
 from refsim.render.view import FIELDS, view
 from tests.render.browser import Browser, chromium
 from tests.render.test_pictures import differ
@@ -41,18 +42,18 @@ def places(page):
 
 def test_the_page_holds_the_run_to_sixteen_bits(in_space):
     page = view(in_space).html
-    frames = read_particles(in_space / "particles.pvd")
+    frames = open_run(in_space)
     found = head(page)
     assert found["times"] == [frame.time for frame in frames]
     assert {field["name"] for field in found["fields"]} >= {"velocity", "pressure", "density"}
     assert found["fields"][0]["label"] == "speed"
-    order = [np.argsort(frame.fields["identity"]) for frame in frames]
+    order = [np.argsort(frame["identity"]) for frame in frames]
     exact = np.array([frame.position[o] for frame, o in zip(frames, order)])
     assert np.abs(places(page) - exact).max() <= 0.51 * max(found["extent"]) / 65535
     field = next(k for k, f in enumerate(found["fields"]) if f["name"] == "velocity")
     levels = np.cumsum(np.frombuffer(blob(page, f"field{field}"), np.uint8).reshape(len(frames), -1), axis=0) % 256
     low, high = found["fields"][field]["low"], found["fields"][field]["high"]
-    speed = np.array([np.linalg.norm(frame.fields["velocity"][o], axis=1) for frame, o in zip(frames, order)])
+    speed = np.array([np.linalg.norm(frame["velocity"][o], axis=1) for frame, o in zip(frames, order)])
     assert np.abs(low + levels / 255 * (high - low) - speed.clip(low, high)).max() <= 0.51 * (high - low) / 255
 
 
