@@ -248,7 +248,7 @@ class CorrectsPositions:
 
     def corrects_positions(self) -> bool:
         """Whether it does so with these parameters; unless by the field `shift`, the neighbour list is not audited."""
-        raise NotImplementedError  # an effect with this capability defines it
+        return True
 
     def parts_from_density(self) -> bool:
         """Whether the particles part from an advanced density by it."""
@@ -427,20 +427,14 @@ def effects_with(effects: Mapping[str, Effect] | Iterable[Effect], capability: t
     return [effect for effect in each if isinstance(effect, capability)]
 
 
-def pulling(effects: Mapping[str, Effect]) -> list[PullsParticles]:
-    """The tensions among the effects that launch something: one whose coefficients are zero decides nothing."""
-    return [effect for effect in effects_with(effects, PullsParticles) if effect.passes(effects)]  # type: ignore[attr-defined]
-
-
 def with_scene_defaults(effects: Iterable[Effect]) -> dict[str, Effect]:
-    """Effects by name, with parameters that follow the scene as it has them; those that they need are among them.
+    """Effects by name that act, with parameters that follow the scene as it has them; those that they need are among
+    them.
 
     Effects that join the scene are, too.
     """
     given = {effect.name: effect for effect in effects}
-    pulls = pulling(given)
-    acting = {name: e for name, e in given.items() if not isinstance(e, PullsParticles) or e in pulls}
+    acting = {name: effect for name, effect in given.items() if effect.acts()}
     absent = [kind for name, kind in EFFECTS.items() if name not in given and issubclass(kind, Joins)]
-    joining = {kind.name: kind() for kind in absent if kind.joins(acting)}
-    given, acting = given | joining, acting | joining
-    return {name: e.with_scene_defaults(acting) if isinstance(e, FollowsScene) else e for name, e in given.items()}
+    acting |= {kind.name: kind() for kind in absent if kind.joins(acting)}
+    return {name: e.with_scene_defaults(acting) if isinstance(e, FollowsScene) else e for name, e in acting.items()}

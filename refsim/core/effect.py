@@ -243,7 +243,7 @@ class Effect(Checked, frozen=True, kw_only=True):
     with_spacing: ClassVar[tuple[str, ...]] = ()  # its lengths [m] that follow the spacing if a scene is refined
     places: ClassVar[tuple[str, ...]] = ()  # its parameters that are places in the scene [m]
     virial: ClassVar[str] = ""  # why its forces between particles at rest need no `PairCohesion`, which every other has
-    scales: ClassVar[tuple[str, ...]] = ()  # with all of these at zero, or off, it does nothing but what it `replaces`
+    scales: ClassVar[tuple[str, ...]] = ()  # with all of these at zero, or off, it is no part of the scene (`acts`)
     needed: ClassVar[tuple[str, ...]] = ()  # `needs`, and below `replaces`, whatever its parameters are
     replaced: ClassVar[tuple[str, ...]] = ()
 
@@ -265,6 +265,11 @@ class Effect(Checked, frozen=True, kw_only=True):
     def in_scene(self, grid: Discretisation) -> Effect:
         """This effect with those of its parameters that follow the scene's dimension and lengths as these have them."""
         return self
+
+    def acts(self) -> bool:
+        """Whether it is a part of the scene: one of its `scales` is not zero, or it `replaces` what others do."""
+        given = [value for name in self.scales if (value := getattr(self, name)) is not None]
+        return not given or any(np.any(value) for value in given) or bool(self.replaces())
 
     def needs(self) -> tuple[str, ...]:
         """Names of effects without which this one cannot work."""

@@ -20,10 +20,10 @@ from refsim.core.capabilities import (
     FollowsStart,
     HasPlanes,
     Joins,
+    PullsParticles,
     closed_box,
     effects_with,
     open_axis,
-    pulling,
 )
 from refsim.core.checked import NotNegative
 from refsim.core.effect import Discretisation, Effect, Field, Others, Pass
@@ -121,9 +121,7 @@ class ParticleShifting(Effect, CorrectsPositions, Joins, FollowsStart, frozen=Tr
         return liquid is not None and liquid.density is None and liquid.with_scene_defaults(others).advances()  # type: ignore[attr-defined]
 
     def check(self, grid: Discretisation, others: Others) -> None:
-        if self.strength == 0:
-            return
-        if self.surface == "none":
+        if self.surface == "none" and self.acts():
             axis = open_axis(grid, others)
             if axis:
                 raise InputError(
@@ -143,33 +141,26 @@ class ParticleShifting(Effect, CorrectsPositions, Joins, FollowsStart, frozen=Tr
     def initial(self, grid: Discretisation, state: "InitialState", others: Others) -> Mapping[str, np.ndarray]:
         """Nothing. Raises InputError for a box that is not full where the liquid is said to have no surface."""
         filled = 1.0 if _within_meshes(others) else _filled(grid, others)
-        if self.strength > 0 and self.surface == "none" and filled < LEAST_FULL:
+        if self.surface == "none" and filled < LEAST_FULL:
             raise InputError(
                 f"{self.name}: surface = 'none', but the liquid fills {filled:.2g} of its box and has a free"
                 " surface, which would compress it; set surface = 'detected'."
             )
         return {}
 
-    def corrects_positions(self) -> bool:
-        return self.strength > 0
-
     def parts_from_density(self) -> bool:
         return self._at_surface()  # elsewhere the density takes the shifts
 
     def _at_surface(self) -> bool:
-        return self.surface != "none" and self.strength > 0
+        return self.surface != "none"
 
     def fields(self, others: Others) -> tuple[Field, ...]:
-        if self.strength == 0:
-            return ()
         if self._at_surface():
             filling = FILLING if liquid_of(others).advances() else NUMBER_DENSITY
             return (CONCENTRATION_GRADIENT, VELOCITY_RANGE, PASSING_SHIFT, filling, FILLING_GRADIENT)
         return (CONCENTRATION_GRADIENT, VELOCITY_RANGE, SHIFT)
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
-        if self.strength == 0:
-            return ()
         surface = self._at_surface()
         names: dict[str, str | None] = {} if "shape_matching" in others else {"phase": None}
         if not surface:
@@ -184,8 +175,6 @@ class ParticleShifting(Effect, CorrectsPositions, Joins, FollowsStart, frozen=Tr
         )
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
-        if self.strength == 0:
-            return {}
         from refsim.smoothing.reference import kernel_value
 
         liquid = liquid_of(others)
@@ -195,6 +184,6 @@ class ParticleShifting(Effect, CorrectsPositions, Joins, FollowsStart, frozen=Tr
         numbers = (
             self.strength * grid.support_radius, 1 / float(kernel_value(grid.spacing, kernel)), LARGEST_SHIFT,
             LEAST_NORMAL / grid.support_radius, 1.0 if liquid.advances() else 1 / liquid.rest_number_density(grid),
-            *(BESIDE_TENSION if pulling(others) else OUTERMOST), farthest,
+            *(BESIDE_TENSION if effects_with(others, PullsParticles) else OUTERMOST), farthest,
         )  # fmt: skip
         return {"shifting": Shifting(*map(grid.real, numbers))}

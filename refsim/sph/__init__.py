@@ -697,6 +697,9 @@ class Gravity(Effect, frozen=True, kw_only=True):
         downwards = (0.0, -9.81, 0.0) if grid.dim == 2 else (0.0, 0.0, -9.81)
         return self if self.acceleration else msgspec.structs.replace(self, acceleration=downwards)
 
+    def acts(self) -> bool:
+        return True  # motions of the frame add to it
+
     def check(self, grid: Discretisation, others: Others) -> None:
         if grid.dim == 2 and acceleration_of(others)[2] != 0:
             raise InputError("gravity: acceleration has a z part in a 2D scene; point it along x or y.")

@@ -58,6 +58,7 @@ class SurfaceEnergy(Tension, HasTension, HoldsOtherMemory, RunMonitor, frozen=Tr
     scales: ClassVar[tuple[str, ...]] = ("surface_tension",)
     paper: ClassVar[Mapping[str, Any]] = {"embedding": "thesis"}
     needed: ClassVar[tuple[str, ...]] = ("mpm_liquid",)
+    watched: ClassVar[tuple[str, ...]] = ("greatest_crowding",)
 
     embedding: Literal["none", "cluster", "thesis", "gradient_corrected"] = "cluster"
     capillary_number: Positive = 0.3
@@ -66,33 +67,22 @@ class SurfaceEnergy(Tension, HasTension, HoldsOtherMemory, RunMonitor, frozen=Tr
     def host_passes(self) -> tuple[str, ...]:  # type: ignore[override]
         return tuple(p.operation for p in self.passes({}) if p.stage == "motion")
 
-    @property
-    def watched(self) -> tuple[str, ...]:  # type: ignore[override]
-        """The largest crowding, where there is a surface."""
-        return ("greatest_crowding",) if self.acts() else ()
-
-    def acts(self) -> bool:
-        """Whether there is tension; else nothing is reconstructed or embedded."""
-        return self.surface_tension > 0
-
     def acting_tension(self, grid: Discretisation, others: Others) -> tuple[float, str]:
         return self.surface_tension, "energy of the surface"
 
     def other_memory(self) -> str:
-        return "" if not self.acts() else "nodes, facets and samples of the surface"
+        return "nodes, facets and samples of the surface"
 
     def check(self, grid: Discretisation, others: Others) -> None:
         self.check_parameters(grid.dim)
         foreign = self.embedding in ("thesis", "gradient_corrected")
-        if foreign and self.surface_tension > 0 and self.inset_distance() is None and not grid.step:
+        if foreign and self.acts() and self.inset_distance() is None and not grid.step:
             raise InputError(
                 f"{self.name}: embedding = {self.embedding!r} with the surface at r is stable with no step; give"
                 " the scene a step of its own to see how it ends, or take an inset or the cluster."
             )
 
     def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
-        if not self.acts():
-            return {}
         least = self.least_component(grid.dim)
         if grid.count < least:
             raise InputError(
@@ -109,13 +99,9 @@ class SurfaceEnergy(Tension, HasTension, HoldsOtherMemory, RunMonitor, frozen=Tr
         return {}
 
     def fields(self, others: Others) -> tuple[Field, ...]:
-        if not self.acts():
-            return ()
         return CROWDING, GREATEST_CROWDING
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
-        if not self.acts():
-            return ()
         launched = [Pass("surface_energy.reconstruct", ("position", "identity"), ("samples",), stage="motion")]
         if self.enclose_volume:
             reads = ("position", "identity", "mass", "volume_ratio")
@@ -123,8 +109,6 @@ class SurfaceEnergy(Tension, HasTension, HoldsOtherMemory, RunMonitor, frozen=Tr
         return tuple(launched)
 
     def shares(self, grid: Discretisation, others: Others) -> dict[str, Any]:
-        if not self.acts():
-            return {}
         cell = _liquid(others).cell(grid)
         full, density = (cell / grid.spacing) ** grid.dim, _liquid(others).rest_density
         return {"surface": SurfaceOfRun(self, grid.dim, grid.dtype, cell, grid.count, full, density)}
@@ -132,12 +116,12 @@ class SurfaceEnergy(Tension, HasTension, HoldsOtherMemory, RunMonitor, frozen=Tr
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         """Readings that are there to compare with, and were seen to be unstable (docs/stability.md)."""
         said = []
-        if self.surface_tension > 0 and self.embedding in ("thesis", "gradient_corrected"):
+        if self.embedding in ("thesis", "gradient_corrected"):
             said.append(
                 f"surface_energy: embedding = {self.embedding!r} is there to compare with: it loses momentum and may"
                 " be unstable with any step; take 'cluster'."
             )
-        if self.surface_tension > 0 and self.inset_distance() is None:
+        if self.inset_distance() is None:
             said.append(
                 "surface_energy: without an inset the surface stands at r from the particles and presses too hard; with"
                 " nothing embedded or a soft liquid the step is down to a tenth of the usual one. Take inset = 0.25."
@@ -165,8 +149,6 @@ class SurfaceEnergy(Tension, HasTension, HoldsOtherMemory, RunMonitor, frozen=Tr
         return None
 
     def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
-        if self.surface_tension == 0:
-            return {}
         liquid = _liquid(others)
         period = math.sqrt(liquid.rest_density * liquid.cell(grid) ** 3 / (2 * math.pi * self.surface_tension))
         limits = {"capillary": StepLimit.constant(self.capillary_number * period)}
@@ -179,9 +161,8 @@ class SurfaceEnergy(Tension, HasTension, HoldsOtherMemory, RunMonitor, frozen=Tr
 
 
 def surface_of(others: Others) -> SurfaceEnergy | None:
-    """The scene's surface with tension, or None; without tension there is nothing to reconstruct."""
-    effect = others.get(SurfaceEnergy.name)
-    return effect if isinstance(effect, SurfaceEnergy) and effect.acts() else None
+    """The scene's surface with tension, or None."""
+    return others.get(SurfaceEnergy.name)  # type: ignore[return-value]
 
 
 _STAGES = tuple(name for name in REGISTRY if name.startswith("surface_energy."))

@@ -274,12 +274,10 @@ class PairCohesion(
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         """The pass of the pair force, where it is all that the model has."""
-        if not self.coheres():
-            return ()
         return (Pass(f"{self.name}.cohesion", updates=("acceleration",)),)
 
     def list_radius(self, grid: Discretisation) -> float:
-        return grid.support_radius if self.passes({}) else 0.0
+        return grid.support_radius
 
     def check_coefficients(self) -> None:
         """Raise InputError unless either the tension or the model's own coefficient is given."""

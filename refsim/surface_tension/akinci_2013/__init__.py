@@ -204,9 +204,6 @@ class Akinci2013(cohesion.PairCohesion, HasErrata, frozen=True, kw_only=True):
             passes.append(Pass("akinci_2013.adhesion", updates=("acceleration",)))
         return tuple(passes)
 
-    def list_radius(self, grid: Discretisation) -> float:
-        return grid.support_radius if self.coheres() or self._has_area() or self.adhesion else 0.0
-
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         real, volume = grid.real, grid.support_radius**grid.dim
         fluid = liquid_of(others)

@@ -47,7 +47,7 @@ class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         notes = super().notes(grid, others)
-        if self.clamp_distance or not self.passes(others):
+        if self.clamp_distance:
             return notes
         return (
             *notes,

@@ -94,7 +94,7 @@ class CsfWang2019(
     """
 
     name: ClassVar[str] = "csf_wang_2019"
-    scales: ClassVar[tuple[str, ...]] = ("surface_tension",)
+    scales: ClassVar[tuple[str, ...]] = ("surface_tension", "tension_gradient")
     source: ClassVar[str] = "Wang et al."
     errata: ClassVar[tuple[str, ...]] = ("shell",)
     virial: ClassVar[str] = "the force acts on the surface alone, and the capillary limit holds"
@@ -147,8 +147,6 @@ class CsfWang2019(
         self.printed()
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
-        if not self._acts():
-            return ()
         return (
             f"{self.name}: the forces of a pair are not opposite and equal: momentum is not conserved, and drops of"
             " few layers were found to gain energy until particles gather in pairs or leave the drop",
@@ -157,8 +155,6 @@ class CsfWang2019(
         )
 
     def margins(self, grid: Discretisation, others: Others) -> Iterator[Margin]:
-        if not self._acts():
-            return
         yield from cohesion.stiffness_margin(
             self.surface_tension, LARGEST_STIFFNESS, cohesion.BECAME_DROPS, grid, others
         )
@@ -175,14 +171,10 @@ class CsfWang2019(
         return self.surface_tension
 
     def fields(self, others: Others) -> tuple[Field, ...]:
-        if not self._acts():
-            return ()
         corrected = (NUMBER_DENSITY, NEAR_SURFACE, CORRECTED_DENSITY) if self.density_correction is not False else ()
         return (*corrected, INTERFACE_NORMAL, CURVATURE)
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
-        if not self._acts():
-            return ()
         corrected = (near_surface_pass(), *corrected_density_passes()) if self.density_correction is not False else ()
         return (
             *corrected,
@@ -192,7 +184,7 @@ class CsfWang2019(
         )
 
     def list_radius(self, grid: Discretisation) -> float:
-        return grid.support_radius if self._acts() else 0.0
+        return grid.support_radius
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         real, h = grid.real, grid.support_radius
@@ -212,6 +204,3 @@ class CsfWang2019(
 
     def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
         return cohesion.capillary_limit(self.surface_tension, grid, others)
-
-    def _acts(self) -> bool:
-        return self.surface_tension > 0 or any(self.tension_gradient)

@@ -147,10 +147,8 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
                 Pass("he_2014.color", writes=("color",)),
                 Pass("he_2014.squared_gradient", writes=("color_gradient_squared",)),
             ]
-        if self._has_energy() or self.air_pressure > 0:
-            names = {} if self._has_energy() else {"color_gradient_squared": None}
-            passes.append(Pass("he_2014.tension", updates=("acceleration",), names=names))
-        return tuple(passes)
+        names = {} if self._has_energy() else {"color_gradient_squared": None}
+        return (*passes, Pass("he_2014.tension", updates=("acceleration",), names=names))
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         kappa = self.coefficient(grid, others)

@@ -54,18 +54,16 @@ class NormalDifference2014(Effect, HasErrata, PullsParticles, frozen=True, kw_on
         self.printed()
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
-        return (spreading_note(self.name, "term"),) if self.area_acceleration > 0 else ()
+        return (spreading_note(self.name, "term"),)
 
     def fields(self, others: Others) -> tuple[Field, ...]:
-        return (SURFACE_NORMAL,) if self.area_acceleration > 0 else ()
+        return (SURFACE_NORMAL,)
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
-        if self.area_acceleration == 0:
-            return ()
         return (color_gradient_pass(), Pass("normal_difference_2014.tension", updates=("acceleration",)))
 
     def list_radius(self, grid: Discretisation) -> float:
-        return grid.support_radius if self.area_acceleration > 0 else 0.0
+        return grid.support_radius
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         term = NormalDifference(grid.real(self.area_acceleration), int32("P7" in self.printed()))
@@ -74,8 +72,6 @@ class NormalDifference2014(Effect, HasErrata, PullsParticles, frozen=True, kw_on
 
     def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
         """SAFETY 2/omega of the stiffest wave on the lattice."""
-        if self.area_acceleration == 0:
-            return {}
         shape = SETS[liquid_of(others).kernels][1]
         stiffness = stiffest_wave(shape, grid.support_radius / grid.spacing, grid.dim)
         seconds = SAFETY * 2 / math.sqrt(stiffness * self.area_acceleration / grid.spacing)
