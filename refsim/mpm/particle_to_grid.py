@@ -14,7 +14,7 @@ from refsim.backends.tuples import added, difference, less_times, nine, put, sca
 from refsim.mpm.formulas import CLUSTER, stress_moment
 from refsim.mpm.groups import Cluster, Medium, Owned, Particles
 from refsim.mpm.kernels import place, pushed, round_spread, spread_of, stencil_slopes, stencil_weights
-from refsim.sparse_grid.formulas import node_coordinates
+from refsim.sparse_grid.formulas import node_coordinates, number
 
 
 @formula
@@ -159,28 +159,35 @@ def scatter(b, places, position, carriers, particles, medium, cluster, kernel_gr
             add_gradient(nodes, at, background, weights, slopes, -moment / background.cell_size)
 
 
+@formula
+def collect_node(n, bits, each, bins, blocks, scratch):
+    """(m, mv) of node n from the copies of its block and of those below it; `each` bins belong to a block."""
+    rest, width, deep = (1 << bits) - 1, (1 << bits) + 2, 2 if bits == 2 else 1
+    b, node = n >> 6, n & 63
+    x, y, z = node & rest, (node >> bits) & rest, node >> (2 * bits)
+    zero = type(scratch[0, 0, 0])(0)
+    m, px, py, pz = zero, zero, zero, zero
+    for dz in range(deep):
+        for dy in range(2):
+            for dx in range(2):
+                if (dx == 0 or x < 2) and (dy == 0 or y < 2) and (dz == 0 or z < 2):
+                    s = blocks.neighbour[b, blocks.neighbour.shape[1] // 2 - dx - 3 * dy - 9 * dz]
+                    if s >= 0 and bins.first[each * number(s) + each] > bins.first[each * number(s)]:
+                        at = ((z + (dz << bits)) * width + y + (dy << bits)) * width + x + (dx << bits)
+                        m += scratch[number(s), at, 0]
+                        px += scratch[number(s), at, 1]
+                        py += scratch[number(s), at, 2]
+                        pz += scratch[number(s), at, 3]
+    return m, (px, py, pz)
+
+
 @kernel(rows_of="scratch")
 def collect(b, bins, blocks, add, scratch, node_mass, node_momentum):
     """m_j [kg] and (mv)_j [kg m/s] of block b's nodes, of its own copies and those below; added to them if `add`."""
-    bits, width = (2, 6) if blocks.neighbour.shape[1] == 27 else (3, 10)
-    rest = (1 << bits) - 1
-    middle = blocks.neighbour.shape[1] // 2
-    for node in range(64):
-        n = 64 * b + node
-        x, y, z = node & rest, (node >> bits) & rest, node >> (2 * bits)
-        zero = type(scratch[0, 0, 0])(0)
-        m, px, py, pz = zero, zero, zero, zero
-        for dz in range(2 if bits == 2 and z < 2 else 1):
-            for dy in range(2 if y < 2 else 1):
-                for dx in range(2 if x < 2 else 1):
-                    s = blocks.neighbour[b, middle - dx - 3 * dy - 9 * dz]
-                    if s >= 0 and bins.first[s + 1] > bins.first[s]:
-                        at = ((z + (dz << bits)) * width + y + (dy << bits)) * width + x + (dx << bits)
-                        m += scratch[s, at, 0]
-                        px += scratch[s, at, 1]
-                        py += scratch[s, at, 2]
-                        pz += scratch[s, at, 3]
-        put_sums(n, m, (px, py, pz), add, node_mass, node_momentum)
+    bits = 2 if blocks.neighbour.shape[1] == 27 else 3
+    for n in range(64 * b, 64 * b + 64):
+        m, p = collect_node(n, bits, 1, bins, blocks, scratch)
+        put_sums(n, m, p, add, node_mass, node_momentum)
 
 
 @formula

@@ -11,7 +11,7 @@ import numpy as np
 from refsim.backends.compile import cuda, cuda_kernel, formula
 from refsim.mpm.groups import Cluster, Medium, Owned, Particles
 from refsim.mpm.kernels import place, stencil_slopes, stencil_weights
-from refsim.mpm.particle_to_grid import carrier_field, particle_field, put_sums
+from refsim.mpm.particle_to_grid import carrier_field, collect_node, particle_field, put_sums
 from refsim.sparse_grid.block_search_cuda import number
 from refsim.sparse_grid.formulas import node_coordinates
 
@@ -215,38 +215,16 @@ def scatter_carriers(places, carriers, particles, medium, cluster, scratch):
     deposit(total, own_cell, row, background, shared, scratch, b)
 
 
-@formula
-def collect_node(n, bits, width, layers, bins, blocks, scratch):
-    """(m, mv) of node n from the sums of its block and of those below it."""
-    rest = (1 << bits) - 1
-    b, node = n >> 6, n & 63
-    x, y, z = node & rest, (node >> bits) & rest, node >> (2 * bits)
-    zero = type(scratch[0, 0, 0])(0)
-    m, px, py, pz = zero, zero, zero, zero
-    for dz in range(2 if layers == 3 else 1):
-        for dy in range(2):
-            for dx in range(2):
-                if (dx == 0 or x < 2) and (dy == 0 or y < 2) and (dz == 0 or z < 2):
-                    s = blocks.neighbour[b, blocks.neighbour.shape[1] // 2 - dx - 3 * dy - 9 * dz]
-                    if s >= 0 and bins.first[64 * number(s) + 64] > bins.first[64 * number(s)]:
-                        at = ((z + (dz << bits)) * width + y + (dy << bits)) * width + x + (dx << bits)
-                        m += scratch[number(s), at, 0]
-                        px += scratch[number(s), at, 1]
-                        py += scratch[number(s), at, 2]
-                        pz += scratch[number(s), at, 3]
-    return m, px, py, pz
-
-
 @cuda_kernel
 def collect(bins, blocks, add, scratch, node_momentum, node_mass):
     """m_j [kg] and (mv)_j [kg m/s] from the blocks' sums; added to the present values if `add`."""
     n = number(cuda.grid(1))
     if n < node_mass.shape[0]:
         if blocks.neighbour.shape[1] == 27:
-            m, px, py, pz = collect_node(n, 2, 6, 3, bins, blocks, scratch)
+            m, p = collect_node(n, 2, 64, bins, blocks, scratch)
         else:
-            m, px, py, pz = collect_node(n, 3, 10, 1, bins, blocks, scratch)
-        put_sums(n, m, (px, py, pz), add, node_mass, node_momentum)
+            m, p = collect_node(n, 3, 64, bins, blocks, scratch)
+        put_sums(n, m, p, add, node_mass, node_momentum)
 
 
 def particle_to_grid(

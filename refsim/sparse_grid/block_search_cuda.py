@@ -5,19 +5,14 @@ from collections import namedtuple
 import numpy as np
 
 from refsim.backends import device
-from refsim.backends.compile import SIMULATED_THREADS, cuda, formula, row_kernel
+from refsim.backends.compile import SIMULATED_THREADS, cuda, row_kernel
 from refsim.backends.runtime import simulated
 from refsim.sparse_grid.block_table_cuda import enter_keys, make_table
 from refsim.sparse_grid.formulas import BLOCK, block_key, cell_coordinate, find_node
+from refsim.sparse_grid.formulas import number as number
 from refsim.sparse_grid.tables import PointList, key_steps
 
 SUMMING = SIMULATED_THREADS if simulated() else 1024
-
-
-@formula
-def number(i):
-    """i >= 0 as an unsigned index: one that may count from an array's end costs six instructions more."""
-    return np.int64(np.uint32(i))
 
 
 @row_kernel

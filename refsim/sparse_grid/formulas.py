@@ -95,6 +95,12 @@ def node_coordinates(blocks, node):
 
 
 @formula
+def number(i):
+    """i >= 0 as an unsigned index: one that may count from an array's end costs six instructions more."""
+    return np.int64(np.uint32(i))
+
+
+@formula
 def step_node(blocks, node, dx, dy, dz):
     """Number (dimensionless) of the node j + (dx, dy, dz), |d| <= a block's width, -1 where no block holds it."""
     local = np.int32(node & 63)
