@@ -406,11 +406,9 @@ def write_pictures(
 
 def write_film(
     run: str | os.PathLike[str], look: Look, frames: str | None = None, output: str | os.PathLike[str] = "film.mp4",
-    per_second: float = PER_SECOND, progress: bool | None = None,
+    per_second: float = PER_SECOND,
 ) -> Path:  # fmt: skip
     """Write a film (H.264) of the chosen frames, by default of those in which something moves, `per_second` a second.
-
-    progress  True shows a bar, False none; None shows it on a terminal and in Jupyter
 
     Raises InputError where imageio-ffmpeg is not installed, and for a run, look or path that is not possible.
     """
@@ -444,7 +442,7 @@ def write_film(
         at_the_end.callback(film.close)
         with held_back():
             film.send(None)
-        bar = Bar(len(series.chosen), shown=wanted() if progress is None else progress)
+        bar = Bar(len(series.chosen), shown=wanted())
         at_the_end.callback(bar.close)
         for number, (_, image) in enumerate(series, 1):
             try:

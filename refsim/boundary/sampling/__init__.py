@@ -5,7 +5,6 @@ other along it and are projected back onto it until they hardly move. Finally th
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -75,43 +74,39 @@ class BoundarySample:
 
 @plainly
 def sample(
-    mesh: SurfaceMesh, radius: float, *, seed: int = 0, density: float = HEXAGONAL, spacing: float | None = None,
-    backend: str | Backend = "cpu", dtype: str = "float32", literal: Printed = (),
-    most_iterations: int = MOST_ITERATIONS, watch: Callable[[int, Any], None] | None = None,
+    mesh: SurfaceMesh, radius: float, *, seed: int = 0, backend: str | Backend = "cpu", dtype: str = "float32",
+    literal: Printed = (), most_iterations: int = MOST_ITERATIONS,
 ) -> BoundarySample:  # fmt: skip
-    """Boundary particles of radius r = `radius` [m] on a mesh.
+    """Boundary particles of radius r = `radius` [m] on a mesh, as dense as a hexagonal packing, 2 r apart.
+
+    The grid of the signed distance has a spacing of 1.5 r, or finer if parts of the mesh are too thin or too sharp.
 
     seed             of the initial positions; the same seed gives the same particles on any number of threads
-    density          g; pi/(2 sqrt 3) is a hexagonal packing, 2 r apart
-    spacing          of the signed distance's grid [m]; by default 1.5 r, or finer if parts of the mesh are too thin or
-                     too sharp for it
     literal          readings of the patent, its own choices: E24 (repulsion not projected, constant step), E25
                      (particles counted for each triangle separately); or "paper" or "all", which are the same
     most_iterations  limit of the relaxation; a note says if it ends unconverged
-    watch            called after each iteration with its number and the positions relative to the mesh's origin
 
-    Raises InputError for backend "numpy", for a radius that is not positive or larger than half the mesh, for a density
-    that is not positive, and where `signed_distance` does.
+    Raises InputError for backend "numpy", for a radius that is not positive or larger than half the mesh, and where
+    `signed_distance` does.
     """
     backend = choose(backend) if isinstance(backend, str) else backend
     if backend.name == "numpy":
         raise InputError("sampling: backend 'numpy' has no neighbour list; choose cpu or cuda.")
     printed = literal_errata("sampling", literal, LITERAL, LITERAL, "patent")
     size = float(mesh.extent.max())
-    for name, value in (("radius", radius), ("density", density)):
-        if not (np.isfinite(value) and value > 0):
-            raise InputError(f"sampling: {name} = {value} is not possible; give a positive number.")
+    if not (np.isfinite(radius) and radius > 0):
+        raise InputError(f"sampling: radius = {radius} is not possible; give a positive number.")
     if radius > 0.5 * size:
         raise InputError(
             f"sampling: radius = {radius:g} m is larger than the mesh {mesh.source!r}, which is {size:.4g} m across;"
             " give a smaller radius."
         )
-    expected = density * mesh.area / (math.pi * radius**2)
+    expected = HEXAGONAL * mesh.area / (math.pi * radius**2)
     countable(f"sampling: radius = {radius:g} m", [expected], kind="particles", advice="give a larger radius")
     notes: list[str] = []
-    band, corner, facets, area = _surface(mesh, radius, spacing, backend, dtype, notes)
+    band, corner, facets, area = _surface(mesh, radius, backend, dtype, notes)
     whole = mesh.area / float(area.sum(dtype=float))  # marching cubes cuts a little off at edges
-    last = facet_counts(area, density * whole, radius, "E25" in printed)
+    last = facet_counts(area, HEXAGONAL * whole, radius, "E25" in printed)
     count = int(last[-1]) if len(last) else 0
     if count == 0:
         raise InputError(
@@ -122,7 +117,7 @@ def sample(
     seed_value = np.int64(seed)
     REGISTRY["sampling.place"].program(backend.name)(corner, facets, backend.asarray(last), seed_value, position)
     position, residuals, converged = relaxed(
-        backend, band.local, position, radius, seed, "E24" in printed, most_iterations, watch
+        backend, band.local, position, radius, seed, "E24" in printed, most_iterations
     )
     if not converged:
         notes.append(
@@ -139,12 +134,11 @@ def sample(
 
 
 def _surface(
-    mesh: SurfaceMesh, radius: float, spacing: float | None, backend: Backend, dtype: str, notes: list[str]
+    mesh: SurfaceMesh, radius: float, backend: Backend, dtype: str, notes: list[str]
 ) -> tuple[NarrowBand, Any, Any, np.ndarray]:
     """(band, vertices, facets, areas on the host) of the isosurface, on a grid that resolves all parts of the mesh."""
-    grids = [share * radius for share in GRIDS] if spacing is None else [spacing]
-    for attempt, wanted in enumerate(grids):
-        h = min(wanted, 0.25 * float(mesh.extent.max()))
+    for attempt, share in enumerate(GRIDS):
+        h = min(share * radius, 0.25 * float(mesh.extent.max()))
         band = signed_distance(mesh, h, LEAST_BAND * h, backend, dtype)
         corner, facets = isosurface(band)
         area = backend.empty(facets.shape[0], dtype)
@@ -154,7 +148,7 @@ def _surface(
         if abs(lacking) > AREA_KEPT:
             continue
         cut = _corners_cut_off(band, backend.host(corner), radius)
-        if cut and attempt < len(grids) - 1:
+        if cut and attempt < len(GRIDS) - 1:
             continue
         if attempt:
             notes.append(
@@ -165,7 +159,7 @@ def _surface(
         return band, corner, facets, area
     raise InputError(
         f"sampling: {mesh.source!r} has parts thinner than the grid of the signed distance, whose isosurface lacks"
-        f" {100 * lacking:.0f} % of the mesh's area at a spacing of {h:.4g} m; give a smaller spacing."
+        f" {100 * lacking:.0f} % of the mesh's area at a spacing of {h:.4g} m; give a smaller radius."
     )
 
 
@@ -238,8 +232,7 @@ def relaxation_step(radius: float, step: float, seed: int, printed: bool, dtype:
 
 
 def relaxed(
-    backend: Backend, field: DistanceField, position: Any, radius: float, seed: int, printed: bool, most: int,
-    watch: Callable[[int, Any], None] | None = None,
+    backend: Backend, field: DistanceField, position: Any, radius: float, seed: int, printed: bool, most: int
 ) -> tuple[Any, list[float], bool]:  # fmt: skip
     """(positions in cell order, sum of the steps' lengths over r N of each iteration, whether it converged)."""
     dtype = np.dtype(position.dtype).name
@@ -260,8 +253,6 @@ def relaxed(
         lengths = backend.array_library()[1](step_length)
         moved += float(lengths.max())
         residuals.append(float(lengths.sum(dtype=np.float64)) / (radius * count))
-        if watch is not None:
-            watch(iteration + 1, position)
         if residuals[-1] < THRESHOLD:
             return position, residuals, True
     return position, residuals, False
