@@ -9,7 +9,6 @@ becomes a rigid crust. With the modes by the surface set S drops do not come to 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Literal, NamedTuple
 
@@ -101,39 +100,10 @@ def force_function(r: NDArray, support_radius: float, dim: int, alpha: float, be
     return alpha * poly6(INNER * support_radius) - beta * poly6(support_radius)
 
 
-def unit_moment(power: int, alpha: float, beta: float, dim: int) -> float:
-    """Integral of q^power C(q h) h^dim over q, C of J(17), dimensionless; times gamma h^(power + 1 - dim) in SI."""
-    node, weight = np.polynomial.legendre.leggauss(16)
-
-    def shell(radius: float) -> float:
-        q = 0.5 * radius * (node + 1)
-        return 0.5 * radius * float(weight @ (q**power * (1 - (q / radius) ** 2) ** 3)) / radius**dim
-
-    return NORMALISATION[POLY6][dim] * (alpha * shell(INNER) - beta * shell(1.0))
-
-
-def kirkwood_buff_sigma(
-    gamma: float, rest_density: float, support_radius: float, dim: int, alpha: float | None = None, beta: float = BETA
-) -> float:
-    """Nominal surface tension [N/m] of the pair force between all particles (`cohesion.TENSION`)."""
-    power, factor = cohesion.TENSION[dim]
-    moment = unit_moment(power, ALPHA[dim] if alpha is None else alpha, beta, dim)
-    return math.prod((factor, rest_density**2, gamma, support_radius**2, moment))
-
-
-def kirkwood_buff_pressure(
-    gamma: float, rest_density: float, support_radius: float, dim: int, alpha: float | None = None, beta: float = BETA
-) -> float:
-    """Cohesive pressure [Pa] of the pair force between all particles (`cohesion.PRESSURE`)."""
-    power, factor = cohesion.PRESSURE[dim]
-    moment = unit_moment(power, ALPHA[dim] if alpha is None else alpha, beta, dim)
-    return math.prod((factor, rest_density**2, gamma, support_radius, moment))
-
-
 class JiangZhu2023(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=True):
     """Surface tension of a free liquid surface by a pair force that changes sign and by area minimisation.
 
-    surface_tension     sigma [N/m]; nominal: turned into gamma by the Kirkwood-Buff integral (kirkwood_buff_sigma).
+    surface_tension     sigma [N/m]; nominal: turned into gamma by the Kirkwood-Buff integral.
                         A drop of summed density has 2.57 times this by its jump and 1.95 times by its frequency (3D,
                         radius of 10 spacings, h = 2.6 spacings; docs/models.md)
     gamma               coefficient of J(16) [m^4/(kg s^2)], instead of sigma
@@ -207,19 +177,6 @@ class JiangZhu2023(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, 
         if self._marked() or self._corrects():
             self._detection(others).check(grid, others)
         self.check_collapse(grid, others)
-
-    def unit_tension(self, grid: Discretisation, others: Others) -> float:
-        return self._nominal(1.0, grid, others)
-
-    def nominal_tension(self, grid: Discretisation, others: Others) -> float:
-        """sigma [N/m], given or from gamma."""
-        if self.surface_tension is not None:
-            return self.surface_tension
-        return self._nominal(self.gamma or 0.0, grid, others)
-
-    def _nominal(self, gamma: float, grid: Discretisation, others: Others) -> float:
-        rest_density = liquid_of(others).rest_density
-        return kirkwood_buff_sigma(gamma, rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim))
 
     def signed_gamma(self, grid: Discretisation, others: Others) -> float:
         """gamma [m^4/(kg s^2)], with the printed sign of J(16) if Jiang & Zhu E4 is taken literally."""
@@ -308,7 +265,8 @@ class JiangZhu2023(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, 
             return
         fluid = liquid_of(others)
         if self.pair_mode == "soft":
-            number = abs(self._pressure(grid, others)) / (fluid.rest_density * fluid.sound_speed**2)
+            given = self._force(grid, others), fluid.rest_density, grid.support_radius, grid.dim
+            number = abs(cohesion.of_all_pairs(cohesion.PRESSURE, *given)) / (fluid.rest_density * fluid.sound_speed**2)
             consequence = (
                 f"with pair_mode 'soft' the pair force of {number:.2g} rho0 c^2 is above {LARGEST_SOFT:g}, up to which"
                 " drops come to rest: take a larger sound_speed"
@@ -346,23 +304,15 @@ class JiangZhu2023(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, 
         if self._area() != "none" and note:
             yield note
 
-    def pair_force(self, r: NDArray, grid: Discretisation, others: Others) -> NDArray:
+    def force_of(self, coefficient: float, r: NDArray, grid: Discretisation, others: Others) -> NDArray:
         """C(r) [N/kg^2] of J(16) and J(17)."""
-        gamma = self.signed_gamma(grid, others)
-        return gamma * force_function(r, grid.support_radius, grid.dim, self._alpha(grid.dim))
+        return coefficient * force_function(r, grid.support_radius, grid.dim, self._alpha(grid.dim))
+
+    def pair_force(self, r: NDArray, grid: Discretisation, others: Others) -> NDArray:
+        return self.force_of(self.signed_gamma(grid, others), r, grid, others)
 
     def acts_on_all_pairs(self) -> bool:
         return self.pair_mode == "all"
-
-    def internal_pressure(self, grid: Discretisation, others: Others) -> float:
-        if not self.acts_on_all_pairs():
-            return 0.0
-        return self._pressure(grid, others)
-
-    def _pressure(self, grid: Discretisation, others: Others) -> float:
-        """Internal pressure [Pa] of the pair force, as if all pairs acted."""
-        gamma, rest_density = self.signed_gamma(grid, others), liquid_of(others).rest_density
-        return kirkwood_buff_pressure(gamma, rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim))
 
     def _detection(self, others: Others) -> SurfaceDetection:
         """Detection of N and S: the scene's, with this effect's threshold and printed readings."""

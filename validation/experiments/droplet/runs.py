@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from refsim import Cloud, JiangZhu2023, Scene, Simulation, WeaklyCompressible
 from refsim.core.errors import InputError, RunStopped
 from refsim.scene.plan import make_plan
-from refsim.surface_tension.jiang_zhu_2023 import kirkwood_buff_sigma, unit_moment
+from refsim.surface_tension.cohesion import PRESSURE, TENSION, force_moment, of_all_pairs
+from refsim.surface_tension.jiang_zhu_2023 import ALPHA, force_function
 from validation.checks import Checks, Quantities
 from validation.experiment import Experiment, Measure, Options, Results, RunSpec, each, every
 from validation.experiments.droplet.scene import END_TIME, VARIANTS, droplet_scene, particles
@@ -203,10 +204,15 @@ AREA_CALMS = Measure(WITHOUT_AREA, compared("no_area", "kinetic_share"), quick=F
 STRENGTHS = (0.5, 1.0, 1.5)  # of the default coefficient of each area term
 
 
+def of_unit_force(of: Any, h: float) -> float:
+    """Tension or pressure of J(17) in 3D, gamma = 1 m^4/(kg s^2), rho0 = 1 kg/m^3, support h [m]."""
+    return of_all_pairs(of, lambda r: force_function(r, h, 3, ALPHA[3]), 1.0, h, 3)
+
+
 def area_runs(options: Options) -> list[RunSpec]:
     """Both area terms, each at three strengths, from every start."""
     spacing = (1.0 / (SMALL if options.quick else FULL)) ** (1.0 / 3.0)
-    gamma = 1.0 / kirkwood_buff_sigma(1.0, 1.0, SUPPORT * spacing, 3)
+    gamma = 1.0 / of_unit_force(TENSION, SUPPORT * spacing)
     made = []
     for seed, strength in itertools.product(starts(options), STRENGTHS):
         corrected = {} if strength == 1.0 else {"tension": {"area_ratio": 0.012 * strength}}
@@ -303,7 +309,7 @@ def force_extremes(context: Context, dim: int, alpha: float, beta: float) -> Res
     q = np.linspace(0.0, 1.0, 200_001)
     inner = np.where(q < 0.8, (1 - (q / 0.8) ** 2) ** 3, 0.0) / 0.8**dim
     curve = alpha * inner - beta * (1 - q**2) ** 3
-    moment = unit_moment(dim, alpha, beta, dim)
+    moment = force_moment(lambda r: force_function(r, 1.0, dim, alpha, beta), dim, 1.0)
     return Result({"ratio": float(curve.max() / -curve.min()), "moment": moment})
 
 
@@ -537,10 +543,8 @@ def tension_cell(
 
 def _modulus(spacing: float, scene: Mapping[str, Any]) -> float:
     """sigma [N/m] for which P_int = rho0 c^2, with rho0 = 1 kg/m^3, c = 40 m/s."""
-    from refsim.surface_tension.jiang_zhu_2023 import kirkwood_buff_pressure
-
     h = scene["support"] * spacing
-    return 40.0**2 * kirkwood_buff_sigma(1.0, 1.0, h, 3) / kirkwood_buff_pressure(1.0, 1.0, h, 3)
+    return 40.0**2 * of_unit_force(TENSION, h) / of_unit_force(PRESSURE, h)
 
 
 def area_cell(
@@ -552,7 +556,7 @@ def area_cell(
     term  "corrected": area_ratio of J(21); "color": eps'/(gamma rho0) of J(18)
     """
     position, spacing, _ = particles("cut", count)
-    gamma = 1.0 / kirkwood_buff_sigma(1.0, 1.0, scene["support"] * spacing, 3)
+    gamma = 1.0 / of_unit_force(TENSION, scene["support"] * spacing)
 
     def made(value: float) -> Scene:
         area = {"area_ratio": value} if term == "corrected" else {"area_acceleration": value * gamma}
