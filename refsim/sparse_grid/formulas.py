@@ -96,7 +96,7 @@ def node_coordinates(blocks, node):
 
 @formula
 def number(i):
-    """i >= 0 as an unsigned index: one that may count from an array's end costs six instructions more."""
+    """i >= 0, dimensionless, unsigned: an index that may count from an array's end costs six instructions more."""
     return np.int64(np.uint32(i))
 
 
