@@ -11,7 +11,7 @@ import numpy as np
 
 from refsim import Cloud, Scene, Simulation, SolidBox, make_plan
 from refsim.core import cases
-from tests.running import advanced
+from tests.running import advanced, rows
 
 SPACING = 0.1  # m
 BOUND = 1e-11  # of a field's largest value; see `compare`
@@ -23,19 +23,7 @@ OF_ORDER = ("place", "cell", "velocity_range")
 cases.discover()
 EFFECTS = {name: example.effect for name, example in cases.EXAMPLES.items()}
 
-_TWICE, _COHESION, _FILTER = "take the place of 'sph", "an effect with cohesion", "compute field 'corrected_density'"
-# Effects that no scene has together, also where another effect needs one of them, and words of the refusal
-NEVER = {
-    ("weakly_compressible", "mpm_liquid"): "do not go together",
-    ("iisph", "two_way_coupling"): _TWICE,
-    ("two_way_coupling", "akinci_2013"): _COHESION,
-    ("two_way_coupling", "dong_2016"): _COHESION,
-    ("two_way_coupling", "becker_teschner_2007"): _COHESION,
-    ("two_way_coupling", "tartakovsky_meakin_2005"): _COHESION,
-    ("two_way_coupling", "he_2014"): _COHESION,
-    ("jiang_zhu_2023", "dong_2016"): _FILTER,  # with a filter each; without Dong's they go together
-    ("dong_2016", "csf_wang_2019"): _FILTER,
-}
+NEVER = {(one, other): words for one, other, words in rows(__file__, "never")}  # that no scene has together
 
 
 class Difference(NamedTuple):

@@ -11,6 +11,7 @@ import time
 import pytest
 
 from tests.render.browser import Browser, chromium
+from tests.running import rows
 from validation.drawing import COLUMN
 
 ROOT = pathlib.Path(__file__).parents[2]
@@ -28,10 +29,7 @@ MOVED = re.compile(r'http-equiv="refresh" content="0; url=([^"]*)"')
 NO_SCRIPT = re.compile("<noscript>.*?</noscript>", re.DOTALL)
 
 
-FIRST = {
-    "tutorial": "first_scene", "own scene": "first_scene", "restart": "scene_files", "units": "scene_files",
-    "GPU": "guarantees",
-}  # fmt: skip
+FIRST = rows(__file__, "first_found")
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ import pytest
 from refsim import Cloud, Scene, Simulation, WeaklyCompressible
 from refsim.backends import threads
 from refsim.core.errors import InputError
-from tests.running import ROOT, advanced, python
+from tests.running import ROOT, advanced, python, rows
 
 STARTS = {
     "threads first": "from refsim.backends.arrays import Backend, threads_of; threads_of(Backend('cpu'), 1)",
@@ -159,10 +159,7 @@ for number in (None, len(os.sched_getaffinity(0))):
     python("-W", "default", "-c", program, seconds=100)
 
 
-@pytest.mark.parametrize("command, variable, value, words", [
-    ("-m refsim doctor", "NUMBA_NUM_THREADS", "0", "NUMBA_NUM_THREADS is below 1; give at least 1"),
-    ("-m validation list", "NUMBA_THREADING_LAYER", "x", "there is no such layer; choose one of workqueue, omp"),
-])  # fmt: skip
+@pytest.mark.parametrize("command, variable, value, words", rows(__file__, "impossible_threads"))
 def test_threads_that_numba_cannot_have_are_told_in_one_sentence(command, variable, value, words):
     found = python(*command.split(), folder=ROOT, code=2, **{variable: value})
     assert words in found.stderr

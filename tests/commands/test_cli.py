@@ -20,7 +20,6 @@ from refsim.scene import solids
 from tests.running import ROOT, answer_of, python, rows
 
 SCENE = rows(__file__, "scene")
-MESH = '[[solid]]\nshape = "mesh"\nfile = "{}"\ncenter = [0.0, 0.0, 0.0]\n[effects.shape_matching]\n'
 
 
 @pytest.fixture
@@ -80,12 +79,7 @@ def test_bad_commands_get_one_sentence(scene, capsys, arguments, words):
     assert {path.name for path in scene.parent.iterdir()} <= {"tank.toml", "loop"}  # nothing was begun
 
 
-ENDLESS = (
-    (["plan", "it"], ""), (["run", "--resume", "it"], ""),
-    (["plan", "tank.toml"], '[[fluid]]\nshape = "cloud"\nfile = "it"'),
-    (["plan", "tank.toml"], '[[fluid]]\nshape = "cloud"\nfile = "it.npy"'),
-    (["plan", "tank.toml"], MESH.format("it.obj")), (["plan", "tank.toml"], '[effects.mesh_boundary]\nfile = "it.obj"'),
-)  # fmt: skip
+ENDLESS = rows(__file__, "endless")
 READER = """
 import contextlib, io, json, pathlib, sys
 from refsim.__main__ import main

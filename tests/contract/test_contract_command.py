@@ -208,12 +208,7 @@ def test_a_broken_program_fails_in_that_trial_and_the_rest_is_judged(folder, cap
     assert len(found["not_offered"]) == len(REGISTRY) - 3
 
 
-@pytest.mark.parametrize("options", [
-    "--dtype float16", "--step T8", "--variant -1", "--variant 99", "sph.gravty", "--time-limit 0",
-    "--time-limit -1", "--time-limit nan", "--time-limit inf", "--at 1", "--within 2", "--backend cpu",
-    "--run a.toml --export b", "--run a.toml", "--template", "--template --dtype float32",
-    "--arguments --backend numpy", "--export new --step T1", "--export new --allow-untried",
-])  # fmt: skip
+@pytest.mark.parametrize("options", rows(__file__, "options"))
 def test_options_are_checked_before_a_process_is_started(options, folder, capsys, monkeypatch):
     monkeypatch.setattr("multiprocessing.get_context", lambda name: pytest.fail("a process was started"))
     code, out, err = refsim(capsys, "own.py", *options.split())

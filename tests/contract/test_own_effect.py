@@ -9,24 +9,11 @@ from importlib import resources
 import pytest
 
 from refsim.backends.arrays import unavailable
-from tests.running import python
+from tests.running import python, rows
 
 GUIDE = resources.files("refsim.contract").joinpath("guide.md").read_text(encoding="utf-8")
 FILES = dict(re.findall(r"^```\w+\n# file: (\S+)\n(.*?)^```$", GUIDE, re.MULTILINE | re.DOTALL))
-SCENE = """
-name = "one falls"
-spacing = 0.1
-support_radius = 0.26
-dtype = "float64"
-step = 1e-3
-[[fluid]]
-shape = "box"
-lower = [0.0, 0.0, 0.0]
-cells = [1, 1, 1]
-[effects.drag]
-rate = 2.0
-wind = [1.0, 0.0, 0.0]
-"""
+SCENE = rows(__file__, "drag")
 RUN = """
 import math
 from refsim import Drag, Simulation, load_scene

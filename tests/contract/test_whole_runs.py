@@ -18,7 +18,7 @@ from refsim.core.errors import InputError
 from refsim.engine.simulation import Simulation
 from refsim.io.frames import write_vtp
 from refsim.scene.files import load_scene
-from tests.running import answer_of
+from tests.running import answer_of, rows
 
 SCENE = pathlib.Path(__file__).with_name("dam_break.toml").read_text()
 STEPS = 40
@@ -185,17 +185,7 @@ def test_npz_files_of_pysph_are_read(other, tmp_path):
         trajectory(tmp_path)
 
 
-BAD = {
-    "no folder": ((), {}, "there is no folder"),
-    "no frames": ((), {"mine.txt": None}, "has no frames; give npz, bgeo, vtp, vtu or vtk files"),
-    "no position": ((), {"a.npz": {"time": 1.0}}, "has no array 'position'"),
-    "shape": ((), {"a.npz": {"time": 1.0, "position": np.zeros((4, 2))}}, "position has shape (4, 2); it needs (4, 3)"),
-    "not finite": ((), {"a.npz": {"time": 1.0, "position": np.full((4, 3), np.nan)}}, "that are not finite"),
-    "start": ((), {"a.npz": {"time": 0.0, "position": np.zeros((4, 3))}}, "is the start; give a later time"),
-    "time": (("--at", "3"), {"a.npz": {"time": 1.0, "position": np.zeros((4, 3))}}, "has no frame at 3 s"),
-    "at": (("--at", "-1"), {}, "--at = -1 is not possible"),
-    "within": (("--within", "0"), {}, "--within = 0 is not possible"),
-}
+BAD = rows(__file__, "bad_runs")
 
 
 @pytest.mark.parametrize("name", BAD)
@@ -204,8 +194,9 @@ def test_bad_input_gets_one_sentence(name, other, tmp_path, capsys):
     folder = tmp_path / "run"
     if files:
         folder.mkdir()
-    for file, arrays in files.items():
-        (folder / file).write_text("mine") if arrays is None else np.savez(folder / file, **arrays)
+    for file, given in files.items():
+        arrays = {key: np.full(value[:2], value[2]) if key == "position" else value for key, value in given.items()}
+        np.savez(folder / file, **arrays) if arrays else (folder / file).write_text("mine")
     err = answer_of(capsys, ["contract", "--run", str(other[0]), str(folder), *options], 2).err
     assert said in err
     assert err.count("\n") == 1

@@ -102,10 +102,7 @@ def test_another_file_is_refused_with_a_sentence(text):
 
 
 # Packaged scenes
-LONG = {  # left to the nights: scenes that take 10 s to make, readings that take 5 s
-    "mpm_pressure", "tank_pressure", "contact_angle", "droplet", "implicit_pressure", "coupling", "detection_3d",
-    "melt_front", "detection_2d", "spinning_body",
-}  # fmt: skip
+LONG = rows(__file__, "long_panels")
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in LONG)) for n in abouts()])

@@ -10,7 +10,7 @@ import pytest
 import refsim as rs
 from refsim import calibrate, calibrate_contact_angle, load_scene, make_plan
 from refsim.core.capabilities import with_scene_defaults
-from refsim.core.effect import Discretisation
+from refsim.core.effect import EFFECTS, Discretisation
 from refsim.surface_tension.calibration import MAP, SETTINGS, sigma_map
 from tests.running import rows
 from validation.measure import sigma_map as condensing
@@ -117,25 +117,16 @@ def test_the_coefficient_follows_the_smallest_body_of_liquid():
         assert any("a radius of 6 to 20" in note for note in plan.notes) == (radius < 5)
 
 
-RATES = {
-    "small S": (rs.Akinci2013, {}, 0.0005, 2.6, (), 0.003),
-    "S": (rs.Akinci2013, {}, 0.0081, 2.6, (), 0.5 * 2.6**3 * 0.3**5),
-    "plane": (rs.Akinci2013, {"dim": 2}, 0.0081, 3.0, (), 0.5 * 27 * 0.3**5),
-    "wide": (rs.Akinci2013, {}, 0.0081, 3.0, (), 0.5 * 27 * 0.3**5),
-    "given": (rs.Akinci2013, {"restoring": 0.02}, 0.004, 3.0, (), 0.02),
-    "none": (rs.Akinci2013, {"restoring": 0.0}, 0.004, 3.0, (), 0.0), "other": (rs.Dong2016, {}, 0.004, 3.0, (), 0.003),
-    "summed": (rs.Akinci2013, {"density": "summation"}, 0.004, 2.6, (), 0.0),
-    "container": (rs.Akinci2013, {}, 0.008, 2.6, STANDING, 0.003),
-}  # fmt: skip
+RATES = rows(__file__, "rates")
 
 
 @pytest.mark.parametrize("name", RATES)
 def test_the_density_returns_at_the_rate_of_the_measured_drops(name):
     """It follows S = sigma/(rho0 c^2 d) and h/d; one that is given stays, and other liquids and models have theirs."""
-    model, given, stiffness, support, beside, rate = RATES[name]
+    model, given, stiffness, support, standing, rate = RATES[name]
     dim, liquid = given.get("dim", 3), {n: v for n, v in given.items() if n != "dim"}
     fluid = rs.WeaklyCompressible(rest_density=1.0, sound_speed=stiffness**-0.5, dynamic_viscosity=1.0, **liquid)
-    effects = (fluid, model(surface_tension=1.0), *beside)
+    effects = (fluid, EFFECTS[model](surface_tension=1.0), *STANDING * standing)
     block = rs.Box(lower=(0.5,) * dim + (0.0,) * (3 - dim), cells=(4, 4, 4 if dim == 3 else 1))
     plan = make_plan(rs.Scene(spacing=1.0, support_radius=support, dim=dim, fluid=(block,), effects=effects))
     assert plan.effects["weakly_compressible"].restoring == pytest.approx(rate)

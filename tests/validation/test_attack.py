@@ -6,37 +6,17 @@ import types
 import pytest
 
 from tests import host_slips
+from tests.running import rows
 from validation import attack
 from validation.attack import Damage, plan, reached, resume
 
-NOT_COUPLED = b"""spacing = 0.01
-support_radius = 0.026
-end_time = 0.01
-fluid = []
-[effects.two_way_coupling]
-[effects.jiang_zhu_2023]
-[effects.shape_matching]
-[effects.weakly_compressible]
-rest_density = 1000.0
-sound_speed = 20.0
-density = "summation"
-"""
-FAR_APART = b"""spacing = 0.01
-support_radius = 0.026
-fluid = [{shape = "box", cells = [2, 2, 2]}]
-[effects.weakly_compressible]
-density = "summation"
-sound_speed = 1e29
-rest_density = 1e29
-[effects.gravity]
-acceleration = [0.0, -1e29, 0.0]
-"""
+SCENES = {name: rows(__file__, name).encode() for name in ("not_coupled", "far_apart")}
 FOUND = {  # what was done, and a trial that once ended in a traceback
-    "effects that need a solid": (plan, NOT_COUPLED),
+    "effects that need a solid": (plan, SCENES["not_coupled"]),
     "header of zeros": (resume, ("cloud.npy", [Damage("zeros", 1330, 537)], True)),
     "swapped frames": (resume, ("particles/000003.vtp", [Damage("cut", 8637), Damage("swapped", 2168)], False)),
     "lost checkpoint": (resume, ("checkpoint.h5", [Damage("gone")], False)),
-    "numbers that are far apart": (plan, FAR_APART),
+    "numbers that are far apart": (plan, SCENES["far_apart"]),
     "endless stack": (plan, b"spacing = " + b"[" * 5000),
 }
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from refsim import InputError, RunStopped
+from tests.running import rows
 from validation import checks, filling, judging, page
 from validation.__main__ import main
 from validation.checks import CLAIM, CONFIRMED, HARD_CASE, MIXED, NOT_CLAIMED, NOT_TESTABLE, OWN_READING, REFUTED, VALUE
@@ -27,10 +28,7 @@ ENTRIES = filling.with_reasons(checks.read_all())
 CLAIMS = {entry.name: entry for entry in ENTRIES if entry.kind == CLAIM}
 TESTABLE = [name for name, claim in CLAIMS.items() if claim.rule]
 MEASURED = [name for name in TESTABLE if CLAIMS[name].starts]
-LONG = {  # seconds, or kernels that nothing else here compiles
-    "mpm_momentum_none", "mpm_momentum_cluster", "surface_fit_converges", "heat_order_matters", "heat_explicit_breaks",
-    "heat_long_steps_hold", "cohesion_not_minimal",
-}  # fmt: skip
+LONG = rows(__file__, "long_claims")
 
 
 # What is on file
@@ -136,16 +134,7 @@ def number_of(context, value):
 def own(tmp_path, monkeypatch):
     """A file and one measure of our own; its values are set by the test."""
     (tmp_path / "e").mkdir()
-    (tmp_path / "e" / "expected.toml").write_text(
-        '[sentence.small]\nsystem = "s"\nplace = "(1)"\nwords = "小"\nsays = "It is small indeed."\n'
-        'parameters = "none"\n\n'
-        '[check.small]\nkind = "claim"\nsentence = "small"\ntitle = "It is small"\n'
-        'reading = "as printed"\nwhat = "its size"\nunit = "m"\nat_most = 1\nmeasured = 0.5\n'
-        'spread = [0.5, 0.5]\nstarts = 5\nover = "seeds"\nnull = nan\nverdict = "confirmed"\n\n'
-        '[check.nice]\nkind = "claim"\nsentence = "small"\ntitle = "It is nice"\n'
-        'reading = "as printed"\nverdict = "not testable"\nreason = "No measure."\n',
-        encoding="utf-8",
-    )
+    (tmp_path / "e" / "expected.toml").write_text(rows(__file__, "expected"), encoding="utf-8")
     values = [0.25, 0.5, 0.75, 0.5, 0.5]
 
     def runs(options):

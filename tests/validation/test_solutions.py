@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from refsim.study.panels.scenes import compressed
+from tests.running import rows
 from validation.measure import studies
 from validation.measure.studies import SOLVED, sloshed
 from validation.metrics import solutions as scene
@@ -182,11 +183,10 @@ def test_the_slab_by_finite_volumes():
     assert heat[cells // 4 - 1 : cells // 4 + 1].mean() == pytest.approx(at, rel=1e-4)
 
 
-@pytest.mark.parametrize(("name", "wall", "cold", "until", "length", "conductivity", "capacity", "density", "latent"), [
-    ("melting_wall", 50.0, 0.0, 3000.0, 0.1, 0.6, 4186.0, 1000.0, 333e3),
-    ("candle", 90.0, 40.0, 600.0, 0.05, 0.25, 2500.0, 900.0, 200e3),
-])  # fmt: skip
-def test_melting_by_finite_volumes(name, wall, cold, until, length, conductivity, capacity, density, latent):
+@pytest.mark.parametrize("given", rows(__file__, "melts"), ids=lambda given: given[0])
+def test_melting_by_finite_volumes(given):
+    name, wall, cold, until, length, conductivity, capacity, density, latent = given
+
     def heat_of(t):
         return np.where(t > 0, latent + capacity * t, capacity * t)
 
