@@ -167,7 +167,6 @@ class MpmLiquid(
         for other in (LIQUID, "box_walls"):
             if other in others:
                 raise InputError(f"Effects {self.name!r} and {other!r} do not go together; keep one of them.")
-        self.printed()
 
     def cell(self, grid: Discretisation) -> float:
         """h [m]."""

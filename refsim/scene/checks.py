@@ -12,6 +12,7 @@ import numpy as np
 from refsim.core.capabilities import (
     BringsWalls,
     FollowsGrid,
+    HasErrata,
     HasPlanes,
     KnowsParticleMass,
     LimitsMassRatio,
@@ -62,6 +63,8 @@ def checked(scene: Scene) -> tuple[Discretisation, dict[str, Effect]]:
     _check_support(grid, effects)
     postponed = []
     for effect in (given | effects).values():
+        if isinstance(effect, HasErrata):
+            effect.printed()
         try:
             effect.check(grid, effects)
         except InputError:

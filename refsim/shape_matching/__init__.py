@@ -107,7 +107,6 @@ class ShapeMatching(Effect, HasErrata, Inspects, JudgesStart, frozen=True, kw_on
     def check(self, grid: Discretisation, others: Others) -> None:
         if not (isinstance(self.half_width, int) and 1 <= self.half_width <= WIDEST):
             raise InputError(f"{self.name}: half_width = {self.half_width} is not possible; give 1 to {WIDEST}.")
-        self.printed()
 
     def holds(self) -> bool:
         """Whether it acts on the solids; if not, only their particles and surfaces are found."""

@@ -288,7 +288,6 @@ class WeaklyCompressible(
                 f"{self.name}: density_bound = {self.density_bound:g} is not above {DENSE:g}, from which on a run has a"
                 " note; give 1.5 or more."
             )
-        self.printed()
         self._check_density(others)
         axis = open_axis(grid, others)
         if self.tensile_control == "everywhere" and axis:

@@ -155,7 +155,6 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
                 f"{self.name}: threshold = {self.threshold} would mark every particle as near the surface; give a"
                 " number up to 1.2 (the paper uses 0.90 to 0.99)."
             )
-        self.printed()
 
     def fields(self, others: Others) -> tuple[Field, ...]:
         fields = [SURFACE]

@@ -83,7 +83,6 @@ class BoxWalls(ParticleWalls, HasPlanes, HasErrata, frozen=True, kw_only=True):
                 )
         cells = [(high - low) / grid.spacing for low, high in zip(*self._corners(grid))][: grid.dim]
         countable(f"box_walls: its box at a spacing of {grid.spacing} m", cells, each=1, grid=grid)
-        self.printed()
 
     def _corners(self, grid: Discretisation) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Lower and upper corner [m]; along a period those of the periodic box."""

@@ -119,7 +119,6 @@ class MeshBoundary(
                     f"{self.name}: {part} = {getattr(self, part):g} m is below {FINEST:g} spacings of"
                     f" {grid.spacing:g} m; check its unit, or leave it out."
                 )
-        self.printed()
         if self.extrapolates() and self._of_mirrored():
             raise InputError(
                 f"{self.name}: radius, layers, adhesion and literal belong to model = 'mirrored'; leave"

@@ -145,7 +145,6 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
         return self.density_weighted or bool(self.literal)
 
     def check(self, grid: Discretisation, others: Others) -> None:
-        self.printed()
         if sph.cohesive_pressure(grid, others) > 0:
             raise InputError(f"{self.name}: an effect with cohesion treats particles of solids as liquid; remove it.")
         liquid = sph.liquid_of(others)

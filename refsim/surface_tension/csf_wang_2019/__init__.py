@@ -143,9 +143,6 @@ class CsfWang2019(
     def _plain(self) -> "CsfWang2019":
         return type(self)(surface_tension=self.surface_tension, tension_gradient=self.tension_gradient)
 
-    def check(self, grid: Discretisation, others: Others) -> None:
-        self.printed()
-
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         return (
             f"{self.name}: the forces of a pair are not opposite and equal: momentum is not conserved, and drops of"

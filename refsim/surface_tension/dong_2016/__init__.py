@@ -123,7 +123,6 @@ class Dong2016(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, kw_o
                 f"{self.name}: with rest_distance = {self._rest_distance(grid)} m the pair force has no surface tension"
                 " on the lattice; give it as stiffness."
             )
-        self.printed()
         self.check_collapse(grid, others)
 
     def correction_coefficient(self, grid: Discretisation, others: Others) -> float:

@@ -173,7 +173,6 @@ class JiangZhu2023(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, 
                 f"{self.name}: soft_upper = {self.soft_upper} is not above soft_lower = {self.soft_lower}; give"
                 " soft_lower < soft_upper (0.3 and 1.0 by default)."
             )
-        self.printed()
         if self._marked() or self._corrects():
             self._detection(others).check(grid, others)
         self.check_collapse(grid, others)

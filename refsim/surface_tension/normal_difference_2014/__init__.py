@@ -50,9 +50,6 @@ class NormalDifference2014(Effect, HasErrata, PullsParticles, frozen=True, kw_on
     area_acceleration: NotNegative
     literal: Printed = ()
 
-    def check(self, grid: Discretisation, others: Others) -> None:
-        self.printed()
-
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         return (spreading_note(self.name, "term"),)
 
