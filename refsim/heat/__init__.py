@@ -19,6 +19,7 @@ from refsim.core.effect import Discretisation, Effect, Field, InitialState, Othe
 from refsim.core.errors import InputError
 from refsim.heat import operations as operations
 from refsim.heat import shapes
+from refsim.heat.reference import temperature_of
 from refsim.sph import LIQUID, liquid_of
 
 ABSOLUTE_ZERO = -273.15
@@ -282,7 +283,7 @@ class HeatConduction(
             h, c, point, latent = (
                 np.asarray(field(k), dtype=float) for k in ("enthalpy", "heat_capacity", "melting_point", "latent_heat")
             )
-            values.append(temperature_at(h, c, point, latent))
+            values.append(temperature_of(h, c, point, latent))
         low, high = min(v.min() for v in values), max(v.max() for v in values)
         share = BEYOND.get(self.scheme, BEYOND_OTHERS)
         if self.printed() & {"M5", "M9"}:
@@ -444,10 +445,3 @@ def enthalpy_of(
     """H(T) [J/kg]: solid up to and at the melting point, liquid above."""
     above = temperature > melting_point
     return heat_capacity * (temperature - melting_point) + np.where(above, latent_heat, 0.0)
-
-
-def temperature_at(
-    enthalpy: np.ndarray, heat_capacity: np.ndarray, melting_point: np.ndarray, latent_heat: np.ndarray
-) -> np.ndarray:
-    """T(H) [deg C]."""
-    return melting_point + (np.minimum(enthalpy, 0) + np.maximum(enthalpy - latent_heat, 0)) / heat_capacity
