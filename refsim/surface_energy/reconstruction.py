@@ -98,7 +98,8 @@ class Reconstruction:
         place, area, facet_normal, facet = self._stage("samples", self._samples, mesh, blocks, step)
         nearest, away, fit_position = self._stage("offsets", self.offsets, liquid, place, True)
         coefficients = self._stage("fit", self._fit, blocks, fit_position)
-        normal = self._stage("normals", self._normals, blocks, coefficients, place, away, facet_normal, facet)
+        of_facets = facet_normal if facet is None else facet_normal[facet]
+        normal = self._stage("normals", self._normals, blocks, coefficients, place, away, of_facets)
         inset_mesh = mesh
         if self.tension.inset_distance() is not None:
             inset_mesh, place, area, nearest = self._stage(
@@ -187,18 +188,14 @@ class Reconstruction:
         self._run("fit", splines, bases, blocks, self.term, weight, active, residual, coefficients)
         return coefficients
 
-    def _normals(self, blocks: Blocks, coefficients: Any, place: Any, away: Any, facet_normal: Any, facet: Any) -> Any:
+    def _normals(self, blocks: Blocks, coefficients: Any, place: Any, outward: Any, of_facets: Any = None) -> Any:
+        """Normals at places (s, 3) [m]: of the fit, else those of facets where they have some, or the directions."""
         kind = self.tension.normals
-        if kind == "offsets":
-            return away
-        if kind == "facets":
-            return facet_normal if facet is None else facet_normal[facet]
-        return self._smooth_normals(blocks, coefficients, place, away)
-
-    def _smooth_normals(self, blocks: Blocks, coefficients: Any, place: Any, outward: Any) -> Any:
+        if kind in ("facets", "offsets"):
+            return outward if kind == "offsets" or of_facets is None else of_facets
         normal = self._empty((place.shape[0], 3))
         bases = self.grid.cells_alone(place, blocks, 0.5)
-        name = "mls_normals" if self.tension.normals == "mls" else "spline_normals"
+        name = "mls_normals" if kind == "mls" else "spline_normals"
         self._run(name, place, bases, blocks, self.term, coefficients, outward, None, None, normal)
         return normal
 
@@ -208,10 +205,7 @@ class Reconstruction:
     ) -> tuple[Mesh, Any, Any, Any]:  # fmt: skip
         """The surface pulled back by r - delta along the normals at its vertices; samples and areas go with it."""
         _, outward, _ = self.offsets(liquid, mesh.vertices, False)
-        if self.tension.normals in ("facets", "offsets"):
-            vertex_normal = outward
-        else:
-            vertex_normal = self._smooth_normals(liquid.blocks, coefficients, mesh.vertices, outward)
+        vertex_normal = self._normals(liquid.blocks, coefficients, mesh.vertices, outward)
         vertices = self._empty(mesh.vertices.shape)
         term = self.term
         if volume is not None:
