@@ -121,12 +121,10 @@ class ParticleShifting(Effect, CorrectsPositions, Joins, FollowsStart, frozen=Tr
         return liquid is not None and liquid.density is None and liquid.with_scene_defaults(others).advances()  # type: ignore[attr-defined]
 
     def check(self, grid: Discretisation, others: Others) -> None:
-        if self.surface == "none" and self.acts():
-            axis = open_axis(grid, others)
-            if axis:
-                raise InputError(
-                    f"{self.name}: surface = 'none', but the scene is open along {axis}; set surface = 'detected'."
-                )
+        if self.surface == "none" and self.acts() and (axis := open_axis(grid, others)):
+            raise InputError(
+                f"{self.name}: surface = 'none', but the scene is open along {axis}; set surface = 'detected'."
+            )
 
     def with_start_defaults(self, grid: Discretisation, others: Others) -> Effect:
         closed = self.surface is None and grid.solids is None and not _within_meshes(others)

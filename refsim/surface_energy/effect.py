@@ -59,13 +59,10 @@ class SurfaceEnergy(Tension, HasTension, HoldsOtherMemory, RunMonitor, frozen=Tr
     paper: ClassVar[Mapping[str, Any]] = {"embedding": "thesis"}
     needed: ClassVar[tuple[str, ...]] = ("mpm_liquid",)
     watched: ClassVar[tuple[str, ...]] = ("greatest_crowding",)
+    host_passes: ClassVar[tuple[str, ...]] = ("surface_energy.reconstruct", "surface_energy.reconstruct_enclosing")
 
     embedding: Literal["none", "cluster", "thesis", "gradient_corrected"] = "cluster"
     capillary_number: Positive = 0.3
-
-    @property
-    def host_passes(self) -> tuple[str, ...]:  # type: ignore[override]
-        return tuple(p.operation for p in self.passes({}) if p.stage == "motion")
 
     def acting_tension(self, grid: Discretisation, others: Others) -> tuple[float, str]:
         return self.surface_tension, "energy of the surface"
@@ -102,11 +99,9 @@ class SurfaceEnergy(Tension, HasTension, HoldsOtherMemory, RunMonitor, frozen=Tr
         return CROWDING, GREATEST_CROWDING
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
-        launched = [Pass("surface_energy.reconstruct", ("position", "identity"), ("samples",), stage="motion")]
-        if self.enclose_volume:
-            reads = ("position", "identity", "mass", "volume_ratio")
-            launched = [Pass("surface_energy.reconstruct_enclosing", reads, ("samples",), stage="motion")]
-        return tuple(launched)
+        more = ("mass", "volume_ratio") if self.enclose_volume else ()
+        name = self.host_passes[self.enclose_volume]
+        return (Pass(name, ("position", "identity", *more), ("samples",), stage="motion"),)
 
     def shares(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         cell = _liquid(others).cell(grid)
