@@ -1,13 +1,14 @@
 """What the Python interface cannot take is said in one sentence, with the near word where there is one."""
 
 import re
+from operator import attrgetter
 
 import numpy as np
 import pytest
 
 import refsim as rs
 from refsim.boundary.mesh import surface_mesh
-from refsim.boundary.sampling import sample
+from tests.running import rows
 
 TANK = rs.Scene(
     spacing=0.1, support_radius=0.2, dim=2, fluid=(rs.Box(cells=(3, 3, 1)),),
@@ -33,66 +34,25 @@ def run(tmp_path_factory):
     return rs.open_run(folder)
 
 
-@pytest.mark.parametrize("call, sentence", [
-    (lambda: rs.simulate(TANK, "out"), "simulate: until = 'out' is text; give a number or None."),
-    (lambda: rs.simulate(TANK, outptu="out"), "simulate: there is no 'outptu'; did you mean output?"),
-    (lambda: rs.simulate(TANK, None, "cpu"), "simulate: too many values are without a name; give by name backend, "),
-    (lambda: rs.simulate(), "simulate: scene is missing; give scene = a value."),
-    (lambda: rs.simulate(TANK, scene=TANK), "simulate: scene is given twice; give it once."),
-    (lambda: rs.simulate(TANK, threads=1.5), "simulate: threads = 1.5 is a number with decimals; give a whole number"),
-    (lambda: rs.simulate(TANK, asked_to_stop=True), "asked_to_stop = True is true or false; give a function."),
-    (lambda: rs.Simulation("scene.toml"),
-     "Simulation: scene = 'scene.toml' is text; give a Scene (load_scene reads a file) or a Plan."),
-    (lambda: rs.Simulation(rs.Scene), "refsim.scene.scene.Scene'> is a class; give a Scene"),
-    (lambda: rs.open_run(None), "open_run: folder = None is a NoneType; give a path."),
-    (lambda: rs.open_run("a\0b"), r"open_run: folder = 'a\x00b' has a zero character; leave it out."),
-    (lambda: rs.make_plan(rs.make_plan(TANK)), "is a Plan; give a Scene"),
-    (lambda: rs.study(TANK, "front", knobs="spacing"), "study: knobs = 'spacing' is text; give a tuple or a list."),
-    (lambda: rs.study(TANK, "front", reference=3.0), "study: reference = 3.0 is a number with decimals; give a Refer"),
-    (lambda: rs.calibrate("s", spacing=1e-3, rest_density=1e3), "calibrate: sigma = 's' is text; give a number."),
-    (lambda: rs.sampling.sample("mesh.stl", 0.1), "sample: mesh = 'mesh.stl' is text; give a SurfaceMesh"),
-    (lambda: rs.Scene(spaceing=0.1), "Scene: there is no 'spaceing'; did you mean spacing?"),
-    (lambda: rs.Scene(spacing=0.1), "Scene: support_radius is missing; give support_radius = a value."),
-    (lambda: rs.Scene(0.1), "Scene takes no value without a name; its names are spacing, support_radius, fluid, "),
-    (lambda: rs.Gravity((0, 0, -9.81)), "gravity takes no value without a name; its names are acceleration."),
-    (lambda: TANK.with_("spacing"), "Scene.with_: too many values are without a name; give fewer."),
-    (lambda: TANK.with_(spacing=None), "Scene: spacing = None is a NoneType; give a number."),
-    (lambda: TANK.with_(dtype="float23"), "Scene: dtype = 'float23' is not possible; did you mean float32?"),
-    (lambda: TANK.with_(fluid=rs.Box(cells=(1, 1, 1))), " is a Box; give a tuple or a list."),
-    (lambda: TANK.with_(fluid=(3,)), "Scene: fluid[0] = 3 is a whole number; give Box or Ball or Cloud or FluidMesh."),
-    (lambda: TANK.with_(effects=rs.Gravity()), " is a Gravity; give a tuple or a list."),
-    (lambda: TANK.with_(spacing=10**400), " is not possible (number out of range)"),
-    (lambda: rs.SolidBall(center=(0, 0, 0), radius="r"), "SolidBall: radius = 'r' is text; give a number."),
-    (lambda: rs.SolidBall(center=(0, 0, 0), radius=1, density=-1.0), "; give a positive number"),
-    (lambda: rs.Gravity(acceleration=9.81), "gravity: acceleration = 9.81 is a number with decimals; give a tup"),
-    (lambda: rs.Gravity(acceleration=(0, "g", 0)), "gravity: acceleration[1] = 'g' is text; give a number."),
-    (lambda: rs.MpmWalls(lower=(0, 0, 0), upper=(1, 1, 1), open_faces="+y"), "open_faces = '+y' is text; give a tuple"),
-    (lambda: rs.SurfaceDetection(literal="Paper").printed(), "literal has Paper; only E5, E6, E10, E23, paper or all"),
-    (lambda: rs.ShapeMatching(literal=("M25",)).printed(), "shape_matching: literal has M25; only paper or all can"),
-    (lambda: rs.SurfaceDetection(literal=3), "literal = 3 is a whole number; give text or a tuple or a list"),
-    (lambda: rs.SurfaceDetection(literal=("paper", 3)), "literal[1] = 3 is a whole number; give text"),
-    (lambda: rs.JiangZhu2023(gamma=1.0, literal="paper", pair_mode="both"),
-     "jiang_zhu_2023: literal 'paper' sets pair_mode = 'either', but pair_mode = 'both' is given; leave one of"),
-    (lambda: rs.HeatConduction(literal=("M5", "paper"), scheme="explicit"), "sets scheme = 'one_sided', but scheme ="),
-    (lambda: sample(TETRAHEDRON, 0.1, literal=("papers",)), "sampling: literal has papers; only E24, E25, paper or"),
-])  # fmt: skip
-def test_a_call_that_is_not_possible_is_said_in_a_sentence(call, sentence):
+OBJECTS = {
+    "tank": TANK, "none": None, "Scene": rs.Scene, "plan": rs.make_plan(TANK), "box": TANK.fluid[0], "huge": 10**400,
+    "tetrahedron": TETRAHEDRON, "pull": rs.Gravity(),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name, given, named, sentence", rows(__file__, "misuses"))
+def test_a_call_that_is_not_possible_is_said_in_a_sentence(name, given, named, sentence, simulation, run):
+    objects = OBJECTS | {"simulation": simulation, "run": run}
+
+    def of(value):
+        value = tuple(value) if isinstance(value, list) else value
+        return objects[value[1:]] if isinstance(value, str) and value.startswith(":") else value
+
+    first, _, rest = name.partition(".")
+    called = attrgetter(rest)(objects[first]) if first in objects and rest else attrgetter(name)(rs)
     with pytest.raises(rs.InputError, match=re.escape(sentence)) as said:
-        call()
+        called(*map(of, given), **{key: of(value) for key, value in named.items()}).printed()
     assert "\n" not in str(said.value)
-
-
-@pytest.mark.parametrize("call, sentence", [
-    (lambda s, r: s.field(3), "Simulation.field: name = 3 is a whole number; give text."),
-    (lambda s, r: s.set_field("mass"), "Simulation.set_field: values is missing; give values = a value."),
-    (lambda s, r: s.gauge(None), "Simulation.gauge: name = None is a NoneType; give text."),
-    (lambda s, r: s.checkpoint(None), "Simulation.checkpoint: path = None is a NoneType; give a path."),
-    (lambda s, r: r.at("x"), "Run.at: time = 'x' is text; give a number."),
-    (lambda s, r: r["1"], "Run: number = '1' is text; give a whole number or a slice."),
-])  # fmt: skip
-def test_so_is_a_call_of_a_method(call, sentence, simulation, run):
-    with pytest.raises(rs.InputError, match=re.escape(sentence)):
-        call(simulation, run)
 
 
 def test_numbers_of_numpy_and_names_of_all_arguments_are_taken(run):
