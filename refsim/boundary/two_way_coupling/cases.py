@@ -7,7 +7,7 @@ import numpy as np
 from refsim.boundary.two_way_coupling import Coupling, Delay, Overlapping, TwoWayCoupling
 from refsim.core import cases
 from refsim.core.cases import REST_DENSITY, Case, Exact, at, closed_form, example, groups, particles, takes, vectors
-from refsim.core.walls import Bounds, WallParticles
+from refsim.core.walls import WallParticles, planes
 from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
 from refsim.smoothing.cases import for_each_kernel
 from refsim.sph import CentralViscosity, Fluid, ViscosityTerm, WallFrameGravity
@@ -274,7 +274,7 @@ BESIDE = at("corner", [[0.0, 0.0, 0.0], [9.0, 0.0, 0.0]], CORNER)
 IN_CORNER = {
     "solid_number": [1, 1], "velocity": [[0.0, -3.0, 0.0], [0.0, 0.0, 0.0]],
     "walls": WallParticles(CORNER, np.full(2, 0.2)),
-    "bounds": Bounds(np.array([-0.5, -0.5, -np.inf]), np.full(3, np.inf)),
+    "bounds": planes(np.array([-0.5, -0.5, -np.inf]), np.inf),
 }  # fmt: skip
 BORNE = 100 * np.array([3 * math.log(1.6), 3 * math.log(1.6) + 0.5625, 0.0]) / 1.6**3
 
@@ -331,7 +331,7 @@ closed_form(
     # half of a cell, 1 m from each, with twice its 30 Pa, or the 20 Pa of planes
     wall_between=lambda: _touching(4 * 60.0, BETWEEN, **BY_WALL),
     plane_between=lambda: _touching(
-        4 * 40.0, BETWEEN, **BY_WALL | {"bounds": Bounds(np.array([-9.0, 1.5, -9.0]), np.full(3, 9.0))}
+        4 * 40.0, BETWEEN, **BY_WALL | {"bounds": planes(np.array([-9.0, 1.5, -9.0]), 9.0)}
     ),
 )  # fmt: skip
 
