@@ -471,12 +471,13 @@ def wall_nodes(dim):
     return {"lower": lower, "upper": upper, "rules": rules}
 
 
-def box_walls(dim):
-    """The planes of WALLS but for the open face +y; none along z in the plane."""
+def box_walls(dim, top=math.inf):
+    """The planes of WALLS but for the open face +y, where they end unless it is upward; none along z in the plane."""
     lower, upper = [*WALLS[0]], [WALLS[1][0], math.inf, WALLS[1][2]]
     if dim == 2:
         lower[2], upper[2] = -math.inf, math.inf
-    return {"bounds": {"lower": lower, "upper": upper}}
+    last = [upper[0] + D / 2, top, upper[2] + D / 2]
+    return {"bounds": {"lower": lower, "upper": upper, "first": np.array(lower) - D / 2, "last": last}}
 
 
 @functools.cache
