@@ -16,7 +16,7 @@ import refsim
 from refsim.__main__ import main
 from refsim.core import terminal
 from refsim.core.streams import any_letter
-from refsim.core.tables import fitted, table
+from refsim.core.tables import table
 from tests.running import ROOT, answer_of, python
 from tests.tank_file import GRAVITY, tank
 
@@ -38,11 +38,6 @@ def test_a_table_is_as_wide_as_the_terminal_and_breaks_no_word(width):
     assert words(narrow) == words(wide)
     assert " 9.4 KiB" in narrow  # a number stays with its unit
     assert (narrow == wide) == (max(map(len, wide.splitlines())) <= width)
-
-
-def test_a_wrapped_line_goes_on_further_in():
-    assert fitted("  one two three\nx", 10) == "  one two\n      three\nx"
-    assert fitted("no-word/is.broken", 4) == "no-word/is.broken"
 
 
 def on_a_terminal(monkeypatch):

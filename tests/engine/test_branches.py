@@ -8,31 +8,12 @@ import pytest
 import refsim as rs
 from refsim import make_plan
 from refsim.backends import device, runtime
-from refsim.core.effect import Extremes, Pass
+from refsim.core.effect import Extremes
 from refsim.core.errors import InputError
-from refsim.engine.binding import Accesses, accesses, needed_before
+from refsim.engine.binding import accesses, needed_before
 from refsim.engine.limits import stable_steps, step_limits
 from tests import pairs
 from validation.experiments.melting.scene import scene_of
-
-
-def launch(taken, changed):
-    return Accesses(frozenset((taken + changed).split()), frozenset(changed.split()))
-
-
-def test_a_launch_waits_for_what_it_reads_and_for_what_reads_what_it_changes():
-    launches = [
-        launch("", "a"), launch("", "b"), launch("a ", "c"), launch("a b ", "d"), launch("d ", "a"), None,
-        launch("", "e"),
-    ]  # fmt: skip
-    assert needed_before(launches) == [(), (), (0,), (0, 1), (2, 3), (4,), (5,)]
-    heat, force = accesses(Pass("heat.chebyshev"), "cuda"), accesses(Pass("jiang_zhu_2023.cohesion"), "cuda")
-    assert needed_before([launch("x ", "y"), launch("x ", "z")]) == [(), ()]
-    assert "scratch" in heat.changed
-    assert "position" in heat.taken
-    assert "position" not in heat.changed
-    assert "temperature" in heat.changed
-    assert force.changed == {"acceleration"}
 
 
 def test_heat_and_solids_of_a_melting_step_run_side_by_side():

@@ -11,7 +11,6 @@ from refsim.backends.arrays import choose
 from refsim.engine import counting, lists
 from refsim.engine.counting import watch
 from refsim.engine.driver import simulate
-from refsim.engine.gauges import _row
 from refsim.engine.limits import StepOutcome
 from refsim.engine.postmortem import examine
 from refsim.scene.files import parse_scene
@@ -252,13 +251,6 @@ def test_counted_densities_of_stretched_places_are_as_ever(period, recorded):
     with pytest.raises(RunStopped) as caught:
         run.counting.judged(run)
     recorded(found | {"stops": str(caught.value)})
-
-
-def test_rows_of_forces_have_torques_about_the_place_given():
-    push, arm = np.random.default_rng(2).normal(size=(2, 5, 3))
-    torque = sum(np.cross(a, p) for a, p in zip(arm, push))
-    assert _row(push, arm, 3) == pytest.approx([*push.sum(0), *torque])
-    assert _row(push, arm, 2) == pytest.approx([*push.sum(0)[:2], torque[2]])
 
 
 def test_a_velocity_that_is_set_acts_behind_the_step_that_led_to_the_positions():

@@ -111,29 +111,6 @@ def test_pressures_of_iisph_act_by_both_masses_and_those_of_a_cube_over_its_bott
     assert (exact.tolist(), chosen, bottom) == ([50.0, 100.0], slice(None), pytest.approx(981.0))
 
 
-def test_discs_of_mpm_have_laplaces_pressure_and_rayleighs_frequency():
-    """Modulus 1000 N/m; 314 particles of 0.1 m make a disc of radius 0.9997 m."""
-    cloud = SimpleNamespace(position=np.zeros((314, 3)))
-    scene = SimpleNamespace(spacing=0.1, fluid=[cloud])
-    size = 0.1 * math.sqrt(314 / math.pi)
-    run = standing(plan={"scene": scene}, fields={"volume_ratio": [0.9, 0.8], "position": RANDOM.normal(size=(9, 3))})
-    assert observables.mpm_pressure(run) == pytest.approx(1000 * (0.1 * 0.9 + 0.2 * 0.8) / 1.7 * size)
-    shape, known = observables.mpm_frequency(run)
-    x = run.field("position") - run.field("position").mean(0)
-    along, across, z = (x**2).mean(0)
-    assert (shape, known) == (
-        pytest.approx((along - across) / (along + across + z)),
-        pytest.approx(math.sqrt(6 / size**3)),
-    )
-
-
-def test_a_drop_swings_by_its_second_moment():
-    position = RANDOM.normal(size=(9, 3))
-    x = ((position - position.mean(0)) ** 2).mean(0)
-    run = standing(fields={"position": position}, steps=4)
-    assert observables.surface_tension_frequency(run) == (pytest.approx((x[0] - x[1]) / x.sum()), None)
-
-
 def test_a_drop_is_measured_against_its_models_flat_surface(monkeypatch):
     entries = [
         {"model": model, "dim": dim, **observables.BASE, "flat_laplace": 0.5 + dim}

@@ -15,7 +15,6 @@ from refsim import make_plan
 from refsim.study.panels import FOLDER, OWN, abouts, panel, parse
 from refsim.study.panels.scenes import PACKED, SCENE_FACTORIES
 from validation import accuracy, accuracy_page, limits, timed, times
-from validation.peers import in_turns
 from validation.reading import reading
 
 
@@ -65,16 +64,6 @@ def test_a_panel_is_measured_and_stored(tmp_path, monkeypatch, capsys):
         assert point.error == pytest.approx(few.points[key].error)
         assert len(point.seconds) == 2
         assert stored.places[point.place].commit
-
-
-def test_programs_take_turns():
-    """Ratios are those of a round; one program that is not there ends it."""
-    theirs, ours, done = iter([2.0, 6.0, 4.0]), iter([1.0, 2.0, 4.0]), []
-    found = in_turns(3, lambda: {"seconds": next(theirs), "version": "1"}, lambda: next(ours), done.append, 2)
-    assert (found["ratios"], found["ratio"], found["missing"]) == ([2.0, 3.0, 1.0], 2.0, "")
-    assert found["peer"] == {"median": 2.0, "low": 1.0, "high": 3.0}
-    assert done == [1 / 3, 2 / 3, 1.0]
-    assert in_turns(3, lambda: {"missing": "it is not there"}, float, print) == {"missing": "it is not there"}
 
 
 # Scenes
