@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from refsim.core.effect import Discretisation, int32
-from refsim.smoothing import lattice
+from refsim.smoothing import lattice_neighbours
 
 SPIKY, MUELLER, POLY6 = range(3)
 # What makes up for missing neighbours: what is added to a moment before it is inverted, the share by which A is drawn
@@ -78,10 +78,7 @@ def lattice_moment(laplacian: int, support_radius: float, spacing: float, dim: i
 
 def _lattice_weights(laplacian: int, support_radius: float, spacing: float, dim: int) -> tuple[np.ndarray, np.ndarray]:
     """(q, d^2 V_j L_ij) of a lattice particle's neighbours."""
-    reach = math.ceil(support_radius / spacing)
-    steps = lattice(reach, dim) * spacing
-    q = np.sqrt((steps**2).sum(1)) / support_radius
-    q = q[(q > 0) & (q < 1)]
+    q = lattice_neighbours(support_radius, spacing, dim)[1] / support_radius
     a = 1 - q
     poly6 = 4 * q**2 * (1 - q**2) - dim * (1 - q**2) ** 2
     shape = {SPIKY: a**2 / np.maximum(q, 0.1), MUELLER: a, POLY6: poly6}[laplacian]

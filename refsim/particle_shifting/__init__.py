@@ -73,7 +73,7 @@ def steepest(shape: str, reach: float, dim: int) -> float:
     """
     from refsim.smoothing.reference import kernel_slope, kernel_value
 
-    kernel, x, step = smoothing(shape, reach, dim), lattice(math.ceil(reach), dim)[:, :dim].astype(float), 1e-4
+    kernel, x, step = smoothing(shape, reach, dim), lattice(math.ceil(reach), dim), 1e-4
     x = x[x.any(1)]
 
     def gradients(x: np.ndarray) -> np.ndarray:

@@ -30,7 +30,7 @@ from refsim.core.capabilities import (
 )
 from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.errors import InputError
-from refsim.smoothing import lattice, smoothing
+from refsim.smoothing import lattice_neighbours, smoothing
 from refsim.smoothing.reference import kernel_slope
 from refsim.sph import LIQUID, SETS, acceleration_of, liquid_of, pressure_is_replaced
 from refsim.sph.flow import at_least
@@ -83,9 +83,7 @@ def of_all_pairs(
 
 def over_lattice(force: PairForce, power: int, grid: Discretisation) -> float:
     """sum_j r_j^power C(r_j) over a particle's neighbours on the infinite lattice within the support."""
-    steps = lattice(math.ceil(grid.support_radius / grid.spacing), grid.dim)
-    r = grid.spacing * np.sqrt((steps**2).sum(1))
-    r = r[(r > 0) & (r < grid.support_radius)]
+    _, r = lattice_neighbours(grid.support_radius, grid.spacing, grid.dim)
     return float((r**power * force(r)).sum())
 
 

@@ -4,16 +4,13 @@ It replaces the equation of state and the pressure force of weakly_compressible.
 pressures are solved for: all other forces are summed first, and from them follows the advected density.
 """
 
-import math
 from typing import Any, ClassVar, NamedTuple
-
-import numpy as np
 
 from refsim.core.capabilities import SumsDensity
 from refsim.core.checked import Count, Positive
 from refsim.core.effect import Discretisation, Effect, Field, Others, Pass, StepLimit, int32
 from refsim.core.errors import InputError
-from refsim.smoothing import lattice, smoothing
+from refsim.smoothing import lattice_neighbours, smoothing
 from refsim.smoothing.reference import kernel_slope
 from refsim.sph import LIQUID, SETS, liquid_of
 from refsim.sph.iisph import operations as operations
@@ -83,10 +80,8 @@ class ImplicitPressure(Effect, SumsDensity, frozen=True, kw_only=True):
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         fluid = liquid_of(others)
         kernel = smoothing(SETS[fluid.kernels][1], grid.support_radius, grid.dim)
-        reach = math.ceil(grid.support_radius / grid.spacing)
-        steps = lattice(reach, grid.dim)
-        distance = grid.spacing * np.sqrt((steps**2).sum(1))
-        squares = float((kernel_slope(distance[distance > 0], kernel) ** 2).sum())
+        _, distance = lattice_neighbours(grid.support_radius, grid.spacing, grid.dim)
+        squares = float((kernel_slope(distance, kernel) ** 2).sum())
         diagonal = (fluid.particle_mass(grid) / fluid.rest_density) ** 2 * squares
         real = grid.real
         return fluid.prepare(grid, others) | {
