@@ -308,9 +308,9 @@ def pack_all(i, vectors, scalars, out, first):  # noqa: ANN001, ANN201
 
 
 # Rows of the clock, float64. REASON is 0 while the run can go on.
-CLOCK_ROWS = 14
+CLOCK_ROWS = 15
 TIME, PREVIOUS, FIRST, LENGTH, LIMITER, REASON, SPEED, ACCELERATION, RATE, EXCESS, *_REST = range(CLOCK_ROWS)
-DENSE, CRUSHED, WAY, STOPPED = _REST
+DENSE, CRUSHED, WAY, STOPPED, SHIFTED = _REST
 NON_FINITE, DIVERGED, STEP_TOO_SMALL, OUT_OF_RANGE, COMPRESSED = 1, 2, 3, 4, 5
 
 
@@ -361,11 +361,9 @@ def choose_step(extremes, limits, factor, fixed, smallest, greatest_speed, most_
 
 @row_kernel
 def send_clock(k, displacement, clock, there):  # noqa: ANN001, ANN201
-    """The largest squared displacement [m^2] and the number of stopped particles go into the clock, it goes `there`."""
-    if k == WAY:
-        clock[k] = displacement[0]
-    elif k == STOPPED:
-        clock[k] = displacement[1]
+    """What `sph.kick_drift` reduces goes into the clock's last rows, the clock goes `there`."""
+    if k >= WAY:
+        clock[k] = displacement[k - WAY]
     there[k] = clock[k]
 
 

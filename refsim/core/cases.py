@@ -488,7 +488,7 @@ def vectors(case: Case, random: np.random.Generator) -> np.ndarray:
 @groups("timestep", "displacement", "extremes")
 def _run_values(case: Case, grid: Discretisation) -> Mapping[str, Any]:
     steps = np.array([0.011, 0.012], dtype=grid.dtype) * grid.real(case.spacing)
-    return {"timestep": steps, "displacement": np.zeros(2, grid.dtype), "extremes": np.zeros(7, grid.dtype)}
+    return {"timestep": steps, "displacement": np.zeros(3, grid.dtype), "extremes": np.zeros(7, grid.dtype)}
 
 
 @groups("bounds")

@@ -50,7 +50,7 @@ class State:
     stopped_at_walls  how often a wall's plane has stopped a particle
     remarks           those of the `notes` that were made during the run, by what made them
     build_position    (n, 3) [m] at the last build of the neighbour list
-    extremes, displacement, timestep  see operations sph.extremes (7,) and sph.kick_drift (2,), and [s] (2,)
+    extremes, displacement, timestep  see operations sph.extremes (7,) and sph.kick_drift (3,), and [s] (2,)
     current           fields that follow from the state and belong to the present one
     bound             whether the calls take the present arrays; `bindings` counts how often they were bound
     foreseen          whether the forces of the next step are launched
@@ -79,7 +79,7 @@ class State:
         self.time, self.steps, self.previous_length, self.stopped_at_walls = 0.0, 0, 0.0, 0
         self.limiters: dict[str, int] = {}
         self.notes, self.remarks = list(plan.notes), dict[str, str]()
-        self.extremes, self.displacement, self.timestep = (backend.zeros(n, grid.dtype) for n in (7, 2, 2))
+        self.extremes, self.displacement, self.timestep = (backend.zeros(n, grid.dtype) for n in (7, 3, 2))
         self.build_position = backend.asarray(self.host("position"))
         self.scratch = Scratch(backend)
         self.shared: dict[str, Any] = {**_placed(plan.shared, backend), "scratch": self.scratch}

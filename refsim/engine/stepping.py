@@ -16,7 +16,7 @@ from refsim.engine.binding import Accesses, accesses, needed_before
 from refsim.engine.limits import StepOutcome, stable_steps
 from refsim.engine.neighbour_lists import look_ahead
 from refsim.engine.state import Calls, State
-from refsim.sph import CROWD, LARGEST_SHIFT, SHIFT
+from refsim.sph import CROWD
 
 SMALLEST_STEP = 1e-6  # share of the first step below which the run is taken to have diverged
 
@@ -103,12 +103,11 @@ def _too_small(state: State, limiter: str, length: float) -> NoReturn:
 
 def _advanced(
     state: State, length: float, limiter: str, limits: dict[str, float], extremes: Extremes, squared: float,
-    stopped: float,
+    stopped: float, squared_shift: float,
 ) -> StepOutcome:  # fmt: skip
-    """What a step of this length did; `squared` and `stopped` as operation sph.kick_drift gives them."""
+    """What a step of this length did; the last three as operation sph.kick_drift gives them."""
     gained = 0.5 * (state.previous_length + length) * extremes.acceleration
-    widest = math.sqrt(state.plan.grid.dim) * extremes.speed  # half the diagonal of a box in which all velocities lie
-    shifted = LARGEST_SHIFT * widest * length if SHIFT.name in state.fields else 0.0
+    shifted = math.sqrt(squared_shift)
     moved = (extremes.speed + gained) * length + shifted
     return StepOutcome(length, limiter, limits, moved, shifted, gained, squared, int(stopped), int(extremes.dense))
 
@@ -220,7 +219,9 @@ class DeviceStepper:
         s.first_length = float(clock[device.FIRST])
         self.in_step_with = s.steps + 1
         limits = stable_steps(s.limits, extremes)
-        return _advanced(s, length, name, limits, extremes, float(clock[device.WAY]), clock[device.STOPPED])
+        return _advanced(
+            s, length, name, limits, extremes, *map(float, clock[[device.WAY, device.STOPPED, device.SHIFTED]])
+        )
 
     def _set_clock(self) -> None:
         """Give the device the host's clock: at the start, and after resuming."""

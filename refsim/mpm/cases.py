@@ -423,7 +423,7 @@ def _moving(dim):
         "grid": grid, "background": background, "liquid": WATER, "timestep": STEPS, "node_velocity": v,
         "volume_ratio": [1.5], "build_position": None, "cluster_share": None, "inverse_spread": None,
         "embedding": None, "carrier_first": None, "carrier_position": None, "carrier_moment": None,
-        "displacement": np.zeros(2), "step_extremes": np.zeros(4),
+        "displacement": np.zeros(3), "step_extremes": np.zeros(4),
     }  # fmt: skip
     return case, inputs, velocity
 
@@ -435,7 +435,7 @@ def _taken(dim, deformation):
     inputs["deformation"] = deformation
     expected = {
         "velocity": velocity[None], "affine": a.reshape(1, 9), "position": case.position + 0.25 * velocity,
-        "displacement": [(0.0625 * velocity**2).sum(), 0.0],
+        "displacement": [(0.0625 * velocity**2).sum(), 0.0, 0.0],
     }  # fmt: skip
     if deformation is None:
         expected |= {"volume_ratio": [ratio], "step_extremes": [ratio, ratio, abs(trace), (0.0625 * velocity**2).sum()]}

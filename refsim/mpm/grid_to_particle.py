@@ -248,7 +248,7 @@ def grid_to_particle(
     extremes = np.empty((len(grid.blocks.keys), 5), step_extremes.dtype)
     gather(grid.places("particles"), node_velocity, medium, cluster, carriers, build_position, moved, extremes)
     largest = extremes.max(0, initial=-math.inf)
-    displacement[:] = max(largest[0], 0.0), 0.0
+    displacement[:] = max(largest[0], 0.0), 0.0, 0.0
     any_particle = largest[2] > -math.inf
     step_extremes[:] = (extremes[:, 1].min(), *largest[2:]) if any_particle else (1.0, 1.0, 0.0, 0.0)
 

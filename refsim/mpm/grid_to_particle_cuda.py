@@ -211,7 +211,7 @@ def reduce_extremes(block_extremes, displacement, step_extremes):
             some = mine > real(-math.inf)
             if c == 0:
                 displacement[0] = mine if some else real(0)
-                displacement[1] = real(0)
+                displacement[1] = displacement[2] = real(0)
             elif c == 1:
                 step_extremes[0] = -mine if some else real(1)
             elif c == 2:

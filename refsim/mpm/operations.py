@@ -348,8 +348,8 @@ def grid_to_particle(
     values = least, most, np.abs(rates.value).max(initial=0), steps.value.max(initial=0)
     sizes = [part.size.max(initial=0) for part in (ratio, ratio, rates, steps)]
     return answer | {
-        "displacement": ([squared.max(initial=0), 0.0], [far.max(initial=0), 0.0]), "step_extremes": (values, sizes),
-        "velocity": v, "affine": _rows(a), "volume_ratio": ratio,
+        "displacement": ([squared.max(initial=0), 0.0, 0.0], [far.max(initial=0), 0.0, 0.0]),
+        "step_extremes": (values, sizes), "velocity": v, "affine": _rows(a), "volume_ratio": ratio,
     }  # fmt: skip
 
 

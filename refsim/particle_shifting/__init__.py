@@ -30,7 +30,7 @@ from refsim.core.effect import Discretisation, Effect, Field, Others, Pass
 from refsim.core.errors import InputError
 from refsim.particle_shifting import operations as operations
 from refsim.smoothing import lattice, smoothing
-from refsim.sph import FILLING, LARGEST_SHIFT, LIQUID, NUMBER_DENSITY, SETS, SHIFT, liquid_of
+from refsim.sph import FILLING, LIQUID, NUMBER_DENSITY, SETS, SHIFT, liquid_of
 
 if TYPE_CHECKING:
     from refsim.core.effect import InitialState
@@ -43,6 +43,7 @@ VELOCITY_RANGE = Field(
     "velocity_range", "m/s", "largest velocities beyond that of the first particle: along each axis, and against it",
     rows=6,
 )  # fmt: skip
+LARGEST_SHIFT = 0.5  # of v_max dt: longest displacement of a step beside dt v (Sun et al. 2017)
 LEAST_NORMAL = 0.05  # of h times the gradient of the filling, below which a surface has no direction
 # fillings between which what is uneven along the normal begins to act: not in the outermost layer of a lattice (0.69 to
 # 0.88), but in the next one (0.96 and more); beside a tension as its coefficients were measured

@@ -62,7 +62,6 @@ CORRECTION_DIAGONAL = Field("correction_diagonal", "-", "diagonal of the matrix 
 CORRECTION_MIXED = Field("correction_mixed", "-", "B_xy, B_xz and B_yz", 3)
 CORRECTION = (CORRECTION_DIAGONAL.name, CORRECTION_MIXED.name)
 
-LARGEST_SHIFT = 0.5  # of v_max dt: longest displacement of a step beside dt v (Sun et al. 2017)
 # rho0 c h/mu up to which liquid of a summed density was found to gain no energy between walls and in drops, and tanks
 # and columns of an advanced one to come to rest (docs/stability.md)
 LEAST_VISCOUS = {

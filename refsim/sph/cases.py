@@ -444,7 +444,7 @@ def carried_on():
         },
         {
             "position": position + [0.0, 0.0, 0.5], "velocity": [[2.0**-40, 2.0**-40, 0.5]],
-            "position_residual": [[2.0**-39, -(2.0**-40), 0.0]], "displacement": [0.25, 0.0],
+            "position_residual": [[2.0**-39, -(2.0**-40), 0.0]], "displacement": [0.25, 0.0, 0.0],
         },
     )  # fmt: skip
 
@@ -465,7 +465,8 @@ def _leapt(position, after, displacement, **given):
 def one_leap():
     """v = 1 + 0.5 * 2, x = 0 + 0.25 * v; the second particle, at rest, is 2 m from its position at the list's build."""
     return _leapt(
-        [[0.5, 0.0, 0.0], [0.0, 1.0, 0.0]], [2.0, 0.0, 0.0], [4.0, 0.0], velocity=[[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]],
+        [[0.5, 0.0, 0.0], [0.0, 1.0, 0.0]], [2.0, 0.0, 0.0], [4.0, 0.0, 0.0],
+        velocity=[[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]],
         acceleration=[[2.0, 0.0, 0.0], [0.0, 0.0, 0.0]], build_position=[[0.0, 0.0, 0.0], [0.0, 1.0, 2.0]],
     )  # fmt: skip
 
@@ -474,7 +475,7 @@ def one_leap():
 def shifted():
     """x = 0.25 * 2 + 0.125, and -0.5 for the second particle, which is at rest."""
     return _leapt(
-        [[0.625, 0.0, 0.0], [0.0, 0.5, 0.0]], [2.0, 0.0, 0.0], [0.390625, 0.0],
+        [[0.625, 0.0, 0.0], [0.0, 0.5, 0.0]], [2.0, 0.0, 0.0], [0.390625, 0.0, 0.25],
         velocity=[[2.0, 0.0, 0.0], [0.0, 0.0, 0.0]], shift=[[0.125, 0.0, 0.0], [0.0, -0.5, 0.0]],
     )  # fmt: skip
 
@@ -484,6 +485,6 @@ def stopped_by_a_plane():
     """The first particle would pass the plane x = 0.25: it stops there and loses its normal velocity."""
     far = np.full(3, np.inf)
     return _leapt(
-        [[0.25, 0.25, 0.0], [0.0, 1.0, 0.0]], [0.0, 1.0, 0.0], [0.125, 1.0],
+        [[0.25, 0.25, 0.0], [0.0, 1.0, 0.0]], [0.0, 1.0, 0.0], [0.125, 1.0, 0.0],
         velocity=[[2.0, 1.0, 0.0], [0.0, 0.0, 0.0]], bounds=planes(-far, [0.25, np.inf, np.inf]),
     )  # fmt: skip

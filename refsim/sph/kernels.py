@@ -464,9 +464,9 @@ def extremes(
     return speed, push, broken, rate, excess, dense, crushed
 
 
-@reduction(into="displacement", how="largest count", rows="position")
+@reduction(into="displacement", how="largest count largest", rows="position")
 def kick_drift(i, acceleration, build_position, bounds, timestep, shift, position_residual, velocity, position):
-    """Leap-frog; (squared displacement since the list was built [m^2], whether a wall's plane stopped the particle)."""
+    """Leap-frog; (squared displacement since the build [m^2], whether a plane stopped it, squared shift [m^2])."""
     given = position, position_residual, velocity, acceleration, build_position, bounds, timestep, shift
     u, x, a, squared_x, stopped_x = stepped_along(0, i, *given)
     v, y, b, squared_y, stopped_y = stepped_along(1, i, *given)
@@ -479,7 +479,15 @@ def kick_drift(i, acceleration, build_position, bounds, timestep, shift, positio
     squared = squared_x + squared_y + squared_z
     if not squared >= type(squared)(0):  # NaN: a maximum over the particles would ignore it
         squared = type(squared)(math.inf)
-    return squared, stopped_x or stopped_y or stopped_z
+    return squared, stopped_x or stopped_y or stopped_z, squared_shift(i, shift, squared)
+
+
+@formula
+def squared_shift(i, shift, zero_like):
+    """|s_i|^2 [m^2]; 0 without shifts."""
+    if shift is None:
+        return type(zero_like)(0)
+    return dot(three(shift, i), three(shift, i))
 
 
 @formula

@@ -354,6 +354,11 @@ def at_planes(bounds, before, x, v, rest):
     return np.where(beyond, np.clip(x, lower, upper), x), np.where(beyond, 0.0, v), rest, beyond.any(1)
 
 
+def farthest(shift):
+    """Largest |s_i|^2 [m^2]; 0 without shifts."""
+    return 0.0 if shift is None else (np.asarray(shift, dtype=float) ** 2).sum(1).max(initial=0)
+
+
 @operation(
     "leap-frog with a changing step", paper="standard", outputs="position_residual velocity position displacement",
     optional="bounds position_residual shift",
@@ -367,7 +372,8 @@ def kick_drift(acceleration, build_position, bounds, timestep, shift, position_r
     """Leap-frog for v [m/s] and x [m], stopped at the walls' planes `bounds` [m].
 
     With a residual, x + residual is advanced, and the rest of its rounding is the new one; 0 at a plane.
-    displacement: [largest squared displacement since the list was built [m^2], number of stopped particles].
+    displacement: [largest squared displacement since the list was built [m^2], number of stopped particles, largest
+    squared shift [m^2]].
     """
     kick, drift = (float(t) for t in timestep)
     i = Fields(velocity=velocity, acceleration=acceleration, shift=0.0 if shift is None else shift)
@@ -382,6 +388,7 @@ def kick_drift(acceleration, build_position, bounds, timestep, shift, position_r
     moved = x.value - np.asarray(build_position, dtype=float)
     squares = (moved**2).sum(1), ((np.abs(moved) + x.size) ** 2).sum(1)
     value, size = (s.max(initial=0) for s in squares)
-    displacement = np.array([value, stopped.sum()]), np.array([size, 0.0])
+    far = farthest(shift)
+    displacement = np.array([value, stopped.sum(), far]), np.array([size, 0.0, far])
     residual = {} if rest is None else {"position_residual": rest}
     return {"velocity": v, "position": x, "displacement": displacement, **residual}

@@ -208,7 +208,7 @@ def support_launches(dtype):
         (device.fill_scalars, (one, scalars)), (device.fill_scalars, (np.int32(0), integers)),
         (device.gather_all, ((integers,), keys, (integers,))), (device.invert, (integers, integers)),
         (device.choose_step, (scalars, np.zeros((2, 4)), 1.0, 0.0, 1e-6, 9.0, 0.0, scalars, np.zeros(10))),
-        (device.send_clock, (scalars, np.zeros(14), np.zeros(14))),
+        (device.send_clock, (scalars, np.zeros(15), np.zeros(15))),
     ]  # fmt: skip
 
 

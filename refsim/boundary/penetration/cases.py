@@ -89,7 +89,7 @@ def _step(begin, speed, position, velocity, corrections=1, field=None, **changes
     }  # fmt: skip
     moved = np.array(position) - begin
     after = {"position": [position], "velocity": [velocity], "corrections": [corrections]}
-    return Exact(at("onto_a_slab", start), inputs, after | {"displacement": [moved @ moved, 0.0]})
+    return Exact(at("onto_a_slab", start), inputs, after | {"displacement": [moved @ moved, 0.0, 0.0]})
 
 
 def _flat():

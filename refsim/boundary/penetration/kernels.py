@@ -13,6 +13,7 @@ from refsim.boundary.penetration.formulas import pushed, rebound, reflected
 from refsim.boundary.signed_distance.formulas import beyond_inside, place_in_field, trilinear
 from refsim.sparse_grid.formulas import find_node
 from refsim.sph.formulas import between_ends, drifted
+from refsim.sph.kernels import squared_shift
 
 LONGEST = 4096  # samples along one path
 # h/CLEARANCE is subtracted from interpolated distances and is the least step along a path; h: band's spacing
@@ -113,7 +114,7 @@ def forget(i, c, held, position_residual):
             position_residual[i, c] = type(position_residual[i, c])(0)
 
 
-@reduction(into="displacement", how="largest count", rows="moving.position")
+@reduction(into="displacement", how="largest count largest", rows="moving.position")
 def kick_drift(
     i, acceleration, identity, build_position, bounds, timestep, shift, solid_field, penetration, moving: Moving
 ):  # fmt: skip
@@ -121,7 +122,7 @@ def kick_drift(
 
     Where there is a residual, x + residual is advanced; a corrected place has none.
 
-    Returns (squared displacement since the list was built [m^2], whether a wall's plane stopped the particle).
+    Returns (squared displacement since the list was built [m^2], whether a plane stopped it, squared shift [m^2]).
     """
     real = type(timestep[0])
     corrections, position_residual, velocity, position = moving
@@ -173,4 +174,4 @@ def kick_drift(
         squared += moved * moved
     if not squared >= real(0):  # NaN: a maximum over the particles would ignore it
         squared = real(math.inf)
-    return squared, stopped
+    return squared, stopped, squared_shift(i, shift, squared)

@@ -5,7 +5,7 @@ import numpy as np
 from refsim.boundary.penetration import reference as ref
 from refsim.boundary.signed_distance.reference import Sampled
 from refsim.core.operation import operation, without
-from refsim.sph.operations import at_planes, carried
+from refsim.sph.operations import at_planes, carried, farthest
 
 PUSHES, LEFT = 16, 128
 ROUNDING = 4e-7  # of a position, relative, in float32
@@ -91,5 +91,5 @@ def kick_drift(
         answer["position_residual"] = value, np.where(certain[:, None], scale, np.inf)
     moved = x - np.asarray(build_position, dtype=float)
     value, scale = ((part**2).sum(1).max(initial=0) for part in (moved, np.abs(moved) + x_scale))
-    doubtful = 0.0 if certain.all() else np.inf
-    return answer | {"displacement": (np.array([value, stopped.sum()]), np.array([scale, doubtful]))}
+    far, doubtful = farthest(shift), 0.0 if certain.all() else np.inf
+    return answer | {"displacement": (np.array([value, stopped.sum(), far]), np.array([scale, doubtful, far]))}
