@@ -24,4 +24,4 @@ def shifting_pair(volume_j, kernel, slope, shifting):
     """
     real = type(slope)
     ratio = kernel * shifting.inverse_neighbour
-    return volume_j * (real(1) + real(0.2) * ratio**4) * slope
+    return volume_j * slope * (real(1) + real(0.2) * ratio**4)

@@ -73,13 +73,14 @@ def fused_pair(
     """J(10) and, unless `central_viscosity` is None, the viscosity along the line of centres [N/m^3]; gradients of
     concentration and filling [1/m]."""
     apart = safe_distance(r, gradient_smoothing)
-    share = mass_j / (density_j * apart)  # V_j/r: one division serves all terms
+    inverse = type(r)(1) / (density_j * apart)  # one division serves all terms
+    share = mass_j * inverse  # V_j/r
     slope = kernel_slope(r, gradient_smoothing)
     p = pressure_pair(share, pressure_i, pressure_j, slope, fluid)
     if central_viscosity is not None:
         parting = dot(difference(velocity_j, velocity_i), x_ij)
         laplacian = viscosity_laplacian(r, gradient_smoothing)
-        p += central_viscosity_pair(share, central_viscosity, laplacian) * (parting / apart)
+        p += central_viscosity_pair(share, central_viscosity, laplacian) * (parting * (density_j * inverse))
     a = scaled(x_ij, p)
     f = shifting_pair(share, kernel_value(r, gradient_smoothing), slope, shifting)
     g = share * slope

@@ -51,7 +51,7 @@ def continuity_pair(volume_j, approach, slope):
 
     `approach` = (v_i - v_j).x_ij [m^2/s], `slope` = W'(r)/r; Colagrossi & Landrini 2003.
     """
-    return volume_j * approach * slope
+    return volume_j * slope * approach
 
 
 @formula
@@ -97,7 +97,7 @@ def diffusion_pair(volume_j, excess_i, excess_j, head, slope, diffusion):
     [m^2/s^2]: the difference at rest does not count. Molteni & Colagrossi 2009 where it is 0.
     """
     difference = excess_j - excess_i + head * diffusion.stretch
-    return -type(slope)(2) * diffusion.coefficient * volume_j * difference * slope
+    return volume_j * slope * (-type(slope)(2) * diffusion.coefficient * difference)
 
 
 @formula
@@ -113,7 +113,7 @@ def pressure_pair(volume_j, pressure_i, pressure_j, slope, fluid):
 
     s = 1 (Jiang & Zhu E24): s = 1/2 as printed gives half the pressure gradient, as sum_j V_j p_i grad W_ij vanishes.
     """
-    return -fluid.gradient_share * volume_j * (pressure_i + pressure_j) * slope
+    return volume_j * slope * (-fluid.gradient_share * (pressure_i + pressure_j))
 
 
 @formula
