@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel, overloaded, row_kernel
+from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel, on_device, overloaded, row_kernel
 from refsim.backends.primitives import set_four, sum_before
 from refsim.backends.runtime import branch, cupy_or_numpy, on_branch, own_stream, simulated
 
@@ -380,6 +380,10 @@ def invert(i, order, places):  # noqa: ANN001, ANN201
 
 def fill(out: Any, value: float) -> None:
     """Set every element of a device array of one or two dimensions to `value`."""
+    if value == 0 and not simulated() and on_device(out):  # the device's own way takes a quarter of a kernel's time
+        size = out.size * out.dtype.itemsize
+        cupy_or_numpy().cuda.runtime.memsetAsync(out.device_ctypes_pointer.value or 0, 0, size, own_stream().ptr)
+        return
     fill_scalars(out.dtype.type(value), out if len(out.shape) == 1 else out.reshape(out.size))
 
 

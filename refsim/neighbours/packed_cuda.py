@@ -1,9 +1,9 @@
 """A sum over neighbours on a GPU that reads their fields packed, four numbers at once, and ahead of their use.
 
 A loop that reads an entry of the list, then that neighbour's fields, then computes, waits for the memory twice in each
-round. Here entries are read three rounds ahead and fields one. `packed_program` makes such a program of a kernel and
-the pair function of its sum; several sums over `neighbours` in a kernel read the same fields of the neighbour. It is
-compiled for one shape of the smoothing kernel.
+round. Here entries are read three rounds ahead and fields one; only entries, two rounds, where the fields are one row.
+`packed_program` makes such a program of a kernel and the pair function of its sum; several sums over `neighbours` in a
+kernel read the same fields of the neighbour. It is compiled for one shape of the smoothing kernel.
 """
 
 from __future__ import annotations

@@ -113,20 +113,16 @@ STAGED_LOOP = """\
 PACKED_LOOP = """\
     if count > 0:
         j = listed.entries[first]
-        following = after = j
+        following = j
         if count > 1:
             following = listed.entries[first + stride]
-        if count > 2:
-            after = listed.entries[first + np.uint64(2) * stride]
-        at = first + np.uint64(2) * stride
+        at = first + stride
         left = np.int32(count)
         {now}
         while left > 0:
             {ahead}
-            following = after
             at += stride
-            if left > 3:
-                after = listed.entries[at]
+            {entry}
             dx, dy, dz = to_nearest_image(x - x_j, y - y_j, z - z_j, box)
             r2 = dx * dx + dy * dy + dz * dz
             if r2 < limit:
@@ -265,11 +261,20 @@ def _packed_lines(pair: Callable, given: Mapping[str, str | None]) -> dict[str, 
 
     now, held = read("j", "j")
     ahead, read_ahead = read("n", "following")
+    shifted = [f"{', '.join(held)} = {', '.join(read_ahead)}"]
+    entry = ["if left > 3:", "    after = listed.entries[at]"]
+    if len(row_layout.vectors) + len(row_layout.together) + len(row_layout.rest) == 1:  # more threads serve better
+        entry = ["if left > 2:", "    following = listed.entries[at]"]
+        now, ahead, shifted = [], [*now, "j = following"], []
+    else:
+        now = ["after = following", "if count > 2:", "    after = listed.entries[at + stride]", "at += stride", *now]
+        ahead = [*ahead, "following = after"]
     return {
         "now": [*now, *(f"{name}_j = None" for name in fields_of(pair, "j") if given[name] is None)],
         "ahead": ahead,
+        "entry": entry,
         "theirs": [f"{v}_j = ({v}_j0, {v}_j1, {v}_j2)" for v in row_layout.vectors[1:]],
-        "shifted": [f"{', '.join(held)} = {', '.join(read_ahead)}"],
+        "shifted": shifted,
     }
 
 

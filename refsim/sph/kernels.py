@@ -42,7 +42,7 @@ def wall_moment_pair(r, x_ij, volume_j, smoothing):
     return w, w * x_ij[0], w * x_ij[1], w * x_ij[2]
 
 
-@kernel(lanes=True, registers=40)
+@kernel(lanes=True, registers=32)
 def density(i, lane, position, mass, neighbours, walls, smoothing, fluid, period, number_density, asymmetry, density):
     """J(7) [kg/m^dim]; J(8) where `number_density` is requested, |sum W_ij x_ij| where `asymmetry` is."""
     zero = type(smoothing.support_radius)(0)
