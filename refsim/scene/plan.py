@@ -23,6 +23,7 @@ from refsim.motion import frame_passes
 from refsim.scene import checks
 from refsim.scene.particles import placed
 from refsim.scene.scene import Scene
+from refsim.scene.solids import off_the_lattice
 
 
 @dataclass(frozen=True, repr=False)
@@ -167,6 +168,7 @@ def _planned(scene: Scene, grid: Discretisation, given: Mapping[str, Effect], ab
         *checks.crowded(grid, state, merged, scene, effects),
         *checks.unequal_masses(state, effects),
         *(note for e in judging for note in e.notes_on_start(grid, state, merged, effects)),
+        *(() if grid.solids is None else off_the_lattice(grid.solids)),
         *(f"[[solid]] number {k}: {note}" for k, body in enumerate(scene.solid, 1) for note in body.notes()),
         *(note for e in effects.values() for note in e.notes(grid, effects)),
     )

@@ -7,7 +7,7 @@ The nodes are the first particles, body by body, in each sorted by cell.
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from refsim.sparse_grid.tables import OFFSET, keys_at
 Vector = tuple[float, float, float]
 MOST_CELLS = 2**31 - 1  # particles are numbered in 32 bits
 CELL = 100  # bytes of a cell while a body is cut out of the lattice
+OFF = 0.25  # spacings by which cells may miss what is drawn without a note
 LAID_OUT = 280  # bytes of a particle while a scene is planned, in float64
 
 
@@ -215,6 +216,24 @@ def voxelised(solids: tuple[Solid, ...], grid: Discretisation) -> Nodes:
             " move them apart."
         )
     return Nodes(lattice_of(cells), solids, grid.spacing)
+
+
+def off_the_lattice(solids: Nodes) -> Iterator[str]:
+    """Notes on bodies whose cells stand elsewhere than what is drawn: corners of boxes, the middle of others."""
+    ends = itertools.pairwise(solids.lattice.first)
+    for number, (body, (a, b)) in enumerate(zip(solids.bodies, ends), 1):
+        if isinstance(body, SolidCells):
+            continue
+        cells = solids.lattice.cell[a:b]
+        off = np.array([cells.min(0), cells.max(0) + 1]) - np.array(body.extent()) / solids.spacing
+        off = off if isinstance(body, SolidBox) else off.mean(0)
+        most = float(np.abs(off - np.round(off)).max())
+        if most > OFF:
+            what = "corners of its cells are" if isinstance(body, SolidBox) else "middle of its cells is"
+            yield (
+                f"[[solid]] number {number}: the {what} up to {most:.2g} d off what is drawn, as cells begin at whole"
+                " spacings; draw it there, or take a smaller spacing"
+            )
 
 
 def countable(

@@ -175,7 +175,7 @@ def central_viscosity_pair(volume_j, central_viscosity, laplacian):
 
 @formula
 def between_ends(x, bounds):
-    """Whether the planes of walls act at x [m]."""
+    """Whether the planes of walls act at x: first <= x <= last [m]."""
     beyond = False
     for c in range(3):
         beyond = beyond or x[c] < bounds.first[c] or x[c] > bounds.last[c]

@@ -92,7 +92,7 @@ class Akinci2013(cohesion.PairCohesion, HasErrata, frozen=True, kw_only=True):
         (14.0, ((2.6, ((0.001, 1.02), (0.005, 1.003), (0.02, 0.963))), (3.0, ((0.005, 1.019),)))),
         (20.0, ((2.6, ((0.005, 1.036), (0.02, 0.926))), (3.0, ((0.005, 1.032),)))),
     )}  # fmt: skip
-    on_walls: ClassVar[str] = "80 to 90"
+    on_walls: ClassVar[str] = "80 to 90 (in 2D 100 to 120)"
     radii: ClassVar[Mapping[int, tuple[float, float, str]]] = {
         3: (8.0, 12.0, "it is off by up to 0.07 (6 spacings), 0.06 (14) and 0.09 (20)")
     }
