@@ -178,7 +178,7 @@ def statement(tree, node):
 
 
 def shapes_agree():
-    """Smoothing kernels that no operation takes by default are judged as in test_formulas: by their oracle."""
+    """Smoothing kernels that no operation takes by default are judged by their oracle."""
     for shape in SHAPES:
         for dim in (2, 3):
             kernel = smoothing(shape, 0.7, dim)
