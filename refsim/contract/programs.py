@@ -434,12 +434,7 @@ def performed(target: Target, step: str, trial: Trial) -> Outcome | None:
     return outcome and dataclasses.replace(outcome, step=step, trial=trial.name, seconds=seconds)
 
 
-def climbing(target: Target, steps: tuple[str, ...] | None = None) -> Iterator[Outcome]:
+def climb(target: Target, steps: tuple[str, ...] | None = None) -> Iterator[Outcome]:
     """Outcomes of all steps, or of those named, as they come; for the references those that judge them."""
     outcomes = (performed(target, step, trial) for step, trial in planned(target, steps))
     return (outcome for outcome in outcomes if outcome is not None)
-
-
-def climb(target: Target, steps: tuple[str, ...] | None = None) -> list[Outcome]:
-    """Outcomes of all steps, or of those named; for the references those that judge them."""
-    return list(climbing(target, steps))

@@ -31,7 +31,7 @@ operation, = (REGISTRY[name] for name in set(REGISTRY) - before)
 
 LADDER = """
 for backend, dtype in (("numpy", "float64"), ("cpu", "float32")):
-    found = contract.climb(contract.Target(operation, backend, dtype))
+    found = list(contract.climb(contract.Target(operation, backend, dtype)))
     failed = [str(outcome) for outcome in found if not outcome.passed]
     assert not failed, failed
     print(backend, dtype, "climbed", *sorted({outcome.step for outcome in found}))

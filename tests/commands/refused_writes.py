@@ -34,7 +34,7 @@ import refsim
 from refsim.__main__ import main as refsim_main
 from refsim.contract import Target
 from refsim.contract.export import write_replay
-from refsim.contract.programs import climbing
+from refsim.contract.programs import climb
 from refsim.core import writing
 from refsim.core.operation import REGISTRY
 from refsim.io.frames import read_arrays, read_head
@@ -57,7 +57,7 @@ def table() -> int:
 def replay() -> int:
     """The file of a trial, which a process of `contract` writes, in this one."""
     target = Target(REGISTRY["sph.gravity"], "cpu", "float64", 0)
-    (outcome, *_) = climbing(target, ("T1",))
+    (outcome, *_) = climb(target, ("T1",))
     assert outcome.passed
     with contextlib.chdir("out"):
         write_replay(target)

@@ -29,7 +29,7 @@ from refsim.backends.fast import rows
 from refsim.contract import Target
 from refsim.contract.answers import on_case
 from refsim.contract.bounds import takes_neighbours
-from refsim.contract.programs import climbing
+from refsim.contract.programs import climb
 from refsim.core import cases
 from refsim.core.errors import RunStopped
 from refsim.core.operation import REGISTRY
@@ -239,14 +239,14 @@ def noticed(operation, deep, seconds=math.inf):
         if not shapes_agree() or (operation.name == "mpm.cells" and not far_points_stop()):
             return True
         for target in variants:
-            if not deep and not all(outcome.passed for outcome in climbing(target, ("T1",))):
+            if not deep and not all(outcome.passed for outcome in climb(target, ("T1",))):
                 return True
         for target in variants:
             dense = ["dense_cluster"] * (deep and takes_neighbours(operation))
             for name in (*cases.COMMON, *operation.cases, *dense) if deep else FIRST_CASES:
                 if not on_case(target, name, lists="all_pairs").passed:
                     return True
-            if deep and not all(outcome.passed for outcome in climbing(target, ("T4", "T5", "T7", "T9"))):
+            if deep and not all(outcome.passed for outcome in climb(target, ("T4", "T5", "T7", "T9"))):
                 return True
         if deep:
             with backwards():

@@ -300,7 +300,7 @@ STAGES = [  # of the reconstruction of a surface
 @pytest.mark.parametrize(("name", "program"), STAGES)
 def test_stage_of_a_reconstruction_gives_its_closed_forms(name, program):
     """In double precision, in the plane and in space, where the hard inputs have too many blocks for Python."""
-    outcomes = contract.climb(contract.Target(REGISTRY[name], program, "float64"), ("T1",))
+    outcomes = list(contract.climb(contract.Target(REGISTRY[name], program, "float64"), ("T1",)))
     assert outcomes
     assert all(outcome.passed for outcome in outcomes), "\n".join(map(str, outcomes))
 
