@@ -218,7 +218,7 @@ class _Run:
                 fields[name] = (f.components, "uint8" if dtype.kind == "b" else dtype)
         time = self.simulation.time if goes_on else None
         origin = origin_of(self.simulation.plan)
-        self.writer = ParticleWriter(self.folder / PARTICLES, fields, append=goes_on, resume_time=time, origin=origin)
+        self.writer = ParticleWriter(self.folder / PARTICLES, fields, resume_time=time, origin=origin)
         self.files["particles"] = str(self.folder / PARTICLES)
         if goes_on:
             self.last_checkpoint = source

@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import html
 import json
-import math
 import os
 import re
 import struct
@@ -99,21 +98,21 @@ def read_origin(path: Path) -> Origin:
 
 
 class ParticleWriter:
-    """Writes frames, one or more at a time, and the collection of them.
+    """Writes frames of a run, one or more at a time, and the collection of them.
 
     path         the collection, usually `particles.pvd`; with the first frame the folder of frames is made, or
                  emptied, not before
     fields       name -> (components, dtype): one component is an (n,) array, more an (n, components) array;
                  dtype is float32, float64, int32, int64 or uint8
-    append       go on with the frames that are there, which must have the same fields
-    resume_time  with `append`: frames later than this time (s) are removed
-    origin       what made the frames; with `append` it replaces what is said
+    resume_time  go on with the frames that are there up to this time (s), which must have the same fields; later ones
+                 are removed
+    origin       what made the frames; with `resume_time` it replaces what is said
 
-    The number of particles may change between frames. After `append` or `write` returns the frames are on the disk.
+    The number of particles may change between frames. After `append` returns the frames are on the disk.
     While the writer is open, `<path>.lock` lies beside the collection.
 
     Raises InputError when the folder is not writable, another process writes the same frames, or, with
-    `append`, a frame is damaged or has other fields; ValueError when `fields` is not of the form above.
+    `resume_time`, a frame is damaged or has other fields.
     """
 
     def __init__(
@@ -121,16 +120,15 @@ class ParticleWriter:
         path: str | os.PathLike[str],
         fields: Mapping[str, tuple[int, DTypeLike]],
         *,
-        append: bool = False,
         resume_time: float | None = None,
         origin: Origin | None = None,
     ) -> None:
         from filelock import FileLock, Timeout  # takes 20 ms
 
         self.path, self.folder, self._origin = Path(path), folder_of(Path(path)), origin
-        self._fields = {name: _checked_field(name, *field) for name, field in fields.items()}
+        self._fields = {name: (components, np.dtype(dtype)) for name, (components, dtype) in fields.items()}
         self._heads: list[Head] = []
-        self._afresh, self.closed = True, False
+        self._afresh = True
         with writing("collection of frames", self.path, KEPT):
             os.stat(f"{self.path.parent}{os.sep}")  # the lock would make the folder
             self._lock = FileLock(f"{self.path}.lock", blocking=False, thread_local=False)
@@ -139,7 +137,7 @@ class ParticleWriter:
             except Timeout:
                 raise InputError(f"frames of {self.path} are being written by another process; wait for it.") from None
         try:
-            if append:
+            if resume_time is not None:
                 self._go_on(resume_time)
         except BaseException:
             self.close()
@@ -150,34 +148,12 @@ class ParticleWriter:
         """Time (s) of the last frame, None before the first."""
         return self._heads[-1].time if self._heads else None
 
-    def write(self, time: float, position: np.ndarray, /, **fields: np.ndarray) -> None:
-        """Append one frame: `time` in s, later than the last; `position` (n, 3) in m; every declared field,
-        (n,) or (n, components), of the declared dtype. The dtype of the first frame's positions holds for all.
-
-        Raises as `append` does.
-        """
-        self.append([Frame(time, position, fields)])
-
     def append(self, frames: Sequence[Frame]) -> None:
-        """Append frames as `write` does; none of them gets its name before all are on the disk.
+        """Append frames with the fields above, in order of time; none gets its name before all are on the disk.
 
-        Raises ValueError when a frame does not fit the others, RunStopped ("disk_full", "write_failed") when the disk
-        refuses: the frames before are then untouched, and the same frames or later ones can be tried again.
+        Raises RunStopped ("disk_full", "write_failed") when the disk refuses: the frames before are then untouched, and
+        the same frames or later ones can be tried again.
         """
-        if self.closed:
-            raise ValueError(f"the writer of {self.path} is closed")
-        last, kinds = self.last_time, dict(self._fields)
-        if self._heads:
-            kinds["position"] = 3, self._heads[0].dtype
-        for frame in frames:
-            if not math.isfinite(frame.time) or (last is not None and frame.time <= last):
-                raise ValueError(f"time {frame.time} is not later than that of the last frame, {last}")
-            arrays = {name: np.asarray(values) for name, values in frame.fields.items()}
-            given = {name: (1 if a.ndim == 1 else a.shape[1], a.dtype) for name, a in arrays.items()}
-            given["position"] = 3, np.asarray(frame.position).dtype
-            last, kinds["position"] = frame.time, kinds.get("position", given["position"])
-            if given != kinds:
-                raise ValueError(f"the frame has the fields {_field_list(given)}, the run writes {_field_list(kinds)}")
         number = int(self._heads[-1].path.stem) + 1 if self._heads else 0
         files = {
             self.folder / f"{number + k:06d}.vtp": vtp_bytes(frame.position, frame.fields, float(frame.time))
@@ -214,7 +190,7 @@ class ParticleWriter:
         head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1"><Collection>\n'
         replace_file(self.path, f"{head}{''.join(lines)}</Collection></VTKFile>\n".encode(errors="surrogateescape"))
 
-    def _go_on(self, resume_time: float | None) -> None:
+    def _go_on(self, resume_time: float) -> None:
         """Take the frames that are there, and drop late ones."""
         refuse_older(self.path.parent)
         self._heads = [read_head(file) for file in frame_files(self.path)]
@@ -228,7 +204,7 @@ class ParticleWriter:
         self._afresh = False
         with writing("collection of frames", self.path, KEPT):
             remove_stale_temporaries(self.folder)
-            while self._heads and resume_time is not None and self._heads[-1].time > resume_time:
+            while self._heads and self._heads[-1].time > resume_time:
                 self._heads[-1].path.unlink()
                 del self._heads[-1]
             if self._origin is not None:
@@ -237,8 +213,7 @@ class ParticleWriter:
 
     def close(self) -> None:
         """Let others write; nothing is left to be written. A second call does nothing."""
-        if not self.closed:
-            self.closed = True
+        if self._lock.is_locked:
             unlock(self._lock)
 
     def __enter__(self) -> ParticleWriter:
@@ -264,13 +239,6 @@ def heads_of(path: Path) -> list[Head]:
         refuse_older(path.parent)
         raise InputError(f"there are no frames of {path}; give the folder of a run that has written one.")
     return heads
-
-
-def _checked_field(name: str, components: int, dtype: DTypeLike) -> tuple[int, np.dtype]:
-    dtype = np.dtype(dtype)
-    if not name or "/" in name or name in (".", "position") or components < 1 or dtype not in DTYPES:
-        raise ValueError(f"field {name!r} cannot be written as {components} components of {dtype}")
-    return int(components), dtype
 
 
 def _field_list(fields: Mapping[str, tuple[int, np.dtype]]) -> str:

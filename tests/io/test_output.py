@@ -42,7 +42,7 @@ def assert_frame(found, expected):
 
 def write_frames(writer, frames):
     for time, position, fields in frames:
-        writer.write(time, position, **fields)
+        writer.append([Frame(time, position, fields)])
 
 
 def assert_vtp(file, position, fields, time=None):
@@ -115,15 +115,15 @@ def test_single_frame_through_the_real_reader(tmp_path, dtype, n):
 
 # -- going on after a resume
 @pytest.mark.parametrize("counts", [[20] * 8, [5, 0, 30, 2, 0, 40, 1, 9]])
-@pytest.mark.parametrize("resume_time", [None, -1.0, 0.25, 9.0])
+@pytest.mark.parametrize("resume_time", [np.inf, -1.0, 0.25, 9.0])
 def test_append_drops_later_frames(tmp_path, resume_time, counts):
     path = tmp_path / "run.pvd"
     old = [frame(step, n) for step, n in enumerate(counts)]
     with ParticleWriter(path, FIELDS) as writer:
         write_frames(writer, old)
-    kept = [one for one in old if resume_time is None or one[0] <= resume_time]
+    kept = [one for one in old if one[0] <= resume_time]
     new = [frame(step + 100, n) for step, n in enumerate(counts[::-1])]
-    with ParticleWriter(path, FIELDS, append=True, resume_time=resume_time) as writer:
+    with ParticleWriter(path, FIELDS, resume_time=resume_time) as writer:
         assert writer.last_time == (kept[-1][0] if kept else None)
         write_frames(writer, new)
     assert_files(path, kept + new)
@@ -151,7 +151,7 @@ def test_what_made_the_frames_is_said_until_another_origin_replaces_it(tmp_path)
     for append, origin, scene in (
         (False, Origin("one"), "one"), (True, None, "one"), (True, Origin("two"), "two"), (False, None, ""),
     ):  # fmt: skip
-        with ParticleWriter(path, FIELDS, append=append, resume_time=0.0, origin=origin) as writer:
+        with ParticleWriter(path, FIELDS, resume_time=0.0 if append else None, origin=origin) as writer:
             write_frames(writer, [frame(step) for step in range(int(append), 2)])
         assert read_origin(path).scene == scene
 
@@ -180,9 +180,9 @@ def test_one_writer_at_a_time(tmp_path):
     with ParticleWriter(path, FIELDS) as writer:
         write_frames(writer, [frame(0)])
         with pytest.raises(InputError, match="another process"):
-            ParticleWriter(path, FIELDS, append=True)
+            ParticleWriter(path, FIELDS, resume_time=np.inf)
         write_frames(writer, [frame(1)])
-    with ParticleWriter(path, FIELDS, append=True) as writer:
+    with ParticleWriter(path, FIELDS, resume_time=np.inf) as writer:
         write_frames(writer, [frame(2)])
     assert len(open_run(path)) == 3
 
@@ -218,7 +218,7 @@ def test_a_stop_between_any_two_calls(tmp_path, disk, error):
             writer.append([Frame(*one) for one in frames[2:5]]) if died else write_frames(writer, frames[4:5])
             assert_files(path, frames[:5])
         writer.close()
-        with ParticleWriter(path, FIELDS, append=True, resume_time=0.1) as writer:
+        with ParticleWriter(path, FIELDS, resume_time=0.1) as writer:
             assert writer.last_time == 0.1
             write_frames(writer, frames[5:])
         assert_files(path, [*frames[:2], frames[5]])

@@ -12,7 +12,7 @@ import refsim as rs
 from refsim import make_plan, open_run, simulate
 from refsim.core.errors import EXTRAS
 from refsim.io.checkpoint import read_checkpoint
-from refsim.io.frames import ORIGIN, ParticleWriter, heads_of, read_arrays
+from refsim.io.frames import ORIGIN, Frame, ParticleWriter, heads_of, read_arrays
 
 GRID = np.stack(np.meshgrid(np.arange(4) * 0.01, np.arange(5) * 0.01), -1).reshape(-1, 2)
 
@@ -45,7 +45,8 @@ def shuffled(path):
         for k, n in enumerate((6, 6, 5)):
             order = random.permutation(n).astype(np.int32)
             position = np.stack([order, order + k, 0 * order], 1).astype(float)
-            writer.write(0.1 * k, position, identity=order, mark=np.stack([order, -order], 1).astype(float))
+            fields = {"identity": order, "mark": np.stack([order, -order], 1).astype(float)}
+            writer.append([Frame(0.1 * k, position, fields)])
     return open_run(path)
 
 

@@ -200,7 +200,7 @@ def strayed(folder, count):
     x[:count] += [60.0, 0.0, 0.0]
     origin = origin_of(simulation.plan)
     with ParticleWriter(folder / "particles.pvd", {"identity": (1, "int32")}, origin=origin) as writer:
-        writer.write(0.0, x, identity=np.arange(len(x), dtype="int32"))
+        writer.append([Frame(0.0, x, {"identity": np.arange(len(x), dtype="int32")})])
     return folder
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from refsim import Box, Gravity, InputError, Scene, Simulation, WeaklyCompressible
 from refsim.__main__ import main
-from refsim.io.frames import ParticleWriter, origin_of
+from refsim.io.frames import Frame, ParticleWriter, origin_of
 from refsim.io.results import open_run
 from refsim.render.view import FIELDS, view
 from tests.render.browser import Browser, chromium
@@ -67,7 +67,8 @@ def test_a_particle_keeps_its_place_and_its_colour_when_the_run_sorts_its_partic
     with ParticleWriter(tmp_path / "particles.pvd", fields, origin=origin) as writer:
         for frame in range(4):
             order = random.permutation(len(x)).astype("int32")
-            writer.write(float(frame), x[order].astype("float32"), identity=order, number=order.astype("float32"))
+            told = {"identity": order, "number": order.astype("float32")}
+            writer.append([Frame(float(frame), x[order].astype("float32"), told)])
     page = view(tmp_path, fields=["number"]).html
     assert np.abs(places(page) - x).max() < 1e-4
     first, second = head(page)["parts"][:2]
@@ -91,7 +92,8 @@ def test_a_large_run_makes_a_file_of_at_most_60_megabytes(tmp_path):
         for frame in range(5):
             values = {name: random.normal(size=len(x)).astype("float32") for name in names}
             place = (x + random.normal(size=x.shape)).astype("float32")
-            writer.write(float(frame), place, identity=np.arange(len(x), dtype="int32"), **values)
+            values["identity"] = np.arange(len(x), dtype="int32")
+            writer.append([Frame(float(frame), place, values)])
     page = view(tmp_path)
     assert len(head(page.html)["fields"]) == FIELDS
     assert page.left_out
