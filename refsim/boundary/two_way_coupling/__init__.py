@@ -33,7 +33,7 @@ SOLID_NUMBER = Field(
 WET = Field("wet", "-", "sum of W over the liquid near a solid's particle, over W(0); a quarter of that beside it")
 SUCTION = Field("suction", "Pa", "least pressure of a film, below 0, where it breaks")
 ALLOWED_CLOSENESS = Field("allowed_closeness", "-", "how close others may be to a solid's particle", state=True)
-CONTACT_PRESSURE = Field("contact_pressure", "Pa", "what presses bodies apart that overlap, over their closeness")
+CONTACT_PRESSURE = Field("contact_pressure", "Pa", "what presses bodies apart that overlap, over the closeness of all")
 PLANE_PRESSURE = Field("plane_pressure", "Pa", "the same of planes across x, y and z", 3)
 FILM = WET, SUCTION, ALLOWED_CLOSENESS, CONTACT_PRESSURE, PLANE_PRESSURE
 TOLD_WET = Field("told_wet", "-", "wetness of solids in the step before", state=True)

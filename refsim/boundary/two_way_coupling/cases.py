@@ -276,7 +276,7 @@ IN_CORNER = {
     "walls": WallParticles(CORNER, np.full(2, 0.2)),
     "bounds": planes(np.array([-0.5, -0.5, -np.inf]), np.inf),
 }  # fmt: skip
-BORNE = 100 * np.array([3 * math.log(1.6), 3 * math.log(1.6) + 0.5625, 0.0]) / 1.6**3
+BORNE = 100 * np.array([3 * math.log(1.6), 3 * math.log(1.6) + 0.5625, 0.0]) / (2 * 1.6**3)
 
 
 closed_form(

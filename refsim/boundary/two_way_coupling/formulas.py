@@ -52,10 +52,10 @@ def side(place, bounds):
 
 
 @formula
-def pressed(close, allowed, growth, overlapping):
-    """s_k/C = K (ln(C/C_0) + tau (dC/dt)/C)/C [Pa], at least 0; 0 where C <= C_0."""
+def pressed(close, allowed, growth, total, overlapping):
+    """s/C_all = K (ln(C/C_0) + tau (dC/dt)/C)/C_all [Pa], at least 0; 0 where C <= C_0."""
     real = type(close)
     if close <= allowed:  # NaN goes on
         return real(0)
     push = real(math.log(close / allowed)) + overlapping.delay * growth / close
-    return real(0) if push < real(0) else overlapping.stiffness * push / close
+    return real(0) if push < real(0) else overlapping.stiffness * push / total

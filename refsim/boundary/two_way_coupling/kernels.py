@@ -264,15 +264,16 @@ def overlap(
         close, growth = close + planes[3], growth + planes[7]
     most = max(max(close, planes[0]), max(planes[1], planes[2]))
     allowed = min(allowed_closeness[i], max(most, type(zero)(1)))
+    total = close + planes[0] + planes[1] + planes[2]
     across = (
-        pressed(planes[0], allowed, planes[4], overlapping),
-        pressed(planes[1], allowed, planes[5], overlapping),
-        pressed(planes[2], allowed, planes[6], overlapping),
+        pressed(planes[0], allowed, planes[4], total, overlapping),
+        pressed(planes[1], allowed, planes[5], total, overlapping),
+        pressed(planes[2], allowed, planes[6], total, overlapping),
     )
     set_vector(plane_pressure, i, lane, across)
     if first_lane(lane):
         allowed_closeness[i] = allowed
-        contact_pressure[i] = pressed(close, allowed, growth, overlapping)
+        contact_pressure[i] = pressed(close, allowed, growth, total, overlapping)
 
 
 @pair

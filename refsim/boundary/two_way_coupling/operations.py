@@ -193,11 +193,11 @@ def overlap(
     close, growth = summed(ref.closeness), summed(ref.growth)
     most = maximum(maximum(close[0], close[1]), maximum(close[2], close[3]))
     allowed = minimum(before, maximum(most, 1))
-    push = []
+    total, push = close[0] + close[1] + close[2] + close[3], []
     for c, rate in zip(close, growth):
         near = solid & (c.value > allowed.value)
         c = where(near, c, 1)
-        push.append(where(near, ref.pressed(c, allowed, rate, stiffness, delay) / c, 0))
+        push.append(where(near, ref.pressed(c, allowed, rate, stiffness, delay) / where(near, total, 1), 0))
     return {
         "allowed_closeness": where(solid, allowed, before), "contact_pressure": push[0],
         "plane_pressure": tuple(np.stack(parts, 1) for parts in zip(*push[1:])),

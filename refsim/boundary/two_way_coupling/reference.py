@@ -129,12 +129,12 @@ def pressed(close, allowed, growth, stiffness, delay):
 
 
 def contact(k, s, ks, d, cell):
-    """a_k = -(d^dim/m_k) sum_s (s_k/C_k + s_s/C_s) grad n_ks^3 [m/s^2], `cell` = d^dim."""
+    """a_k = -(d^dim/m_k) sum_s (s_k/C_all + s_s/C_all) grad n_ks^3 [m/s^2], C_all its sum of all C; `cell` = d^dim."""
     return -cell / k.mass * s.share * (k.bears + s.bears) * gradient(k, s, ks, d)
 
 
 def contact_of_walls(k, b, kb, d, cell):
-    """a_k = -(d^dim/m_k) sum_b 2 o_b s_k/C_k grad n_kb^3 [m/s^2], s_k and C_k of meshes or of planes across an axis."""
+    """a_k = -(d^dim/m_k) sum_b 2 o_b s_k/C_all grad n_kb^3 [m/s^2], s_k of meshes or of planes across an axis."""
     return -2 * cell / k.mass * k.bears * b.share * gradient(k, b, kb, d)
 
 
