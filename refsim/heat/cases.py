@@ -316,10 +316,6 @@ POOR = 0.1 * CONDUCTIVITY
 SOLVED = _conduction_of(tolerance=1e-14)  # so that Chebyshev's iteration is backward Euler
 closed_form("heat.explicit", a_poor_conductor_forward=lambda: _pair(_moved(0.1 * WEIGHT * APART), conductivity=POOR))
 closed_form(
-    "heat.conjugate_gradient",
-    a_poor_conductor_backward=lambda: _pair(_moved(_alone(0.1 * WEIGHT) * APART), conductivity=POOR),
-)  # fmt: skip
-closed_form(
     "heat.chebyshev",
     a_poor_conductor_by_chebyshev=lambda: _pair(
         _moved(_alone(0.1 * WEIGHT) * APART), conductivity=POOR, conduction=SOLVED

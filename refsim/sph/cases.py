@@ -384,18 +384,6 @@ def braked_in_the_plane():
     return cases.Exact(FLAT_PAIR, inputs, {"acceleration": factor * 5 * np.array([[1.8, 2.4, 0.0], [-1.2, -1.6, 0.0]])})
 
 
-@cases.closed_form("sph.central_viscosity")
-def rigid_rotation():
-    """In rigid rotation, v = omega x r, the viscosity along the line of centres vanishes."""
-    position = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.5, 0.0, 0.0]])
-    three = cases.at("rigid_rotation", position)
-    inputs = {
-        "mass": [2.0, 3.0, 4.0], "density": [1000.0, 500.0, 800.0], "velocity": np.cross([0.5, -0.25, 2.0], position),
-        "central_viscosity": sph.CentralViscosity(2.0),
-    }  # fmt: skip
-    return cases.Exact(three, inputs, {"acceleration": np.zeros((3, 3))})
-
-
 for_each_kernel(  # as in space, 5 m apart in a periodic box of 6 m
     "sph.density", two_particles_across_a_border=lambda w: cases.across_a_border(two_particles(w), 6.0, walls=None)
 )
