@@ -296,16 +296,10 @@ def sample_beside_a_particle():
     return Exact(case, inputs, {"nearest": np.zeros(1, int), "offset_direction": direction, "fit_position": points})
 
 
-@closed_form("surface_energy.offsets")
-def sample_between_two_particles():
-    """Equally far from both: the particle with the lower number, of equal numbers the first; h = 2 m.
-
-    A particle 1e-4 m farther than the nearest is equally near, one 4e-4 m farther is not.
-    """
+def _nearest(number, apart, nearest, direction):
+    """Samples 6 m apart, each with particles that stand `apart` from it [m], h = 2 m, and their numbers."""
     case, grid, inputs = lone(2)
-    number = [[7, 4, 4, 0, 9], [5, 4, 3, 0, 9], [3, 4, 3, 0, 9], [3, 4, 3, 0, 1]]
-    apart = np.array([[-0.5, 0.0, 0.0], [0.5, 0.0, 0.0], [-0.5, 0.0, 0.0], [0.0, 0.5004, 0.0], [0.0, -0.5001, 0.0]])
-    sample = np.array([[1.5, 1.0 + 6 * k, 0.0] for k in range(4)])
+    sample = np.array([[1.5, 1.0 + 6 * k, 0.0] for k in range(len(number))])
     place = (sample[:, None] + apart).reshape(-1, 3)
     blocks = grid.cover(place, 4, 5)
     inputs |= {
@@ -313,26 +307,26 @@ def sample_between_two_particles():
         "cells": grid.by_cell(place, blocks), "sample_position": sample, "sample_cells": grid.by_cell(sample, blocks),
         "fit_position": None,
     }  # fmt: skip
-    direction = np.array([[-1.0, 0, 0], [1, 0, 0], [1, 0, 0], [0, 1, 0]])
-    return Exact(case, inputs, {"nearest": [1, 7, 10, 19], "offset_direction": direction})
+    return Exact(case, inputs, {"nearest": nearest, "offset_direction": np.array(direction)})
+
+
+@closed_form("surface_energy.offsets")
+def sample_between_two_particles():
+    """Equally far from both: the particle with the lower number, of equal numbers the first.
+
+    A particle 1e-4 m farther than the nearest is equally near, one 4e-4 m farther is not.
+    """
+    number = [[7, 4, 4, 0, 9], [5, 4, 3, 0, 9], [3, 4, 3, 0, 9], [3, 4, 3, 0, 1]]
+    apart = [[-0.5, 0.0, 0.0], [0.5, 0.0, 0.0], [-0.5, 0.0, 0.0], [0.0, 0.5004, 0.0], [0.0, -0.5001, 0.0]]
+    return _nearest(number, np.array(apart), [1, 7, 10, 19], [[-1.0, 0, 0], [1, 0, 0], [1, 0, 0], [0, 1, 0]])
 
 
 @closed_form("surface_energy.offsets")
 def sample_beside_three_particles():
-    """0.5, 0.50015 and 0.5003 m away, numbered 2, 1, 0, in each order: the last is not as near as the first (h = 2)."""
-    case, grid, inputs = lone(2)
+    """0.5, 0.50015 and 0.5003 m away, numbered 2, 1, 0, in each order: the last is not as near as the first."""
     order = np.array(list(itertools.permutations(range(3))))
     apart = np.array([[0.0, 0.5, 0.0], [0.0, -0.50015, 0.0], [-0.5003, 0.0, 0.0]])
-    sample = np.array([[1.5, 1.0 + 6 * k, 0.0] for k in range(len(order))])
-    place = (sample[:, None] + apart[order]).reshape(-1, 3)
-    blocks = grid.cover(place, 4, 5)
-    inputs |= {
-        "interior_position": place, "interior_number": 2 - np.ravel(order).astype(np.int32), "blocks": blocks,
-        "cells": grid.by_cell(place, blocks), "sample_position": sample, "sample_cells": grid.by_cell(sample, blocks),
-        "fit_position": None,
-    }  # fmt: skip
-    answer = {"nearest": np.flatnonzero(order == 1), "offset_direction": np.tile([0.0, 1.0, 0.0], (len(order), 1))}
-    return Exact(case, inputs, answer)
+    return _nearest(2 - order, apart[order], np.flatnonzero(order == 1), [[0.0, 1.0, 0.0]] * len(order))
 
 
 def spline_at(j: np.ndarray) -> np.ndarray:
