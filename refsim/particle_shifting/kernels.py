@@ -15,30 +15,16 @@ from refsim.smoothing.formulas import (
     safe_distance,
     viscosity_laplacian,
 )
-from refsim.sph.formulas import central_viscosity_pair, pressure_pair
+from refsim.sph.formulas import central_viscosity_pair, pressure_pair, volume_of
 from refsim.sph.kernels import LIQUID_PHASE
 
 
 @pair
 def crowding_pair(r, x_ij, mass_j, density_j, smoothing, shifting):
-    """Gradients of the concentration and of the filling by a neighbour [1/m]."""
-    g = gradients(mass_j / density_j, r, x_ij, smoothing, shifting)
-    return g[0], g[1], g[2], g[3], g[4], g[5]
-
-
-@formula
-def gradients(volume, r, x_ij, smoothing, shifting):
-    """V_j (1 + 0.2 (W_ij/W(d))^4) grad W_ij and V_j grad W_ij [1/m]."""
-    slope = gradient_factor(r, smoothing)
+    """V_j (1 + 0.2 (W_ij/W(d))^4) grad W_ij and V_j grad W_ij [1/m], V_j as `volume_of` says."""
+    volume, slope = volume_of(mass_j, density_j), gradient_factor(r, smoothing)
     f, g = shifting_pair(volume, kernel_value(r, smoothing), slope, shifting), volume * slope
     return f * x_ij[0], f * x_ij[1], f * x_ij[2], g * x_ij[0], g * x_ij[1], g * x_ij[2]
-
-
-@pair
-def wall_crowding_pair(r, x_ij, volume_j, smoothing, shifting):
-    """Gradients of the concentration and of the filling by a wall particle [1/m]."""
-    g = gradients(volume_j, r, x_ij, smoothing, shifting)
-    return g[0], g[1], g[2], g[3], g[4], g[5]
 
 
 @kernel(lanes=True)
@@ -57,9 +43,8 @@ def put_gradients(
 ):  # fmt: skip
     """Write what `crowding` says [1/m] with the neighbours' sums; the walls' are added."""
     if walls is not None:
-        sums = added(
-            sums, neighbour_sum(wall_crowding_pair, i, lane, walls, position, period, walls.volume, smoothing, shifting)
-        )
+        beside = neighbour_sum(crowding_pair, i, lane, walls, position, period, walls.volume, None, smoothing, shifting)
+        sums = added(sums, beside)
     set_vector(concentration_gradient, i, lane, sums[0:3])
     if filling_gradient is not None:
         set_vector(filling_gradient, i, lane, sums[3:6])

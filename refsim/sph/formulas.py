@@ -46,6 +46,15 @@ def film_pressure(both, least):
 
 
 @formula
+def volume_of(mass, density):
+    """V = m/rho [m^dim]; `mass` itself, the volume of a wall's particle, without a density."""
+    volume = mass
+    if density is not None:
+        volume = mass / density
+    return volume
+
+
+@formula
 def continuity_pair(volume_j, approach, slope):
     """Continuity equation for one neighbour: (d rho_i/dt)/rho_i = V_j (v_i - v_j).x_ij W'(r)/r [1/s].
 

@@ -10,7 +10,7 @@ from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import first_lane, set_vector
 from refsim.smoothing.formulas import gradient_factor, kernel_slope, kernel_value, safe_distance, viscosity_laplacian
 from refsim.sph import formulas
-from refsim.sph.formulas import central_viscosity_pair, corrected, pressure_pair, viscosity_pair
+from refsim.sph.formulas import central_viscosity_pair, corrected, pressure_pair, viscosity_pair, volume_of
 
 LIQUID_PHASE = 0  # in `phase`; solids have others
 
@@ -313,16 +313,8 @@ def momentum_pair(
 
 @pair
 def filling_pair(r, x_ij, mass_j, density_j, smoothing):
-    """-V_j x_ij grad W_ij of a neighbour, as (xx, yy, zz, xy, xz, yz); dimensionless."""
-    f = -mass_j / density_j * gradient_factor(r, smoothing)
-    x, y, z = x_ij[0], x_ij[1], x_ij[2]
-    return f * x * x, f * y * y, f * z * z, f * x * y, f * x * z, f * y * z
-
-
-@pair
-def wall_filling_pair(r, x_ij, volume_j, smoothing):
-    """The same of a wall particle."""
-    f = -volume_j * gradient_factor(r, smoothing)
+    """-V_j x_ij grad W_ij as (xx, yy, zz, xy, xz, yz), V_j as `volume_of` says; dimensionless."""
+    f = -volume_of(mass_j, density_j) * gradient_factor(r, smoothing)
     x, y, z = x_ij[0], x_ij[1], x_ij[2]
     return f * x * x, f * y * y, f * z * z, f * x * y, f * x * z, f * y * z
 
@@ -334,7 +326,7 @@ def gradient_correction(
     """Bonet & Lok 1999: matrix B_i of the gradients, dimensionless."""
     sums = neighbour_sum(filling_pair, i, lane, neighbours, position, period, mass, density, smoothing)
     if walls is not None:
-        sums = added(sums, neighbour_sum(wall_filling_pair, i, lane, walls, position, period, walls.volume, smoothing))
+        sums = added(sums, neighbour_sum(filling_pair, i, lane, walls, position, period, walls.volume, None, smoothing))
     matrix = formulas.gradient_correction(sums[0], sums[1], sums[2], sums[3], sums[4], sums[5], smoothing)
     set_vector(correction_diagonal, i, lane, matrix[0:3])
     set_vector(correction_mixed, i, lane, matrix[3:6])
