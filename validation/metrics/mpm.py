@@ -49,7 +49,7 @@ class Transfers:
             "mass": self.mass, "volume_ratio": np.ones(n) if ratio is None else np.array(ratio),
             "background": background, "liquid": Liquid(DENSITY, MODULUS, *np.zeros(4, np.int32)),
             "timestep": np.array([step, step]), "grid": MpmGrid(dim, "float64", CELL, Backend("cpu")),
-            "scratch": Scratch(Backend("cpu")), "cell": np.zeros(n, np.int32), "displacement": np.zeros(2),
+            "scratch": Scratch(Backend("cpu")), "cell": np.zeros(n, np.int32), "displacement": np.zeros(3),
             "step_extremes": np.zeros(4),
         }  # fmt: skip
         self.embedded = samples is not None and reading > 0
