@@ -192,7 +192,6 @@ class ParticleWriter:
 
     def _go_on(self, resume_time: float) -> None:
         """Take the frames that are there, and drop late ones."""
-        refuse_older(self.path.parent)
         self._heads = [read_head(file) for file in frame_files(self.path)]
         if not self._heads:
             return
@@ -223,20 +222,15 @@ class ParticleWriter:
         self.close()
 
 
-def refuse_older(folder: Path) -> None:
-    """Raise InputError where the folder holds the frames of an older version, which this one does not read."""
-    if (folder / OLDER).exists():
-        raise InputError(
-            f"{folder / OLDER} was written by an earlier version of refsim, whose frames this one does not read; open"
-            " it in ParaView, or run the scene again into another folder."
-        )
-
-
 def heads_of(path: Path) -> list[Head]:
     """The heads of the frames of a collection, in order of time. Raises InputError where there is none."""
     heads = [read_head(file) for file in frame_files(path)]
     if not heads:
-        refuse_older(path.parent)
+        if (older := path.parent / OLDER).exists():
+            raise InputError(
+                f"{older} was written by an earlier version of refsim, whose frames this one does not read; open it in"
+                " ParaView, or run the scene again into another folder."
+            )
         raise InputError(f"there are no frames of {path}; give the folder of a run that has written one.")
     return heads
 
