@@ -11,8 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel, on_device, overloaded, row_kernel
-from refsim.backends.primitives import set_four, sum_before
+from refsim.backends.compile import (
+    THREADS_PER_BLOCK,
+    cuda,
+    cuda_formula,
+    cuda_kernel,
+    on_device,
+    overloaded,
+    row_kernel,
+)
+from refsim.backends.primitives import set_four, sum_before, sum_of_block
 from refsim.backends.runtime import branch, cupy_or_numpy, on_branch, own_stream, simulated
 
 
@@ -55,75 +63,74 @@ def stable_order(keys: Any, out: Any = None) -> Any:
     return out
 
 
-# Running sums by kernels only, so that they can be recorded: sums of tiles, sums before each tile, sums within tiles.
-EACH = 8  # values that a thread adds up
+# Running sums by kernels only, so that they can be recorded: sums of tiles, then sums within tiles.
+EACH = 8  # values that a thread adds up in a turn
+MOST_TILES = 1024
+
+
+@cuda_formula
+def tile_of(values, totals):  # noqa: ANN001, ANN201
+    """(first, end) of a thread block's tile of the `values`: as many turns of the block as are needed for all tiles."""
+    turn = cuda.blockDim.x * EACH
+    length = (values.shape[0] + turn * totals.shape[0] - 1) // (turn * totals.shape[0]) * turn
+    first = min(cuda.blockIdx.x * length, values.shape[0])
+    return first, min(first + length, values.shape[0])
 
 
 @cuda_kernel(rows_of="totals", block_for_each_row=True)
 def add_up_tiles(values, totals):  # noqa: ANN001, ANN201
-    """totals[b] = sum of the int32 `values` of tile b, EACH for each of a block's threads."""
-    first = (cuda.blockIdx.x * cuda.blockDim.x + cuda.threadIdx.x) * EACH
+    """totals[b] = sum of the int32 `values` of tile b."""
+    first, end = tile_of(values, totals)
     total = 0
-    for k in range(first, min(first + EACH, values.shape[0])):
+    for k in range(first + cuda.threadIdx.x, end, cuda.blockDim.x):
         total += values[k]
-    shared = cuda.shared.array(THREADS_PER_BLOCK, np.int32)
-    before = sum_before(shared, total)
-    if cuda.threadIdx.x == cuda.blockDim.x - 1:
-        totals[cuda.blockIdx.x] = before + total
-
-
-@cuda_kernel(rows_of="one", block_for_each_row=True)
-def add_up_before(totals, one):  # noqa: ANN001, ANN201
-    """totals[b] = sum of those before it; one block."""
-    share = (totals.shape[0] + cuda.blockDim.x - 1) // cuda.blockDim.x
-    first = cuda.threadIdx.x * share
-    end = min(first + share, totals.shape[0])
-    total = 0
-    for k in range(first, end):
-        total += totals[k]
-    shared = cuda.shared.array(THREADS_PER_BLOCK, np.int32)
-    before = sum_before(shared, total)
-    for k in range(first, end):
-        mine = totals[k]
-        totals[k] = before
-        before += mine
+    total = sum_of_block(cuda.shared.array(THREADS_PER_BLOCK, np.int32), total)
+    if cuda.threadIdx.x == 0:
+        totals[cuda.blockIdx.x] = total
 
 
 @cuda_kernel(rows_of="totals", block_for_each_row=True)
 def add_up_within(values, totals, out):  # noqa: ANN001, ANN201
-    """out[i] = values[0] + ... + values[i]; `totals` are the sums before each tile."""
-    first = (cuda.blockIdx.x * cuda.blockDim.x + cuda.threadIdx.x) * EACH
-    total = 0
-    for k in range(first, min(first + EACH, values.shape[0])):
-        total += values[k]
+    """out[i] = values[0] + ... + values[i]; `totals` are the sums of the tiles."""
     shared = cuda.shared.array(THREADS_PER_BLOCK, np.int32)
-    running = totals[cuda.blockIdx.x] + sum_before(shared, total)
-    for k in range(first, min(first + EACH, values.shape[0])):
-        running += values[k]
-        out[k] = running
+    total = 0
+    for k in range(cuda.threadIdx.x, cuda.blockIdx.x, cuda.blockDim.x):
+        total += totals[k]
+    before = sum_of_block(shared, total)
+    begin, end = tile_of(values, totals)
+    for at in range(begin, end, cuda.blockDim.x * EACH):
+        first = at + cuda.threadIdx.x * EACH
+        total = 0
+        for k in range(first, min(first + EACH, end)):
+            total += values[k]
+        cuda.syncthreads()
+        running = before + sum_before(shared, total)
+        for k in range(first, min(first + EACH, end)):
+            running += values[k]
+            out[k] = running
+        if at + cuda.blockDim.x * EACH < end:
+            cuda.syncthreads()
+            before += sum_of_block(shared, total)
 
 
 def tiles(values: int) -> int:
     """Number of tiles of so many values."""
-    tile = add_up_tiles.threads * EACH
-    return (values + tile - 1) // tile
+    turn = add_up_tiles.threads * EACH
+    return min((values + turn - 1) // turn, MOST_TILES)
 
 
 class RunningSum:
     """out[i] = values[0] + ... + values[i] for one pair of int32 arrays, as launches that can be recorded.
 
-    totals  (tiles and one more) int32, scratch memory; by default its own
+    totals  (tiles,) int32, scratch memory; by default its own
     """
 
     def __init__(self, values: Any, out: Any, totals: Any = None) -> None:
         self.values, self.out = values, out
-        count = tiles(values.shape[0])
-        totals = empty(count + 1, np.int32) if totals is None else totals
-        self.totals, self.one = totals[:count], totals[count:]
+        self.totals = empty(tiles(values.shape[0]), np.int32) if totals is None else totals
 
     def __call__(self) -> None:
         add_up_tiles(self.values, self.totals)
-        add_up_before(self.totals, self.one)
         add_up_within(self.values, self.totals, self.out)
 
 

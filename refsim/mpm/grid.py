@@ -23,7 +23,7 @@ from refsim.sparse_grid.tables import blocks_of, reached
 NODES = 64  # of a block
 SLACK = {"cuda": 1}  # blocks by which a new table reaches further, where making one costs more than passing over it
 EACH_TABLE = {2: 9, 3: 27}  # neighbours of a block
-TILE = 64 if simulated() else 1024  # cells whose points a thread block of the GPU adds up
+TILE, MOST_TILES = 64 if simulated() else 1024, 1024  # cells that a thread block of the GPU adds up, and such blocks
 UNSEEN = 8  # steps, of half a cell each at most, in which a particle crosses no more than one block
 OUT_OF_ORDER = 0.05  # share of particles out of order in memory, above which they are sorted
 
@@ -270,6 +270,6 @@ def grid_bytes(
     lists = sum(4 * (bins + count) for count in (particles, *sets)) + sum(4 * count for count in sets)
     if not on_device:
         return tables + arrays + lists
-    counts = 4 * (nodes + -(-nodes // TILE) + 1)  # of each cell, of tiles of cells, of all
+    counts = 4 * (nodes + min(-(-nodes // TILE), MOST_TILES))  # of each cell, of tiles of cells
     sorting = sum(counts + 8 * count for count in (particles, *sets)) + 4 * capacity_of(particles)
     return tables + arrays + lists + sorting + capacity_of(blocks) * 5 * real

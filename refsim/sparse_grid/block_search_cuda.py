@@ -72,7 +72,7 @@ Lists = namedtuple("Lists", "first point held place unsorted totals")
 
 def lists_of(empty, bins, points):
     """Lists of so many points; empty(part, shape, dtype) gives the arrays."""
-    shapes = bins + 1, points, bins, points, points, device.tiles(bins) + 1
+    shapes = bins + 1, points, bins, points, points, device.tiles(bins)
     return Lists(*(empty(part, shape, np.int32) for part, shape in zip(Lists._fields, shapes, strict=True)))
 
 

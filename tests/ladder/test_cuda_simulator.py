@@ -110,6 +110,17 @@ def test_particles_are_sorted_stably_by_cell(cuda, name):
     assert sorter.by_count is None or bool(sorter.mirror.read()[6]) == flung
 
 
+@pytest.mark.parametrize("most", [3, 1024])
+def test_running_sums_of_tiles_of_one_turn_and_of_more(cuda, monkeypatch, most):
+    from refsim.backends import device
+
+    monkeypatch.setattr(device, "MOST_TILES", most)
+    for count in (1, 63, 65, 1000):
+        values, out = np.random.default_rng(count).integers(0, 9, count, dtype=np.int32), cuda.zeros(count, "int32")
+        device.RunningSum(cuda.asarray(values), out)()
+        assert (cuda.host(out) == np.cumsum(values)).all()
+
+
 def test_particle_at_no_place_has_no_neighbours_and_hides_none(cuda):
     position = cloud(30, 3)
     position[11, 1] = np.nan

@@ -181,7 +181,7 @@ def support_launches(dtype):
         (cell_order.clear_counts, (integers, integers)), (cell_order.box_of_cells, (keys, integers)),
         (cell_order.count_cells, (keys, *4 * (integers,))), (cell_order.fill_buckets, 6 * (integers,)),
         (cell_order.order_buckets, (*5 * (integers,), keys)), (device.add_up_tiles, (integers, integers)),
-        (device.add_up_before, (integers, integers)), (device.add_up_within, (integers, integers, integers)),
+        (device.add_up_within, (integers, integers, integers)),
         (reductions.sum_chunk.on("cuda"), (integers, integers)),
         (reductions.write_chunk.on("cuda"), (integers, integers, integers)),
         (cell_boxes.near_cells, (keys, integers, None, n, integers)),
