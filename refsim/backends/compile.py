@@ -119,16 +119,18 @@ class CudaKernel:
     True for `neighbours`), or, with `block_for_each_row`, a block, of `threads` threads where the kernel counts on
     their number. `registers` is the largest number for each thread: with fewer registers more threads run at a time,
     and some values are kept in local memory. With `looping` there are no more threads than run at a time, and the
-    kernel takes its rows in a loop.
+    kernel takes its rows in a loop; with `resident` it has one block for each multiprocessor, and they may wait for
+    each other.
     """
 
     def __init__(
         self, function: Callable, *, rows_of: str | None = None, lanes: bool | str | int = False,
         block_for_each_row: bool = False, threads: int | None = None, registers: int | None = None,
-        looping: bool = False,
+        looping: bool = False, resident: bool = False,
     ) -> None:  # fmt: skip
         names = list(inspect.signature(function).parameters)
         self.function, self.block_for_each_row, self.looping = function, block_for_each_row, looping
+        self.resident = resident
         if isinstance(lanes, bool):
             lanes = "neighbours" if lanes else 1
         self.lanes = 1 if isinstance(lanes, str) else lanes
@@ -150,7 +152,9 @@ class CudaKernel:
 
     def __call__(self, *arguments: Any) -> None:
         of = arguments[self.rows_at]
-        rows = (getattr(of, self.member) if self.member else of).shape[0] * self.lanes
+        rows = multiprocessors() * self.threads
+        if not self.resident:
+            rows = (getattr(of, self.member) if self.member else of).shape[0] * self.lanes
         if self.list_at is not None:
             rows *= len(arguments[self.list_at].lanes)
         if rows:

@@ -213,3 +213,19 @@ def sum_before_lane(value, lane, lanes):  # noqa: ANN001, ANN201
         together = np.int32(together + other)
         step *= 2
     return before, together
+
+
+@cuda_formula
+def wait_for_all(arrived, at, times):  # noqa: ANN001, ANN201
+    """Wait until all thread blocks of a resident kernel have been here so many times, counted in arrived[at] from 0.
+
+    What they wrote before is then read behind this.
+    """
+    cuda.threadfence()
+    cuda.syncthreads()
+    if cuda.threadIdx.x == 0:
+        cuda.atomic.add(arrived, at, 1)
+        while cuda.atomic.add(arrived, at, 0) < times * cuda.gridDim.x:
+            pass
+        cuda.threadfence()
+    cuda.syncthreads()

@@ -134,21 +134,27 @@ def note_rounds(i, velocity, compensation_x, rounds):
         rounds[1] = 1
 
 
+@formula
+def compensate_one(i, lane, weight, places, neighbours, old, compensation_x, compensation_rest):
+    """A of particle i by a round from `old`; A = I for a reservoir."""
+    sums = neighbour_sum(
+        moment_pair, i, lane, neighbours, places.position, places.period, places.volume, old.x, old.rest,
+        places.conduction,
+    )  # fmt: skip
+    if first_lane(lane):
+        a = compensated((*three(old.x, i), *three(old.rest, i)), inverse_moment(sums[0:6]), sums[6:12], weight)
+        if held(i, places.reservoir):
+            one, zero = type(weight)(1), type(weight)(0)
+            a = one, zero, zero, one, zero, one
+        put(compensation_x, i, a[0:3])
+        put(compensation_rest, i, a[3:6])
+
+
 @kernel(lanes=True)
 def compensate(i, lane, rounds, k, weight, places, neighbours, old, compensation_x, compensation_rest):
-    """Round k of a start, or the one of a step in which something moves, from `old`; A = I for a reservoir."""
+    """Round k of a start, or the one of a step in which something moves."""
     if rounds[1] != 0 or (k == 0 and rounds[0] != 0):
-        sums = neighbour_sum(
-            moment_pair, i, lane, neighbours, places.position, places.period, places.volume, old.x, old.rest,
-            places.conduction,
-        )  # fmt: skip
-        if first_lane(lane):
-            a = compensated((*three(old.x, i), *three(old.rest, i)), inverse_moment(sums[0:6]), sums[6:12], weight)
-            if held(i, places.reservoir):
-                one, zero = type(weight)(1), type(weight)(0)
-                a = one, zero, zero, one, zero, one
-            put(compensation_x, i, a[0:3])
-            put(compensation_rest, i, a[3:6])
+        compensate_one(i, lane, weight, places, neighbours, old, compensation_x, compensation_rest)
 
 
 @kernel

@@ -9,8 +9,8 @@ import numpy as np
 
 from refsim.backends import device
 from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel, formula
-from refsim.backends.primitives import four_of, largest_of_block, sum_of_block
-from refsim.heat.kernels import capacity_of, factor_in, weight_at
+from refsim.backends.primitives import four_of, largest_of_block, sum_of_block, wait_for_all
+from refsim.heat.kernels import capacity_of, compensate_one, factor_in, weight_at
 from refsim.heat.reductions import flow_along, new_direction, new_solution, step_ratio
 from refsim.heat.shapes import ExchangeColumns
 from refsim.neighbours.formulas import to_nearest_image
@@ -159,3 +159,19 @@ def add_up(partial, target, one, dots):
         if target == 0:
             dots[2] = dots[0]
         dots[target] = whole
+
+
+@cuda_kernel(resident=True)
+def start_anew(rounds, weights, places, neighbours, first, second):
+    """The rounds of a start behind the first one, from `first` into `second` and back; none without a start."""
+    if rounds[1] != 0:
+        lanes, last = len(neighbours.lanes), places.volume.shape[0] - 1
+        threads = cuda.gridDim.x * cuda.blockDim.x
+        for k in range(len(weights)):
+            for row in range(cuda.grid(1), (last // threads * lanes + lanes) * threads, threads):
+                i, lane = min(row // lanes, last), (row % lanes, lanes)  # all come, since lanes add up together
+                if k % 2 == 0:
+                    compensate_one(i, lane, weights[k], places, neighbours, first, second.x, second.rest)
+                else:
+                    compensate_one(i, lane, weights[k], places, neighbours, second, first.x, first.rest)
+            wait_for_all(rounds, 2, k + 1)

@@ -34,7 +34,7 @@ def compensation(
 ):  # fmt: skip
     """A of every particle: five sums over neighbours at the start, one in a step in which something moves."""
     n, real = volume.shape[0], volume.dtype
-    rounds = scratch.array("heat rounds", 2, np.int32)
+    rounds = scratch.array("heat rounds", 3, np.int32)
     scratch.backend.assign(rounds, 0)
     kernels.note_rounds(velocity, compensation_x, rounds)
     given = Tensors(compensation_x, compensation_rest)
@@ -43,14 +43,17 @@ def compensation(
     host = scratch.backend.name != "cuda"  # a GPU decides by itself
     if host and not rounds.any():
         return
-    for k, weight in enumerate(ROUNDS):  # an odd number: the last one writes where the first has read
-        kernels.compensate(rounds, np.int32(k), real.type(weight or ONE_ROUND), places, neighbours, given, *made)
-        if k > 0:
+    weights = tuple(real.type(weight or ONE_ROUND) for weight in ROUNDS)
+    kernels.compensate(rounds, np.int32(0), weights[0], places, neighbours, given, *made)
+    kernels.take_over(rounds, made, *given)
+    if not host:
+        from refsim.heat import reductions_cuda
+
+        reductions_cuda.start_anew(rounds, weights[1:], places, neighbours, given, made)
+    elif rounds[1]:
+        for k, weight in enumerate(weights[1:], 1):  # an even number: the last one writes where the first has read
+            kernels.compensate(rounds, np.int32(k), weight, places, neighbours, given, *made)
             given, made = made, given
-        else:
-            kernels.take_over(rounds, made, *given)
-            if host and not rounds[1]:
-                return
 
 
 # What the schemes share
