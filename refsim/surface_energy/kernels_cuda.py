@@ -27,7 +27,7 @@ def arrays(blocks, real, particles=0, vertices=0, facets=0):
     made = np.zeros(COUNTS, np.int32)
     made[VERTICES], made[MADE] = vertices, facets
     a["counts"] = device.as_numba(device.cupy_or_numpy().asarray(made))
-    for name in ("held_points", "members", "node_label", "first", "vertex_edge", "facets"):
+    for name in ("held_points", "held_samples", "members", "node_label", "first", "vertex_edge", "facets"):
         device.fill(a[name], 0)
     for name in ("vertex_centre", "nearest"):  # where a search begins
         device.fill(a[name], -1)
@@ -56,9 +56,8 @@ def node_states(interior_position, cells, blocks, surface_term, node_state):
 def components(blocks, node_state, node_label):
     """The lowest node of each inside node's component: within blocks, then across them."""
     a = arrays(blocks, np.float32) | {"node_state": node_state, "node_label": node_label}
-    _without_facets(a)
     stages.mark_nodes(a, blocks, None, given=True)
-    stages.write_cuts(a, blocks, _no_table())
+    stages.join_components(a, blocks)
 
 
 def component_sizes(cells, node_label, blocks, component_size):
@@ -66,37 +65,21 @@ def component_sizes(cells, node_label, blocks, component_size):
     a = arrays(blocks, np.float32)
     label = device.empty(node_label.shape, np.int32)
     device.copy(node_label, label)
-    _without_facets(a)
-    stages.write_cuts(a | {"first": cells.first, "node_label": label}, blocks, _no_table())
+    stages.join_components(a | {"first": cells.first, "node_label": label}, blocks)
     look_up_members(cells.cell, label, a["members"], component_size)
-
-
-def _without_facets(a):
-    for name in ("crossings", "cell_case", "cut_total"):
-        device.fill(a[name], 0)
-
-
-def _no_table():
-    """The table of cases in the plane, whose first case has no facets."""
-    from refsim.isosurface import CaseTable, case_table
-
-    table = case_table(2)
-    count, edge, corner = (device.as_numba(device.cupy_or_numpy().asarray(part)) for part in table[:3])
-    return CaseTable(count, edge, corner, table.merged)
 
 
 def classify(blocks, node_state, table, crossings, cell_case):
     """Cut edges and corner states, with the numbers of vertices and facets."""
     a = arrays(blocks, np.float32)
     a |= {"node_state": node_state, "crossings": crossings, "cell_case": cell_case}
-    stages.count_cuts(a, blocks, table)
+    stages.count_cuts(a, blocks, table, a["counts"])
 
 
 def facets(blocks, node_state, table, vertex_edge, facets):
     """Vertices by their edges, facets by their vertices; numbered by block, then within each block."""
     a = arrays(blocks, np.float32) | {"node_state": node_state, "vertex_edge": vertex_edge, "facets": facets}
-    device.fill(a["node_label"], -1)
-    stages.count_cuts(a, blocks, table)
+    stages.count_cuts(a, blocks, table, a["counts"])
     stages.write_cuts(a, blocks, table)
 
 
@@ -113,7 +96,7 @@ def facet_samples(vertex_position, facets, blocks, surface_term, sample_position
     a |= {"vertex_position": vertex_position, "facets": facets, "facet_normal": facet_normal}
     stages.place_points(a, vertex_position, a["number"], blocks, surface_term)
     a |= {"inset_position": vertex_position, "sample_position": sample_position, "sample_area": sample_area}
-    stages.place_samples(a, vertex_position, a["number"], blocks, surface_term, np.int32(0))
+    stages.place_samples(a, vertex_position, a["number"], blocks, surface_term, np.int32(0), a["counts"])
 
 
 def _points_as_facets(a, position):
@@ -127,15 +110,20 @@ def offsets(
     interior_position, interior_number, cells, blocks, surface_term, sample_position, sample_cells, nearest,
     offset_direction, fit_position,
 ):  # fmt: skip
-    """Section 4.3.1, at facets without extent: directions and points of the fit, then the nearest particles."""
+    """Section 4.3.1, at facets without extent: directions and points of the fit, then the nearest particles.
+
+    Without points of the fit the directions are those at vertices.
+    """
     count = sample_position.shape[0]
     a = sorted_particles(interior_position, blocks, surface_term, count, count)
     _points_as_facets(a, sample_position)
-    a |= {"outward": offset_direction, "nearest": nearest}
-    if fit_position is not None:
+    a |= {"outward": offset_direction, "vertex_outward": offset_direction, "nearest": nearest}
+    if fit_position is None:
+        stages.turn_vertices(a, interior_position, interior_number, blocks, surface_term)
+    else:
         a["fit_position"] = fit_position
-    stages.place_points(a, interior_position, interior_number, blocks, surface_term)
-    stages.place_samples(a, interior_position, interior_number, blocks, surface_term, np.int32(0))
+        stages.place_points(a, interior_position, interior_number, blocks, surface_term)
+    stages.place_samples(a, interior_position, interior_number, blocks, surface_term, np.int32(0), a["counts"])
 
 
 def _sorted_points(fit_position, fit_cells, blocks, term):
@@ -150,7 +138,7 @@ def fit_weights(fit_position, fit_cells, blocks, surface_term, fit_splines, node
     """(3.7), and the splines, which the stage keeps cell by cell; 0 for points outside all blocks."""
     a = _sorted_points(fit_position, fit_cells, blocks, surface_term) | {"node_weight": node_weight}
     stages.sweep(a, blocks, surface_term)
-    xp, kept = device.cupy_or_numpy(), device.as_cupy(a["fit_splines"])
+    xp, kept = device.cupy_or_numpy(), device.as_cupy(a["fit_splines"]).T
     kept = xp.concatenate([kept, xp.zeros((1, kept.shape[1]), kept.dtype)])
     device.gather(device.as_numba(kept), device.as_numba(_rows(a, fit_cells.cell)), fit_splines)
 
@@ -169,9 +157,8 @@ def _rows(a, cells):
 def fit(fit_position, fit_splines, fit_cells, blocks, surface_term, residual, coefficients):
     """(3.6), Algorithm 2, from the given splines; residuals stay in registers, so that there is no such output."""
     a = _sorted_points(fit_position, fit_cells, blocks, surface_term) | {"coefficients": coefficients}
-    order = device.cupy_or_numpy().argsort(_rows(a, fit_cells.cell))
-    a["fit_splines"] = device.empty(fit_splines.shape, fit_splines.dtype)
-    device.gather(fit_splines, device.as_numba(order), a["fit_splines"])
+    xp, order = device.cupy_or_numpy(), device.cupy_or_numpy().argsort(_rows(a, fit_cells.cell))
+    a["fit_splines"] = device.as_numba(xp.ascontiguousarray(device.as_cupy(fit_splines)[order].T))
     stages.sweep(a, blocks, surface_term)
 
 
@@ -203,4 +190,5 @@ def surface_force(sample_position, sample_area, sample_normal, blocks, surface_t
     """(4.18*): first over the samples of each cell, then over the cells that reach a node."""
     a = arrays(blocks, sample_position.dtype, facets=sample_position.shape[0])
     a |= {"sample_position": sample_position, "sample_area": sample_area, "sample_normal": sample_normal}
+    stages.locate_samples(a, blocks, surface_term)
     stages.pull(a | {"node_force": node_force}, blocks, surface_term)

@@ -1,10 +1,10 @@
 """A reconstruction on a CUDA device, in arrays with capacities above what was found last.
 
 A run's surface is one recorded graph: the host launches it as a whole, learns how many vertices and facets there are
-while the device goes on, and waits once at the end. If a capacity is exceeded, or a particle stands in no block, the
-host enlarges the arrays and records the graph again. The stages are the programs "cuda" of the operations whose outputs
-they compute (`refsim.surface_energy.kernels_cuda`). A surface that is not reused, because its arrays
-are kept, is made by the same stages, launched one by one.
+while the device goes on, and does not wait for the end. If a capacity is exceeded, or a particle stands in no block,
+the host enlarges the arrays and records the graph again. The stages are the programs "cuda" of the operations whose
+outputs they compute (`refsim.surface_energy.kernels_cuda`). A surface that is not reused, because its arrays are kept,
+is made by the same stages, launched one by one.
 """
 
 from collections.abc import Callable
@@ -31,14 +31,17 @@ GRAPHS = 4  # particles may stand in so many arrays by turns
 class RecordedSurface(Surface):
     """A surface whose arrays are overwritten by the next one; arrays beside the samples are made on request.
 
-    padded  the samples in all of their arrays: behind them are some at NaN, of area 0 and without a particle (-1)
+    padded   the samples in all of their arrays: behind them are some at NaN, of area 0 and without a particle (-1)
+    unfound  of the last surface: the host does not wait until this one has its samples
     """
 
     def __init__(
-        self, samples: Samples, padded: Samples, blocks: Blocks, cells: PointList, later: dict[str, Callable[[], Any]]
-    ) -> None:
+        self, samples: Samples, padded: Samples, blocks: Blocks, cells: PointList, later: dict[str, Callable[[], Any]],
+        told: device.PinnedCopy,
+    ) -> None:  # fmt: skip
         self.samples, self.padded, self.blocks, self.cells, self.seconds = samples, padded, blocks, cells, {}
-        self._later = later
+        self._later, self._told = later, told
+        self.most_in_a_cell = int(told.values[MOST])
 
     def __getattr__(self, name: str) -> Any:
         later = self.__dict__.get("_later", {})
@@ -52,7 +55,7 @@ class RecordedSurface(Surface):
         later = {name: call() for name, call in self._later.items()}
         return Surface(
             self.samples, blocks=self.blocks, cells=self.cells, seconds=self.seconds,
-            most_in_a_cell=self.most_in_a_cell, unfound=self.unfound, **later,
+            most_in_a_cell=self.most_in_a_cell, unfound=bool(self._told.read()[UNFOUND]), **later,
         )  # fmt: skip
 
 
@@ -76,10 +79,12 @@ class DeviceReconstruction(Reconstruction):
 
     def surface(self, position: Any, step: int = 0, volume: float | None = None, number: Any = None) -> Surface:
         number, graph = self._numbers(position, number), self._graph if self.reused else None
+        lost = graph is not None and bool(graph.sent.values[UNFOUND])
         for _ in range(3):  # blocks for particles that have left theirs, then capacity for vertices and facets
             if graph is not None and graph.particles == position.shape[0]:
                 surface = graph.surface(position, number, volume)
                 if surface is not None:
+                    surface.unfound = lost
                     return surface if self.reused else surface.kept()
             last, margin = self._graph, self.grid.programs.width if self.reused else 0
             blocks, sure = self.grid.programs.with_margin(position, self.below, self.above, margin)
@@ -121,7 +126,7 @@ class SurfaceGraph:
         )
         device.fill(self.arrays["cell"], -1)  # of each particle, where it was last
         device.fill(self.arrays["coefficients"], 0)  # which is not fitted for all kinds of normals
-        self.sent_counts, self.ended = (device.PinnedCopy(self.arrays["counts"]) for _ in range(2))
+        self.sent = device.PinnedCopy(self.arrays["counts"])
         self.mark = device.Event()
         self.graphs: dict[Any, tuple[device.CudaGraph, ...]] = {}
         self.pulling = device.CudaGraph(lambda: stages.pull(self.arrays, self.blocks, self.owner.term))
@@ -130,7 +135,7 @@ class SurfaceGraph:
 
     def capacity(self) -> tuple[int, int]:
         """Vertices and facets for which another one should have capacity."""
-        counts, a = self.sent_counts.values, self.arrays
+        counts, a = self.sent.values, self.arrays
         capacity = a["vertex_edge"].shape[0], a["facets"].shape[0]
         if counts[MISSING]:  # what was found is incomplete; what fits was found once
             return capacity[0] * MARGIN // (MARGIN + 1), capacity[1] * MARGIN // (MARGIN + 1)
@@ -155,7 +160,7 @@ class SurfaceGraph:
         self.mark.set()
         fit()
         self.mark.wait()
-        a, view, counts = self.arrays, self._view, self.sent_counts.values
+        a, view, counts = self.arrays, self._view, self.sent.values
         vertices, facets = int(counts[VERTICES]), int(counts[MADE])
         suffices = not counts[MISSING] and facets == counts[FACETS]
         if volume is not None and suffices:
@@ -167,7 +172,7 @@ class SurfaceGraph:
             call()
         self.compiled = True
         if not suffices:
-            self.ended.read()
+            self.sent.read()
             return None
         names = ("sample_position", "sample_normal", "sample_area", "nearest")
         place, normal, area, nearest = (view(name, facets) for name in names)  # `position` belongs to the graphs
@@ -183,10 +188,8 @@ class SurfaceGraph:
             "offset_direction": lambda: view("outward", facets),
             "sample_place": lambda: view("sample_place", facets),
         }
-        recorded = RecordedSurface(self.samples, padded, self.blocks, cells, later)
+        recorded = RecordedSurface(self.samples, padded, self.blocks, cells, later, self.sent)
         recorded.seconds = self.owner._seconds
-        ended = self.ended.read()  # what the host does before is done while the device is at work
-        recorded.most_in_a_cell, recorded.unfound = int(ended[MOST]), bool(ended[UNFOUND])
         return recorded
 
     def force(self) -> Any:
@@ -214,29 +217,45 @@ class SurfaceGraph:
         a, blocks, term, stage = self.arrays, self.blocks, self.owner.term, self.owner._stage
         stage("cells", stages.sort_particles, a, position, blocks, term, self.sure)
         stage("level set and facets", stages.mark_nodes, a, blocks, term)
-        stage("level set and facets", stages.count_cuts, a, blocks, self.table)
-        self.sent_counts.send()
+        stage("level set and facets", stages.count_cuts, a, blocks, self.table, self.sent.there)
 
     def _fit(self, position: Any, number: Any, whole: bool) -> None:
         """From vertices and facets to normals, fitted or those of facets or offsets; as a `whole` the samples, too."""
-        a, blocks, term, stage = self.arrays, self.blocks, self.owner.term, self.owner._stage
-        stage("level set and facets", stages.write_cuts, a, blocks, self.table)
-        stage("level set and facets", stages.place_vertices, a, position, number, blocks, term)
-        stage("offsets", stages.place_points, a, position, number, blocks, term)
+        a, blocks, term = self.arrays, self.blocks, self.owner.term
+        liquid = a, position, number, blocks, term
+        device.launch_after([
+            self._part("components", stages.join_components, a, blocks),
+            self._part("level set and facets", stages.write_cuts, a, blocks, self.table),
+            self._part("level set and facets", stages.place_vertices, *liquid),
+            self._part("offsets", stages.place_points, *liquid),
+            self._part("fit", self._sweep),
+            self._part("offsets", stages.turn_vertices, *liquid),
+            self._part("normals", self._normals),
+            *((partial(self._samples, position, number),) if whole else ()),
+        ], [(), (), (1,), (2,), (3,), (2,), (4, 5), (6, 0)][: 8 if whole else 7])  # fmt: skip
+
+    def _part(self, name: str, *call: Any) -> Callable[[], None]:
+        """What is launched for a stage."""
+        return partial(self.owner._stage, name, *call)
+
+    def _sweep(self) -> None:
+        """The fit, for normals that need one."""
         if self.kind in ("mls", "gradient"):
-            stage("fit", stages.sort_points, a, blocks, term)
-            stage("fit", stages.sweep, a, blocks, term)
-        elif self.kind == "facets":  # without a gradient the normal is the direction handed in
+            stages.sort_points(self.arrays, self.blocks, self.owner.term)
+            stages.sweep(self.arrays, self.blocks, self.owner.term)
+
+    def _normals(self) -> None:
+        """Normals of samples and vertices."""
+        a = self.arrays
+        if self.kind == "facets":  # without a gradient the normal is the direction handed in
             a = a | {"outward": a["facet_normal"]}
-        stage("normals", stages.find_normals, a, blocks, term, None if self.kind == "gradient" else np.int32(1))
-        if whole:
-            self._samples(position, number)
+        stages.find_normals(a, self.blocks, self.owner.term, None if self.kind == "gradient" else np.int32(1))
 
     def _samples(self, position: Any, number: Any) -> None:
         """The samples after the inset."""
         a, blocks, term = self.arrays, self.blocks, self.owner.term
-        self.owner._stage("inset", stages.place_samples, a, position, number, blocks, term, self.least)
-        self.ended.send()
+        liquid = a, position, number, blocks, term
+        self.owner._stage("inset", stages.place_samples, *liquid, self.least, self.sent.there)
 
     def _component_size(self) -> Any:
         """Particles in the component of each particle."""

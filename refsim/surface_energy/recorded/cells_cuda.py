@@ -15,17 +15,18 @@ from refsim.surface_energy import formulas
 
 CELLS = 64  # of a block, a thread to each
 # What `counts` holds: whether a particle is not covered, most particles in a cell, cut edges and facets as found and
-# as made (0 where they do not fit), samples without a particle, cells with a point of the fit or a sample, blocks with
-# weights of the fit, points of the fit or samples in all cells
-MISSING, MOST, EDGES, FACETS, VERTICES, MADE, UNFOUND, FILLED, ACTIVE, POINTS = range(10)
-COUNTS = 10
+# as made (0 where they do not fit), samples without a particle, blocks with weights of the fit, cells with points of
+# the fit and these points, cells with samples and these
+MISSING, MOST, EDGES, FACETS, VERTICES, MADE, UNFOUND, ACTIVE, FILLED, POINTS, SAMPLED, SAMPLES = range(12)
+COUNTS = 12
 
 
 @row_kernel(rows_of="held")
-def clear(i, held, held_points, members, first, counts):
+def clear(i, held, held_points, held_samples, members, first, counts):
     """Sets to 0 everything that is counted, and the first place."""
     held[i] = 0
     held_points[i] = 0
+    held_samples[i] = 0
     members[i] = 0
     if i < counts.shape[0]:
         counts[i] = 0
@@ -40,6 +41,15 @@ def node_at(x, shift, guess, blocks, surface_term):
     jy = cell_coordinate(x[1], surface_term.inverse_cell, shift)
     jz = cell_coordinate(x[2], surface_term.inverse_cell, shift) if blocks.neighbour.shape[1] == 27 else 0
     return find_node_near(blocks, jx, jy, jz, guess)
+
+
+@cuda_formula
+def count_point(r, x, guess, blocks, surface_term, held, place, cell):
+    """Cell whose nodes point r at x [m] reaches, and its number among those of the cell."""
+    found = node_at(x, 0.5, guess, blocks, surface_term)
+    cell[r] = found
+    if found >= 0:
+        place[r] = cuda.atomic.add(held, found, 1)
 
 
 @row_kernel(rows_of="cell")

@@ -14,7 +14,7 @@ from refsim.backends.primitives import sum_before, sum_of_lanes
 from refsim.sparse_grid.block_search_cuda import number
 from refsim.sparse_grid.formulas import step_node
 from refsim.surface_energy import formulas, kernels
-from refsim.surface_energy.recorded.cells_cuda import ACTIVE, CELLS, FILLED, MADE, POINTS
+from refsim.surface_energy.recorded.cells_cuda import ACTIVE, CELLS, FILLED, MADE
 
 REACHING = 216  # cells that reach a block's nodes: 6 x 6 x 6, or 10 x 10 in the plane
 CELL_BIT = 1 << 24  # counts a cell beside its points: the points of 64 cells are fewer than 2^24
@@ -45,20 +45,21 @@ def place_in_row(r, cell, first, held, unsorted):
 
 @cuda_kernel(rows_of="fit_cell")
 def sort_points(fit_position, fit_cell, bins, unsorted, blocks, surface_term, counts, fit_splines, fit_target):
-    """Splines of the fit's points, cell by cell, and b [h]: 0 at the samples, epsilon at their second points."""
+    """Splines (9, points) of the points, cell by cell, and b [h]: 0 at the samples, epsilon at their second points."""
     r = cuda.grid(1)
     if r < 2 * counts[MADE] and fit_cell[r] >= 0:
         at = place_in_row(r, fit_cell[r], *bins, unsorted)
         real = type(surface_term.cell_size)
-        kernels.put_splines(at, r, fit_position, fit_cell[r], blocks, surface_term, fit_splines)
+        kernels.put_splines(at, r, fit_position, fit_cell[r], blocks, surface_term, fit_splines.T)
         fit_target[at] = surface_term.offset if r >= counts[MADE] else real(0)
 
 
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="held_in_block")
-def number_points(held, first, rank, filled, counts, held_in_block):
+def number_points(held, first, rank, filled, counts, into, held_in_block):
     """First point of each cell, the number of each cell with points, -1 for the others, and points of each block.
 
-    Points stand block by block and cells are numbered so, the blocks in any order.
+    Points stand block by block and cells are numbered so, the blocks in any order; how many cells have points, and how
+    many there are, is added to counts[into] and the next.
     """
     part = cuda.shared.array(CELLS, np.int32)
     place = cuda.shared.array(2, np.int32)
@@ -71,8 +72,8 @@ def number_points(held, first, rank, filled, counts, held_in_block):
         whole = before + own
         held_in_block[cuda.blockIdx.x] = whole & (CELL_BIT - 1)
         if whole > 0:
-            place[0] = cuda.atomic.add(counts, POINTS, whole & (CELL_BIT - 1))
-            place[1] = cuda.atomic.add(counts, FILLED, whole >> 24)
+            place[0] = cuda.atomic.add(counts, into + 1, whole & (CELL_BIT - 1))
+            place[1] = cuda.atomic.add(counts, into, whole >> 24)
     cuda.syncthreads()
     first[i] = place[0] + (before & (CELL_BIT - 1))
     n = place[1] + (before >> 24)
@@ -119,10 +120,10 @@ def sum_fit(bins, fit_splines, fit_target, blocks, coefficients, counts, reached
         r = number(first[cell])
         last = r + held[cell]
         while r < last:
-            x0, x1, x2 = fit_splines[r, 0], fit_splines[r, 1], fit_splines[r, 2]
-            z = fit_splines[r, number(6 + dz)]
+            x0, x1, x2 = fit_splines[0, r], fit_splines[1, r], fit_splines[2, r]
+            z = fit_splines[number(6 + dz), r]
             z = z if plane == dz else zero
-            y0, y1, y2 = fit_splines[r, 3] * z, fit_splines[r, 4] * z, fit_splines[r, 5] * z
+            y0, y1, y2 = fit_splines[3, r] * z, fit_splines[4, r] * z, fit_splines[5, r] * z
             residual = fit_target[r]
             if coefficients is not None:
                 value = (c[0] * x0 + c[1] * x1 + c[2] * x2) * y0

@@ -2,23 +2,15 @@
 
 import numpy as np
 
-from refsim.backends.compile import cuda, cuda_kernel, row_kernel
+from refsim.backends.compile import cuda, cuda_kernel
 from refsim.backends.tuples import put, scaled, three
 from refsim.sparse_grid.block_search_cuda import number
 from refsim.sparse_grid.formulas import node_coordinates
 from refsim.surface_energy import formulas
-from refsim.surface_energy.recorded.cells_cuda import CELLS, FILLED, MADE, POINTS, node_at
+from refsim.surface_energy.recorded.cells_cuda import CELLS, MADE, SAMPLED, SAMPLES, count_point
 from refsim.surface_energy.recorded.fit_cuda import REACHING, load_columns, place_in_row, reached_from, sum_around
 
 ROWS = 9  # of nodes along x that the samples of a cell reach, a thread to each; 3 in the plane
-
-
-@row_kernel(rows_of="held")
-def clear_samples(i, held, counts):
-    """Sets the counters to 0."""
-    held[i] = 0
-    if i == 0:
-        counts[FILLED], counts[POINTS] = 0, 0
 
 
 @cuda_kernel(rows_of="facets")
@@ -27,10 +19,7 @@ def locate_samples(sample_position, vertex_edge, facets, blocks, surface_term, c
     s = cuda.grid(1)
     if s < counts[MADE]:
         guess = (vertex_edge[facets[s, 0]] // 3) >> 6
-        cell = node_at(three(sample_position, s), 0.5, guess, blocks, surface_term)
-        sample_cell[s] = cell
-        if cell >= 0:
-            sample_place[s] = cuda.atomic.add(held, cell, 1)
+        count_point(s, three(sample_position, s), guess, blocks, surface_term, held, sample_place, sample_cell)
 
 
 @cuda_kernel(rows_of="sample_cell")
@@ -49,7 +38,7 @@ def sum_pulls(samples, bins, point, filled, counts, blocks, surface_term, pulls,
     row, n = cuda.grid(1) // most, cuda.grid(1) % most
     ky, kz = row % 3, row // 3
     space = blocks.neighbour.shape[1] == 27
-    if row < (ROWS if space else 3) and n < counts[FILLED]:
+    if row < (ROWS if space else 3) and n < counts[SAMPLED]:
         real = type(surface_term.cell_size)
         cell = filled[n]
         jx, jy, jz = node_coordinates(blocks, cell)
@@ -78,10 +67,12 @@ def sum_pulls(samples, bins, point, filled, counts, blocks, surface_term, pulls,
 
 
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")
-def pull_nodes(held_in_block, rank, blocks, pulls, surface_term, node_force, total):
-    """(4.18*): force on the nodes [N], -k sum_s A_s (I - n n^T) grad B_i(x_s)."""
+def pull_nodes(held_in_block, rank, blocks, pulls, surface_term, node_force, counts, total):
+    """(4.18*): force on the nodes [N], -k sum_s A_s (I - n n^T) grad B_i(x_s); samples may then be numbered again."""
     b = cuda.blockIdx.x
     i = CELLS * b + cuda.threadIdx.x
+    if i == 0:
+        counts[SAMPLED], counts[SAMPLES] = 0, 0
     real = type(surface_term.cell_size)
     near = cuda.shared.array(REACHING, np.int32)
     t = real(0), real(0), real(0)

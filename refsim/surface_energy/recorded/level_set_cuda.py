@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
+from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula, row_kernel
 from refsim.backends.primitives import four_of, largest_of_block, sum_before
 from refsim.isosurface import kernels as isosurface_kernels
 from refsim.sparse_grid.block_search_cuda import SUMMING, number
@@ -22,7 +22,6 @@ from refsim.surface_energy.recorded.cells_cuda import (
     sum_pairs,
 )
 
-SHARING = 4  # threads that share a node
 CORNERS = 125  # nodes of a block's cells: 5 x 5 x 5, or 9 x 9 in the plane
 AROUND = 343  # cells within two of a block's nodes: 7 x 7 x 7, or 11 x 11 in the plane
 
@@ -81,8 +80,8 @@ def mark_nodes(state, placed, first, blocks, surface_term):
     """Algorithm 1, lines 5 to 9, of the nodes of a thread block's block: state <- 1 or 0.
 
     Every particle in a node's own cell is nearer than sqrt(dim) h: deep in the liquid that decides. Else cells that
-    touch a node come first, a thread to each node; then several threads share an undecided node and take the rows of
-    cells around it by turns.
+    touch a node come first; then as many threads as there are undecided nodes, side by side, take the rows of cells
+    around one each.
     """
     begin = cuda.shared.array(AROUND, np.int32)
     end = cuda.shared.array(AROUND, np.int32)
@@ -108,13 +107,12 @@ def mark_nodes(state, placed, first, blocks, surface_term):
     if own == 0:
         waiting[cuda.atomic.add(many, 0, 1)] = thread  # their order changes no result
     cuda.syncthreads()
-    for n in range(thread // SHARING, many[0], CELLS // SHARING):
-        node = waiting[n]
-        for c in range(thread % SHARING, 16 if space else 4, SHARING):
+    if thread < many[0]:
+        node = waiting[thread]
+        for c in range(16 if space else 4):
             if state[node] == 0:
                 dy, dz = np.int32((c & 3) - 2), np.int32((c >> 2) - 2 if space else 0)
-                if inside_spheres(node, -2, 1, dy, dz, begin, end, placed, blocks, surface_term) != 0:
-                    state[node] = 1
+                state[node] = inside_spheres(node, -2, 1, dy, dz, begin, end, placed, blocks, surface_term)
     cuda.syncthreads()
 
 
@@ -227,22 +225,24 @@ def cut_count(bits):
 
 
 @cuda_kernel(block_for_each_row=True, threads=SUMMING, rows_of="one")
-def sum_cuts(one, cut_total, vertex_edge, facets, counts):
-    """cut_total[b] <- sum over the blocks before b; numbers of vertices and facets, as found and as made."""
+def sum_cuts(one, cut_total, vertex_edge, facets, counts, sent):
+    """cut_total[b] <- sum over the blocks before b; numbers of vertices and facets, as found and as made.
+
+    `sent` takes what the host reads of the counts.
+    """
     part = cuda.shared.array(SUMMING, np.int64)
     before = sum_pairs(part, cut_total)
     if cuda.threadIdx.x == SUMMING - 1:
         counts[EDGES], counts[FACETS] = before & 0xFFFFFFFF, before >> 32
         if counts[MISSING] == 0 and counts[EDGES] <= vertex_edge.shape[0] and counts[FACETS] <= facets.shape[0]:
             counts[VERTICES], counts[MADE] = counts[EDGES], counts[FACETS]
+        for k in range(sent.shape[0]):
+            sent[k] = counts[k]
 
 
-# Components are joined in the kernels that number vertices and write facets: a launch costs as much as either.
-
-
-@cuda_formula
-def join_node(i, blocks, node_label):
-    """Join the components that touch at node i across a face of its block, once for a pair of labels on the face."""
+@row_kernel(rows_of="node_label")
+def join_nodes(i, blocks, node_label):
+    """Join the components that touch at a node across a face of its block, once for a pair of labels on the face."""
     mine, space = node_label[number(i)], block_bits(blocks) == 2
     if mine >= 0:
         for axis in range(3):
@@ -269,8 +269,8 @@ def joined_before(i, other, axis, mine, theirs, space, node_label):
     return False
 
 
-@cuda_formula
-def add_members(first, node_label, members):
+@cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="cut_total")
+def add_members(first, node_label, members, cut_total):
     """The last label of each node's chain, and the particles of each component, at its lowest node."""
     together = cuda.shared.array(1, np.int32)
     lowest_node = CELLS * cuda.blockIdx.x
@@ -294,27 +294,23 @@ def add_members(first, node_label, members):
 
 
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="cut_total")
-def first_cuts(blocks, crossings, cell_case, table, node_label, edge_first, facet_first, cut_total):
-    """First vertex of each node's edges and first facet of each cell; and components that touch are joined."""
+def first_cuts(crossings, cell_case, table, edge_first, facet_first, cut_total):
+    """First vertex of each node's edges and first facet of each cell."""
     part = cuda.shared.array(CELLS, np.int32)
     b = cuda.blockIdx.x
     i = CELLS * b + cuda.threadIdx.x
     before = cuts_before(int(crossings[i]), int(cell_case[i]), table, part, 0)
     edge_first[i] = np.int32(cut_total[b] & 0xFFFFFFFF) + (before & 0xFFFF)
     facet_first[i] = np.int32(cut_total[b] >> 32) + (before >> 16)
-    join_node(i, blocks, node_label)
 
 
-@cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="cut_total")
-def write_facets(blocks, cuts, counts, first, node_label, members, cut_total):
-    """Vertices by their edges, facets by their vertices; and the particles of each component."""
-    crossings, cell_case, edge_first, facet_first, table, vertex_edge, facets = cuts
-    i = CELLS * cuda.blockIdx.x + cuda.threadIdx.x
+@row_kernel(rows_of="crossings")
+def write_facets(i, blocks, counts, crossings, cell_case, edge_first, facet_first, table, vertex_edge, facets):
+    """Vertices by their edges, facets by their vertices."""
     if counts[VERTICES] > 0:
         isosurface_kernels.write_facets(
             i, blocks, crossings, cell_case, edge_first, facet_first, table, vertex_edge, facets
         )
-    add_members(first, node_label, members)
 
 
 @formula

@@ -1,6 +1,6 @@
 """Vertices, samples and their nearest particles, normals, and the surface after the inset.
 
-A vertex or a facet is shared by LANES threads. What they look for, the farthest exit or the nearest particle, does not
+A vertex or a facet is shared by a few threads. What they look for, the farthest exit or the nearest particle, does not
 depend on the order: of equally near particles the one with the lowest number is taken, as `kernels.offsets` does. A
 search begins with the nearest particle of a vertex or a sample close by.
 """
@@ -23,13 +23,15 @@ from refsim.surface_energy.recorded.cells_cuda import (
     UNFOUND,
     VERTICES,
     block_start,
+    count_point,
     local_place,
     node_at,
     row_near,
     row_parts,
 )
 
-LANES = 2 if simulated() else 4
+LANES = 2  # for a nearest particle
+EXIT_LANES = 2 if simulated() else 4  # for a vertex
 MARGIN = formulas.EQUALLY_NEAR  # [h] by which a row of cells must be farther to have no particle as near
 
 
@@ -174,7 +176,7 @@ def farthest_of_lanes(lane, i, axis, towards, spheres, blocks, surface_term):
     ax, ay, az = axis
     ix, iy, iz = local_place(i, block_bits(blocks))
     farthest, found = real(0), np.int32(-1)
-    for row in range(lane, 16 if space else 4, LANES):
+    for row in range(lane, 16 if space else 4, EXIT_LANES):
         dy, dz = (row & 3) - 2, (row >> 2) - 2 if space else 0
         cy, cz = np.int32(iy + dy), np.int32(iz + dz)
         x0, x1 = row_near(ix, -2, 1, dy, dz, surface_term)
@@ -196,18 +198,18 @@ def farthest_of_lanes(lane, i, axis, towards, spheres, blocks, surface_term):
                         farthest, found = length, np.int32(cells.point[k])
                 k += 1
     step = 1
-    while step < LANES:
-        length, other = across_lanes(farthest, lane, LANES, step), across_lanes(found, lane, LANES, step)
+    while step < EXIT_LANES:
+        length, other = across_lanes(farthest, lane, EXIT_LANES, step), across_lanes(found, lane, EXIT_LANES, step)
         if length > farthest or (length == farthest and other < found):
             farthest, found = length, other
         step *= 2
     return farthest, found
 
 
-@cuda_kernel(lanes=LANES, rows_of="vertex_edge")
+@cuda_kernel(lanes=EXIT_LANES, rows_of="vertex_edge")
 def place_vertices(spheres, blocks, node_state, surface_term, vertex_edge, counts, vertices):
     """Algorithm 1, lines 10 to 17: vertices on the union of spheres [m], and the particles of their spheres."""
-    v, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
+    v, lane = cuda.grid(1) // EXIT_LANES, cuda.grid(1) % EXIT_LANES
     if v < counts[VERTICES]:
         h = surface_term.cell_size
         real = type(h)
@@ -225,43 +227,40 @@ def place_vertices(spheres, blocks, node_state, surface_term, vertex_edge, count
             vertices.vertex_centre[v] = centre
 
 
-@cuda_kernel(lanes=LANES, rows_of="either")
-def place_points(spheres, blocks, surface_term, vertex_edge, vertices, facets, counts, samples, points, either):
-    """One sample to a facet, its nearest particle, the points of the fit [m] and their cells; directions at vertices.
-
-    The first threads, as many as share the capacity of facets, take samples, the others vertices.
-    """
+@cuda_kernel(lanes=LANES, rows_of="facets")
+def place_points(spheres, blocks, surface_term, vertex_edge, vertices, facets, counts, samples, points):
+    """One sample to a facet, its nearest particle, the points of the fit [m] and their cells."""
     s, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
-    made, v = counts[MADE], s - facets.shape[0]
-    is_vertex = 0 <= v < counts[VERTICES]
-    if s < made or is_vertex:
-        if is_vertex:
-            corner = v
-            x, normal = three(vertices.vertex_position, v), three(vertices.vertex_position, v)
-        else:
-            corner = facets[s, min(lane, facets.shape[1] - 1)]
-            x, _, normal = kernels.facet_sample(s, vertices.vertex_position, facets)
+    made = counts[MADE]
+    if s < made:
+        corner = facets[s, min(lane, facets.shape[1] - 1)]
+        x, _, normal = kernels.facet_sample(s, vertices.vertex_position, facets)
         own = node_at(x, 0.0, (vertex_edge[corner] // 3) >> 6, blocks, surface_term)
         p, n = nearest_of_lanes(lane, own, x, vertices.vertex_centre[corner], spheres, blocks, surface_term)
-        if is_vertex:
-            if lane == 0:
-                put(vertices.vertex_outward, v, n)
-        else:
-            for k in range(lane, 2, LANES):
-                r = s
-                if k == 0:
-                    put(samples.sample_place, s, x)
-                    put(samples.facet_normal, s, normal)
-                    put(samples.outward, s, n)
-                    samples.nearest[s] = p
-                else:
-                    r = made + s
-                    x = added(x, scaled(n, surface_term.offset * surface_term.cell_size))
-                put(points.fit_position, r, x)
-                cell = node_at(x, 0.5, own >> 6, blocks, surface_term)
-                points.fit_cell[r] = cell
-                if cell >= 0:
-                    points.fit_place[r] = cuda.atomic.add(points.held_points, cell, 1)
+        for k in range(lane, 2, LANES):
+            r = s
+            if k == 0:
+                put(samples.sample_place, s, x)
+                put(samples.facet_normal, s, normal)
+                put(samples.outward, s, n)
+                samples.nearest[s] = p
+            else:
+                r = made + s
+                x = added(x, scaled(n, surface_term.offset * surface_term.cell_size))
+            put(points.fit_position, r, x)
+            count_point(r, x, own >> 6, blocks, surface_term, points.held_points, points.fit_place, points.fit_cell)
+
+
+@cuda_kernel(lanes=LANES, rows_of="vertex_edge")
+def turn_vertices(spheres, blocks, surface_term, vertex_edge, counts, vertices):
+    """Unit vectors at vertices away from the particles nearest to them."""
+    v, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
+    if v < counts[VERTICES]:
+        x = three(vertices.vertex_position, v)
+        own = node_at(x, 0.0, (vertex_edge[v] // 3) >> 6, blocks, surface_term)
+        _, n = nearest_of_lanes(lane, own, x, vertices.vertex_centre[v], spheres, blocks, surface_term)
+        if lane == 0:
+            put(vertices.vertex_outward, v, n)
 
 
 @formula
@@ -297,11 +296,13 @@ def find_normals(samples, vertices, vertex_edge, facets, blocks, surface_term, c
 
 
 @cuda_kernel(lanes=LANES, rows_of="facets")
-def place_samples(spheres, blocks, surface_term, vertex_edge, inset_position, facets, components, samples, counts):
+def place_samples(spheres, blocks, surface_term, vertex_edge, inset_position, facets, components, samples, bins, told):
     """Samples after the inset, their nearest particles, and areas, 0 on components of fewer than `least` particles.
 
-    Behind them stand samples at NaN, of area 0 and without a particle.
+    Behind them stand samples at NaN, of area 0 and without a particle. `bins` takes how many samples each cell holds,
+    and the cell of each; where a sample has no particle, the second of the arrays `told` tells the host.
     """
+    counts, sent = told
     s, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
     if s < counts[MADE]:
         x, area, _ = kernels.facet_sample(s, inset_position, facets)
@@ -311,13 +312,14 @@ def place_samples(spheres, blocks, surface_term, vertex_edge, inset_position, fa
         if lane == 0:
             has_tension = False
             if p < 0:
-                counts[UNFOUND] = 1
+                sent[UNFOUND] = 1
             else:
                 label = components.node_label[spheres.cells.cell[p]]
                 has_tension = label >= 0 and components.members[label] >= components.least
             put(samples.sample_position, s, x)
             samples.sample_area[s] = area if has_tension else type(area)(0)
             samples.nearest[s] = p
+            count_point(s, x, guess, blocks, surface_term, *bins)
     elif lane == 0 and s < min(samples.nearest.shape[0], samples.sample_area.shape[0]):
         nowhere = type(surface_term.cell_size)(math.nan)
         put(samples.sample_position, s, (nowhere, nowhere, nowhere))

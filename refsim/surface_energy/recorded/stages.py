@@ -30,14 +30,14 @@ def work_arrays(
         "vertex_outward": ((v, 3), real), "vertex_centre": v, "sample_place": ((f, 3), real),
         "facet_normal": ((f, 3), real), "outward": ((f, 3), real), "fit_position": ((2 * f, 3), real),
         "fit_cell": 2 * f, "fit_place": 2 * f, "held_points": count, "fit_first": count, "fit_unsorted": 2 * f,
-        "fit_splines": ((2 * f, 9), real), "fit_target": (2 * f, real), "node_weight": (count, real),
+        "fit_splines": ((9, 2 * f), real), "fit_target": (2 * f, real), "node_weight": (count, real),
         "coefficients": (count, real), "rank": count, "filled": 2 * f, "held_in_block": b, "active_block": b,
         "active_columns": ((b, fit_cuda.REACHING), np.int32),
         "reached": ((27, 2 * f + 1), real), "change": ((27, 2 * f + 1), real), "pulls": ((81, f + 1), real),
         "rows": (force_cuda.ROWS * f, np.uint8), "sample_normal": ((f, 3), real), "vertex_normal": ((v, 3), real),
         "inset_position": ((v, 3), real), "sample_position": ((f, 3), real), "sample_area": (f, real), "nearest": f,
         "either": (f + v, np.uint8), "total": b, "one": 1,
-        "totals": device.tiles(count) + 1, "counts": cells_cuda.COUNTS,
+        "totals": device.tiles(count), "counts": cells_cuda.COUNTS,
         "held_samples": count, "samples_first": count, "sample_point": f, "node_force": ((count, 3), real),
     }  # fmt: skip
     kinds = {name: shape if isinstance(shape, tuple) else (shape, np.int32) for name, shape in shapes.items()}
@@ -60,7 +60,7 @@ def named(kind: Any, a: Arrays) -> Any:
 def sort_particles(a: Arrays, position: Any, blocks: Any, term: Any, sure: Any) -> None:
     """Particles by cell, by counting; counters are set to 0."""
     counts, first = a["counts"], a["first"]
-    cells_cuda.clear(a["held"], a["held_points"], a["members"], first, counts)
+    cells_cuda.clear(a["held"], a["held_points"], a["held_samples"], a["members"], first, counts)
     cells_cuda.count_particles(position, term, blocks, sure, a["held"], a["place"], a["cell"], counts)
     device.RunningSum(a["held"], first[1:], a["totals"])()
     by_cell = a["unsorted"], a["placed"]
@@ -75,20 +75,23 @@ def mark_nodes(a: Arrays, blocks: Any, term: Any, given: bool = False) -> None:
     )
 
 
-def count_cuts(a: Arrays, blocks: Any, table: Any) -> None:
-    """Cut edges and cell cases, and the numbers of vertices and facets."""
+def count_cuts(a: Arrays, blocks: Any, table: Any, sent: Any) -> None:
+    """Cut edges and cell cases, and the numbers of vertices and facets, `sent` to the host."""
     level_set_cuda.classify_blocks(blocks, a["node_state"], table, a["crossings"], a["cell_case"], a["cut_total"])
-    level_set_cuda.sum_cuts(a["one"], a["cut_total"], a["vertex_edge"], a["facets"], a["counts"])
+    level_set_cuda.sum_cuts(a["one"], a["cut_total"], a["vertex_edge"], a["facets"], a["counts"], sent)
 
 
 def write_cuts(a: Arrays, blocks: Any, table: Any) -> None:
-    """Edges of vertices and corners of facets; components joined across blocks, and their particles counted."""
-    crossings, case = a["crossings"], a["cell_case"]
-    level_set_cuda.first_cuts(
-        blocks, crossings, case, table, a["node_label"], a["edge_first"], a["facet_first"], a["cut_total"]
-    )
-    cuts = crossings, case, a["edge_first"], a["facet_first"], table, a["vertex_edge"], a["facets"]
-    level_set_cuda.write_facets(blocks, cuts, a["counts"], a["first"], a["node_label"], a["members"], a["cut_total"])
+    """Edges of vertices and corners of facets."""
+    cuts, firsts = (a["crossings"], a["cell_case"]), (a["edge_first"], a["facet_first"])
+    level_set_cuda.first_cuts(*cuts, table, *firsts, a["cut_total"])
+    level_set_cuda.write_facets(blocks, a["counts"], *cuts, *firsts, table, a["vertex_edge"], a["facets"])
+
+
+def join_components(a: Arrays, blocks: Any) -> None:
+    """Components joined across blocks, and their particles counted."""
+    level_set_cuda.join_nodes(blocks, a["node_label"])
+    level_set_cuda.add_members(a["first"], a["node_label"], a["members"], a["cut_total"])
 
 
 def place_vertices(a: Arrays, position: Any, number: Any, blocks: Any, term: Any) -> None:
@@ -98,15 +101,21 @@ def place_vertices(a: Arrays, position: Any, number: Any, blocks: Any, term: Any
 
 
 def place_points(a: Arrays, position: Any, number: Any, blocks: Any, term: Any) -> None:
-    """Samples of facets, unit vectors away from particles nearest to them and to vertices, points of the fit [m]."""
+    """Samples of facets, unit vectors away from particles nearest to them, points of the fit [m]."""
     spheres, vertices = Spheres(position, number, a["placed"], listed(a)), named(Vertices, a)
     surface = a["vertex_edge"], vertices, a["facets"], a["counts"], named(Samples, a), named(FitPoints, a)
-    samples_cuda.place_points(spheres, blocks, term, *surface, a["either"])
+    samples_cuda.place_points(spheres, blocks, term, *surface)
+
+
+def turn_vertices(a: Arrays, position: Any, number: Any, blocks: Any, term: Any) -> None:
+    """Unit vectors at vertices away from the particles nearest to them."""
+    spheres, vertices = Spheres(position, number, a["placed"], listed(a)), named(Vertices, a)
+    samples_cuda.turn_vertices(spheres, blocks, term, a["vertex_edge"], a["counts"], vertices)
 
 
 def sort_points(a: Arrays, blocks: Any, term: Any) -> None:
     """Splines and values of the fit's points, cell by cell."""
-    number_cells(a, a["held_points"], a["fit_first"])
+    number_cells(a, a["held_points"], a["fit_first"], cells_cuda.FILLED)
     fit_cuda.fill_points(a["fit_cell"], a["fit_place"], a["fit_first"], 2, a["counts"], a["fit_unsorted"])
     fit_cuda.sort_points(
         a["fit_position"], a["fit_cell"], (a["fit_first"], a["held_points"]), a["fit_unsorted"], blocks, term,
@@ -132,28 +141,33 @@ def find_normals(a: Arrays, blocks: Any, term: Any, mls: Any) -> None:
     samples_cuda.find_normals(*surface, blocks, term, a["coefficients"], mls, a["counts"], a["either"])
 
 
-def place_samples(a: Arrays, position: Any, number: Any, blocks: Any, term: Any, least: Any) -> None:
-    """Samples after the inset; areas are 0 on components of fewer than `least` particles."""
+def place_samples(a: Arrays, position: Any, number: Any, blocks: Any, term: Any, least: Any, sent: Any) -> None:
+    """Samples after the inset and their cells; areas are 0 on components of fewer than `least` particles."""
     spheres, components = Spheres(position, number, a["placed"], listed(a)), (a["node_label"], a["members"], least)
     surface = a["vertex_edge"], a["inset_position"], a["facets"], Components(*components), named(Samples, a)
-    samples_cuda.place_samples(spheres, blocks, term, *surface, a["counts"])
+    bins = a["held_samples"], a["fit_place"], a["fit_cell"]  # the fit needs its own no more
+    samples_cuda.place_samples(spheres, blocks, term, *surface, bins, (a["counts"], sent))
+
+
+def locate_samples(a: Arrays, blocks: Any, term: Any) -> None:
+    """The cells of samples that `place_samples` has not placed."""
+    surface, bins = (a["vertex_edge"], a["facets"]), (a["held_samples"], a["fit_place"], a["fit_cell"])
+    device.fill(a["held_samples"], 0)
+    force_cuda.locate_samples(a["sample_position"], *surface, blocks, term, a["counts"], *bins)
 
 
 def pull(a: Arrays, blocks: Any, term: Any) -> None:
     """The force of the samples on the nodes [N]."""
     counts, held, first = a["counts"], a["held_samples"], a["samples_first"]
-    force_cuda.clear_samples(held, counts)
-    force_cuda.locate_samples(
-        a["sample_position"], a["vertex_edge"], a["facets"], blocks, term, counts, held, a["fit_place"], a["fit_cell"]
-    )
-    number_cells(a, held, first)
+    number_cells(a, held, first, cells_cuda.SAMPLED)
     fit_cuda.fill_points(a["fit_cell"], a["fit_place"], first, 1, counts, a["fit_unsorted"])
     force_cuda.sort_samples(a["fit_cell"], (first, held), a["fit_unsorted"], counts, a["sample_point"])
     bins = (first, held), a["sample_point"], a["filled"], counts
     force_cuda.sum_pulls(named(Samples, a), *bins, blocks, term, a["pulls"], a["rows"])
-    force_cuda.pull_nodes(a["held_in_block"], a["rank"], blocks, a["pulls"], term, a["node_force"], a["total"])
+    nodes = a["held_in_block"], a["rank"], blocks, a["pulls"], term, a["node_force"]
+    force_cuda.pull_nodes(*nodes, counts, a["total"])
 
 
-def number_cells(a: Arrays, held: Any, first: Any) -> None:
+def number_cells(a: Arrays, held: Any, first: Any, into: int) -> None:
     """first <- the first point of each cell that holds so many; cells with points are numbered."""
-    fit_cuda.number_points(held, first, a["rank"], a["filled"], a["counts"], a["held_in_block"])
+    fit_cuda.number_points(held, first, a["rank"], a["filled"], a["counts"], np.int32(into), a["held_in_block"])
