@@ -21,7 +21,7 @@ from refsim.core.walls import WallParticles, liquid_with_list
 from refsim.engine.binding import bind_pass
 from refsim.engine.launching import bring, launch_pass, ready
 from refsim.engine.state import State
-from refsim.gauges import Gauge, GaugeSeries, Sampled, due
+from refsim.gauges import SURFACE, Gauge, GaugeSeries, Sampled, due
 from refsim.gauges.checks import shares_of_faces
 from refsim.motion.operations import turning
 from refsim.neighbours import NeighbourSearch
@@ -91,7 +91,9 @@ class Gauges:
         ready(run)
         bring(run, fields)
         pressure = self._pressure(run) if "pressure" in needs else np.zeros(0)
-        fill, flow = self._sample(run) if needs & {"fill", "flow"} else (np.zeros(0), np.zeros((0, 3)))
+        fill, flow = self._sample(run) if needs - {"force"} else (np.zeros(0), np.zeros((0, 3)))
+        if len(pressure):
+            pressure = np.where(fill < SURFACE, np.maximum(pressure, 0), pressure)
         for k in wanted:
             gauge, part = self.gauges[k], self.slices[k]
             if k in forces:

@@ -30,6 +30,7 @@ Vector = tuple[float, float, float]
 Places = tuple[Vector | None, Vector | None, Vector | None]  # `at`, `lower` and `upper` of a gauge
 FINER = 4  # points of a level in a spacing
 MOST_POINTS = 10**6  # of a gauge
+SURFACE = 0.5  # fill at a surface; where it is less, no pressure is below 0
 
 
 class Points(NamedTuple):
@@ -51,7 +52,7 @@ def line(owner: str, given: Places, grid: Discretisation) -> Points:
     if len(wide) != 1:
         raise InputError(f"{form} line along one axis; let lower and upper differ along the axis of the level.")
     (axis,) = wide
-    count = max(2, math.ceil(FINER * (high - low)[axis] / grid.spacing) + 1)
+    count = max(2, math.ceil(FINER * (high - low)[axis] / grid.spacing - 1e-9) + 1)
     _check_number(owner, count)
     place = np.repeat(low[None, :], count, axis=0)
     place[:, axis] = np.linspace(low[axis], high[axis], count)
@@ -98,17 +99,17 @@ def _flat(place: NDArray[np.float64], grid: Discretisation) -> NDArray[np.float6
 
 
 def crossing(height: NDArray[np.float64], fill: NDArray[np.float64]) -> float:
-    """Height [m] of the highest crossing of fill 1/2; the lowest height where it is below everywhere.
+    """Height [m] of the highest crossing of `SURFACE`; the lowest height where it is below everywhere.
 
     height  (m,) [m], rising; fill (m,) of the liquid there
     """
-    full = np.flatnonzero(fill >= 0.5)
+    full = np.flatnonzero(fill >= SURFACE)
     if not len(full):
         return float(height[0])
     k = int(full[-1])
     if k == len(height) - 1:
         return float(height[-1])
-    share = (fill[k] - 0.5) / (fill[k] - fill[k + 1])
+    share = (fill[k] - SURFACE) / (fill[k] - fill[k + 1])
     return float(height[k] + share * (height[k + 1] - height[k]))
 
 

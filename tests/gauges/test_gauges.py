@@ -47,6 +47,23 @@ def test_gauges_repeat_bit_for_bit_and_change_nothing():
     assert np.array_equal(read[0][2], alone.field("velocity"))
 
 
+@pytest.mark.parametrize(("dim", "dtype"), [(2, "float32"), (2, "float64"), (3, "float32")])
+def test_air_above_a_surface_has_no_pressure(dim, dtype):
+    """To a support radius above it; a patch half of which is dry reads a quarter of rho g H."""
+    above, scene = [[0.5] * 3 for _ in range(4)], water(4, 2.6, dim, dtype)
+    for k, point in enumerate(above):
+        point[dim - 1] = DEPTH * (1 + 0.15 * k)
+    upper = (0.0, 2 * DEPTH, 0.0) if dim == 2 else (0.0, DEPTH, 2 * DEPTH)
+    gauges = [Gauge(name=f"at_{k}", kind="pressure", at=tuple(point)) for k, point in enumerate(above)]
+    patch = Gauge(name="patch", kind="pressure", lower=(0.0, 0.0, 0.0), upper=upper)
+    simulation = advanced(rs.Simulation(scene.with_(gauge=(*gauges, patch)), "numpy"), 1)
+    found = [float(simulation.gauge(gauge.name).values[-1, 0]) for gauge in (*gauges, patch)]
+    weight = 1000.0 * 9.81 * DEPTH
+    assert found[1:4] == [0.0, 0.0, 0.0]
+    assert 0.0 <= found[0] < 0.1 * weight
+    assert found[4] == pytest.approx(0.25 * weight, rel=0.1)
+
+
 @pytest.mark.parametrize("backend", ["numpy", "cpu"])
 def test_gauges_see_liquid_that_falls_as_a_whole(backend):
     """Whose lists of neighbours are kept: all of it passes a patch, and its top and pressure are found where it is."""
