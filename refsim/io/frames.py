@@ -251,7 +251,10 @@ ADVICE = "move it away, or run the scene again"
 
 
 def vtp_bytes(position: np.ndarray, fields: Mapping[str, np.ndarray], time: float | None = None) -> bytes:
-    """A VTP file: `position` (n, 3), float32 or float64, in m; `fields` as `write_vtp` takes them; `time` in s."""
+    """A VTP file: `position` (n, 3), float32 or float64, in m; `time` in s; `fields`: (n,) or (n, components) arrays.
+
+    Raises ValueError for other shapes or dtypes (`DTYPES`).
+    """
     position = np.asarray(position)
     if position.ndim != 2 or position.shape[1] != 3 or position.dtype not in (np.float32, np.float64):
         raise ValueError(f"position must be (n, 3), float32 or float64, not {position.shape} {position.dtype}")
@@ -260,8 +263,6 @@ def vtp_bytes(position: np.ndarray, fields: Mapping[str, np.ndarray], time: floa
 
     def data_array(name: str, array: np.ndarray) -> str:
         nonlocal place
-        if array.dtype == np.bool_:
-            array = array.view(np.uint8)
         if array.shape[:1] != (count,) or array.ndim > 2 or array.dtype not in DTYPES:
             raise ValueError(f"array {name!r} must be ({count},) or ({count}, k), not {array.shape} {array.dtype}")
         blocks.extend((struct.pack("=Q", array.nbytes), np.ascontiguousarray(array).reshape(-1).view(np.uint8).data))
@@ -290,20 +291,6 @@ def vtp_bytes(position: np.ndarray, fields: Mapping[str, np.ndarray], time: floa
     return f'<?xml version="1.0"?>\n<!-- refsim frame, version {VERSION}, sha256 {digest} -->\n'.encode() + body
 
 
-def write_vtp(path: str | os.PathLike[str], position: np.ndarray, /, **fields: np.ndarray) -> None:
-    """Write one frame as a VTP file; whole or not at all.
-
-    position  (n, 3), float32 or float64, in m
-    fields    (n,) or (n, components) arrays, float32, float64, int32, int64, uint8 or bool (written as uint8)
-
-    Raises ValueError for other shapes or dtypes, InputError when the folder is not writable, RunStopped
-    ("disk_full", "write_failed") when the disk refuses; a file that was there is then untouched.
-    """
-    content = vtp_bytes(position, fields)
-    with writing("particle file", Path(path), "the file that was there is untouched"):
-        replace_file(Path(path), content)
-
-
 @dataclass(frozen=True)
 class Head:
     """What the beginning of a frame's file says."""
@@ -317,7 +304,7 @@ class Head:
 
 
 def read_head(path: Path) -> Head:
-    """The head of a file of `write_vtp`; its data are not read. Raises InputError where it is none, or cut short."""
+    """The head of a file of `vtp_bytes`; its data are not read. Raises InputError where it is none, or cut short."""
     try:
         with open_regular(path) as file:
             text = file.read(2**14)

@@ -16,7 +16,7 @@ from refsim.contract.trajectories import trajectory
 from refsim.contract.whole_runs import Comparison, untouched
 from refsim.core.errors import InputError
 from refsim.engine.simulation import Simulation
-from refsim.io.frames import write_vtp
+from refsim.io.frames import vtp_bytes
 from refsim.scene.files import load_scene
 from tests.running import answer_of, rows
 
@@ -129,7 +129,8 @@ def test_vtk_files_are_read(other, tmp_path):
     _, frames = other
     sets = ""
     for number, frame in enumerate(frames[:3]):
-        write_vtp(tmp_path / f"f{number}.vtp", frame["position"], velocity=frame["velocity"], mass=frame["mass"])
+        content = vtp_bytes(frame["position"], {name: frame[name] for name in ("velocity", "mass")})
+        (tmp_path / f"f{number}.vtp").write_bytes(content)
         sets += f'<DataSet timestep="{frame["time"]!r}" file="f{number}.vtp"/>'
     (tmp_path / "all.pvd").write_text(f'<VTKFile type="Collection"><Collection>{sets}</Collection></VTKFile>')
     found = trajectory(tmp_path)
