@@ -32,7 +32,7 @@ from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.errors import InputError
 from refsim.smoothing import lattice_neighbours, smoothing
 from refsim.smoothing.reference import kernel_slope
-from refsim.sph import LIQUID, SETS, acceleration_of, liquid_of, pressure_is_replaced
+from refsim.sph import LIQUID, SETS, acceleration_of, liquid_of, pressure_is_replaced, stands
 from refsim.sph.flow import at_least
 
 SIGMA = "surface_tension"  # name of the parameter that every model has
@@ -176,8 +176,8 @@ class MeasuredByDrops(ReturnsDensity):
         return sigma / (liquid.rest_density * liquid.sound_speed**2 * grid.spacing)
 
     def _drops(self, grid: Discretisation, others: Others) -> Any:
-        """Whose maps hold: those of free drops, or the model's own."""
-        free = self.free and grid.dim in self.free.measured and not effects_with(others, BringsWalls)
+        """Whose maps hold: those of free drops, or where gravity presses on walls the model's own."""
+        free = self.free and grid.dim in self.free.measured and not stands(others)
         return self.free if free else self
 
     def return_rate(self, grid: Discretisation, others: Others) -> float:

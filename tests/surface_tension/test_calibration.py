@@ -86,14 +86,15 @@ def test_a_tension_is_turned_into_a_coefficient_by_measured_drops(standing):
     known = dict((rs.Akinci2013 if standing else rs.Akinci2013.free).measured[3])
 
     def share(*place, **given):
-        return share_of(*place, standing=standing, **given)
+        area = min(max(0.02 / place[-1], 3), 8) if standing and not given else 1  # that of containers over the printed
+        return share_of(*place, standing=standing, **given) / area
 
     assert share(3, 2.6, known[2.6][1][0]) == pytest.approx(known[2.6][1][1])
     middle = math.sqrt(known[2.6][0][0] * known[2.6][1][0])
     assert share(3, 2.6, middle) == pytest.approx((known[2.6][0][1] + known[2.6][1][1]) / 2)
     assert share(3, 2.9, 1e-6) == pytest.approx((known[2.8][0][1] + known[3.0][0][1]) / 2)
     assert share(3, 2.6, 0.01, density="summation") == 1.0
-    assert (share(2, 2.6, 0.01) == 1.0) == standing
+    assert (share_of(2, 2.6, 0.01, standing=standing) == 1.0) == standing
     liquid = rs.WeaklyCompressible(rest_density=1.0, sound_speed=10.0, density="continuity")
     grid, unshifted = Discretisation(3, "float64", 1.0, 2.6, 0), rs.Akinci2013(surface_tension=1.0)
     assert unshifted.share_of_nominal(grid, {"weakly_compressible": liquid}) == 1.0
@@ -126,19 +127,23 @@ def test_the_density_returns_at_the_rate_of_the_measured_drops(name):
     model, given, stiffness, support, standing, rate = RATES[name]
     dim, liquid = given.get("dim", 3), {n: v for n, v in given.items() if n != "dim"}
     fluid = rs.WeaklyCompressible(rest_density=1.0, sound_speed=stiffness**-0.5, dynamic_viscosity=1.0, **liquid)
-    effects = (fluid, EFFECTS[model](surface_tension=1.0), *STANDING * standing)
+    effects = (fluid, EFFECTS[model](surface_tension=1.0), *STANDING[2 - standing :])
     block = rs.Box(lower=(0.5,) * dim + (0.0,) * (3 - dim), cells=(4, 4, 4 if dim == 3 else 1))
     plan = make_plan(rs.Scene(spacing=1.0, support_radius=support, dim=dim, fluid=(block,), effects=effects))
     assert plan.effects["weakly_compressible"].restoring == pytest.approx(rate)
 
 
 def test_the_area_term_of_a_coefficient_is_the_printed_one():
-    """0.001 gamma rho0; that of a calibrated tension has another share of its cohesion."""
+    """0.001 gamma rho0; that of a calibrated tension has another share of its cohesion, in containers by S."""
     grid = Discretisation(3, "float64", 1.0, 2.6, 0)
-    for given, share in (({"gamma": 3.0}, 1e-3), ({"surface_tension": 1.0}, 4e-3)):
+    for given, share, beside in (
+        ({"gamma": 3.0}, 1e-3, ()), ({"gamma": 3.0}, 1e-3, STANDING), ({"surface_tension": 1.0}, 4e-3, ()),
+        ({"surface_tension": 0.9}, 8e-3, STANDING), ({"surface_tension": 2.25}, 4e-3, STANDING),
+        ({"surface_tension": 9.0}, 3e-3, STANDING),
+    ):  # fmt: skip
         for density, wanted in (("summation", 1e-3), ("continuity", share)):
             liquid = rs.WeaklyCompressible(rest_density=2.0, sound_speed=15.0, density=density)
-            others = with_scene_defaults((rs.Akinci2013(**given), liquid, rs.ParticleShifting()))
+            others = with_scene_defaults((rs.Akinci2013(**given), liquid, rs.ParticleShifting(), *beside))
             model = others["akinci_2013"]
             assert model.area_coefficient(grid, others) == pytest.approx(wanted * 2 * model.coefficient(grid, others))
 

@@ -51,7 +51,7 @@ def test_walls_bear_the_weight_and_not_what_balances_cohesion(model, dim):
         rs.Gauge(name="floor", kind="pressure", at=(0, 0, 0)),
     )
     found = []
-    for tension in ((), (model(surface_tension=0.072),)):
+    for tension in ((), (model(surface_tension=0.09),)):
         simulation = rs.Simulation(
             rs.Scene(
                 dim=dim, spacing=1e-3, support_radius=2.6e-3, dtype="float64", gauge=gauges,

@@ -31,7 +31,7 @@ RADII = {2: (11.0, 16.0, 24.0), 3: (8.5, 10.0, 12.0)}  # in spacings
 SUPPORTS = (2.3, 3.0)  # h in spacings, beside 2.6
 STIFFNESS = 0.001  # S of water in a scene of one's own, 0.072 N/m, d = 1 mm, c = 8.5 m/s; beside 0.01
 # Where sigma is that of measured drops, others judge it, by model, dimension and whether containers' coefficients are
-# meant: radii; h and S. Seeds are 41 to 45 of free drops with a map of their own, else 31 and, between the radii, 32
+# meant: radii; h and S. Seeds of Akinci's are 41 to 45, in containers 53 to 57, others' 31 and, between the radii, 32
 JUDGED: dict[tuple[str, int, bool], tuple[tuple[float, ...], tuple[tuple[float, float], ...]]] = {
     ("akinci", 2, False): ((6.0, 8.0, 11.0, 16.0, 20.0), ((2.6, 0.0015), (2.6, 0.006), (3.0, 0.003), (3.0, 0.009))),
     ("akinci", 3, False): (
@@ -73,13 +73,14 @@ class Point(drops.Point):
         shifted = self.model in SPH and not drops.summed(asdict(self))
         made = MODELS[self.model](surface_tension=1.0)
         if self.standing:
-            made = MODELS[self.model](**{made.coefficient_name: self.share("coefficient")})
+            area = self.share("area_coefficient")
+            made = MODELS[self.model](gamma=self.share("coefficient"), area_acceleration=area)
         return made, *((ParticleShifting(),) if shifted else ())
 
     def share(self, of: str = "share_of_nominal") -> float:
         """What the model takes in a container, measured over nominal tension by default."""
         fluid = refsim.WeaklyCompressible(sound_speed=self.stiffness**-0.5, rest_density=1.0, density=self.liquid)
-        beside = (fluid, ParticleShifting(), refsim.BoxWalls(lower=(0.0,) * 3, upper=(1.0,) * 3))
+        beside = (fluid, ParticleShifting(), refsim.Gravity(), refsim.BoxWalls(lower=(0.0,) * 3, upper=(1.0,) * 3))
         grid = Discretisation(self.dim, "float64", 1.0, self.support, 0, drop_radius=self.radius)
         return getattr(MODELS[self.model](surface_tension=1.0), of)(grid, with_scene_defaults(beside))
 
@@ -99,7 +100,7 @@ def points(models: tuple[str, ...] = tuple(MODELS), dims: tuple[int, ...] = (2, 
             yield Point(model, dim, radius=radius, stiffness=stiffness, liquid="summation")
         judged = [(standing, *JUDGED[of]) for standing in (False, True) if (of := (model, dim, standing)) in JUDGED]
         for standing, radii, places in judged:
-            seeds = range(41, 46) if model == "akinci" and not standing else (31, 32)
+            seeds = range(53, 58) if standing else range(41, 46) if model == "akinci" else (31, 32)
             for (support, stiffness), radius, seed in itertools.product(places, radii, seeds):
                 if radius in radii[1:-1] or seed != 32:
                     yield Point(model, dim, support, radius, stiffness, seed=seed, standing=standing)
