@@ -11,6 +11,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -48,13 +49,11 @@ BECAME_DROPS = "cubes became drops (beyond it they fly apart, and a shorter step
 # the bulk, positive compresses, 3D -(2 pi/3) rho0^2 int r^3 C dr, 2D -(pi/2) rho0^2 int r^2 C dr.
 TENSION = {2: (3, -1 / 3), 3: (4, -math.pi / 8)}
 PRESSURE = {2: (2, -math.pi / 2), 3: (3, -2 * math.pi / 3)}
-# Measured over nominal tension of drops of the default liquid, by dimension: at each h/d, pairs (S, share) with the
-# measured S. The return of the density is in c/h: the smaller S, the nearer to a summed one.
 # Rate [c/h] of that return over (h/d)^3 S^(5/4) in free drops: below it a large drop swings faster than its jump tells,
 # since its density returns as slowly as it swings; at several times it a small drop swings more slowly. Waves in a
 # container would be damped.
 RETURN = 0.5
-Measured = Mapping[int, tuple[tuple[float, tuple[tuple[float, float], ...]], ...]]
+Table = Mapping[int, Any]
 PairForce = Callable[[NDArray], NDArray]  # C(r) [N/kg^2] of distances r [m]
 
 
@@ -103,37 +102,43 @@ def compression(number: float) -> float:
     return 2 / (1 + math.sqrt(1 - 4 * number))
 
 
-def _between(table: tuple[tuple[float, tuple[tuple[float, float], ...]], ...], support: float, place: float) -> float:
+def _between(table: Any, support: float, place: float) -> float:
     """What drops have at h/d and at the logarithm of another place: linear between them, and that of the nearest."""
     supports, lines = zip(*table, strict=True)
     values = [np.interp(math.log(place), *np.array([(math.log(at), value) for at, value in line]).T) for line in lines]
     return float(np.interp(support, supports, values))
 
 
-class FreeDrops(NamedTuple):
-    """`measured`, `by_radius`, `radii` and `held` of drops that stand on nothing, whose density returns by RETURN."""
+class Drops(NamedTuple):
+    """Drops with which the tension of a model was measured, in containers or `free`: a table of drops.toml."""
 
-    measured: Measured
-    by_radius: Mapping[int, tuple[tuple[float, tuple[Any, ...]], ...]]
-    radii: Mapping[int, tuple[float, float, str]]
-    held: float
+    free: bool  # the density returns by RETURN
+    measured: Table  # where it has nothing, sigma is nominal
+    by_radius: Table
+    radii: Table
+    held: float = 0.0
+    beyond: str = ""
+    on_walls: str = ""
+
+
+@functools.cache
+def drops_of(model: str, free: bool = False) -> Drops:
+    """The drops of a model by its name; tables by dimension."""
+    import tomllib  # here: importing refsim does without
+
+    tables = tomllib.loads(Path(__file__).with_name("drops.toml").read_text(encoding="utf-8"))
+    given = tables.get(model, {}).get("free" if free else "contained", {})
+    named = ("measured", "by_radius", "radii")
+    by_dimension = {name: {int(dim): rows for dim, rows in given.get(name, {}).items()} for name in named}
+    return Drops(free, **{**given, **by_dimension})
 
 
 class MeasuredByDrops(ReturnsDensity):
     """What a model has whose tension in the default liquid is that of measured drops."""
 
     name: ClassVar[str]
-    measured: ClassVar[Measured] = {}  # where it has nothing, sigma is nominal
-    # by dimension: at each R/d of drops, by h/d and S, their share over that of `measured`
-    by_radius: ClassVar[Mapping[int, tuple[tuple[float, tuple[Any, ...]], ...]]] = {}
-    # by dimension: least and largest R/d of drops that have it within 5 %, and what others have of it
-    radii: ClassVar[Mapping[int, tuple[float, float, str]]] = {}
     # by dimension, what drops of the default liquid have of a nominal sigma: by their pressure jump, their frequency
     shown: ClassVar[Mapping[int, tuple[str, str]]] = {}
-    held: ClassVar[float] = 0.0  # least h/d at which drops have it within 5 %, by their jump and by their frequency
-    free: ClassVar[FreeDrops | None] = None  # where drops that stand on nothing have a map of their own
-    beyond: ClassVar[str] = ""  # of the supports of `measured`: what acts there, in words
-    on_walls: ClassVar[str] = ""  # contact angles of drops of the default liquid on walls [degrees]
 
     def share_of_nominal(self, grid: Discretisation, others: Others) -> float:
         """Measured over nominal tension in the default liquid, whose particles are shifted; else 1.
@@ -175,15 +180,15 @@ class MeasuredByDrops(ReturnsDensity):
             return None
         return sigma / (liquid.rest_density * liquid.sound_speed**2 * grid.spacing)
 
-    def _drops(self, grid: Discretisation, others: Others) -> Any:
-        """Whose maps hold: those of free drops, or where gravity presses on walls the model's own."""
-        free = self.free and grid.dim in self.free.measured and not stands(others)
-        return self.free if free else self
+    def _drops(self, grid: Discretisation, others: Others) -> Drops:
+        """Whose maps hold: those of free drops, or where gravity presses on walls of those in containers."""
+        free = grid.dim in drops_of(self.name, free=True).measured and not stands(others)
+        return drops_of(self.name, free)
 
     def return_rate(self, grid: Discretisation, others: Others) -> float:
         """That of the measured drops, which follows S and h/d."""
         stiffness = self._measured_at(grid, others)
-        if stiffness is None or self._drops(grid, others) is self:
+        if stiffness is None or not self._drops(grid, others).free:
             return 0.0
         return RETURN * (grid.support_radius / grid.spacing) ** 3 * stiffness**1.25
 
@@ -208,12 +213,13 @@ class MeasuredByDrops(ReturnsDensity):
             yield f"{self.name}: surface_tension is nominal: {reason}"
             return
         whose = self._drops(grid, others)
-        beyond = self.beyond if whose is self else ""
         supports, drops = zip(*[at for at in whose.measured[grid.dim] if at[0] >= whose.held], strict=True)
         begin = f"{self.name}: surface_tension is that of drops measured with"
         reach = " to ".join(f"{h:g}" for h in dict.fromkeys((supports[0], supports[-1])))
         if not supports[0] - 0.01 <= support <= supports[-1] + 0.01:
-            yield (f"{begin} a support_radius of {reach} spacings; with {support:.3g} another tension acts{beyond}")
+            yield (
+                f"{begin} a support_radius of {reach} spacings; with {support:.3g} another tension acts{whose.beyond}"
+            )
         radius, (small, large, others_have) = (
             grid.drop_radius / grid.spacing,
             whose.radii.get(grid.dim, (0, math.inf, "")),
@@ -230,8 +236,8 @@ class MeasuredByDrops(ReturnsDensity):
         walled = any(effect.extrapolates() for effect in effects_with(others, BringsWalls))
         if radius and walled and weight * grid.drop_radius**2 < FLAT * getattr(self, SIGMA):
             yield (
-                f"{self.name}: walls pull this liquid, so that drops have a contact angle of {self.on_walls} degrees on"
-                " them; akinci_2013 has others by calibrate_contact_angle"
+                f"{self.name}: walls pull this liquid, so that drops have a contact angle of"
+                f" {drops_of(self.name).on_walls} degrees on them; akinci_2013 has others by calibrate_contact_angle"
             )
 
     def nominal_tension(self, grid: Discretisation, others: Others) -> float:
@@ -294,7 +300,7 @@ class PairCohesion(
         return sigma / self.unit_tension(grid, others) / self.share_of_nominal(grid, others) if sigma else 0.0
 
     def keeps_drops(self) -> bool:
-        return bool(self.measured) and self == self._plain()
+        return bool(drops_of(self.name).measured) and self == self._plain()
 
     def unit_tension(self, grid: Discretisation, others: Others) -> float:
         """sigma [N/m] of a coefficient of one."""

@@ -68,7 +68,7 @@ def test_the_wheel_holds_every_source_and_its_data(unpacked):
 
     assert files(unpacked / "refsim") == files(ROOT / "refsim")
     data = {p.name for p in files(unpacked / "refsim") if p.suffix != ".py"}
-    assert data >= {"scene.schema.json", "sigma_map.json", "wetting_map.json", "py.typed", "melting.toml", "pebble.obj"}
+    assert data >= {"scene.schema.json", "sigma_map.json", "drops.toml", "py.typed", "melting.toml", "pebble.obj"}
     assert any(p.name == "1_surface_particles.md" for p in files(unpacked / "refsim"))
 
 

@@ -12,6 +12,7 @@ from refsim import calibrate, calibrate_contact_angle, load_scene, make_plan
 from refsim.core.capabilities import with_scene_defaults
 from refsim.core.effect import EFFECTS, Discretisation
 from refsim.surface_tension.calibration import MAP, SETTINGS, sigma_map
+from refsim.surface_tension.cohesion import drops_of
 from tests.running import rows
 from validation.measure import sigma_map as condensing
 from validation.measure import tension, wetting
@@ -83,7 +84,7 @@ def share_of(dim, support, stiffness, model=rs.Akinci2013, radius=0.0, standing=
 @pytest.mark.parametrize("standing", [False, True])
 def test_a_tension_is_turned_into_a_coefficient_by_measured_drops(standing):
     """At measured settings, between them, at the nearest beyond; nominal summed, without shifting, 2D standing."""
-    known = dict((rs.Akinci2013 if standing else rs.Akinci2013.free).measured[3])
+    known = dict(drops_of("akinci_2013", not standing).measured[3])
 
     def share(*place, **given):
         area = min(max(0.02 / place[-1], 3), 8) if standing and not given else 1  # that of containers over the printed
@@ -102,7 +103,7 @@ def test_a_tension_is_turned_into_a_coefficient_by_measured_drops(standing):
 
 def test_the_coefficient_follows_the_smallest_body_of_liquid():
     """The share of its radius, those beyond as the nearest; a note where it is smaller than any measured drop."""
-    whole, factors = share_of(3, 2.6, 0.005, rs.CsfWang2019), dict(rs.CsfWang2019.by_radius[3])
+    whole, factors = share_of(3, 2.6, 0.005, rs.CsfWang2019), dict(drops_of("csf_wang_2019").by_radius[3])
     for radius, nearest in ((6.0, 6.0), (10.0, 10.0), (20.0, 20.0), (1e3, 20.0), (1.0, 6.0)):
         factor = factors[nearest][0][1][0][1]
         assert share_of(3, 2.6, 0.005, rs.CsfWang2019, radius=radius) == pytest.approx(whole * factor)
@@ -191,7 +192,7 @@ def test_drops_of_the_default_liquid_have_the_tension_asked_for(model, dim, stan
             share = share_of(dim, *place[:2], of, radius=point.radius, standing=standing)
             assert row["share"] == pytest.approx(share, rel=0.1), place
             drops.setdefault(place, []).append(np.array([row["laplace"], row["rayleigh"]]) * row["share"] / share)
-    small, large, _ = (of if standing or not of.free else of.free).radii[dim]
+    small, large, _ = drops_of(of.name, not standing).radii.get(dim) or drops_of(of.name).radii[dim]
     for place, acting in drops.items():
         bar = 0.05 if small <= place[-1] <= large else 0.07  # beyond them a note says by how much
         assert np.mean(acting, axis=0) == pytest.approx([1, 1], abs=bar), place

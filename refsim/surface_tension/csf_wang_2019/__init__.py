@@ -100,27 +100,6 @@ class CsfWang2019(
     virial: ClassVar[str] = "the force acts on the surface alone, and the capillary limit holds"
     needed: ClassVar[tuple[str, ...]] = (LIQUID,)
     in_papers: ClassVar[Mapping[str, Any]] = {"density_correction": True}
-    # a second layer whose |n| h is below the threshold has no force: with h = 3 d 0.12 of a lattice's
-    measured: ClassVar[cohesion.Measured] = {
-        2: (
-            (2.3, ((0.001, 1.0), (0.01, 1.0))),
-            (2.6, ((0.0003, 0.98), (0.01, 0.98))),
-            (3.0, ((0.001, 0.94), (0.01, 0.94))),
-        ),
-        3: (
-            (2.6, ((0.001, 1.02), (0.01, 0.98))),
-            (2.8, ((0.003, 0.9796), (0.01, 0.96))),
-            (3.0, ((0.0045, 0.9521), (0.01, 0.94))),
-        ),
-    }
-    by_radius: ClassVar[Mapping[int, tuple[tuple[float, tuple[Any, ...]], ...]]] = {
-        2: tuple((radius, ((2.6, ((0.003, factor),)),)) for radius, factor in
-                 ((6.0, 1.055), (8.0, 1.045), (10.0, 1.026), (14.0, 0.997), (20.0, 0.968))),
-        3: tuple((radius, ((2.6, ((0.005, factor),)),)) for radius, factor in
-                 ((6.0, 1.05), (8.0, 1.022), (10.0, 1.005), (14.0, 0.979), (20.0, 0.957))),
-    }  # fmt: skip
-    on_walls: ClassVar[str] = "40 to 48"
-    radii: ClassVar[Mapping[int, tuple[float, float, str]]] = dict.fromkeys((2, 3), (6.0, 20.0, "none was measured"))
 
     surface_tension: NotNegative
     tension_gradient: tuple[float, float, float] = (0.0, 0.0, 0.0)

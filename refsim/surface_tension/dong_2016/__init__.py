@@ -76,24 +76,6 @@ class Dong2016(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, kw_o
     paper: ClassVar[Mapping[str, Any]] = {"solver": "hu_adams", "balance_pressure": False}
     in_papers: ClassVar[Mapping[str, Any]] = {"filter_density": True}
     lattice: ClassVar[bool] = True
-    measured: ClassVar[cohesion.Measured] = {
-        2: (
-            (3.8, ((0.0062, 8.6), (0.0100, 7.36), (0.0124, 7.05))),
-            (4.0, ((0.0067, 8.51), (0.013, 7.25))),
-        ),
-        3: ((3.0, ((0.0015, 3.26), (0.0030, 3.08), (0.0052, 2.96), (0.0072, 2.81), (0.010, 2.53))),),
-    }
-    by_radius: ClassVar[Mapping[int, tuple[tuple[float, tuple[Any, ...]], ...]]] = {
-        2: tuple((radius, ((3.9, ((0.009, factor),)),)) for radius, factor in
-                 ((8.0, 0.996), (14.0, 1.0), (20.0, 0.972))),
-        3: tuple((radius, ((3.0, ((0.004, factor),)),)) for radius, factor in
-                 ((6.0, 0.987), (8.0, 1.004), (12.0, 1.003), (20.0, 1.014))),
-    }  # fmt: skip
-    on_walls: ClassVar[str] = "80 to 90"
-    radii: ClassVar[Mapping[int, tuple[float, float, str]]] = {
-        2: (8.0, 20.0, "it is off by up to 0.27 (6 spacings)"),
-        3: (6.0, 12.0, "it is off by up to 0.06 (14 spacings) and 0.09 (20)"),
-    }
     with_spacing: ClassVar[tuple[str, ...]] = ("rest_distance",)
 
     surface_tension: NotNegative | None = None
