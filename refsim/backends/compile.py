@@ -152,8 +152,9 @@ class CudaKernel:
 
     def __call__(self, *arguments: Any) -> None:
         of = arguments[self.rows_at]
-        rows = multiprocessors() * self.threads
-        if not self.resident:
+        if self.resident:
+            rows = multiprocessors() * self.threads
+        else:
             rows = (getattr(of, self.member) if self.member else of).shape[0] * self.lanes
         if self.list_at is not None:
             rows *= len(arguments[self.list_at].lanes)
