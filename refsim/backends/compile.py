@@ -320,7 +320,9 @@ def row_kernel(function: Callable, **options: Any) -> CudaKernel:
     made = Kernel(function, **options)
     if simulated():  # which replaces `cuda` in the module of a device function
         made.body = _load_cuda().jit(device=True)(function)
-    return made.on("cuda")
+    launched = made.on("cuda")
+    launched.__wrapped__ = function
+    return launched
 
 
 @functools.cache

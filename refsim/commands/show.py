@@ -8,11 +8,9 @@ import ast
 import contextlib
 import functools
 import importlib
-import importlib.util
 import inspect
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -42,37 +40,15 @@ class Source:
 
 
 @functools.cache
-def file_of(module: str) -> Path | None:
-    """The source of a module, of which no more than its package is imported; None where there is none."""
-    try:
-        spec = importlib.util.find_spec(module)
-    except ModuleNotFoundError:
-        return None
-    return Path(spec.origin) if spec is not None and spec.origin is not None else None
-
-
-@functools.cache
-def parsed(module: str) -> tuple[str, ast.Module]:
-    """Text and syntax tree of a module."""
-    path = file_of(module)
-    assert path is not None, module
-    text = path.read_text(encoding="utf-8")
-    return text, ast.parse(text)
-
-
-@functools.cache
 def _function(module: str, name: str) -> Source | None:
     """A function of the module with its decorators, or one that a call in the module makes."""
-    text, tree = parsed(module)
-    for node in tree.body:
-        if isinstance(node, ast.FunctionDef) and node.name == name:
-            first = min([node.lineno, *(d.lineno for d in node.decorator_list)])
-            return Source(module, name, first, "\n".join(text.splitlines()[first - 1 : node.end_lineno]))
-        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call) and name in ast.unparse(node.targets[0]):
-            made = inspect.unwrap(getattr(importlib.import_module(module), name, None))  # type: ignore[arg-type]
-            if inspect.isfunction(made) and made.__name__ == name:
-                return Source(module, name, 0, inspect.getsource(made).rstrip())
-    return None
+    place = importlib.import_module(module)
+    function = inspect.unwrap(getattr(place, name, None))  # type: ignore[arg-type]
+    if not inspect.isfunction(function) or (function.__module__, function.__qualname__) != (module, name):
+        return None
+    lines, first = inspect.getsourcelines(function)
+    line, text = first * (function.__code__.co_filename == place.__file__), "".join(lines).rstrip()
+    return None if text[0] == " " else Source(module, name, line, text)  # of a class, or for the device alone
 
 
 def source_of(module: str, name: str) -> Source:
@@ -83,32 +59,20 @@ def source_of(module: str, name: str) -> Source:
     return function
 
 
-@functools.cache
-def _imported(module: str) -> dict[str, str]:
-    """What the module imports of its own package, by the name that it uses."""
-    imports: dict[str, str] = {}
-    for node in parsed(module)[1].body:
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(module.partition(".")[0]):
-            imports |= {alias.asname or alias.name: f"{node.module}.{alias.name}" for alias in node.names}
-    return imports
-
-
 def called_by(module: str, name: str) -> list[tuple[str, str]]:
     """(module, name) of the package's functions that a function calls, directly or through others."""
     callees: dict[tuple[str, str], None] = {}
     waiting = [(module, name)]
     while waiting:
         place, function = waiting.pop(0)
-        source = _function(place, function)
-        for part in ast.walk(ast.parse(source.text)) if source is not None else ():
+        known = vars(importlib.import_module(place))
+        for part in ast.walk(ast.parse(source_of(place, function).text)):
+            named = known.get(part.id) if isinstance(part, ast.Name) else None
             if isinstance(part, ast.Attribute) and isinstance(part.value, ast.Name):
-                target = (_imported(place).get(part.value.id, ""), part.attr)
-            elif isinstance(part, ast.Name):
-                full = _imported(place).get(part.id, f"{place}.{part.id}")
-                target = (full.rpartition(".")[0], full.rpartition(".")[2])
-            else:
-                continue
-            if target not in callees and target[0] and file_of(target[0]) and _function(*target):
+                named = getattr(known.get(part.value.id), part.attr, None)
+            made = inspect.unwrap(named)  # type: ignore[arg-type]
+            target = getattr(made, "__module__", None) or "", getattr(made, "__name__", "")
+            if target not in callees and target[0].startswith("refsim.") and _function(*target):
                 callees[target] = None
                 waiting.append(target)
     return list(callees)
