@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import numpy as np
 from refsim.core.writing import write_file
 from refsim.study.advice import cheapest, duration, in_words, least, percent, price, settings
 from refsim.study.panels import Panel, Point, abouts, panel
+from refsim.study.result import plain_ticks
 from validation import own_choices
 from validation.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, save_picture, style
 from validation.filling import replaced
@@ -254,17 +254,8 @@ def _seconds(of: Panel, error: float, kind: str) -> float:
 
 def _finished(figure: Any, axes: Any, title: str) -> None:
     """Numbers instead of powers on the axes, a legend beside them, a title."""
-    _plain_ticks(axes.xaxis)
-    _plain_ticks(axes.yaxis, lambda value: duration([value]))
+    plain_ticks(axes.xaxis, few=30, most=12)
+    plain_ticks(axes.yaxis, lambda value: duration([value]), few=30, most=12)
     axes.grid(True, which="major")
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8)
     figure.suptitle(title, x=0.01, ha="left", fontweight="bold")
-
-
-def _plain_ticks(axis: Any, words: Callable[[float], str] = "{:g}".format) -> None:
-    """Numbers instead of powers on a logarithmic axis; between the decades where it spans few of them."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-    low, high = sorted(axis.get_view_interval())
-    axis.set(major_locator=LogLocator(subs=(1.0, 2.0, 5.0) if high / low < 30 else (1.0,), numticks=12))
-    axis.set(major_formatter=FuncFormatter(lambda value, place: words(value)), minor_formatter=NullFormatter())

@@ -39,10 +39,11 @@ def jiang_zhu(literal: tuple[str, ...]) -> Measured:
 def detection(literal: tuple[str, ...]) -> Measured:
     """1 - F1 of the panel `detection_2d`, against the exact cover."""
     from refsim.study.panels import FOLDER
-    from refsim.study.panels.scenes import detection
+    from refsim.study.panels.scenes import changed, packaged
     from validation.metrics.surface_truth import detection_score
 
-    simulation = Simulation(detection("detection_2d", {"effect": {"literal": literal}, "dtype": "float64"}))
+    given = ("effects.surface_detection", {"literal": literal}), ("dtype", "float64")
+    simulation = Simulation(changed(packaged("detection_2d"), given))
     simulation.evaluate()
     score = detection_score(simulation.field("surface"), np.load(FOLDER / "detection_2d.npz")["surface"])
     return {"value": 1 - score.f1, "remark": f"precision {score.precision:.3f}, recall {score.recall:.3f}"}

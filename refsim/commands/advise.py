@@ -9,7 +9,7 @@ from refsim.core.errors import InputError
 from refsim.scene.files import scene_to_toml
 from refsim.study import advice
 from refsim.study.panels import abouts, panel
-from refsim.study.panels.scenes import written
+from refsim.study.panels.scenes import scene_of
 
 DESCRIPTION = """The cheapest measured setting for a relative error of an observable, and what it took; its scene is
 written, and the command that gives the value is printed (refsim plan SCENE --time: what it takes here). Without an
@@ -44,7 +44,7 @@ def execute(options: argparse.Namespace) -> CommandResult:
     if advised is None:
         return CommandResult(data, text)
     point, path = advised[1], Path(options.output or f"{name}.toml")
-    scene = scene_to_toml(written(of, point))
+    scene = scene_to_toml(scene_of(of, point, 0))
     write_new({path: scene.encode()}, "file (--output)", options.overwrite, "scene", "nothing was written")
     value = f"refsim run {path} --observable panel:{name}" + " --backend cuda" * options.gpu
     if of.about.reaches is not None:

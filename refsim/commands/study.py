@@ -12,17 +12,18 @@ from refsim.core.terminal import say
 from refsim.core.writing import write_file, writing
 from refsim.scene.refine import RATIO
 from refsim.scene.scene import Scene
+from refsim.scene.shapes import Cloud
 from refsim.study import KNOBS
 from refsim.study.convergence import Reference
-from refsim.study.panels import abouts, panel
+from refsim.study.panels import Panel, abouts, panel
 from refsim.study.panels import measured as measuring
-from refsim.study.panels.scenes import PACKED, SCENE_FACTORIES, packaged
+from refsim.study.panels.scenes import packaged
 
 DESCRIPTION = """Run a scene at several spacings, and with every other setting changed alone, and say how accurate the
 observable is, where its error comes from, and which setting is the cheapest for an error. Each run's result is kept in
 the study's folder, so that the same command goes on where it was stopped. The name of a panel (refsim advise lists
 them) stands for its packaged scene and observable; --points measures the panel's settings anew, beside those on
-file. Panels whose particles are not a box or a ball are measured in the same way without --points."""
+file. Panels whose particles are not a box or a ball, or of one spacing, are measured so without --points."""
 FAILED = 3
 GIVEN = ("levels", "finer", "ratio", "error", "reaches", "backend", "threads")  # as `study` takes them
 
@@ -50,10 +51,15 @@ def execute(options: argparse.Namespace) -> CommandResult:
     scene: Scene | str = options.scene
     reference = None
     if options.scene in abouts() and not Path(options.scene).is_file():
-        if options.points is not None or options.scene in PACKED.union(SCENE_FACTORIES):
-            return _points(options)
-        scene = _packaged(options)
-        reference = Reference(*panel(options.scene).reference(), panel(options.scene).about.reference)
+        of = panel(options.scene)
+        scene = packaged(of.name)
+        spacings = {point.knobs.get("spacing") for point in of.points.values()}
+        if options.points is not None or len(spacings) == 1 or any(isinstance(part, Cloud) for part in scene.fluid):
+            return _points(options, of)
+        options.observable = options.observable or f"panel:{of.name}"
+        options.reaches = of.about.reaches if options.reaches is None else options.reaches
+        options.with_spacing = options.with_spacing or ",".join(of.about.with_spacing)
+        reference = Reference(*of.reference(), of.about.reference)
     elif options.points is not None:
         raise InputError(f"study: --points is for panels; {suggestion(options.scene, abouts())}")
     elif not Path(options.scene).exists():
@@ -79,19 +85,9 @@ def execute(options: argparse.Namespace) -> CommandResult:
     return CommandResult(outcome.data() | {"folder": str(folder)}, text, 0 if outcome.convergence else FAILED)
 
 
-def _packaged(options: argparse.Namespace) -> Scene:
-    """The panel's scene; observable and what is in proportion to the spacing are the panel's where none are given."""
-    of = panel(options.scene)
-    options.observable = options.observable or f"panel:{of.name}"
-    options.reaches = of.about.reaches if options.reaches is None else options.reaches
-    options.with_spacing = options.with_spacing or ",".join(of.about.with_spacing)
-    return packaged(of.name)
-
-
-def _points(options: argparse.Namespace) -> CommandResult:
+def _points(options: argparse.Namespace, of: Panel) -> CommandResult:
     """Measure the panel's settings."""
     tell = (lambda text: None) if options.quiet else say
-    of = panel(options.scene)
     measured_panel = measuring.measured(of, options.points or (), backend=options.backend, say=tell)
     value, _, uncertainty = of.reference()
     data = {

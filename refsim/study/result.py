@@ -1,6 +1,7 @@
 """What a study found: its runs, the sources of error, what effects cost, and the cheapest setting for an error."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -383,22 +384,23 @@ def _errors(study: Any, axes: Any) -> None:
             )  # fmt: skip
     if axes.get_legend_handles_labels()[0]:
         axes.legend(fontsize=8)
-    _plain(axes.xaxis)
-    _plain(axes.yaxis)
+    plain_ticks(axes.xaxis)
+    plain_ticks(axes.yaxis)
     axes.set_ylabel("bound of the error [%]")
     axes.set_title("what an error costs", fontsize=9)
 
 
-def _plain(axis: Any) -> None:
-    """Numbers without powers of ten; between them where an axis has less than two decades."""
+def plain_ticks(axis: Any, words: Callable[[float], str] = "{:g}".format, few: float = 100, most: Any = "auto") -> None:
+    """Numbers, at `most` so many, without powers of ten; between these where a logarithmic axis ends `few` times higher
+    than it begins, or below.
+    """
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     if axis.get_scale() != "log":
         return
     low, high = axis.get_view_interval()
-    few = 0 < low < high < 100 * low
-    axis.set_major_locator(LogLocator(subs=(1, 2, 5) if few else (1,)))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5) if 0 < low < high < few * low else (1,), numticks=most))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: words(value)))
     axis.set_minor_formatter(NullFormatter())
 
 
@@ -412,7 +414,7 @@ def _sources(study: Any, axes: Any) -> None:
     if any(error > 0 for _, error in sources):
         axes.set_xscale("log")
         axes.margins(x=0.25)
-        _plain(axes.xaxis)
+        plain_ticks(axes.xaxis)
     axes.set_xlabel("error of the scene as it is [%]")
     axes.set_title("where the error comes from", fontsize=9)
 

@@ -13,7 +13,7 @@ import pytest
 
 from refsim import make_plan
 from refsim.study.panels import FOLDER, OWN, abouts, panel, parse
-from refsim.study.panels.scenes import PACKED, SCENE_FACTORIES
+from refsim.study.panels.scenes import PACKED, STARTS
 from validation import accuracy, accuracy_page, limits, timed, times
 from validation.reading import reading
 
@@ -37,9 +37,10 @@ def test_a_column_of_seconds_has_one_machine():
 
 @pytest.mark.parametrize("name", abouts())
 def test_every_panel_can_be_measured_anew(name):
-    """By its packaged scene, or by one that a function makes; other programs' points by a run that is there."""
-    written = "fluid" in tomllib.loads((FOLDER / f"{name}.toml").read_text()) or name == "spinning_body"
-    assert [written, name in SCENE_FACTORIES, name in PACKED].count(True) == 1
+    """By its packaged scene or by NAME.zip; other programs' points by a run that is there."""
+    written = tomllib.loads((FOLDER / f"{name}.toml").read_text())
+    assert ("spacing" in written) != (name in PACKED)
+    assert written["panel"].get("start", "shaken") in STARTS
     programs = {p.program for p in panel(name).points.values()} - {OWN}
     assert bool(programs) == (name in accuracy.PEERS)
     assert name not in accuracy.PEERS or callable(accuracy.reader(accuracy.PEERS[name]))

@@ -1,6 +1,6 @@
 """Panels: observables with a reference, and the settings that were measured of each, as plain files beside this one.
 
-NAME.toml holds the scene of the base setting, where no function of `making` makes it, and in its table [panel] what is
+NAME.toml holds the scene of the base setting, where NAME.zip does not hold all, and in its table [panel] what is
 observed, against which reference, and the settings. The function NAME of `observables` reads the value, `measured`
 measures the settings, and NAME.json holds what was measured, one setting a line, with the machine, commit and date.
 """
@@ -71,7 +71,7 @@ class PanelSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     peer          what other programs have of it, where none was measured here
     with_spacing  parameters of the packaged scene, by name, that are in proportion to the spacing
     reaches       the value is the time at which the observable has this value
-    shaken        whether each reading starts from particles displaced otherwise, so that errors have a noise
+    start         function of `scenes.STARTS` that gives a reading's particles; "shaken" ones give errors a noise
     bars          key of a setting -> (error that it keeps at most, why)
     settings      by key
     """
@@ -94,7 +94,7 @@ class PanelSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     peer: str = ""
     with_spacing: tuple[str, ...] = ()
     reaches: float | None = None
-    shaken: bool = False
+    start: str = ""
     bars: dict[str, tuple[float, str]] = {}
     settings: dict[str, Option] = {}
 
