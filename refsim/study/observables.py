@@ -13,12 +13,11 @@ it is read at each of them, and its attribute `reduce` makes one number of the m
 is the work whose seconds count, its attribute `seconds` gives them of what was read.
 """
 
-import ast
 import hashlib
+import os
 import re
 import runpy
 import sys
-import sysconfig
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -269,8 +268,8 @@ def digest_of(name: str) -> str:
     path, _, function = name.rpartition(":")
     if not path.endswith(".py"):
         return _digest(name)
-    files = {"": Path(path), **local_modules(Path(path))}
-    digests = [(module, hashlib.sha256(file.read_bytes()).hexdigest()) for module, file in sorted(files.items())]
+    files = sorted(local_modules(Path(path)))
+    digests = [(os.path.relpath(file, Path(path).resolve()), _digest(file.read_bytes())) for file in files]
     return _digest(repr((function, digests)))
 
 
@@ -282,82 +281,37 @@ def _digest(content: str | bytes) -> str:
     return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()
 
 
-INSTALLED = ("site-packages", "dist-packages")
 REFSIM = Path(refsim.core.__file__).resolve().parent.parent
-BY_NAME = ("import_module", "__import__")
 
 
-def local_modules(path: Path) -> dict[str, Path]:
-    """Files by module that `path` imports, directly or through others, and that lie in its folder or below.
+def local_modules(path: Path) -> set[Path]:
+    """A Python file and those of its folder and below that it may import, directly or through others.
 
-    Found in the text, without running it. What is installed, in a virtual environment below the folder say, and refsim
-    itself do not count.
+    They are those whose names stand in the text, whatever for. What is installed and refsim itself do not count.
     """
     path = path.resolve()
-    modules: dict[str, Path] = {}
-    waiting = [] if path.is_relative_to(REFSIM) else [("", path)]
-    while waiting:
-        importer, text = waiting.pop()
-        for name in _imported(text, importer):
-            file = None if name in modules else _file_of(name, path.parent)
-            if file is not None and file != path:
-                modules[name] = file
-                waiting.append((name, file))
-    return modules
-
-
-def forget(modules: dict[str, Path]) -> None:
-    """Have these modules loaded anew when they are imported next: their text may have changed since."""
-    for name, file in modules.items():
-        loaded = getattr(sys.modules.get(name), "__file__", None)
-        if loaded and file.suffix == ".py" and not _installed(Path(loaded).resolve(), file.parent):
-            del sys.modules[name]
-            parent, _, last = name.rpartition(".")
-            if hasattr(sys.modules.get(parent), last):  # a folder without __init__.py keeps its modules by name
-                delattr(sys.modules[parent], last)
-
-
-def _imported(file: Path, importer: str) -> Iterator[str]:
-    """Whole names of the modules that a file may import: `from a import b` may import a.b."""
-    if file.suffix != ".py":
-        return
-    try:
-        tree = ast.parse(file.read_bytes())
-    except (OSError, ValueError, SyntaxError):  # running it reports it
-        return
-    package = importer if file.name == "__init__.py" else importer.rpartition(".")[0]
-    for node in ast.walk(tree):
-        names: list[str] = []
-        if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            above = package.split(".")[: len(package.split(".")) - node.level + 1] if node.level else []
-            names = [".".join(filter(None, (*above, node.module, alias.name))) for alias in node.names]
-        elif isinstance(node, ast.Call) and ast.unparse(node.func).rpartition(".")[2] in BY_NAME:
-            names = [arg.value for arg in node.args if isinstance(arg, ast.Constant) and isinstance(arg.value, str)]
-        for name in names:
-            parts = name.split(".")
-            yield from (".".join(parts[: k + 1]) for k in range(len(parts)))
-
-
-def _file_of(name: str, folder: Path) -> Path | None:
-    """The file of a module in this folder or below: where it is loaded from, or where it would be found."""
-    loaded = getattr(sys.modules.get(name), "__file__", None)
-    places = [Path(loaded)] if loaded else []
-    for base in (folder, *map(Path, sys.path)):
-        stem = base.joinpath(*name.split("."))
-        places += [stem / "__init__.py", stem.with_name(f"{stem.name}.py")]
-    for place in places:
-        file = place.resolve()
-        if file.is_relative_to(folder) and file.is_file() and not _installed(file, folder):
-            return file
-    return None
-
-
-def _installed(file: Path, folder: Path) -> bool:
-    """Whether a file belongs to Python, to an installed package or to refsim, and this folder does not."""
-    inside = file.relative_to(folder).parts if file.is_relative_to(folder) else file.parts
-    homes = [REFSIM, *(Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "platstdlib"))]
-    return any(part in INSTALLED for part in inside) or any(
-        file.is_relative_to(home) and not folder.is_relative_to(home) for home in homes
+    ways = (
+        way for way in map(Path, sys.path) if way.is_relative_to(path.parent) and not way.is_relative_to(sys.prefix)
     )
+    folders = {path.parent, *ways}
+    found, new = set[Path](), {path}
+    words = {"__init__"}
+    while new:
+        found |= new
+        words |= {word.decode() for file in new for word in re.findall(rb"[A-Za-z_]\w*", file.read_bytes())}
+        below = [folder / word for folder in folders for word in words]
+        folders |= {folder for folder in below if folder.is_dir() and folder != REFSIM}
+        files = (folder / f"{word}.py" for folder in folders for word in words)
+        new = {file for file in files if file.is_file()} - found
+    return found
+
+
+def forget(files: set[Path]) -> None:
+    """Have these modules loaded anew when they are imported next: their text may have changed since."""
+    places = files | {file.parent for file in files}  # a folder without __init__.py keeps its modules by name
+    names = {place.stem for place in places}
+    for name, module in list(sys.modules.items()):
+        if name.rpartition(".")[2] in names and not name.startswith("refsim."):
+            place = getattr(module, "__file__", None) or next(iter(getattr(module, "__path__", ())), "")
+            if Path(place).resolve() in places:
+                del sys.modules[name]
