@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from refsim.core.writing import write_file
-from refsim.study.advice import cheapest, duration, in_words, least, percent, price, settings
+from refsim.study.advice import cheapest, duration, in_words, least, price, settings
 from refsim.study.panels import Panel, Point, abouts, panel
-from refsim.study.result import plain_ticks
+from refsim.study.result import percent, plain_ticks
 from validation import own_choices
 from validation.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, save_picture, style
 from validation.filling import replaced
@@ -67,7 +67,7 @@ def rows(of: Panel, gpus: list[str]) -> list[str]:
     """The panel's lines of the table: one for the errors of equal answers, without those that have no meaning."""
     about, groups = of.about, dict[tuple[str, ...], list[str]]()
     for error in sorted({*TARGETS, *about.more}, reverse=True):
-        if error > of.reference()[2]:
+        if error > of.reference().uncertainty:
             raw = f" ({error * about.scale:.2g} {about.unit})" if about.unit and about.scale not in (1.0, 100.0) else ""
             groups.setdefault(tuple(_cells(of, error, gpus)), []).append(percent(error) + raw)
     name = f"[{about.words}]({about.page}), `{of.name}`; {about.relative}"
@@ -113,7 +113,7 @@ def _words(point: Point) -> str:
 
 def pictures(of: Panel) -> list[str]:
     """The panel's picture, its reference and how well that is known."""
-    about, known = of.about, of.reference()[2]
+    about, known = of.about, of.reference().uncertainty
     within = f", known to {percent(known)}" if known else ""
     picture = f"![{of.name}](../figures/accuracy_cost_{of.name}.png)"
     return [picture, "", f"*Reference: {about.reference}{within}.*", ""]
@@ -205,7 +205,7 @@ def picture(of: Panel) -> Any:
             axes.plot(*zip(*sorted(best)), "--" if kind == "gpu" else "-", color=look["color"], lw=1.2)
     if any("gpu" in kinds for kinds in methods.values()):
         axes.plot([], [], "o--", color=GREY, mfc="white", label="hollow: on a GPU")
-    uncertainty = of.reference()[2]
+    uncertainty = of.reference().uncertainty
     axes.set(xscale="log", yscale="log", xlabel=f"error [% {of.about.relative}]", ylabel="seconds of the run")
     low, high = axes.get_xlim()
     axes.set_xlim(low := min(low, 0.08 if low < 0.5 else 0.8), high := max(high, 12.0))

@@ -59,7 +59,7 @@ def execute(options: argparse.Namespace) -> CommandResult:
         options.observable = options.observable or f"panel:{of.name}"
         options.reaches = of.about.reaches if options.reaches is None else options.reaches
         options.with_spacing = options.with_spacing or ",".join(of.about.with_spacing)
-        reference = Reference(*of.reference(), of.about.reference)
+        reference = of.reference()
     elif options.points is not None:
         raise InputError(f"study: --points is for panels; {suggestion(options.scene, abouts())}")
     elif not Path(options.scene).exists():
@@ -89,10 +89,10 @@ def _points(options: argparse.Namespace, of: Panel) -> CommandResult:
     """Measure the panel's settings."""
     tell = (lambda text: None) if options.quiet else say
     measured_panel = measuring.measured(of, options.points or (), backend=options.backend, say=tell)
-    value, _, uncertainty = of.reference()
+    given = of.reference()
     data = {
-        "panel": of.name, "observable": of.about.observed, "reference": value, "uncertainty": uncertainty,
-        "source": of.about.reference, "points": measuring.rows(of, measured_panel),
+        "panel": of.name, "observable": of.about.observed, "reference": given.value, "uncertainty": given.uncertainty,
+        "source": given.words, "points": measuring.rows(of, measured_panel),
     }  # fmt: skip
     failed = all(point.failed for point in measured_panel.points.values())
     return CommandResult(data, measuring.text(of, measured_panel), FAILED if failed else 0)

@@ -16,6 +16,7 @@ import numpy as np
 from refsim.core.errors import InputError
 from refsim.core.tables import in_bytes
 from refsim.study.panels import OWN, Panel, Point
+from refsim.study.result import percent
 
 KINDS = ("cpu", "gpu", "peer")
 READINGS = 5  # of a setting's seconds
@@ -30,7 +31,7 @@ def kind_of(point: Point) -> str:
 
 def most(of: Panel, point: Point) -> float:
     """The largest relative error that a setting may have (rule 1)."""
-    return max(map(of.error, _finer(of, point))) + of.reference()[2]
+    return max(map(of.error, _finer(of, point))) + of.reference().uncertainty
 
 
 def _finer(of: Panel, point: Point) -> Iterator[Point]:
@@ -92,14 +93,9 @@ def _span(seconds: float) -> str:
     return f"{seconds / 1e-6:.3g} us"
 
 
-def percent(value: float) -> str:
-    """A share in per cent, two digits."""
-    return f"{float(f'{100 * value:.2g}'):g} %"
-
-
 def in_words(of: Panel, error: float) -> str:
     """An error in per cent, and in the observable's own unit, where its number is another one."""
-    about, scale = of.about, of.reference()[1]
+    about, scale = of.about, of.reference().scale
     shown = about.unit and about.unit != "%" and (about.limit_of or scale > 1)
     return percent(error) + (f" ({error * scale:.2g} {about.unit})" if shown else "")
 
@@ -114,7 +110,7 @@ def checked(error: float | None, seconds: float | None) -> None:
 
 def text_of(of: Panel, error: float, kind: str, sufficient: tuple[float, Point] | None) -> str:
     """The answer as text."""
-    about, uncertainty, nearest = of.about, of.reference()[2], least(of, kind)
+    about, uncertainty, nearest = of.about, of.reference().uncertainty, least(of, kind)
     lines = [f"{about.words}: an error of {percent(error)} {about.relative}"]
     if error <= uncertainty:
         return f"{lines[0]}\n  no meaning: the reference is known to {percent(uncertainty)} ({about.uncertain})"
@@ -147,7 +143,7 @@ def data_of(of: Panel, error: float, kind: str, sufficient: tuple[float, Point] 
 
     return {
         "observable": of.name, "words": of.about.words, "relative": of.about.relative,
-        "reference": of.about.reference, "uncertainty": of.reference()[2], "error": error,
+        "reference": of.about.reference, "uncertainty": of.reference().uncertainty, "error": error,
         "backend": "cuda" if kind == "gpu" else "cpu", "answer": plain(sufficient), "nearest": plain(least(of, kind)),
         "peer": plain(cheapest(of, error, "peer")), "scene": None,
     }  # fmt: skip

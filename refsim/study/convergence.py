@@ -7,6 +7,7 @@ convergence index of Roache (1994): U = F |Q0 - Q1| around the finest value Q1.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -59,8 +60,8 @@ class Reference:
     uncertainty: float  # of the reference, relative to the scale
     words: str
 
-    def error(self, value: float) -> float:
-        """Relative error of a value."""
+    def error(self, value: Any) -> Any:
+        """Relative error of a value, or of an array of them."""
         return abs(value - self.value) / self.scale
 
 

@@ -313,7 +313,7 @@ def test_observables_of_a_started_tank_are_as_ever(recorded):
 def test_panels_that_are_measured_anew_are_told_as_ever(recorded):
     stored, random = panel("implicit_pressure"), np.random.default_rng(3)
     own = [key for key, point in stored.points.items() if point.program == "refsim" and not point.gpu][:4]
-    value, scale, _ = stored.reference()
+    held = stored.reference()
     place = types.SimpleNamespace(words="here")
 
     def read(point, number):
@@ -321,7 +321,7 @@ def test_panels_that_are_measured_anew_are_told_as_ever(recorded):
             return Reading(math.nan, 1.0, 1.0, 0, 5, 6, 0.1, failed="In step 7 it stopped.")
         if point.key == own[2]:
             return Reading(math.nan, 0.0, 0.0, 0, 0, 0, 0.0, failed="missing: a program")
-        return reading(random, value + scale * 0.01 * float(random.normal()), particles=100, steps=7)
+        return reading(random, held.value + held.scale * 0.01 * float(random.normal()), particles=100, steps=7)
 
     said = []
     found = measured.measured(stored, own, readings=4, read=read, place=place, say=said.append)

@@ -54,8 +54,8 @@ def test_a_panel_is_measured_and_stored(tmp_path, monkeypatch, capsys):
     one = type("One", (), {"cache_clear": lambda self: None, "__call__": lambda self, name: few})()
     monkeypatch.setattr(accuracy, "panel", one)
     monkeypatch.setattr(accuracy, "broken", lambda judged: [])
-    value, scale, _ = few.reference()
-    read = lambda of, point, scene: reading(value + scale * point.error, 1.0, 3, 200)  # noqa: E731
+    given = few.reference()
+    read = lambda of, point, scene: reading(given.value + given.scale * point.error, 1.0, 3, 200)  # noqa: E731
     monkeypatch.setattr(sys.modules["refsim.study.panels.measured"], "reading_of", read)
     assert accuracy.perform(["spinning_body"], readings=2, write=True) == 0
     stored = parse((tmp_path / "spinning_body.json").read_text())

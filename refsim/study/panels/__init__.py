@@ -18,7 +18,7 @@ import msgspec
 
 from refsim.core.checked import suggestion
 from refsim.core.errors import InputError
-from refsim.study.convergence import converge
+from refsim.study.convergence import Reference, converge
 
 SCHEMA = "refsim panel, version 3"
 OWN = "refsim"
@@ -157,26 +157,20 @@ class Panel:
     places: tuple[Machine, ...]
     points: Mapping[str, Point]
 
-    def reference(self) -> tuple[float, float, float]:
-        """(value, scale, relative uncertainty) of what errors are taken from.
-
-        Of `limit_of`: the extrapolated value, twice, and the grid convergence index.
-        """
+    def reference(self) -> Reference:
+        """What errors are taken from; of `limit_of` the extrapolated value and the grid convergence index."""
         about = self.about
         if about.limit_of is None:
-            return about.value, about.scale, about.uncertainty
+            return Reference(about.value, about.scale, about.uncertainty, about.reference)
         points = [self.points[key] for key in about.limit_of]
         limit = converge([p.knobs["spacing"] for p in points], [p.value for p in points if p.value is not None])
-        return limit.value, abs(limit.value), limit.relative
+        return Reference(limit.value, abs(limit.value), limit.relative, about.reference)
 
     def error(self, point: Point) -> float:
         """Relative error of a point; infinite where it failed."""
         if point.failed or point.value is None or point.error is None:
             return math.inf
-        if self.about.limit_of is None:
-            return point.error
-        value, scale, _ = self.reference()
-        return abs(point.value - value) / scale
+        return point.error if self.about.limit_of is None else self.reference().error(point.value)
 
     def where(self, point: Point) -> str:
         """Where and when a point was measured, in words."""
@@ -192,9 +186,9 @@ class Panel:
 @functools.cache
 def abouts() -> dict[str, PanelSpec]:
     """What every panel observes, by name, in the order of their pages."""
-    files = [file for file in FOLDER.iterdir() if file.name.endswith(".toml")]
-    tables_of = {file.name.removesuffix(".toml"): tomllib.loads(file.read_text(encoding="utf-8")) for file in files}
-    known = {name: msgspec.convert(tables["panel"], PanelSpec) for name, tables in tables_of.items()}
+    files = {file.name[:-5]: file for file in FOLDER.iterdir() if file.name.endswith(".toml")}
+    texts = {name: file.read_text(encoding="utf-8") for name, file in files.items()}
+    known = {name: msgspec.convert(tomllib.loads(text)["panel"], PanelSpec) for name, text in texts.items()}
     return dict(sorted(known.items(), key=lambda item: (item[1].page, item[0])))
 
 
@@ -222,10 +216,8 @@ def parse(text: str) -> Panel:
             raise ValueError(f"its schema is {data['schema']!r}, not {SCHEMA!r}")
         about = abouts()[data["name"]]
         points = _points(about)
-        for point in msgspec.convert(data["points"], list[Point]):
-            setting = points[point.key]
-            given = {name: getattr(setting, name) for name in GIVEN}
-            points[point.key] = msgspec.structs.replace(point, **given)
+        for row in data["points"]:
+            points[row["key"]] = msgspec.structs.replace(points[row["key"]], **row)
         return Panel(data["name"], about, msgspec.convert(data["places"], tuple[Machine, ...]), points)
     except (KeyError, TypeError, ValueError) as error:  # msgspec.ValidationError is a ValueError
         raise InputError(f"this is no stored panel ({error}); measure it anew (refsim study).") from None

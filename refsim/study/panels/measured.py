@@ -14,9 +14,10 @@ from refsim.core.tables import in_bytes, table
 from refsim.core.versions import versions
 from refsim.scene.plan import make_plan
 from refsim.scene.scene import Scene
-from refsim.study.advice import READINGS, duration, percent
-from refsim.study.panels import GIVEN, OWN, Machine, Panel, Point
+from refsim.study.advice import READINGS, duration
+from refsim.study.panels import OWN, Machine, Panel, Point
 from refsim.study.panels.scenes import scene_of
+from refsim.study.result import percent
 from refsim.study.runs import Reading, Setting, machine, measure
 
 MISSING = "missing: "  # how the reason begins of a program that is not installed
@@ -68,19 +69,17 @@ def reading_of(panel: Panel, point: Point, scene: Scene) -> Reading:
 
 def _point(panel: Panel, point: Point, runs: Sequence[Reading], place: int) -> Point:
     failed = next((run.failed for run in runs if run.failed), "")
-    given = {name: getattr(point, name) for name in GIVEN}
-    same = Point(
-        point.key, place, particles=runs[0].particles, steps=runs[0].steps, seconds=[run.seconds for run in runs],
-        failed=failed, **given,
+    same = msgspec.structs.replace(
+        point, place=place, particles=runs[0].particles, steps=runs[0].steps, seconds=[run.seconds for run in runs],
+        failed=failed, value=None, value_mad=0.0, error=None, error_mad=0.0, bytes=None,
     )  # fmt: skip
     if failed:
         return same
-    value, scale, _ = panel.reference()
     values = np.array([run.value for run in runs])
     held = runs[-1].bytes or None
     if point.program == OWN:
         held = same.particles * sum(make_plan(scene_of(panel, point)).field_bytes().values())
-    (middle, off), (error, error_off) = _middle(values), _middle(np.abs(values - value) / scale)
+    (middle, off), (error, error_off) = _middle(values), _middle(panel.reference().error(values))
     return msgspec.structs.replace(same, value=middle, value_mad=off, error=error, error_mad=error_off, bytes=held)
 
 
@@ -98,21 +97,19 @@ def _here(backend: str) -> Machine:
 
 def rows(stored: Panel, measured_panel: Panel) -> list[dict[str, Any]]:
     """One row for each setting that was measured, as plain values; `stored_...` are those on file."""
+    told = ("key", "failed", "value", "value_mad", "seconds", "bytes", "particles", "steps")
     return [
-        {
-            "key": key, "setting": point.words, "failed": point.failed, "value": point.value,
-            "value_mad": point.value_mad, "error": stored.error(point), "seconds": point.seconds, "bytes": point.bytes,
-            "particles": point.particles, "steps": point.steps, "stored_value": stored.points[key].value,
-            "stored_error": stored.error(stored.points[key]), "stored_seconds": stored.points[key].seconds,
+        {name: getattr(point, name) for name in told} | {
+            "setting": point.words, "error": stored.error(point), "stored_value": before.value,
+            "stored_error": stored.error(before), "stored_seconds": before.seconds,
         }
-        for key, point in measured_panel.points.items()
+        for point in measured_panel.points.values() for before in [stored.points[point.key]]
     ]  # fmt: skip
 
 
 def text(stored: Panel, measured_panel: Panel) -> str:
     """The same as a table for a terminal."""
-    value, _, uncertainty = stored.reference()
-    about, cells, failed = stored.about, [], []
+    about, of, cells, failed = stored.about, stored.reference(), [], []
     for row in rows(stored, measured_panel):
         if row["failed"]:
             failed.append(f"{row['setting']}: {row['failed']}")
@@ -122,8 +119,8 @@ def text(stored: Panel, measured_panel: Panel) -> str:
         took = duration(row["seconds"]), duration(before) if before else "-"
         cells.append((*found, *took, "-" if row["bytes"] is None else in_bytes(row["bytes"]), f"{row['particles']:,}"))
     head = ("setting", "value", "error", "stored value", "seconds", "stored seconds", "memory", "particles")
-    known = f" (± {percent(uncertainty)}: {about.uncertain})" if uncertainty else ""
-    lines = [f"{about.words}: {about.observed}", f"reference {value:.6g}{known}: {about.reference}", ""]
+    known = f" (± {percent(of.uncertainty)}: {about.uncertain})" if of.uncertainty else ""
+    lines = [f"{about.words}: {about.observed}", f"reference {of.value:.6g}{known}: {of.words}", ""]
     return "\n".join([*lines, table(cells, head, right=range(1, len(head))), *failed])
 
 
