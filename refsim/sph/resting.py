@@ -7,7 +7,7 @@ x^(k - 1) = 1 + (k - 1) g s/c^2 of Tait's. An incompressible liquid has p = rho0
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,17 +18,17 @@ from refsim.sph import acceleration_of, liquid_of
 class RestingColumn(NamedTuple):
     """Liquid of a given mass over an area of its floor."""
 
-    load: float  # that mass [kg/m^2; kg/m in 2D]
+    load: Any  # that mass [kg/m^2; kg/m in 2D]; of `height` an array of them, too
     pull: float  # acceleration of gravity [m/s^2]
     density: float  # rho0 [kg/m^dim]
     sound_speed: float  # c [m/s]
     exponent: int = 1  # k of its state
 
-    def height(self) -> float:
+    def height(self) -> Any:
         """H [m], of its surface above the floor."""
         k, scale = self.exponent, self.sound_speed**2 / self.pull
-        grown = math.log1p(k * self._weight()) / k  # log x at the floor, whose pressure is the weight
-        return scale * grown if k == 1 else scale * math.expm1((k - 1) * grown) / (k - 1)
+        grown = np.log1p(k * self._weight()) / k  # log x at the floor, whose pressure is the weight
+        return scale * grown if k == 1 else scale * np.expm1((k - 1) * grown) / (k - 1)
 
     def pressure(self, height: np.ndarray) -> np.ndarray:
         """Pressure [Pa] at heights [m] above the floor; 0 above the surface."""
@@ -45,7 +45,7 @@ class RestingColumn(NamedTuple):
             return lift * (self._weight() - math.log1p(self._weight()))
         return lift / k * ((x ** (2 * k - 1) - 1) / (2 * k - 1) - (x ** (k - 1) - 1) / (k - 1))
 
-    def _weight(self) -> float:
+    def _weight(self) -> Any:
         """Pressure on the floor over rho0 c^2."""
         return self.load * self.pull / (self.density * self.sound_speed**2)
 

@@ -86,17 +86,15 @@ class Study:
 
     def _row(self, setting: Setting, reading: Reading) -> dict[str, Any]:
         base = self.base
-        reference = self.convergence.value if setting.kind == "spacing" and self.convergence else None
-        if setting.kind != "spacing":
-            reference = None if base is None else base.value
+        of = self.convergence if setting.kind == "spacing" else base
         row: dict[str, Any] = {"what": setting.kind, "setting": setting.label, "spacing": setting.scene.spacing}
         row |= {name: getattr(reading, name) for name in ("particles", "mass", "steps", "seconds")}
         row |= {"wall_seconds": reading.wall, "unsettled": reading.unsettled, "bytes": reading.bytes}
         row |= {"value": reading.value, "change": None, "cost": None, "failed": reading.failed}
         if reading.failed:
             return row | {"value": None}
-        if reference is not None:
-            row["change"] = self._relative(reading.value - reference, reference)
+        if of is not None:
+            row["change"] = self._relative(reading.value - of.value, of.value)
         return row | {"cost": reading.seconds / base.seconds} if base is not None and base.seconds else row
 
     def sources(self) -> dict[str, float]:

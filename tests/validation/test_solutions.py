@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from refsim.study.panels.scenes import compressed
+from refsim.sph.resting import RestingColumn
 from tests.running import rows
 from validation.measure import studies
 from validation.measure.studies import SOLVED, sloshed
@@ -14,7 +14,8 @@ from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surfac
 
 def test_compressed_heights_are_in_balance():
     rest, gravity, sound = np.linspace(0.0, 1.0, 4001), 9.81, 15.0
-    height, top = compressed(rest, 1.0, gravity, sound)
+    below = RestingColumn(1.0 - rest, gravity, 1.0, sound).height()
+    top, height = below[0], below[0] - below
     assert (height[0], height[-1]) == (pytest.approx(0.0, abs=1e-12), pytest.approx(top, rel=1e-12))
     middle = 0.5 * (height[1:] + height[:-1])
     pressure = sound**2 * 1000.0 * (np.diff(rest) / np.diff(height) - 1)

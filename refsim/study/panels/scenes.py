@@ -78,17 +78,6 @@ def changed(scene: Scene, values: Sequence[tuple[str, object]]) -> Scene:
     return scene_from_dict(tables, scene.name)
 
 
-def compressed(rest: np.ndarray, total: float, pull: float, sound: float) -> tuple[np.ndarray, float]:
-    """(heights [m] of equal masses in hydrostatic balance, height of the surface).
-
-    rest, total  heights [m] of the masses and of the surface at rest density; pull  acceleration downwards [m/s^2].
-    rho = rho0 exp(pull (H - y)/c^2). A disc in the force -pull x has r^2/2 in place of y.
-    """
-    scale = sound**2 / pull
-    top = scale * math.log1p(total / scale)
-    return top - scale * np.log(np.exp(top / scale) - rest / scale), top
-
-
 def lattice(*axes: np.ndarray) -> np.ndarray:
     """All points of the axes (n, 3), with z = 0 of two."""
     place = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))

@@ -28,7 +28,7 @@ from refsim import (
 from refsim.core.effect import Discretisation
 from refsim.core.walls import WallParticles
 from refsim.sph import operations as sph
-from refsim.study.panels.scenes import compressed
+from refsim.sph.resting import RestingColumn
 from refsim.surface_tension.akinci_2013 import operations as akinci
 from refsim.surface_tension.calibration import ContactAngle
 from validation.checks import Checks
@@ -216,8 +216,8 @@ def _disc(spacing: float, pull: float, sound: float) -> tuple[NDArray, float]:
     position = Ball(radius=1.0).positions(Discretisation(2, "float64", spacing, SUPPORT * spacing, 0))
     total = len(position) * spacing**2 / math.pi  # square of the radius of this mass at rest density
     square = (position**2).sum(1)
-    now, edge = compressed(0.5 * square, 0.5 * total, pull, sound)
-    return position * np.sqrt(2 * now / square)[:, None], math.sqrt(2 * edge)
+    depth = RestingColumn(0.5 * np.append(total - square, total), pull, 1.0, sound).height()  # r^2/2 stands for heights
+    return position * np.sqrt(2 * (depth[-1] - depth[:-1]) / square)[:, None], math.sqrt(2 * depth[-1])
 
 
 def _pulled(
