@@ -331,16 +331,7 @@ def push_pair(
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 
-@kernel(lanes=True)
-def push(
-    i, lane, position, phase, solid_number, mass, density, pressure, suction, neighbours, smoothing, fluid, acceleration
-):
-    """J(10) between all particles that are not of one solid; added to the acceleration [m/s^2]."""
-    force = neighbour_sum(
-        push_pair, i, lane, neighbours, position, None, phase, solid_number, mass, density, pressure, suction,
-        smoothing, fluid,
-    )  # fmt: skip
-    add_vector(acceleration, i, lane, over(force, density[i]))
+push = force(push_pair, divided="density")
 
 
 @pair
