@@ -5,15 +5,16 @@ import functools
 import io
 import os
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from refsim.core.errors import InputError
 from refsim.core.reading import LONGEST, open_regular
 
+T = TypeVar("T")
 TEXT = ("obj", "off", "ply", "stl", "gltf")  # whose names and comments may be in any alphabet of one byte
 READ = (*TEXT, "glb")  # formats in which nothing is compressed: a few kB of others can unpack to all memory
 
@@ -121,6 +122,12 @@ def written_at(path: str | os.PathLike[str]) -> tuple[int, ...]:
         except (OSError, ValueError):
             times.append(0)
     return tuple(times)
+
+
+def while_unchanged(function: Callable[..., T]) -> Callable[..., T]:
+    """The function of a mesh's file and more, whose last results are kept while that file is unchanged."""
+    kept = functools.lru_cache(maxsize=8)(lambda written, *given: function(*given))
+    return functools.wraps(function)(lambda file, *given: kept(written_at(file), file, *given))
 
 
 @contextlib.contextmanager

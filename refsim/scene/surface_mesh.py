@@ -5,7 +5,6 @@ distance from the scene's origin.
 """
 
 import dataclasses
-import functools
 import itertools
 import os
 from collections.abc import Iterator
@@ -16,7 +15,7 @@ import numpy as np
 
 from refsim.core.checked import plainly
 from refsim.core.errors import InputError
-from refsim.scene.meshes import check_triangles, read_mesh, written_at
+from refsim.scene.meshes import check_triangles, read_mesh, while_unchanged
 from refsim.scene.overlaps import (
     BESIDE,
     across_edges,
@@ -89,18 +88,13 @@ def load_mesh(path: str | os.PathLike[str], what: str = "mesh") -> SurfaceMesh:
     return surface_mesh(read.vertices, read.faces, str(path), what)
 
 
+@while_unchanged
 def placed_mesh(
     file: str, center: tuple[float, float, float] | None, size: float, rotation: tuple[float, float, float],
     what: str = "mesh",
 ) -> SurfaceMesh:  # fmt: skip
     """The mesh of a file, turned by `rotation` [degrees] about x, then y, then z, scaled to `size` [m] unless that is
     0, and moved to `center` [m] unless None; cached while the file is unchanged."""
-    written = written_at(file)
-    return _placed(file, written, center, size, rotation, what)
-
-
-@functools.lru_cache(maxsize=8)
-def _placed(file: str, written: tuple[int, ...], center: Any, size: float, rotation: Any, what: str) -> SurfaceMesh:
     from scipy.spatial.transform import Rotation
 
     mesh = load_mesh(file, what)

@@ -1,10 +1,8 @@
 """Placing of a solid, on the host: mesh read and moved, boundary particles on it, signed distances around it."""
 
-import functools
 import itertools
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +10,7 @@ from refsim.boundary.adami_2012 import LEAST_SHARE
 from refsim.boundary.sampling import sample, sample_beneath
 from refsim.boundary.signed_distance import NarrowBand, signed_distance
 from refsim.core.errors import InputError
-from refsim.scene.meshes import written_at
+from refsim.scene.meshes import while_unchanged
 from refsim.scene.solids import countable
 from refsim.scene.surface_mesh import SurfaceMesh, placed_mesh
 
@@ -125,6 +123,8 @@ def cell_edges(planes: np.ndarray, low: float, high: float, spacing: float) -> n
     return np.concatenate(parts)
 
 
+@while_unchanged
+@np.errstate(over="warn", divide="warn", invalid="warn")  # degenerate triangles are handled
 def placed_solid(
     file: str, center: tuple[float, float, float] | None, size: float, rotation: tuple[float, float, float],
     radius: float, field_spacing: float, seed: int, layers: int, apart: float,
@@ -135,16 +135,6 @@ def placed_solid(
 
     Raises InputError for a mesh that cannot be read, has no interior, or is smaller than the given spacing.
     """
-    written = written_at(file)
-    with np.errstate(over="warn", divide="warn", invalid="warn"):  # degenerate triangles are handled below
-        return _placed(file, written, center, size, rotation, radius, field_spacing, seed, layers, apart)
-
-
-@functools.lru_cache(maxsize=8)
-def _placed(
-    file: str, written: tuple[int, ...], center: Any, size: float, rotation: Any, radius: float, field_spacing: float,
-    seed: int, layers: int, apart: float,
-) -> PlacedSolid:  # fmt: skip
     mesh = placed_mesh(file, center, size, rotation)
     extent = float(mesh.extent.max())
     if 2 * radius > extent:
