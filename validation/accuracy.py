@@ -33,10 +33,6 @@ from validation.running import on_threads
 
 STORED = Path(__file__).resolve().parent.parent / "refsim" / "study" / "panels"
 DIGITS = 6  # of the places and velocities of stirred drops, whose spacing is 1
-PEERS = {  # the function of `panel_runs` that gives a reading of another program's point, of its number and threads
-    "front": "front_by_splishsplash", "droplet": "drop_by_splishsplash", "implicit_pressure": "tank_by_pysph",
-    "vortex_decay": "vortices_by_pysph",
-}  # fmt: skip
 
 
 def perform(
@@ -65,9 +61,7 @@ def perform(
 def measure(of: Panel, backend: str, readings: int, peers: bool = False) -> Panel:
     """All settings of a panel on a backend; with `peers` those of other programs instead."""
     read = partial(_stirred, of) if of.name in PACKED else None
-    if peers:
-        read = reader(PEERS[of.name]) if of.name in PEERS else None
-    if peers and read is None:
+    if peers and (read := reader(of.name)) is None:
         raise InputError(f"panel {of.name!r} has no points of other programs; leave --peers out.")
     points = (p for p in of.points.values() if (p.program != OWN) == peers)
     keys = [p.key for p in points if p.knobs["backend"] == backend]
@@ -98,9 +92,9 @@ def stirred(of: Panel) -> bytes:
     return file.getvalue()
 
 
-def reader(name: str) -> Read:
-    """The reading of a point by a function of `panel_runs`, on one thread."""
-    return lambda point, number: getattr(import_module("validation.panel_runs"), name)(point, number, 1)  # type: ignore
+def reader(name: str) -> Read | None:
+    """The reading of another program's point by the function of `panel_runs` that is called as the panel."""
+    return getattr(import_module("validation.panel_runs"), name, None)
 
 
 def _place(backend: str) -> Machine:

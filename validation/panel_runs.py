@@ -1,4 +1,7 @@
-"""Readings of panels by SPlisHSPlasH (DFSPH): surge front, drop that was a cube; by PySPH: tank, vortices."""
+"""Readings of panels by SPlisHSPlasH (DFSPH): surge front, drop that was a cube; by PySPH: tank, vortices.
+
+Each function is called as its panel, and gives the reading of a number of a point, on one thread.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ WALLED = 15.0  # column widths: the tank of the front
 STEP = 2e-3  # s, the longest of the front, which SPlisHSPlasH shortens by the speed (CFL number 0.5)
 
 
-def front_by_splishsplash(point: Point, repeat: int, threads: int | None) -> Reading:
+def front(point: Point, repeat: int) -> Reading:
     """Mean front over t sqrt(2g/L) from 1 to 3 by DFSPH, with the kinematic viscosity of the experiment `dam_break`."""
     width, columns = 0.5 * HEIGHT, point.setting["columns"]
     peer = splishsplash.run_column(
@@ -25,7 +28,7 @@ def front_by_splishsplash(point: Point, repeat: int, threads: int | None) -> Rea
             "viscosity": viscosity(width / columns) / DENSITY, "shake": repeat,
             "times": (FALL * np.arange(0.0, 4.625, 0.05)).tolist(),
         },
-        threads or 1,
+        1,
     )  # fmt: skip
     if "missing" in peer:
         return reading(failed=f"missing: {peer['missing']}")
@@ -33,9 +36,9 @@ def front_by_splishsplash(point: Point, repeat: int, threads: int | None) -> Rea
     return reading(float(place.mean()), peer["wall"][-1], peer["steps"], peer["particles"])
 
 
-def drop_by_splishsplash(point: Point, repeat: int, threads: int | None) -> Reading:
+def droplet(point: Point, repeat: int) -> Reading:
     """Radius variation that a drop keeps under Akinci et al. 2013, and the seconds after which it does."""
-    peer = splishsplash.run_drop({**point.setting["settings"], "shake": repeat}, threads or 1)
+    peer = splishsplash.run_drop({**point.setting["settings"], "shake": repeat}, 1)
     if "missing" in peer:
         return reading(failed=f"missing: {peer['missing']}")
     value = kept(np.array(peer["time"]), peer["error"])
@@ -45,7 +48,7 @@ def drop_by_splishsplash(point: Point, repeat: int, threads: int | None) -> Read
     return reading(value, seconds, peer["steps"], peer["particles"], torn)
 
 
-def vortices_by_pysph(point: Point, repeat: int, threads: int | None) -> Reading:
+def vortex_decay(point: Point, repeat: int) -> Reading:
     """Rate at which the speed of four vortices decays in 1 s, over 8 pi^2/Re."""
     peer = pysph_flows.run("vortices", point.setting["scheme"], point.setting["cells"], [1.0])
     if "missing" in peer:
@@ -56,7 +59,7 @@ def vortices_by_pysph(point: Point, repeat: int, threads: int | None) -> Reading
     return reading(float(decay * REYNOLDS / (8 * np.pi**2)), peer["seconds"], peer["steps"], len(x))
 
 
-def tank_by_pysph(point: Point, repeat: int, threads: int | None) -> Reading:
+def implicit_pressure(point: Point, repeat: int) -> Reading:
     """Root mean square of p - rho g (H - y) over rho g H farther than h from walls and surface, in places and pressures
     of the mean of samples; the kinematic viscosity is that of refsim's liquid."""
     cells, sound = point.setting["cells"], pysph_flows.SOUND

@@ -133,11 +133,7 @@ def _molten(simulation: Simulation) -> np.ndarray:
     return np.clip(simulation.field("enthalpy")[ice] / simulation.field("latent_heat")[ice], 0, 1)
 
 
-def _detected(times: np.ndarray, values: list[Any]) -> float:
-    return float(values[-1][1])
-
-
-@watched(lambda scene: np.zeros(21), _detected)
+@watched(lambda scene: np.zeros(21), lambda times, values: float(values[-1][1]))
 def detection_2d(simulation: Simulation) -> tuple[float, float]:
     """(seconds of threshold, normals and scan; 1 - F1 against the exact surface)."""
     before, began, used = dict(simulation.timings.stages), time.perf_counter(), time.process_time()
@@ -183,10 +179,8 @@ def implicit_pressure(simulation: Simulation) -> Any:
     resting = column_of(plan.effects, plan.state.mass.sum())
 
     def known(place: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        x, y = place[:, 0], place[:, 1]
-        bulk = (np.minimum(x, 1 - x) > reach) & (np.minimum(y, 1 - y) > reach)
-        exact = DENSITY * GRAVITY * (1 - y) if implicit else resting.pressure(y)
-        return exact, bulk, DENSITY * GRAVITY
+        y, bulk = place[:, 1], (np.minimum(place, 1 - place)[:, :2] > reach).all(1)
+        return DENSITY * GRAVITY * (1 - y) if implicit else resting.pressure(y), bulk, DENSITY * GRAVITY
 
     return *(simulation.field(name).astype(float) for name in ("position", "pressure")), known
 
