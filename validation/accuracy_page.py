@@ -32,14 +32,8 @@ def places(of: Panel, *kinds: str) -> dict[tuple[str, str], list[str]]:
         for _, point in settings(of, kind):
             place = of.places[point.place]
             origin = f"{place.date}, commit {place.commit[:8]}"
-            sources.setdefault((kind, _machine(of, point)), set()).add(origin)
+            sources.setdefault((kind, of.machine(point)), set()).add(origin)
     return {key: sorted(texts) for key, texts in sources.items()}
-
-
-def _machine(of: Panel, point: Point) -> str:
-    """Where a point was measured."""
-    place = of.places[point.place]
-    return place.device if point.gpu else place.machine
 
 
 def tables(known: list[Panel]) -> list[str]:
@@ -98,7 +92,7 @@ def _cells(of: Panel, error: float, gpus: list[str]) -> list[str]:
     there = ["" if settings(of, "gpu") else ABSENT] * len(gpus)
     if gpu:
         other_setting = "" if _words(gpu[1]) == _words(named[1]) else f" ({_words(gpu[1])})"
-        there[gpus.index(_machine(of, gpu[1]))] = duration(gpu[1].seconds) + other_setting
+        there[gpus.index(of.machine(gpu[1]))] = duration(gpu[1].seconds) + other_setting
     seconds = duration(cpu[1].seconds) + of.threads(cpu[1]) if cpu else ABSENT
     return [_words(named[1]), in_words(of, named[0]), seconds, *there, peer]
 

@@ -10,7 +10,7 @@ import importlib.resources
 import json
 import math
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,34 +22,49 @@ from refsim.study.convergence import Reference, converge
 
 SCHEMA = "refsim panel, version 3"
 OWN = "refsim"
-GIVEN = ("words", "knobs", "setting", "program")  # of a point, by NAME.toml
+GIVEN = ("words", "knobs", "setting", "program", "on")  # of a point, by NAME.toml
 FOLDER = importlib.resources.files("refsim") / "study" / "panels"
 
 
-class Option(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A setting.
+class Point(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """One setting on a backend, and what was measured of it.
 
-    words    the setting in words
-    knobs    what distinguishes it: spacing, step (share of the stable one), dtype ...; no two have the same
-    setting  what else its run takes
-    program  "refsim", or another program, which runs on a CPU
-    on       backends on which it is measured; on "cuda" its key begins with "cuda_"
+    words           the setting in words
+    knobs           what distinguishes it: spacing, step (share of the stable one), dtype ..., and the backend; no two
+                    have the same
+    setting         what else its run takes
+    program         "refsim", or another program, which runs on a CPU
+    on              backends on which it is measured
+    key             name within the panel; on "cuda" it begins with "cuda_"
+    place           number of the panel's place where it was measured; -1 where it was not
+    value, error    median of the readings, and of their relative errors; `value_mad`, `error_mad`: median absolute
+                    deviations
+    seconds         of the whole run, one for each reading: of the processor, on a GPU of the clock
+    bytes           of the fields
+    failed          why the setting failed; "" if it did not
     """
 
-    words: str
-    knobs: dict[str, Any]
+    key: str = ""
+    place: int = -1
+    value: float | None = None
+    value_mad: float = 0.0
+    error: float | None = None
+    error_mad: float = 0.0
+    seconds: list[float] = []
+    steps: int = 0
+    particles: int = 0
+    bytes: int | None = None
+    failed: str = ""
+    words: str = ""
+    knobs: dict[str, Any] = {}
     setting: dict[str, Any] = {}
     program: str = OWN
     on: tuple[str, ...] = ("cpu", "cuda")
 
-    def points(self, key: str) -> Iterator["Point"]:
-        """Its points, nothing measured."""
-        for backend in self.on if self.program == OWN else ("cpu",):
-            gpu = backend == "cuda"
-            yield Point(
-                f"cuda_{key}" if gpu else key, words=self.words + ", on a GPU" * gpu, setting=self.setting,
-                knobs={**self.knobs, "backend": backend}, program=self.program,
-            )  # fmt: skip
+    @property
+    def gpu(self) -> bool:
+        """Whether it was measured on a GPU."""
+        return bool(self.knobs.get("backend") == "cuda")
 
 
 class PanelSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -96,42 +111,7 @@ class PanelSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     reaches: float | None = None
     start: str = ""
     bars: dict[str, tuple[float, str]] = {}
-    settings: dict[str, Option] = {}
-
-
-class Point(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """One setting on a backend, and what was measured of it.
-
-    key             name within the panel
-    place           number of the panel's place where it was measured; -1 where it was not
-    value, error    median of the readings, and of their relative errors; `value_mad`, `error_mad`: median absolute
-                    deviations
-    seconds         of the whole run, one for each reading: of the processor, on a GPU of the clock
-    bytes           of the fields
-    failed          why the setting failed; "" if it did not
-    words, knobs, setting, program  as in `Option`, and the knob "backend"
-    """
-
-    key: str
-    place: int = -1
-    value: float | None = None
-    value_mad: float = 0.0
-    error: float | None = None
-    error_mad: float = 0.0
-    seconds: list[float] = []
-    steps: int = 0
-    particles: int = 0
-    bytes: int | None = None
-    failed: str = ""
-    words: str = ""
-    knobs: dict[str, Any] = {}
-    setting: dict[str, Any] = {}
-    program: str = OWN
-
-    @property
-    def gpu(self) -> bool:
-        """Whether it was measured on a GPU."""
-        return bool(self.knobs.get("backend") == "cuda")
+    settings: dict[str, Point] = {}
 
 
 class Machine(msgspec.Struct, frozen=True):
@@ -174,8 +154,12 @@ class Panel:
 
     def where(self, point: Point) -> str:
         """Where and when a point was measured, in words."""
+        return f"{self.machine(point)}{self.threads(point)}, {self.places[point.place].date}"
+
+    def machine(self, point: Point) -> str:
+        """The GPU, or the processor, on which a point was measured."""
         place = self.places[point.place]
-        return f"{place.device or place.machine}{self.threads(point)}, {place.date}"
+        return place.device or place.machine
 
     def threads(self, point: Point) -> str:
         """More than one thread of a CPU, in words; "" for one and for a GPU."""
@@ -205,7 +189,14 @@ def panel(name: str) -> Panel:
 
 
 def _points(about: PanelSpec) -> dict[str, Point]:
-    return {point.key: point for key, option in about.settings.items() for point in option.points(key)}
+    """The panel's points by key, nothing measured."""
+    points = {}
+    for name, given in about.settings.items():
+        for backend in given.on if given.program == OWN else ("cpu",):
+            gpu, knobs = backend == "cuda", {**given.knobs, "backend": backend}
+            key, words = "cuda_" * gpu + name, given.words + ", on a GPU" * gpu
+            points[key] = msgspec.structs.replace(given, key=key, words=words, knobs=knobs)
+    return points
 
 
 def parse(text: str) -> Panel:
