@@ -290,20 +290,18 @@ def local_modules(path: Path) -> set[Path]:
     They are those whose names stand in the text, whatever for. What is installed and refsim itself do not count.
     """
     path = path.resolve()
-    ways = (
-        way for way in map(Path, sys.path) if way.is_relative_to(path.parent) and not way.is_relative_to(sys.prefix)
-    )
-    folders = {path.parent, *ways}
-    found, new = set[Path](), {path}
-    words = {"__init__"}
+    top, installed = path.parent, sys.prefix
+    folders = {top, *(way for way in map(Path, sys.path) if top in way.parents and not way.is_relative_to(installed))}
+    found, words, new = set[Path](), {"__init__"}, {path}
     while new:
         found |= new
-        words |= {word.decode() for file in new for word in re.findall(rb"[A-Za-z_]\w*", file.read_bytes())}
-        below = [folder / word for folder in folders for word in words]
-        folders |= {folder for folder in below if folder.is_dir() and folder != REFSIM}
-        files = (folder / f"{word}.py" for folder in folders for word in words)
-        new = {file for file in files if file.is_file()} - found
-    return found
+        folders |= {place for place in new if place.is_dir()}
+        texts = (place.read_bytes() for place in new - folders)
+        words |= {word.decode() for text in texts for word in re.findall(rb"[A-Za-z_]\w*", text)}
+        named = {place.resolve() for folder in folders for place in folder.glob("*") if place.stem in words}
+        below = (place for place in named - found - folders if top in place.parents and place != REFSIM)
+        new = {place for place in below if place.is_dir() or (place.suffix == ".py" and os.access(place, os.R_OK))}
+    return found - folders
 
 
 def forget(files: set[Path]) -> None:
