@@ -1,7 +1,7 @@
 """What accuracy costs in a scene: its value with an uncertainty, the sources of error, and the cheapest setting.
 
 Contents: study; the modules observables, convergence (orders and uncertainty), runs, tasks (runs of a sweep in other
-processes), cost (seconds of a run from ten steps), memory, result and picture.
+processes), cost (seconds of a run from ten steps, memory), result (with its picture), panels and advice.
 """
 
 import os
@@ -24,7 +24,7 @@ from refsim.scene.scene import Scene
 from refsim.study.convergence import converge
 from refsim.study.observables import Observable, observable_of
 from refsim.study.result import Reference, Study
-from refsim.study.runs import Reading, Setting, kept, kept_or_made, key_of, machine, measure
+from refsim.study.runs import Reading, Setting, Watch, kept, kept_or_made, key_of, machine, measure
 from refsim.study.tasks import weighed
 
 KNOBS = ("spacing", "support", "step", "precision", "tolerance", "backend", "effects")
@@ -32,7 +32,6 @@ TOLERANCES = ("tolerance", "residual")  # parameters of effects that end an iter
 TIGHTER = 10.0
 WIDER = 1.25  # of the support radius, at the same spacing
 Say = Callable[[str], None]
-Watch = Callable[[Simulation], None]
 
 
 @plainly
@@ -123,18 +122,18 @@ def _settings(
     if "precision" in knobs:
         other = "float64" if scene.dtype == "float32" else "float32"
         made.append(Setting("precision", other, 1.0, changed(scene, dtype=other), backend))
-    if "tolerance" in knobs:
-        for k, name, value in _tolerances(scene):
-            tighter = changed(scene.effects[k], **{name: value / TIGHTER})
-            effects = (*scene.effects[:k], tighter, *scene.effects[k + 1 :])
-            label = f"{tighter.name}: {name} {value / TIGHTER:g}"
-            made.append(Setting("tolerance", label, 1.0, changed(scene, effects=effects), backend))
-    if "backend" in knobs:
-        for name in (name for name in ("cpu", "cuda") if name != backend):
-            if (reason := unavailable(name)) is None:
-                made.append(Setting("backend", name, 1.0, scene, name))
-            else:
-                left_out.append(f"backend {name} left out: {reason}")
+    for k, name, value in _tolerances(scene) if "tolerance" in knobs else ():
+        tighter = changed(scene.effects[k], **{name: value / TIGHTER})
+        effects = (*scene.effects[:k], tighter, *scene.effects[k + 1 :])
+        label = f"{tighter.name}: {name} {value / TIGHTER:g}"
+        made.append(Setting("tolerance", label, 1.0, changed(scene, effects=effects), backend))
+    for name in ("cpu", "cuda") if "backend" in knobs else ():
+        if name == backend:
+            continue
+        if (reason := unavailable(name)) is None:
+            made.append(Setting("backend", name, 1.0, scene, name))
+        else:
+            left_out.append(f"backend {name} left out: {reason}")
     if "effects" in knobs:
         made += _without(scene, backend, left_out)
     return made

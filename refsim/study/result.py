@@ -128,23 +128,18 @@ class Study:
             return None
         sufficient = []
         for setting, reading in self.of("spacing"):
-            for other, ratio, share, change in self._alternatives(base):
+            for k, (of, ratio, share, change) in enumerate(self._alternatives(setting, base)):
                 if limit.bound(reading.value) + change <= error:
-                    known = other is None or setting.factor == 1
-                    scene = setting.scene if other is None else other.scene
-                    backend = setting.backend if other is None else other.backend
-                    took = reading.seconds * ratio, reading.bytes * share
-                    sufficient.append(Advice(error, setting.scene.spacing, scene.dtype, backend, *took, known))
+                    took, known = (reading.seconds * ratio, reading.bytes * share), not k or setting.factor == 1
+                    sufficient.append(Advice(error, setting.scene.spacing, of.scene.dtype, of.backend, *took, known))
         if sufficient:
             return min(sufficient, key=lambda advice: (advice.seconds, advice.spacing))
         return self._finer(error)
 
-    def _alternatives(self, base: Reading | None) -> list[tuple[Setting | None, float, float, float]]:
-        """The scene's own precision and backend, and those tried: (setting, seconds, bytes, error) relative to it."""
-        limit = self.convergence
-        rounding = self.sources().get("precision", 0.0)
-        single = self.scene.dtype == "float32"
-        made: list[tuple[Setting | None, float, float, float]] = [(None, 1.0, 1.0, rounding if single else 0.0)]
+    def _alternatives(self, own: Setting, base: Reading | None) -> list[tuple[Setting, float, float, float]]:
+        """The setting's own precision and backend, and those tried: (setting, seconds, bytes, error) relative to it."""
+        limit, rounding, single = self.convergence, self.sources().get("precision", 0.0), self.scene.dtype == "float32"
+        made = [(own, 1.0, 1.0, rounding if single else 0.0)]
         if base is None or limit is None or not (base.seconds and base.bytes and (base.value or self.reference)):
             return made
         for setting, r in (*self.of("precision"), *self.of("backend")):
@@ -159,11 +154,9 @@ class Study:
     def _least(self) -> str:
         """The smallest error that the runs show, as the end of a sentence."""
         limit = self.convergence
-        levels = [] if limit is None else [(limit.bound(r.value), s.scene.spacing) for s, r in self.of("spacing")]
-        least = min(((bound, d) for bound, d in levels if math.isfinite(bound)), default=None)
-        if least is None:
-            return ""
-        return f": the smallest bound is {percent(least[0])}, at {least[1]:.4g} m; add finer levels"
+        levels = [(limit.bound(r.value), s.scene.spacing) for s, r in self.of("spacing")] if limit else []
+        bound, at = min(levels, default=(math.inf, 0.0))
+        return f": the smallest bound is {percent(bound)}, at {at:.4g} m; add finer levels" if bound < math.inf else ""
 
     def _finer(self, error: float) -> Advice | None:
         limit, levels = self.convergence, sorted(self.of("spacing"), key=lambda pair: pair[0].factor)
@@ -204,14 +197,9 @@ class Study:
         if sources:
             parts = ", ".join(f"{name} {percent(e)}" for name, e in sorted(sources.items(), key=lambda item: -item[1]))
             lines.append(f"error of the scene as it is, by source: {parts}")
-        for error in (self.error, self.error / 2):
-            advice = self.cheapest(error)
-            if advice is not None:
-                lines.append(("cheapest for " if error == self.error else "half of it, ") + advice.words())
-            else:
-                lines.append(
-                    f"which setting has an error of {percent(error)} cannot be said from these runs{self._least()}"
-                )
+        for error, begin in ((self.error, "cheapest for "), (self.error / 2, "half of it, ")):
+            unsaid = f"which setting has an error of {percent(error)} cannot be said from these runs{self._least()}"
+            lines.append(begin + advice.words() if (advice := self.cheapest(error)) else unsaid)
         support = sources.get("support", 0.0)
         if support > self.error:
             ratio = self.scene.support_radius / self.scene.spacing
@@ -225,11 +213,10 @@ class Study:
                 f"seconds are those of the processor, on {self.threads} thread{'s' * (self.threads > 1)}; by the clock"
                 f" the runs took {wall / spent:.2f} times as long"
             )
-        doubtful = [(s.label, r.unsettled) for s, r in self.runs if r.unsettled]
+        doubtful = [f"{s.label}: {r.unsettled}" for s, r in self.runs if r.unsettled]
         if doubtful:
-            label, why = doubtful[0]
             lines.append(
-                f"note: * seconds of {len(doubtful)} of {len(self.runs)} runs have not settled ({label}: {why});"
+                f"note: * seconds of {len(doubtful)} of {len(self.runs)} runs have not settled ({doubtful[0]});"
                 " measure them on a machine that does nothing else"
             )
         return [*lines, *(f"note: {note}" for note in self.notes)]
@@ -240,9 +227,7 @@ class Study:
         """The table of runs that gave a value, as text, without its head (`HEAD`)."""
         made: list[tuple[str, ...]] = []
         limit = self.convergence
-        for row in self.rows():
-            if row["failed"]:
-                continue
+        for row in (row for row in self.rows() if not row["failed"]):
             known = limit.relative if limit is not None and row["what"] == "spacing" else 0.0
             seconds = f"{row['seconds']:.3g}" + "*" * bool(row["unsettled"])
             cost = "-" if row["cost"] is None else f"{row['cost']:.2f}"
@@ -324,13 +309,8 @@ def draw(study: Any) -> Any:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(11.0, 7.6), layout="constrained")
-    (values, errors), (sources, changes) = figure.subplots(2, 2)
-    _values(study, values)
-    _errors(study, errors)
-    errors.axhline(100 * study.error, color=GREY, lw=1)
-    errors.set_xlabel("seconds of the processor; on a GPU of the clock")
-    _sources(study, sources)
-    _changes(study, changes)
+    for part, axes in zip((_values, _errors, _sources, _changes), figure.subplots(2, 2).flat):
+        part(study, axes)
     figure.suptitle(f"{study.observable} of {study.scene.name}", fontsize=11)
     return figure
 
@@ -352,14 +332,14 @@ def _values(study: Any, axes: Any) -> None:
         axes.fill_between(
             width, limit.value - limit.uncertainty, limit.value + limit.uncertainty, color=BLUE, alpha=0.15
         )
+        title = "not in the asymptotic range"
         if limit.asymptotic:
-            h = np.linspace(0, max(spacing), 60)
-            finest = min(levels, key=lambda pair: pair[0].scene.spacing)
-            slope = (finest[1].value - limit.value) / finest[0].scene.spacing ** limit.order
-            axes.plot(h, limit.value + slope * h**limit.order, "--", color=GREY, lw=1)
-            axes.set_title(f"order {limit.order:.2f}, ± {100 * limit.relative:.2g} %", fontsize=9)
-        else:
-            axes.set_title("not in the asymptotic range", fontsize=9)
+            share, finest = np.linspace(0, max(spacing), 60) / min(spacing), levels[np.argmin(spacing)][1].value
+            axes.plot(
+                share * min(spacing), limit.value + (finest - limit.value) * share**limit.order, "--", color=GREY, lw=1
+            )
+            title = f"order {limit.order:.2f}, ± {100 * limit.relative:.2g} %"
+        axes.set_title(title, fontsize=9)
     axes.set_xlim(left=0)
     axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.set_xlabel("spacing [m]")
@@ -384,6 +364,8 @@ def _errors(study: Any, axes: Any) -> None:
         axes.legend(fontsize=8)
     plain_ticks(axes.xaxis)
     plain_ticks(axes.yaxis)
+    axes.axhline(100 * study.error, color=GREY, lw=1)
+    axes.set_xlabel("seconds of the processor; on a GPU of the clock")
     axes.set_ylabel("bound of the error [%]")
     axes.set_title("what an error costs", fontsize=9)
 
