@@ -19,14 +19,22 @@ WIDTH = 100  # of a line at most, in a pipe, too
 
 def _parameters(effect: type[Effect]) -> list[dict[str, Any]]:
     meanings = describe(effect)
-    parameters = []
-    for f in msgspec.structs.fields(effect):
-        default = None if f.default is msgspec.NODEFAULT else f.default
-        if f.default_factory is not msgspec.NODEFAULT:
-            default = f.default_factory()
-        meaning = meanings.get(f.name, "")
-        parameters.append({"name": f.name, "default": default, "required": f.required, "meaning": meaning})
-    return parameters
+    given = [
+        (f, f.default if f.default_factory is msgspec.NODEFAULT else f.default_factory())
+        for f in msgspec.structs.fields(effect)
+    ]
+    return [
+        {"name": f.name, "default": None if default is msgspec.NODEFAULT else default, "required": f.required}
+        | {"meaning": meanings.get(f.name, "")}
+        for f, default in given
+    ]
+
+
+def _paper(effect: type[Effect]) -> dict[str, Any] | None:
+    """What literal = "paper" takes."""
+    if not issubclass(effect, HasErrata):
+        return None
+    return {"source": effect.source, "errata": list(effect.improvements), "parameters": dict(effect.paper)}
 
 
 @command("list", "list operations and effects")
@@ -43,30 +51,21 @@ def execute(options: argparse.Namespace) -> CommandResult:
         name: {
             "summary": (inspect.getdoc(effect) or "").split("\n")[0],
             "parameters": _parameters(effect),
-            "paper": None,
+            "paper": _paper(effect),
         }
         for name, effect in sorted(EFFECTS.items())
     }
-    for name, effect in EFFECTS.items():
-        if issubclass(effect, HasErrata):  # what literal = "paper" takes
-            taken = {"errata": list(effect.improvements), "parameters": dict(effect.paper)}
-            effects[name]["paper"] = {"source": effect.source, **taken}
-    texts: dict[str, tuple[str, ...]] = {name: (name, o["paper"], o["equation"]) for name, o in operations.items()}
-    texts |= {name: (name,) for name in effects}
-
-    def has(word: str, name: str) -> bool:
-        return any(word.lower() in text.lower() for text in texts[name])
-
+    texts = {name: "\n".join((name, o["paper"], o["equation"])).lower() for name, o in operations.items()}
+    texts |= {name: name.lower() for name in effects}
     for word in options.words:
-        if not any(has(word, name) for name in texts):
-            known = [*EFFECTS, *dict.fromkeys(name.partition(".")[0] for name in REGISTRY), *REGISTRY]
-            near = suggestion(word, known)
+        if not any(word.lower() in text for text in texts.values()):
+            near = suggestion(word, [*EFFECTS, *dict.fromkeys(name.partition(".")[0] for name in REGISTRY), *REGISTRY])
             hint = near if near.startswith("did you mean") else "`refsim list` shows what there is."
             raise InputError(f"no operation or effect has {word!r} in its name, paper or equation; {hint}")
     if options.words:
+        named = {name for name, text in texts.items() if any(word.lower() in text for word in options.words)}
         operations, effects = (
-            {name: about for name, about in known.items() if any(has(word, name) for word in options.words)}
-            for known in (operations, effects)
+            {name: about for name, about in known.items() if name in named} for known in (operations, effects)
         )
     data = {"operations": operations, "effects": effects}
     width = min(columns(), WIDTH)
@@ -81,11 +80,8 @@ def _overview(operations: dict[str, dict[str, Any]], effects: dict[str, dict[str
     for name, operation in operations.items():
         methods.setdefault(name.partition(".")[0], []).append(operation["paper"])
     plain = [method for method, papers in methods.items() if set(papers) == {"standard"}]
-    rows = [
-        (method, len(papers), "; ".join(_sources(papers)))
-        for method, papers in sorted(methods.items())
-        if method not in plain
-    ]
+    rows = [(method, len(papers), "; ".join(_sources(papers))) for method, papers in sorted(methods.items())
+            if method not in plain]  # fmt: skip
     also = f"; {' and '.join(plain)} have no paper" if plain else ""
     lines = [
         f"{len(operations)} operations; refsim list METHOD shows those of a method{also}",
