@@ -31,8 +31,7 @@ def places(of: Panel, *kinds: str) -> dict[tuple[str, str], list[str]]:
     for kind in kinds:
         for _, point in settings(of, kind):
             place = of.places[point.place]
-            origin = f"{place.date}, commit {place.commit[:8]}"
-            sources.setdefault((kind, of.machine(point)), set()).add(origin)
+            sources.setdefault((kind, of.machine(point)), set()).add(f"{place.date}, commit {place.commit[:8]}")
     return {key: sorted(texts) for key, texts in sources.items()}
 
 

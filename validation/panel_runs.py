@@ -8,8 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from refsim.study.panels import Point
-from refsim.study.panels.observables import FALL, kept
-from refsim.study.panels.scenes import GRAVITY, REYNOLDS, SHARE
+from refsim.study.panels.observables import FALL, GRAVITY, REYNOLDS, kept
 from refsim.study.runs import Reading
 from validation.experiments.dam_break.runs import DENSITY, HEIGHT, LID, viscosity
 from validation.peers import pysph_flows, splishsplash
@@ -65,7 +64,7 @@ def implicit_pressure(point: Point, repeat: int) -> Reading:
     cells, sound = point.setting["cells"], pysph_flows.SOUND
     reach, end = 2.6 / cells, 5.0 / np.sqrt(GRAVITY)
     times = (end * np.linspace(0.8, 1.0, 61)).tolist()
-    peer = pysph_flows.run("tank", point.setting["scheme"], cells, times, viscosity=0.25 * SHARE * sound * reach)
+    peer = pysph_flows.run("tank", point.setting["scheme"], cells, times, viscosity=sound * reach / 200)
     if "missing" in peer:
         return reading(failed=f"missing: {peer['missing']}")
     x, y = peer["position"].mean(0).T

@@ -16,9 +16,10 @@ from refsim.sph.resting import column_of
 from refsim.study.observables import observable_of
 from refsim.study.panels import FOLDER, drops
 from refsim.study.panels.drops import inner_pressure
-from refsim.study.panels.scenes import DENSITY, GRAVITY, MODULUS, REYNOLDS, frequency, radius
+from refsim.study.panels.scenes import MODULUS, frequency, radius
 from refsim.surface_tension.calibration import BASE, sigma_map
 
+GRAVITY, DENSITY, REYNOLDS = 9.81, 1000.0, 100.0  # m/s^2; kg/m^3, in the plane kg/m^2; of the vortices
 DIRECTIONS, CONE = 200, np.radians(10)
 FALL = np.sqrt(0.5 / (2 * 9.81))  # sqrt(L/(2g)) of the dam break [s]
 STEFAN = 0.42877773257020996  # front of melt_front over 2 sqrt(a t): Neumann's solution for Stefan numbers 0.5 and 0.1

@@ -23,9 +23,6 @@ from refsim.scene.shapes import Cloud
 from refsim.study.panels import FOLDER, Panel, Point, panel
 
 PACKED = frozenset(file.name.removesuffix(".zip") for file in FOLDER.iterdir() if file.name.endswith(".zip"))
-GRAVITY, DENSITY = 9.81, 1000.0  # m/s^2; kg/m^3, in the plane kg/m^2
-SHARE = 0.02  # kinematic viscosity over c h, four times that of the tanks
-REYNOLDS = 100.0  # of the vortices
 MODULUS = 1000.0  # of MPM discs [N/m]
 
 
