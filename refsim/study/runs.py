@@ -62,13 +62,13 @@ class Setting:
 class Reading:
     """What a run gave."""
 
-    value: float  # of the observable; NaN where the run failed
-    seconds: float  # of the processor that its steps took, without compiling; of the clock on a GPU
-    wall: float  # the same of the clock
-    bytes: int  # of fields, lists and walls, from the plan
-    particles: int
-    steps: int
-    time: float
+    value: float = math.nan  # of the observable; NaN where the run failed
+    seconds: float = 0.0  # of the processor that its steps took, without compiling; of the clock on a GPU
+    wall: float = 0.0  # the same of the clock
+    bytes: int = 0  # of fields, lists and walls, from the plan
+    particles: int = 0
+    steps: int = 0
+    time: float = 0.0
     rebuilds: int = 0
     failed: str = ""  # one sentence if there is no value; "" otherwise
     mass: float = 0.0  # of all particles at its start [kg; kg/m in 2D]
@@ -100,7 +100,7 @@ def measure(
     try:
         observable = observable_of(given, make_plan(setting.scene)) if isinstance(given, str) else given
     except InputError as error:
-        return Reading(math.nan, 0.0, 0.0, 0, 0, 0, 0.0, failed=str(error))
+        return Reading(failed=str(error))
     place = None if reaches is not None or observable.times is not None else checkpoints
     runs = [_run(setting, observable, reaches, threads, progress, place, every)]
     while not runs[-1].failed and runs[0].seconds <= SHORT and len(runs) < repeats and _apart(runs) >= SETTLED:
@@ -121,18 +121,13 @@ def _run(
     setting: Setting, observable: Observable, reaches: float | None, threads: int | None, progress: Watch | None,
     checkpoints: Path | None, every: float,
 ) -> Reading:  # fmt: skip
+    simulation, clock, value = None, None, math.nan
     try:
-        simulation = None
         with suppress(InputError):  # there is no whole checkpoint: the run begins anew, with the same result
             if checkpoints is not None and checkpoints.is_dir():
                 simulation = Simulation.resume(checkpoints, setting.backend, threads, setting.scene)
         simulation = simulation or Simulation(make_plan(setting.scene), setting.backend, threads)
-    except (InputError, RunStopped) as error:
-        if getattr(error, "reason", "") in NOT_OF_THE_RUN:
-            raise
-        return Reading(math.nan, 0.0, 0.0, 0, 0, 0, 0.0, failed=str(error))
-    clock = _Clock(simulation, progress, checkpoints, every)
-    try:
+        clock = _Clock(simulation, progress, checkpoints, every)
         if observable.times is not None and reaches is None:
             value = _watched(simulation, observable, clock)
         elif reaches is None:
@@ -143,7 +138,9 @@ def _run(
     except (InputError, RunStopped) as error:
         if getattr(error, "reason", "") in NOT_OF_THE_RUN:
             raise
-        value, failed = math.nan, str(error)
+        failed = str(error)
+        if simulation is None or clock is None:
+            return Reading(failed=failed)
     search, needed = simulation.search, bytes_of(simulation.plan, simulation.backend.name)["total"]
     return Reading(
         value, clock.seconds, clock.wall, needed, simulation.count, simulation.steps,
