@@ -122,12 +122,17 @@ class Drops(NamedTuple):
 
 
 @functools.cache
-def drops_of(model: str, free: bool = False) -> Drops:
-    """The drops of a model by its name; tables by dimension."""
+def tables_of(model: str) -> Mapping[str, Any]:
+    """Its tables of drops.toml by their names."""
     import tomllib  # here: importing refsim does without
 
-    tables = tomllib.loads(Path(__file__).with_name("drops.toml").read_text(encoding="utf-8"))
-    given = tables.get(model, {}).get("free" if free else "contained", {})
+    return tomllib.loads(Path(__file__).with_name("drops.toml").read_text(encoding="utf-8")).get(model, {})
+
+
+@functools.cache
+def drops_of(model: str, free: bool = False) -> Drops:
+    """The drops of a model by its name; tables by dimension."""
+    given = tables_of(model).get("free" if free else "contained", {})
     named = ("measured", "by_radius", "radii")
     by_dimension = {name: {int(dim): rows for dim, rows in given.get(name, {}).items()} for name in named}
     return Drops(free, **{**given, **by_dimension})
@@ -137,8 +142,6 @@ class MeasuredByDrops(ReturnsDensity):
     """What a model has whose tension in the default liquid is that of measured drops."""
 
     name: ClassVar[str]
-    # by dimension, what drops of the default liquid have of a nominal sigma: by their pressure jump, their frequency
-    shown: ClassVar[Mapping[int, tuple[str, str]]] = {}
 
     def share_of_nominal(self, grid: Discretisation, others: Others) -> float:
         """Measured over nominal tension in the default liquid, whose particles are shifted; else 1.
@@ -203,13 +206,15 @@ class MeasuredByDrops(ReturnsDensity):
         stiffness, support = self._measured_at(grid, others), grid.support_radius / grid.spacing
         if stiffness is None:
             reason = "no drops of this liquid were measured with it"
-            if not complete:
-                reason = "calibrate has the coefficient where drops of a summed density were measured"
-            elif grid.dim in self.shown and self._as_measured(others):
-                jump, frequency = self.shown[grid.dim]
+            nominal = tables_of(self.name).get("nominal", {}).get("continuity" if complete else "summation", {})
+            if str(grid.dim) in nominal and self._as_measured(others) and not pressure_is_replaced(others):
+                jump, frequency = nominal[str(grid.dim)]
                 reason = (
-                    f"drops of this liquid have {jump} of it by their pressure jump, {frequency} by their frequency"
+                    f"drops of this liquid have {jump} of it by their pressure jump, {frequency} by their frequency;"
+                    f" with {'akinci_2013' if grid.dim == 3 else 'csf_wang_2019'} it is what acts"
                 )
+            elif not complete:
+                reason = "calibrate has the coefficient where drops of a summed density were measured"
             yield f"{self.name}: surface_tension is nominal: {reason}"
             return
         whose = self._drops(grid, others)

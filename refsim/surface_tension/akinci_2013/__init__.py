@@ -78,7 +78,6 @@ class Akinci2013(cohesion.PairCohesion, HasErrata, frozen=True, kw_only=True):
     name: ClassVar[str] = "akinci_2013"
     scales: ClassVar[tuple[str, ...]] = ("surface_tension", "gamma", "area_acceleration", "adhesion")
     coefficient_name: ClassVar[str] = "gamma"
-    shown: ClassVar[Mapping[int, tuple[str, str]]] = {2: ("0.6 to 0.9", "0.8 to 2.2")}
     source: ClassVar[str] = "Akinci et al."
     errata: ClassVar[tuple[str, ...]] = ("gamma",)
     improvements: ClassVar[tuple[str, ...]] = errata

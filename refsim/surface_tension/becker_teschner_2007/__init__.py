@@ -3,7 +3,6 @@
 Every pair attracts at every distance; only the pressure keeps particles apart.
 """
 
-from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
 from numpy.typing import NDArray
@@ -39,7 +38,6 @@ class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
 
     name: ClassVar[str] = "becker_teschner_2007"
     coefficient_name: ClassVar[str] = "kappa"
-    shown: ClassVar[Mapping[int, tuple[str, str]]] = {2: ("none", "0.1 to 0.8"), 3: ("none", "0.7 to 0.9")}
 
     surface_tension: NotNegative | None = None
     kappa: NotNegative | None = None

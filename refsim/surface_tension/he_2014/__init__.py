@@ -5,7 +5,7 @@ The terms are independent of each other. A term whose coefficient is zero is not
 
 import functools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -92,7 +92,6 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
 
     name: ClassVar[str] = "he_2014"
     scales: ClassVar[tuple[str, ...]] = ("surface_tension", "kappa", "air_pressure")
-    shown: ClassVar[Mapping[int, tuple[str, str]]] = {2: ("none", "1.0 to 2.9"), 3: ("none", "0.4 to 2.7")}
 
     surface_tension: NotNegative | None = None
     kappa: NotNegative | None = None

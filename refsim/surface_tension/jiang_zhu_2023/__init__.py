@@ -144,7 +144,6 @@ class JiangZhu2023(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, 
     improvements: ClassVar[tuple[str, ...]] = ("E6", "E7", "E23")
     paper: ClassVar[Mapping[str, Any]] = {"pair_mode": "either", "balance_pressure": False}  # Jiang & Zhu E9
     in_papers: ClassVar[Mapping[str, Any]] = {"density_correction": True}
-    shown: ClassVar[Mapping[int, tuple[str, str]]] = {2: ("0.4 to 0.6", "0.6 to 25"), 3: ("0.5 to 0.6", "0.7 to 4.2")}
 
     surface_tension: NotNegative | None = None
     gamma: NotNegative | None = None

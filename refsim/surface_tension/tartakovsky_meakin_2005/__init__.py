@@ -5,7 +5,6 @@ s cos(3 pi r/(2 h)) e_ij: it repels below h/3 and tends to s as r -> 0.
 """
 
 import math
-from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -38,7 +37,6 @@ class TartakovskyMeakin2005(PairCohesion, frozen=True, kw_only=True):
 
     name: ClassVar[str] = "tartakovsky_meakin_2005"
     coefficient_name: ClassVar[str] = "strength"
-    shown: ClassVar[Mapping[int, tuple[str, str]]] = {2: ("0.3 to 0.9", "0 to 84"), 3: ("0.3 to 0.5", "0.8 to 2.4")}
 
     surface_tension: NotNegative | None = None
     strength: NotNegative | None = None
