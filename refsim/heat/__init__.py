@@ -50,13 +50,6 @@ COMPENSATION_X = Field("compensation_x", "-", "xx, xy, xz of A_i, which makes up
 COMPENSATION_REST = Field("compensation_rest", "-", "yy, yz, zz of A_i", 3, state=True)
 
 PerPart = float | tuple[float, ...]
-SCHEMES = {
-    "implicit": ("heat.chebyshev", "heat.chebyshev"),  # without and with latent heat
-    "conjugate_gradient": ("heat.conjugate_gradient", "heat.conjugate_gradient"),
-    "runge_kutta_legendre": ("heat.runge_kutta_legendre", "heat.runge_kutta_legendre"),
-    "one_sided": ("heat.one_sided", None),
-    "explicit": ("heat.explicit", "heat.explicit"),
-}
 
 
 class HeatConduction(
@@ -157,11 +150,10 @@ class HeatConduction(
 
     def operation(self) -> str:
         """Name of the operation that is one step of the scheme."""
-        chosen = SCHEMES[self.scheme][self.melts]
-        if chosen is None:
-            able = ", ".join(name for name, operations in SCHEMES.items() if operations[self.melts])
+        if self.melts and self.scheme == "one_sided":
+            able = "implicit, conjugate_gradient, runge_kutta_legendre, explicit"
             raise InputError(f"{self.name}: scheme = {self.scheme!r} has no latent heat; choose one of {able}.")
-        return chosen
+        return "heat.chebyshev" if self.scheme == "implicit" else f"heat.{self.scheme}"
 
     def check(self, grid: Discretisation, others: Others) -> None:
         rules = {
@@ -345,7 +337,7 @@ class HeatConduction(
         if grid.step > 0:
             number = grid.step * self.greatest_diffusivity(grid, others) / grid.spacing**2
         most = CROWDED * number * shapes.lattice_sum(conduction, grid)
-        return min(shapes.MOST_PASSES, chebyshev_passes(most, self.tolerance))
+        return min(int(conduction.most_passes), chebyshev_passes(most, self.tolerance))
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         if not self.conducts:

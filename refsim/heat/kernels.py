@@ -234,7 +234,11 @@ def collect(i, first, second, number, start, target):
 
 @kernel(rows_of="table")
 def plan_chebyshev(i, largest, conduction, table, number):
-    """Number of passes and coefficients of Chebyshev's iteration; if it exceeds the table, passes that only damp."""
+    """Number of passes and coefficients of Chebyshev's iteration; if it exceeds the table, passes that only damp.
+
+    Backward Euler on 1 + dt A/C, started from the old temperatures. No scaling by the diagonal: every iterate is a
+    polynomial in A/C of the old temperatures and keeps sum C T.
+    """
     if i == 0:
         passes = chebyshev_passes(float(largest[0]), float(conduction.tolerance))
         if passes > table.shape[0]:

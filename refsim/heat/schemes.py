@@ -9,7 +9,6 @@ from refsim.heat.stages import (
     EXPLICIT,
     MOST_CONJUGATE_PASSES,
     chebyshev_passes,
-    chebyshev_stages,
     first_legendre_stages,
     legendre_stages,
 )
@@ -144,37 +143,38 @@ def one_sided(body: Body, neighbours, step: Step, scratch, temperature):
 
 
 def chebyshev(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
-    """Backward Euler by Chebyshev's iteration; by conjugate gradients if that would take too many passes.
+    """Backward Euler by Chebyshev's iteration; by conjugate gradients if that would take too many passes."""
+    backward_euler(body, melting, neighbours, step, scratch, enthalpy, temperature, int(step.conduction.most_passes))
+
+
+def conjugate_gradient(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
+    """Backward Euler by conjugate gradients."""
+    backward_euler(body, melting, neighbours, step, scratch, enthalpy, temperature, 0)
+
+
+def backward_euler(body, melting, neighbours, step, scratch, enthalpy, temperature, most_passes):
+    """By so many passes of Chebyshev's iteration at most, else by conjugate gradients; Chernoff's with latent heat.
 
     With `planned_passes` a GPU finds the number of passes itself, so that a step waits for nothing.
     """
     exchanges, inverse, largest, flow = weighed(body, neighbours, step, scratch, temperature)
     start = None if enthalpy is None else copied(temperature, "heat start", scratch)
     plan, real = None, temperature.dtype
-    if step.conduction.planned_passes and scratch.backend.name == "cuda":
+    if most_passes and step.conduction.planned_passes and scratch.backend.name == "cuda":
         plan = planned(largest, step.conduction, scratch, real)
     else:
         most = known(largest, enthalpy, temperature, scratch)
         if most is None:
             return
         passes = max(1, chebyshev_passes(most, float(step.conduction.tolerance)))
-        if passes <= step.conduction.most_passes:
-            plan = written(list(chebyshev_stages(most, passes)), scratch, real)
+        if passes <= most_passes:
+            table = np.empty((passes, 4))
+            kernels.plan_chebyshev.body(0, [most], step.conduction, table, [None])
+            plan = written(table, scratch, real)
     if plan is None:
         solve(exchanges, inverse, flow, step.conduction, scratch, temperature)
     else:
         run_stages(plan, exchanges, inverse, flow, None, scratch, None, temperature)
-    if enthalpy is not None:
-        kernels.take_up(start, substance_of(body, melting), enthalpy, temperature)
-
-
-def conjugate_gradient(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
-    """Backward Euler by conjugate gradients; with latent heat Chernoff's formula."""
-    exchanges, inverse, largest, flow = weighed(body, neighbours, step, scratch, temperature)
-    if known(largest, enthalpy, temperature, scratch) is None:
-        return
-    start = None if enthalpy is None else copied(temperature, "heat start", scratch)
-    solve(exchanges, inverse, flow, step.conduction, scratch, temperature)
     if enthalpy is not None:
         kernels.take_up(start, substance_of(body, melting), enthalpy, temperature)
 

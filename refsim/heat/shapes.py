@@ -3,8 +3,6 @@
 All computed on the host in float64.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections import namedtuple
@@ -23,7 +21,6 @@ SPIKY, MUELLER, POLY6 = range(3)
 FLOOR, DRAWN_BACK, LEAST_FACTOR, LARGEST_FACTOR, ONE_ROUND = 0.05, 0.01, 0.1, 10.0, 1.5
 SMALLEST = 1e-37  # [m^2] which keeps coincident particles from a division by zero
 ROUNDS = 0.0, 1.1, 3.3, 1.3, 1.8
-MOST_PASSES = 64  # of Chebyshev's iteration: longer ones overshoot if they are truncated
 # Coefficient of l(q)/h^(dim + 2) in L_ij, by dimension: the kernels' own normalisations and their derivatives.
 NORMALISATION = {
     SPIKY: {2: 30 / math.pi, 3: 45 / math.pi},
@@ -40,16 +37,16 @@ class Conduction(NamedTuple):
     inverse_volume: float  # 1/d^dim
     scale: float  # d^(2 dim) times the coefficient of l(q) in L_ij [m^(dim - 2)]
     factor: float  # calibration of L_ij, or 1/2 (Shao & Song M6); a factor of `scale`
-    tolerance: float  # of Chebyshev's iteration
-    residual: float  # of conjugate gradients, against the first one
-    sweep_share: float  # of dt in each sweep of M(4) (Shao & Song M8)
-    laplacian: int  # SPIKY, MUELLER or POLY6 (Shao & Song M5)
-    harmonic: int  # mean of two conductivities: harmonic, else arithmetic
-    unit_capacity: int  # the conductivity is a diffusivity (Shao & Song M11)
-    frozen: int  # T_j - T_i before the sweep (Shao & Song M9)
-    most_passes: int  # of Chebyshev's iteration; beyond, conjugate gradients
-    planned_passes: int  # capacity of a GPU's table of passes; 0 if the host finds their number
-    dim: int
+    tolerance: float = 4e-3  # of Chebyshev's iteration
+    residual: float = 1e-3  # of conjugate gradients, against the first one
+    sweep_share: float = 0.5  # of dt in each sweep of M(4) (Shao & Song M8)
+    laplacian: int = 0  # SPIKY, MUELLER or POLY6 (Shao & Song M5)
+    harmonic: int = 1  # mean of two conductivities: harmonic, else arithmetic
+    unit_capacity: int = 0  # the conductivity is a diffusivity (Shao & Song M11)
+    frozen: int = 0  # T_j - T_i before the sweep (Shao & Song M9)
+    most_passes: int = 64  # of Chebyshev's iteration, which overshoots if truncated; beyond, conjugate gradients
+    planned_passes: int = 0  # capacity of a GPU's table of passes; 0 if the host finds their number
+    dim: int = 3
 
 
 # The pairs within h on the CPU: of i those from start[i] (n,) int64, count[i] (n,) int32 of them; entries (capacity,)
@@ -92,17 +89,11 @@ def lattice_sum(conduction: Conduction, grid: Discretisation) -> float:
 
 
 def conduction_group(
-    grid: Discretisation, *, laplacian: int = SPIKY, factor: float = 1.0, tolerance: float = 4e-3,
-    residual: float = 1e-3, sweep_share: float = 0.5, harmonic: bool = True, unit_capacity: bool = False,
-    frozen: bool = False, most_passes: int = MOST_PASSES, planned_passes: int = 0,
-) -> Conduction:  # fmt: skip
+    grid: Discretisation, *, laplacian: int = SPIKY, factor: float = 1.0, **options: Any
+) -> Conduction:
     """Parameters in the run's dtype, from those of a scene."""
-    h, real = grid.support_radius, grid.real
+    h, volume = grid.support_radius, grid.spacing**grid.dim
     scale = factor * NORMALISATION[laplacian][grid.dim] / h ** (grid.dim + 2) * grid.spacing ** (2 * grid.dim)
-    values: list[Any] = [
-        real(h), real(1 / h), real(1 / grid.spacing**grid.dim), real(scale), real(factor), real(tolerance),
-        real(residual), real(sweep_share),
-        *map(int32, (laplacian, harmonic, unit_capacity, frozen, most_passes, planned_passes)),
-        int32(grid.dim),
-    ]  # fmt: skip
-    return Conduction(*values)
+    values = Conduction(h, 1 / h, 1 / volume, scale, factor, laplacian=laplacian, dim=grid.dim, **options)
+    kinds: dict[type, Any] = {float: grid.real, int: int32}
+    return Conduction(*(kinds[kind](value) for kind, value in zip(Conduction.__annotations__.values(), values)))

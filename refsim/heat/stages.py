@@ -30,18 +30,6 @@ def chebyshev_omega(k: int, largest_sum: float, before: float) -> float:
     return 1.0 / (1.0 - rho * rho * (0.5 if k == 1 else 0.25 * before))
 
 
-def chebyshev_stages(largest_sum: float, passes: int) -> Iterator[Stage]:
-    """Backward Euler by Chebyshev's iteration on 1 + dt A/C, started from the old temperatures.
-
-    No scaling by the diagonal: every iterate is a polynomial in A/C of the old temperatures and keeps sum C T.
-    """
-    omega = 1.0
-    for k in range(passes):
-        omega = chebyshev_omega(k, largest_sum, omega)
-        step = omega / (1 + largest_sum)
-        yield Stage(before=1 - omega, start=step, flow=step, flow_start=0.0)
-
-
 def legendre_stages(largest_sum: float) -> Iterator[Stage]:
     """RKL2 (Meyer, Balsara & Aslam 2014): s odd with (s^2 + s - 2)/4 >= s_max, at least 3; second order in dt."""
     number = max(3, math.ceil((math.sqrt(9 + 16 * max(largest_sum, 0.0)) - 1) / 2 - 1e-9))
