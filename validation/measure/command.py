@@ -72,7 +72,8 @@ def add_commands(made: argparse.ArgumentParser) -> None:
     part.add_argument("--threads", type=int, help="CPU threads; one for 1,024 particles by default")
     part.add_argument("--write", action="store_true", help="write the table into docs/study.md")
     part = add("liquid_price", "measures what a step of the liquid costs with each of its options (minutes)")
-    part.add_argument("--threads", type=int, nargs="+", default=[1, 2], help="numbers of CPU threads (1 2)")
+    part.add_argument("--backend", default="cpu", help="cpu (default) or cuda")
+    part.add_argument("--threads", type=int, default=1, help="CPU threads (1)")
     part.add_argument("--output", type=Path, default=DATA / "liquid_price.json", help="file of the steps' seconds")
     add(
         "states",

@@ -1,7 +1,8 @@
-"""What the liquid's options cost: a step of a cubic tank at rest with each of them, in turns on the same cores.
+"""What the liquid costs: steps of water at rest with each of its options over those of the papers' liquid, in turns,
+and steps of what moves.
 
-`python -m validation measure liquid_price` takes steps 14 to 74 of each tank, one of each in turn, in processor time.
-It stores medians of the steps that keep the list and of those that build one.
+`python -m validation measure liquid_price` stores the seconds of a step in each turn, on a CPU those of the processor,
+and prints medians, and medians and ranges of the ratios.
 """
 
 from __future__ import annotations
@@ -15,76 +16,67 @@ from typing import Any
 
 from refsim import Box, BoxWalls, Gravity, Scene, Simulation, WeaklyCompressible
 from refsim.core.writing import write_file
-from refsim.surface_tension.akinci_2013 import Akinci2013
 from validation.reading import environment
 from validation.running import take_steps
+from validation.timed import spinning_cube
 
-CELLS, FIRST, LAST = 32, 14, 74
+TURNS, FALLEN = 12, 300  # turns; steps after which a column falls
+STEPS = {"cpu": (14, 5), "cuda": (80, 40)}  # before the first turn, and of a turn
+CELLS = {2: {"cpu": 128, "cuda": 720}, 3: {"cpu": 32, "cuda": 80}}  # particles along the edge, by dimensions
 SOUND = 10 * math.sqrt(9.81)  # of a tank 1 m deep [m/s]
 PAPERS: dict[str, Any] = {"density": "summation"}
-CENTRAL: dict[str, Any] = {**PAPERS, "viscosity": "central"}
-ADVANCED: dict[str, Any] = {"density": "continuity"}
-TENSION = (Akinci2013(surface_tension=0.07),)  # N/m
-# support radius over the spacing, liquid, model of the walls, further effects; after the papers' liquid those beside it
-TANKS: dict[str, tuple[float, dict[str, Any], Any, tuple[Any, ...]]] = {
-    "the papers' liquid, h = 2.6 d": (2.6, PAPERS, None, ()),
-    "with central viscosity": (2.6, CENTRAL, None, ()),
-    "and extrapolated walls": (2.6, CENTRAL, "extrapolated", ()),
-    "and advanced density": (2.6, ADVANCED, None, ()),
-    "without diffusion": (2.6, {**ADVANCED, "diffusion": 0.0}, None, ()),
-    "with shifting: the default": (2.6, {}, None, ()),
-    "the papers' liquid with tension": (2.6, PAPERS, None, TENSION),
-    "advanced, with Akinci's tension": (2.6, ADVANCED, None, TENSION),
-    "without `restoring`": (2.6, {**ADVANCED, "restoring": 0.0}, None, TENSION),
-    "the papers' liquid, h = 3.2 d": (3.2, PAPERS, None, ()),
-    "advanced density, h = 3.2 d": (3.2, ADVANCED, None, ()),
-    "the papers' liquid, h = 4.0 d": (4.0, PAPERS, None, ()),
-    "advanced density, h = 4.0 d": (4.0, ADVANCED, None, ()),
+# dimensions, support radius over the spacing, liquid; after the papers' liquid those that are compared with it
+TANKS: dict[str, tuple[int, float, dict[str, Any]]] = {
+    "the papers' liquid, h = 2.6 d": (3, 2.6, PAPERS),
+    "without shifting": (3, 2.6, {"density": "continuity"}),
+    "the default": (3, 2.6, {}),
+    "the papers' liquid, h = 3.2 d": (3, 3.2, PAPERS),
+    "the default, h = 3.2 d": (3, 3.2, {}),
+    "the papers' liquid, 2D, h = 2.6 d": (2, 2.6, PAPERS),
+    "the default, 2D": (2, 2.6, {}),
 }
 
 
-def tank(h: float, liquid: dict[str, Any], model: Any, more: tuple[Any, ...], cells: int) -> Scene:
-    """A cube of water, 1 m deep, with `cells` particles along its edge, that fills the lower half of its box."""
-    d = 1 / cells
+def water(dim: int, h: float, liquid: dict[str, Any], cells: int, wide: float = 1.0) -> Scene:
+    """A square or a cube of water, 1 m deep, in a box 2 m high."""
+    d, flat = 1 / cells, dim == 2
     effects = (
-        WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=1000 * SOUND * h * d / 125, **liquid), Gravity(),
-        BoxWalls(lower=(0.0, 0.0, 0.0), upper=(1.0, 1.0, 2.0), model=model), *more,
+        WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=1000 * SOUND * h * d / 125, **liquid),
+        Gravity(acceleration=(0.0, -9.81, 0.0)),
+        BoxWalls(lower=(0.0, 0.0, 0.0), upper=(wide, 2.0, 0.0 if flat else 1.0)),
     )  # fmt: skip
-    return Scene(spacing=d, support_radius=h * d, fluid=(Box(cells=(cells,) * 3),), effects=effects, dtype="float32")
+    fluid = (Box(cells=(cells, cells, 1 if flat else cells)),)
+    return Scene(dim=2 if flat else 3, spacing=d, support_radius=h * d, fluid=fluid, effects=effects, dtype="float32")
 
 
-def measured(threads: int, cells: int = CELLS, last: int = LAST) -> dict[str, dict[str, float]]:
-    """Processor seconds of a step from FIRST to `last` that keeps the list, of one that builds it, and of the mean."""
-    tanks = {name: Simulation(tank(*given, cells), "cpu", threads) for name, given in TANKS.items()}
-    seconds: dict[str, dict[str, list[float]]] = {name: {"kept": [], "built": []} for name in tanks}
-    for simulation in tanks.values():
-        take_steps(simulation, FIRST)
-    for _ in range(FIRST, last):
-        for name, simulation in tanks.items():
-            assert simulation.search is not None
-            log = simulation.search.log
-            builds, began = log.rebuilds, time.process_time()
-            simulation.step()
-            seconds[name]["kept" if log.rebuilds == builds else "built"].append(time.process_time() - began)
-    medians = {
-        name: {kind: statistics.median(spent) for kind, spent in kinds.items() if spent}
-        for name, kinds in seconds.items()
-    }
-    for name, spent in medians.items():  # a mean of steps at their medians, which no other work on the machine moves
-        spent["mean"] = sum(spent[kind] * len(seconds[name][kind]) for kind in list(spent)) / (last - FIRST)
-    return medians
+def measured(backend: str, threads: int | None) -> dict[str, list[float]]:
+    """Seconds of a step in each turn."""
+    before, steps = STEPS[backend]
+    scenes = {name: (water(*given, CELLS[given[0]][backend]), before) for name, given in TANKS.items()}
+    scenes["a column of 99,856 that falls, 2D, h = 2 d"] = water(2, 2.0, {}, 316, wide=4.0), FALLEN
+    scenes["a drop of 59,319 with Akinci's tension"] = spinning_cube(39, "akinci"), before
+    runs = {name: Simulation(scene, backend, threads) for name, (scene, _) in scenes.items()}
+    clock = time.process_time if backend == "cpu" else time.perf_counter
+    for name, (_, first) in scenes.items():
+        take_steps(runs[name], first)
+    seconds: dict[str, list[float]] = {name: [] for name in runs}
+    for _ in range(TURNS):
+        for name, simulation in runs.items():
+            began = clock()
+            take_steps(simulation, steps)
+            seconds[name].append((clock() - began) / steps)
+    return seconds
 
 
 def perform(given: argparse.Namespace) -> None:
     """The command."""
     stored: dict[str, Any] = json.loads(given.output.read_text(encoding="utf-8")) if given.output.exists() else {}
-    for threads in given.threads:
-        about = environment(threads, "cpu")
-        kept = {name: about[name] for name in ("date", "processor", "commit")}
-        stored[str(threads)] = {**kept, "tanks": measured(threads)}
-        write_file(given.output, json.dumps(stored, indent=1) + "\n")
-        papers = ""
-        for name, steps in stored[str(threads)]["tanks"].items():
-            papers = name if "papers'" in name else papers
-            over = (steps[kind] / stored[str(threads)]["tanks"][papers][kind] for kind in ("kept", "mean"))
-            print(f"{name:<40} {1e3 * steps['kept']:6.1f} ms a step that keeps its list; over the papers'", *over)
+    about, seconds = environment(given.threads, given.backend), measured(given.backend, given.threads)
+    named = {name: about[name] for name in ("date", "processor", "device", "threads", "commit")}
+    write_file(given.output, json.dumps(stored | {given.backend: named | {"steps": seconds}}, indent=1) + "\n")
+    papers: list[float] = []
+    for name, taken in seconds.items():
+        papers = taken if "papers'" in name else papers
+        over = sorted(own / other for own, other in zip(taken, papers, strict=True))
+        words = f"; over the papers' {statistics.median(over):.2f} ({over[0]:.2f} to {over[-1]:.2f})"
+        print(f"{name:<42} {1e3 * statistics.median(taken):7.3f} ms a step{words if name in TANKS else ''}")
