@@ -8,6 +8,7 @@ nothing but the page is renewed. A kernel's benchmark stands on no page.
 from __future__ import annotations
 
 import json
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -345,8 +346,28 @@ def limits_picture(times: Times) -> Any:
     return figure
 
 
+# Goals
+
+
+def goals(times: Times) -> list[str]:
+    """Table of `goals.toml`, whose names in braces are readings."""
+    device = readings(times, "device cuda")
+    found = {name: f"{1e3 * median(reading):.3g}" for name, reading in device.items()}
+    for size in SIZES:
+        turns = device[f"{size} warp"]
+        found[f"{size} over"] = f"{min(map(np.median, turns['warp'].values())) / np.median(turns['refsim']):.2f}"
+    found["default over"] = f"{median(device['8M shifting']) / median(device[PAPERS]):.2f}"
+    for name, system in scaling(times).items():
+        found |= {f"{name}, {count}": f"{median(system[1]) / median(row):.1f}" for count, row in system.items()}
+    found |= {key: where(times, key) for key in times}
+    names = ("work", "at 512adce3", "found", "goal", "command", "where and when")
+    rows = tomllib.loads(GOALS.read_text(encoding="utf-8"))["row"]
+    return table(names, [[row[name].format_map(found) for name in names] for row in rows])
+
+
 # Pages
 
+GOALS = Path(__file__).with_name("goals.toml")
 PAGE = DOCS / "study.md"
 PICTURE = FIGURES / "device_limits.png"
 EFFECTS = """### Each effect
@@ -377,11 +398,12 @@ pinned to as many cores as threads; a list serves three steps at most. The colum
 threads give how many times faster they are than one. A loop of multiply-adds gains 10.7 times
 from these 16 cores, whose clocks are slower then, and copying 8.2 times.
 """
+ASKED = "\n### Goals of speed\n\nSteps of one thread are in processor time.\n"
 
 
 def page(times: Times) -> str:
     """docs/study.md with the stored times."""
-    lines = [EFFECTS, *effects(times), LIMITS, *limits(times), THREADS, *scaling_table(times)]
+    lines = [EFFECTS, *effects(times), LIMITS, *limits(times), THREADS, *scaling_table(times), ASKED, *goals(times)]
     return replaced(PAGE.read_text(encoding="utf-8"), "times", lines, PAGE)
 
 
