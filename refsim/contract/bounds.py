@@ -10,7 +10,7 @@ A pair within rounding of r = h counts or not, as its distance is rounded: a row
 
 import functools
 import inspect
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,7 @@ EDGE = 8.0  # roundings of the distance in which r = h is undecided
 def oracle(operation: Operation, inputs: Inputs, rows: np.ndarray | None = None) -> dict[str, tuple[Any, Any]]:
     """{output: (value, scale)} in float64, of all particles or of `rows`; outputs that are None are left out."""
     program = operation.program("numpy")
-    takes_rows = "rows" in inspect.signature(program).parameters
+    takes_rows = _takes_rows(program)
     values = [inputs[name] for name in operation.arguments("numpy")]
     with np.errstate(all="ignore"):
         answer = program(*values, rows=rows) if takes_rows else program(*values)
@@ -38,11 +38,19 @@ def oracle(operation: Operation, inputs: Inputs, rows: np.ndarray | None = None)
         value, scale = (np.asarray(part, dtype=float) for part in answer[name])
         if inputs.per_particle(name):
             whole = len(rows) if takes_rows and rows is not None else count
-            value, scale = (np.broadcast_to(part, (whole, *part.shape[1:])) for part in (value, scale))
+            value, scale = (
+                part if len(part) == whole else np.broadcast_to(part, (whole, *part.shape[1:]))
+                for part in (value, scale)
+            )
             if rows is not None and not takes_rows:
                 value, scale = value[rows], scale[rows]
         result[name] = (value, scale)
     return result
+
+
+@functools.cache
+def _takes_rows(program: Callable) -> bool:
+    return "rows" in inspect.signature(program).parameters
 
 
 def neighbour_counts(operation: Operation, inputs: Inputs, rows: np.ndarray | None = None) -> np.ndarray:

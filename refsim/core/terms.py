@@ -129,11 +129,10 @@ def alike(a, b):
 
 
 def _raised(x, rank):
-    axes = tuple(range(-1, x.rank - rank - 1, -1))
-    if not axes:
+    if x.rank == rank:
         return x
-    size = None if x.stated_size is None else np.expand_dims(x.stated_size, axes)
-    return Terms(np.expand_dims(x.value, axes), size, rank)
+    axes = (..., *(None,) * (rank - x.rank))
+    return Terms(x.value[axes], None if x.stated_size is None else x.stated_size[axes], rank)
 
 
 def _compared(a, b, holds):

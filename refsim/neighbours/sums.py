@@ -104,7 +104,7 @@ class Pairs:
     """
 
     def __init__(self, i, count, j, row, column, between=None, same=None):
-        if (np.diff(row) < 0).any():
+        if (row[1:] < row[:-1]).any():
             raise ValueError("Pairs must be sorted by their row of i.")
         cuts = [slice(k, k + CHUNK) for k in range(0, max(len(row), 1), CHUNK)]
         self.links = [(row[c], column[c], between and between.at(c)) for c in cuts]
@@ -164,11 +164,13 @@ class Pairs:
             if value is None:
                 value = np.full((self.count, *(3,) * terms.rank), start)
                 size = value.copy()
-            first = np.flatnonzero(np.diff(row, prepend=-1))
+            if not len(row):
+                continue
+            first = np.flatnonzero(np.concatenate(([True], row[1:] != row[:-1])))
+            of, shape = row[first], (len(row), *value.shape[1:])
             for into, from_ in ((value, terms.value), (size, terms.size)):
-                if len(row):
-                    from_ = np.broadcast_to(from_, (len(row), *into.shape[1:]))
-                    into[row[first]] = reduce(into[row[first]], reduce.reduceat(from_, first, axis=0))
+                from_ = from_ if from_.shape == shape else np.broadcast_to(from_, shape)
+                into[of] = reduce(into[of], reduce.reduceat(from_, first, axis=0))
         return Terms(value, size, terms.rank)
 
 
