@@ -108,6 +108,13 @@ def test_triangles_with_gaps_are_joined(part):
     assert distance == pytest.approx([-0.3, -0.2, 0.2], abs=0.01)
 
 
+def test_bodies_of_a_millimetre_stay_apart_as_those_of_a_metre_do():
+    """What counts as meeting is a share of the size."""
+    corners, faces = np.asarray(BALL.vertices), np.asarray(BALL.faces)
+    two = 1e-3 * np.concatenate([corners, corners + [2.005, 0.0, 0.0]])
+    assert surface_mesh(two, np.concatenate([faces, faces + len(corners)])).notes == ()
+
+
 def quad(a, b, c, d):
     return [[a, b, c], [a, c, d]]
 

@@ -218,6 +218,7 @@ def test_layers_of_walls_are_as_ever(number, recorded):
                 found[f"sums {opened}"] = wall_kernel_sums(layer, "wendland_c2", 0.26, grid.dim, grid.period)
     for shape in ("wendland_c2", "cubic_spline"):
         found[shape] = lattice_layers(shape, 0.26, 0.1, grid.dim), calibrated_factor(shape, 0.26, 0.1, grid.dim)
+    assert len(box_layers((0.0,) * 3, (0.1, 0.3, 0.0), 0.1, 2, period=(0.1, 0.0, 0.0))) == 2  # a floor and a lid
     recorded(found)
 
 
