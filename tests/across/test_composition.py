@@ -49,8 +49,8 @@ SCENES = {name: pairs.scene(name, name, "float32") for name in pairs.EFFECTS} | 
     "whole volume": scene(MPM_FULL),
     "nothing embedded": scene(
         rs.SurfaceEnergy(surface_tension=0.5, embedding="none", iterations=2), MPM,
-        rs.MpmWalls(lower=(-5.0, -5.0, -0.2), upper=(5.0, 5.0, 5.0)),
-    ).with_(fluid=(rs.Box(cells=(3, 3, 3)),)),  # whose surface takes Python seconds
+        rs.MpmWalls(lower=(-5.0, -0.2, 0.0), upper=(5.0, 5.0, 0.0)),
+    ).with_(dim=2, fluid=(rs.Box(cells=(6, 6, 1)),)),  # whose surface in space takes Python seconds
     "shifting": scene(ADVANCED, GRAVITY, HOLDING, rs.ParticleShifting()),
     "advanced tension": scene(ADVANCED, TENSION),
     "advanced heat": scene(ADVANCED, WARM),

@@ -154,8 +154,7 @@ EXAMPLE_PAGES = [  # first_scene.md grows one file by all its blocks: test_cookb
 ]
 
 
-@pytest.mark.parametrize("page", EXAMPLE_PAGES,
-                         ids=lambda page: page.name)  # fmt: skip
+@pytest.mark.parametrize("page", EXAMPLE_PAGES, ids=lambda page: page.name)
 def test_examples_on_the_pages_work(page, tmp_path, monkeypatch):
     if page.name == "CONTRIBUTING.md":
         pytest.skip("test_contributing.py cuts its files out")

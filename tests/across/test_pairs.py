@@ -26,14 +26,17 @@ print(json.dumps(found))
 """
 
 
+LONGEST = "shape_matching", "surface_energy"  # half of the sixth's time, as a surface in space is Python here
+
+
 def test_every_effect_is_paired():
     assert set(pairs.EFFECTS) == set(EFFECTS)
 
 
 @pytest.mark.parametrize("some", [slice(5, None, 6), pytest.param(slice(None), marks=pytest.mark.slow)], ids=str)
 def test_backends_agree_on_pairs(some):
-    """A sixth of them, with every effect, and at night all; `tests.pairs.compare` states the bound."""
-    chosen = list(pairs.pairs())[some]
+    """A sixth of them but the longest, with every effect, and at night all; `tests.pairs.compare` states the bound."""
+    chosen = [pair for pair in list(pairs.pairs())[some] if some.step is None or pair != LONGEST]
     assert {name for pair in chosen for name in pair} == set(pairs.EFFECTS)
     plan = make_plan(pairs.scene("weakly_compressible", "mesh_boundary"))
     placed = pickle.dumps(pairs.EFFECTS["mesh_boundary"].placed(plan.grid))

@@ -73,9 +73,7 @@ def test_a_mesh_holds_liquid_as_planes_do(tmp_path):
     block = rs.Box(cells=(5, 5, 2), velocity=(1.0, 0.0, 0.0))
     found = []
     for walls in (mesh, planes):
-        scene = rs.Scene(
-            dtype="float64", spacing=1.0, support_radius=2.3, effects=(water, walls), fluid=(block,)
-        )  # fmt: skip
+        scene = rs.Scene(dtype="float64", spacing=1.0, support_radius=2.3, effects=(water, walls), fluid=(block,))
         simulation = rs.Simulation(scene, "numpy")
         simulation.evaluate()
         found.append(simulation.field("acceleration")[:, 0])

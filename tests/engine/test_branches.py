@@ -62,11 +62,10 @@ SOFT = (rs.SolidBox(lower=(0, 0, 0), upper=(0.3, 0.3, 0.3)),)
 
 
 SCENES = {name: pairs.scene(name, name) for name in pairs.EFFECTS} | {
-    "nothing": rs.Scene(**SHEET, effects=()), "gravity alone": rs.Scene(**SHEET, effects=(rs.Gravity(),)),
-    "a solid without stiffness": rs.Scene(
-        **SMALL, fluid=(), solid=SOFT, effects=(rs.ShapeMatching(stiffness=0.0),)
-    ),
-}  # fmt: skip
+    "nothing": rs.Scene(**SHEET, effects=()),
+    "gravity alone": rs.Scene(**SHEET, effects=(rs.Gravity(),)),
+    "a solid without stiffness": rs.Scene(**SMALL, fluid=(), solid=SOFT, effects=(rs.ShapeMatching(stiffness=0.0),)),
+}
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -1,7 +1,8 @@
 """Every operation on every backend, precision and hard input: this file only calls the contract.
 
 A kernel is compiled for every combination of optional terms and every precision. By day the CPU's are compiled without
-any, in single precision, and the other combinations run as Python; the references run in double. The rest is `slow`.
+any, in single precision, and the other combinations run as Python, like the central ones of fused programs; the
+references run in double. The rest is `slow`.
 """
 
 import numba
@@ -17,6 +18,8 @@ from refsim.core.operation import REGISTRY, backend_of, without
 from tests import pairs
 from tests.running import python
 
+CENTRAL = "cpu:central"  # fused with another viscosity, by what fuses the usual one
+
 
 def trials():
     cases.discover()
@@ -25,7 +28,7 @@ def trials():
             backend = backend_of(program)
             for variant in range(len(operation.as_computed_by(program).variants)):
                 for dtype in ("float32", "float64"):
-                    compiled = dtype == "float32" and variant == 0
+                    compiled = dtype == "float32" and variant == 0 and program != CENTRAL
                     by_day = {"numpy": dtype == "float64", "cpu": compiled, "cuda": True}[backend]
                     marks = [pytest.mark.gpu] * (backend == "cuda") + [pytest.mark.slow] * (not by_day)
                     yield pytest.param(name, variant, program, dtype, marks=marks)
@@ -56,7 +59,7 @@ cases.discover()
 for operation in REGISTRY.values():
     for program in operation.names():
         combinations = len(operation.as_computed_by(program).variants) if backend_of(program) == "cpu" else 0
-        for variant in range(1, combinations):
+        for variant in range(program != "cpu:central", combinations):
             for outcome in contract.climb(contract.Target(operation, program, "float64", variant), ("T1",)):
                 print(outcome.passed, outcome)
             for case in ("cloud_2d", "cloud_3d"):
@@ -94,9 +97,7 @@ def test_another_output_of_a_kernel_changes_no_bit():
 
 
 # T8
-@pytest.mark.parametrize(
-    "name", [name for name in pairs.EFFECTS if name != "mesh_boundary"]
-)  # test_one_way_coupling.py
+@pytest.mark.parametrize("name", [n for n in pairs.EFFECTS if n != "mesh_boundary"])  # test_one_way_coupling.py
 def test_a_run_with_each_effect_is_resumed_as_the_same_run(name):
     outcomes = list(contract.resumes(pairs.scene(name, name), "numpy", (2, 2)))
     assert all(outcome.passed for outcome in outcomes), "\n".join(map(str, outcomes))

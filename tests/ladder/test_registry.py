@@ -218,9 +218,7 @@ def unbalanced_virials(operations, root):
             )
 
 
-RULES = (
-    stray_kernels, mixed_files, unequal_signatures, wordless, overreaching_references, unbalanced_virials,
-)  # fmt: skip
+RULES = (stray_kernels, mixed_files, unequal_signatures, wordless, overreaching_references, unbalanced_virials)
 
 
 @pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.__name__)

@@ -13,8 +13,6 @@ import refsim as rs
 D, PULL = 0.125, 9.81
 LONG, WIDE, DEEP = 16, 6, 8  # cells
 LIQUID = rs.WeaklyCompressible(sound_speed=31.0)
-
-
 BOX = rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(LONG * D, WIDE * D, 2 * DEEP * D))
 
 

@@ -133,11 +133,7 @@ def shaken_block(dim, **parameters):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "dim, parameters",
-    rows(__file__, "settings"),
-    ids=str,
-)  # fmt: skip
+@pytest.mark.parametrize("dim, parameters", rows(__file__, "settings"), ids=str)
 def test_run_of_the_references_is_the_cpus(dim, parameters):
     """The whole reconstruction by the references, step after step: surface, fit, samples, and what they move.
 
