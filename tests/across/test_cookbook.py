@@ -74,6 +74,7 @@ def test_each_edit_is_planned_and_the_scene_runs(tmp_path, monkeypatch, capsys):
     assert main(["view", "pool_run", "--html", "pool.html"]) == 0
 
 
+@pytest.mark.slow
 def test_the_sph_front_is_that_of_the_experiment():
     """Martin & Moyce 1952, n^2 = 2: Z = x/a at T = t sqrt(2 g/a); within 12 %."""
     said = []

@@ -6,8 +6,9 @@ import xml.etree.ElementTree
 
 import numpy as np
 import pytest
-import vtk
-from vtk.util.numpy_support import vtk_to_numpy
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
+from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
 from refsim.core.errors import InputError, RunStopped
 from refsim.io.frames import Frame, Origin, ParticleWriter, frame_files, read_origin, vtp_bytes
@@ -47,15 +48,15 @@ def write_frames(writer, frames):
 
 def assert_vtp(file, position, fields, time=None):
     """VTK's reader, which reports errors through a window, finds this frame."""
-    messages, before = vtk.vtkStringOutputWindow(), vtk.vtkOutputWindow.GetInstance()
-    vtk.vtkOutputWindow.SetInstance(messages)
+    messages, before = vtkStringOutputWindow(), vtkOutputWindow.GetInstance()
+    vtkOutputWindow.SetInstance(messages)
     try:
-        reader = vtk.vtkXMLPolyDataReader()
+        reader = vtkXMLPolyDataReader()
         reader.SetFileName(str(file))
         reader.Update()
         data, n = reader.GetOutput(), len(position)
     finally:
-        vtk.vtkOutputWindow.SetInstance(before)
+        vtkOutputWindow.SetInstance(before)
     assert messages.GetOutput() == ""
     assert data.GetNumberOfPoints() == data.GetNumberOfVerts() == data.GetNumberOfCells() == n
     assert time is None or data.GetFieldData().GetArray("TimeValue").GetValue(0) == time
