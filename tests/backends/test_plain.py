@@ -54,6 +54,31 @@ def test_operations_keep_the_contract_as_python(names):
     assert not [answer for answer in answers.values() if not answer.startswith("pass")]
 
 
+def test_combinations_of_optional_terms_are_right_as_python():
+    """Those that tests/ladder/test_pairing.py compiles at night: closed forms, and clouds of unequal masses."""
+    program = """
+from refsim import contract
+from refsim.core import cases
+from refsim.core.operation import REGISTRY, backend_of
+from refsim.neighbours import formulas
+key = formulas.cell_key
+formulas.cell_key = lambda *cell: key(*map(int, cell))  # NumPy's int32 does not grow to hold a key
+cases.discover()
+for operation in REGISTRY.values():
+    for program in operation.names():
+        combinations = len(operation.as_computed_by(program).variants) if backend_of(program) == "cpu" else 0
+        for variant in range(program != "cpu:central", combinations):
+            for outcome in contract.climb(contract.Target(operation, program, "float64", variant), ("T1",)):
+                print(outcome.passed, outcome)
+            for case in ("cloud_2d", "cloud_3d"):
+                outcome = contract.run(operation, program, "float64", case, variant)
+                print(outcome.passed, outcome)
+"""
+    lines = python("-c", program, NUMBA_DISABLE_JIT="1").stdout.splitlines()
+    assert len(lines) > 400
+    assert [line for line in lines if not line.startswith("True")] == []
+
+
 def test_functions_that_take_arrays_are_inlined():
     """A call that is not counts references to each array, for each row."""
     heads = re.findall(r"@njit\((.*)\)\ndef (\w+)\(", printed(REGISTRY["sph.density"], "cpu"))

@@ -73,8 +73,7 @@ def reported(outcomes, allowed):
 
 def test_what_takes_too_long_is_said_by_number_and_size():
     """And holds where it is declared out, or allowed."""
-    flat = dataclasses.replace(OWN, dims=(3,))
-    limited = {most: dataclasses.replace(flat, most_particles=most) for most in (None, 3000)}
+    limited = {most: dataclasses.replace(OWN, dims=(3,), most_particles=most) for most in (None, 3000)}
     made = {most: list(contract.trials(flat, "sph.density", (), (0,), ("T3",))) for most, flat in limited.items()}
     for most, allowed, holds in ((None, False, False), (None, True, True), (3000, False, True)):
         data, words, tests = reported(made[most], allowed)

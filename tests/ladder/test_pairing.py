@@ -46,31 +46,6 @@ def test_ladder(name, variant, program, dtype):
     assert not failed, "\n".join(failed)
 
 
-def test_combinations_of_optional_terms_are_right_as_python():
-    """Their closed forms, and a cloud in the plane and in space, whose masses are unequal."""
-    program = """
-from refsim import contract
-from refsim.core import cases
-from refsim.core.operation import REGISTRY, backend_of
-from refsim.neighbours import formulas
-key = formulas.cell_key
-formulas.cell_key = lambda *cell: key(*map(int, cell))  # NumPy's int32 does not grow to hold a key
-cases.discover()
-for operation in REGISTRY.values():
-    for program in operation.names():
-        combinations = len(operation.as_computed_by(program).variants) if backend_of(program) == "cpu" else 0
-        for variant in range(program != "cpu:central", combinations):
-            for outcome in contract.climb(contract.Target(operation, program, "float64", variant), ("T1",)):
-                print(outcome.passed, outcome)
-            for case in ("cloud_2d", "cloud_3d"):
-                outcome = contract.run(operation, program, "float64", case, variant)
-                print(outcome.passed, outcome)
-"""
-    lines = python("-c", program, NUMBA_DISABLE_JIT="1").stdout.splitlines()
-    assert len(lines) > 400
-    assert [line for line in lines if not line.startswith("True")] == []
-
-
 def test_many_threads_give_the_same_bits():
     """Eight threads, more than there are cores, against one: T6 in a process that was started with eight."""
     program = """
