@@ -53,6 +53,7 @@ DENSITY_EXCESS = Field("density_excess", "kg/m^3 (kg/m^2 in 2D)", "density over 
 ADVANCED_EXCESS = Field(
     "advanced_excess", "kg/m^3 (kg/m^2 in 2D)", "rho - rho0 at the end of the step before", state=True
 )
+BORNE = Field("borne", "-", "from 0 where liquid fell a step before to 1 where something bore its weight", state=True)
 SHIFT = Field("shift", "m", "displacement of a step beside dt v", 3, state=True)  # for the next density
 FILLING = Field("filling", "-", "share of space that the told volumes fill, 1 on a lattice and less at a surface")
 SUMMED_DENSITY = Field("summed_density", "kg/m^3 (kg/m^2 in 2D)", "density J(7), beside an advanced one")
@@ -348,6 +349,10 @@ class WeaklyCompressible(
         """Whether its density follows from the continuity equation."""
         return self.density == "continuity"
 
+    def leans(self, others: Others) -> bool:
+        """Whether the diffusion of its density knows a slope at rest."""
+        return self.diffusion > 0 and stands(others)
+
     def corrects(self) -> bool:
         """Whether its pressure force has renormalised gradients."""
         return self.gradient == "corrected"
@@ -369,7 +374,8 @@ class WeaklyCompressible(
         summed = (SUMMED_DENSITY,) if self._sums_wanted(others) else ()
         if not self.advances():
             return (*fields, *summed) if "two_way_coupling" in others else fields  # whose density counts no particles
-        return (*fields, DENSITY_EXCESS, ADVANCED_EXCESS, *summed)
+        borne = (BORNE,) if self.leans(others) else ()
+        return (*fields, DENSITY_EXCESS, ADVANCED_EXCESS, *borne, *summed)
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         viscous = self.dynamic_viscosity > 0
@@ -429,7 +435,11 @@ class WeaklyCompressible(
     def _density_passes(self, others: Others) -> tuple[Pass, ...]:
         if not self.advances():
             return (Pass("sph.density", writes=("density", "number_density", "asymmetry")),)
-        kept = Pass("sph.keep_density", updates=("advanced_excess",), stage="motion")
+        leans = self.leans(others)
+        kept = Pass(
+            "sph.keep_density", updates=("advanced_excess", *(("borne",) if leans else ())), stage="motion",
+            names={} if leans else dict.fromkeys(("acceleration", "lean", "borne")),
+        )  # fmt: skip
         return (continuity_pass(others, LIQUID_ALONE), *self.summed_passes(others), kept)
 
     def summed_passes(self, others: Others) -> tuple[Pass, ...]:
@@ -619,7 +629,7 @@ class WeaklyCompressible(
         if self.diffusion == 0:
             return {"diffusion": None, "lean": None, "recount": recount}
         coefficient = 0.5 * self.diffusion * grid.support_radius * self.sound_speed
-        stretch = self.rest_density / self.sound_speed**2 if stands(others) else 0.0  # falling liquid has no slope
+        stretch = self.rest_density / self.sound_speed**2 if self.leans(others) else 0.0
         release = self.sound_speed / grid.support_radius
         diffusion = Diffusion(*map(grid.real, (coefficient, stretch, release)))
         return {"diffusion": diffusion, "recount": recount, **lean(grid, others)}
@@ -656,6 +666,7 @@ def continuity_pass(others: Others, names: Mapping[str, str | None]) -> Pass:
     shifts = any(SHIFT in effect.fields(others) for effect in others.values())
     left_out = {} if effects_with(others, BringsWalls) else {"wall_strain": None}
     left_out |= {} if shifts else {"shift": None}
+    left_out |= {} if liquid_of(others).leans(others) else {"borne": None}
     left_out |= {} if finds_filling(others) else {"filling": None}
     return Pass(
         "sph.continuity",

@@ -52,6 +52,7 @@ cases.particles("correction_diagonal", "correction_mixed")(
     lambda case, random: random.uniform(0.7, 1.6, (case.count, 3))
 )
 cases.particles(
+    borne=lambda case, random: random.uniform(0.0, 1.0, case.count),
     # of some thousandths of a spacing
     shift=lambda case, random: 0.003 * case.spacing * cases.vectors(case, random),
     # of either sign and of its own
@@ -155,7 +156,7 @@ def _continued(excess, case=None, solid=0, **given):
     inputs = {
         "mass": np.array([2.0, 3.0])[: case.count], "velocity": np.zeros((case.count, 3)), "fluid": WATER,
         "advanced_excess": EXCESS[: case.count], "timestep": [0.5, 0.25], "phase": None, "rest_density": None,
-        "shift": None, "recount": None, "filling": None, "diffusion": None, "lean": None,
+        "shift": None, "recount": None, "filling": None, "diffusion": None, "lean": None, "borne": None,
     }  # fmt: skip
     return cases.Exact(case, inputs | given, {"density_excess": excess, "density": density})
 
@@ -186,13 +187,14 @@ cases.closed_form(  # a pair that parts fast has 0.95 rho0
 
 @for_each_kernel("sph.continuity")
 def diffusing_pair(w):
-    """At rest: d rho_1/dt = 2 k V_2 (rho_2 - rho_1 - s) |W'(h/2)|, s = 40 the difference at rest; for 0.25 s."""
+    """d rho_1/dt = 2 k V_2 (rho_2 - rho_1 - b_1 b_2 s) |W'(h/2)|, s = 80 the difference at rest; for 0.25 s."""
     slope = 2 * 0.5 * w.slope
-    difference = -120.0 - 40.0
+    difference = -120.0 - 0.8 * 0.625 * 80.0
     rate = slope * difference * np.array([3.0 / 980.0, -2.0 / 1100.0])
     return _continued(
-        EXCESS + 0.25 * rate, diffusion=sph.Diffusion(0.5, 2.0), lean=sph.WallFrameGravity(3.5, 20.0, -1.5)
-    )
+        EXCESS + 0.25 * rate, diffusion=sph.Diffusion(0.5, 4.0), lean=sph.WallFrameGravity(3.5, 20.0, -1.5),
+        borne=[0.8, 0.625],
+    )  # fmt: skip
 
 
 @for_each_kernel("sph.continuity")
@@ -269,10 +271,16 @@ def _pressed(density, fluid, pressure):
     return cases.Exact(PAIR, {"density": density, "fluid": fluid}, {"pressure": pressure})
 
 
-cases.closed_form(
-    "sph.keep_density",
-    kept=lambda: cases.Exact(PAIR, {"density_excess": [1.5, -2.25]}, {"advanced_excess": [1.5, -2.25]}),
-)
+@cases.closed_form("sph.keep_density")
+def kept():
+    """Of g^2 = 20 m^2/s^4 the first has g.a = 10, half of its weight; the second falls with 1.2 g."""
+    inputs = {
+        "density_excess": [1.5, -2.25], "acceleration": [[5.0, 9.0, 0.0], [0.0, 8.0, -6.0]],
+        "lean": sph.WallFrameGravity(2.0, 0.0, -4.0),
+    }  # fmt: skip
+    return cases.Exact(PAIR, inputs, {"advanced_excess": [1.5, -2.25], "borne": [0.5, 1.0 - 1.0]})
+
+
 cases.closed_form(
     "sph.state",
     linear_state=lambda: _pressed([1250.0, 500.0], WATER, [1e5, -2e5]),  # p = c^2 (rho - rho0) with c^2 = 400

@@ -98,12 +98,28 @@ def lone_share(around):
     return min(max((real(JOINED) - around) / real(JOINED - LONE), real(0)), real(1))
 
 
+FALLING, BORNE = 0.25, 0.75  # share of its weight that pressure takes off falling liquid at most, off borne at least
+
+
+@formula
+def borne_share(weight, falling):
+    """b = (s - 1/4)/(1/2) in 0 to 1 [-], s = 1 - g.a/g^2 the share of its weight that something takes off a particle.
+
+    `weight` = g^2, `falling` = g.a [m^2/s^4]; 1 without weight.
+    """
+    real = type(weight)
+    if not weight > real(0):
+        return real(1)
+    share = (real(1 - FALLING) - falling / weight) / real(BORNE - FALLING)
+    return min(max(share, real(0)), real(1))
+
+
 @formula
 def diffusion_pair(volume_j, excess_i, excess_j, head, slope, diffusion):
     """Fourtakas et al. 2019 for one neighbour: part of d rho_i/dt [kg/(m^dim s)]; `slope` = W'(r)/r.
 
     delta h_s c psi_ij.grad W_ij V_j = -2 delta h_s c (rho_j - rho_i + x_ij.g rho0/c^2) W'(r)/r V_j, `head` x_ij.g
-    [m^2/s^2]: the difference at rest does not count. Molteni & Colagrossi 2009 where it is 0.
+    [m^2/s^2], in liquid that is borne: the difference at rest does not count. Molteni & Colagrossi 2009 where it is 0.
     """
     difference = excess_j - excess_i + head * diffusion.stretch
     return volume_j * slope * (-type(slope)(2) * diffusion.coefficient * difference)

@@ -118,8 +118,8 @@ def wall_gradient(i, lane, position, walls, smoothing, weight, period):
 
 @pair
 def continuity_pair(
-    r, x_ij, velocity_i, velocity_j, mass_j, rest_density_j, phase_j, advanced_excess_i, advanced_excess_j, shift_i,
-    shift_j, smoothing, fluid, diffusion, lean, recount, own_rest, per_step,
+    r, x_ij, velocity_i, velocity_j, mass_j, rest_density_j, phase_j, advanced_excess_i, advanced_excess_j, borne_i,
+    borne_j, shift_i, shift_j, smoothing, fluid, diffusion, lean, recount, own_rest, per_step,
 ):  # fmt: skip
     """(d rho_i/dt)/rho_i by the flow [1/s], d rho_i/dt by diffusion [kg/(m^dim s)], by liquid alone, -V_j r W' of
     liquid, where it is counted V_j W_ij, and -V_j r W' of solids.
@@ -136,6 +136,8 @@ def continuity_pair(
     around = -share * slope * r * r
     if diffusion is not None:
         head = dot(lean, x_ij)
+        if borne_j is not None:
+            head *= borne_i * borne_j
         spread = formulas.diffusion_pair(share, advanced_excess_i, advanced_excess_j, head, slope, diffusion)
     if recount is not None:
         filled = share * apart * kernel_value(r, smoothing)
@@ -170,8 +172,8 @@ def wall_continuity_pair(
 
 @kernel(lanes=True)
 def continuity(
-    i, lane, position, velocity, mass, rest_density, phase, advanced_excess, wall_strain, shift, neighbours, walls,
-    wall_motion, smoothing, fluid, diffusion, lean, recount, period, timestep, filling, density_excess, density,
+    i, lane, position, velocity, mass, rest_density, phase, advanced_excess, borne, wall_strain, shift, neighbours,
+    walls, wall_motion, smoothing, fluid, diffusion, lean, recount, period, timestep, filling, density_excess, density,
 ):  # fmt: skip
     """Density after the step [kg/m^dim], its excess over rho0 and the filling; solids keep their rest density."""
     rest = fluid.rest_density if rest_density is None else rest_density[i]
@@ -186,7 +188,7 @@ def continuity(
     per_step = inverse_step(timestep, rest)
     sums = neighbour_sum(
         continuity_pair, i, lane, neighbours, position, period, velocity, mass, rest_density, phase, advanced_excess,
-        shift, smoothing, fluid, diffusion, lean, recount, rest, per_step,
+        borne, shift, smoothing, fluid, diffusion, lean, recount, rest, per_step,
     )  # fmt: skip
     fields = position, velocity, mass, advanced_excess, density_excess, density
     given = sums, fields, rest, per_step, timestep, smoothing, period
@@ -236,13 +238,13 @@ def put_advanced(i, lane, given, walls, wall_strain, shift, wall_motion, diffusi
 
 @pair
 def continuity_and_sums_pair(
-    r, x_ij, velocity_i, velocity_j, mass_j, rest_density_j, phase_j, advanced_excess_i, advanced_excess_j, shift_i,
-    shift_j, gradient_smoothing, smoothing, fluid, diffusion, lean, recount, own_rest, per_step,
+    r, x_ij, velocity_i, velocity_j, mass_j, rest_density_j, phase_j, advanced_excess_i, advanced_excess_j, borne_i,
+    borne_j, shift_i, shift_j, gradient_smoothing, smoothing, fluid, diffusion, lean, recount, own_rest, per_step,
 ):  # fmt: skip
     """Terms of the continuity equation and those of J(7), J(8) and sum W_ij x_ij."""
     a = continuity_pair(
-        r, x_ij, velocity_i, velocity_j, mass_j, rest_density_j, phase_j, advanced_excess_i, advanced_excess_j, shift_i,
-        shift_j, gradient_smoothing, fluid, diffusion, lean, recount, own_rest, per_step,
+        r, x_ij, velocity_i, velocity_j, mass_j, rest_density_j, phase_j, advanced_excess_i, advanced_excess_j, borne_i,
+        borne_j, shift_i, shift_j, gradient_smoothing, fluid, diffusion, lean, recount, own_rest, per_step,
     )  # fmt: skip
     s = density_moment_pair(r, x_ij, mass_j, smoothing)
     return a[0], a[1], a[2], a[3], a[4], s[0], s[1], s[2], s[3], s[4]
@@ -250,16 +252,16 @@ def continuity_and_sums_pair(
 
 @kernel(lanes=True)
 def continuity_and_sums(
-    i, lane, position, velocity, mass, rest_density, phase, advanced_excess, wall_strain, shift, neighbours, walls,
-    wall_motion, gradient_smoothing, smoothing, fluid, diffusion, lean, recount, period, timestep, number_density,
-    asymmetry, summed_density, filling, density_excess, density,
+    i, lane, position, velocity, mass, rest_density, phase, advanced_excess, borne, wall_strain, shift, neighbours,
+    walls, wall_motion, gradient_smoothing, smoothing, fluid, diffusion, lean, recount, period, timestep,
+    number_density, asymmetry, summed_density, filling, density_excess, density,
 ):  # fmt: skip
     """`continuity`, and `density` beside it, with the variants of both [kg/m^dim]."""
     rest = fluid.rest_density if rest_density is None else rest_density[i]
     per_step = inverse_step(timestep, rest)
     sums = neighbour_sum(
         continuity_and_sums_pair, i, lane, neighbours, position, period, velocity, mass, rest_density, phase,
-        advanced_excess, shift, gradient_smoothing, smoothing, fluid, diffusion, lean, recount, rest, per_step,
+        advanced_excess, borne, shift, gradient_smoothing, smoothing, fluid, diffusion, lean, recount, rest, per_step,
     )  # fmt: skip
     fields = position, velocity, mass, advanced_excess, density_excess, density
     given = sums[0:5], fields, rest, per_step, timestep, gradient_smoothing, period
@@ -285,9 +287,11 @@ def wall_moves(place, wall_motion):
 
 
 @kernel
-def keep_density(i, density_excess, advanced_excess):
-    """The excess of the density at the end of the step [kg/m^dim], from which the next one goes on."""
+def keep_density(i, density_excess, acceleration, lean, borne, advanced_excess):
+    """The excess of the density [kg/m^dim], from which the next step goes on, and b of `borne_share` [-]."""
     advanced_excess[i] = density_excess[i]
+    if borne is not None:
+        borne[i] = formulas.borne_share(dot(lean, lean), dot(lean, three(acceleration, i)))
 
 
 @kernel

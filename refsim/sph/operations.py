@@ -74,11 +74,11 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
     "continuity equation with diffusion, shifts and return to the counted density",
     paper="Colagrossi & Landrini 2003; Molteni & Colagrossi 2009; Fourtakas et al. 2019; Sun et al. 2019",
     outputs="filling density_excess density",
-    optional="walls wall_strain wall_motion diffusion lean period rest_density phase shift recount filling",
+    optional="walls wall_strain wall_motion diffusion lean borne period rest_density phase shift recount filling",
     variants=(
-        "walls wall_strain wall_motion diffusion lean period rest_density phase shift recount filling",
+        "walls wall_strain wall_motion diffusion lean borne period rest_density phase shift recount filling",
         "walls wall_strain wall_motion period shift",
-        "period wall_motion rest_density phase", "period shift filling",
+        "period wall_motion rest_density phase", "period shift filling diffusion lean",
         "walls wall_strain wall_motion rest_density phase recount filling",
     ),
     tolerance=12.0, reason="one rounding in each of distance, slope, volume, velocity difference, projection,"
@@ -94,15 +94,15 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
             },
             variants=(
                 "walls wall_strain wall_motion period rest_density phase shift",
-                "diffusion lean period number_density recount filling",
+                "diffusion lean borne period number_density recount filling",
             ),
         )
     },
     packed="continuity_pair",
 )  # fmt: skip
 def continuity(
-    position, velocity, mass, rest_density, phase, advanced_excess, wall_strain, shift, walls, wall_motion, smoothing,
-    fluid, diffusion, lean, recount, period, timestep, rows=None,
+    position, velocity, mass, rest_density, phase, advanced_excess, borne, wall_strain, shift, walls, wall_motion,
+    smoothing, fluid, diffusion, lean, recount, period, timestep, rows=None,
 ):  # fmt: skip
     """Density [kg/m^dim] a step after rho0 + advanced_excess, its excess over rho0, and the filling [-], 1 in solids.
 
@@ -115,6 +115,7 @@ def continuity(
     i = Fields(
         position=position, velocity=velocity, excess=advanced_excess, density=density, rest=rest,
         liquid=1.0 if phase is None else np.asarray(phase) == 0, volume=np.asarray(mass, dtype=float) / density,
+        borne=1.0 if borne is None else borne,
         shift=None if shift is None or dt == 0 else np.asarray(shift, dtype=float) / dt,
     )  # fmt: skip
     b = wall_particles(walls, velocity=moving(walls, wall_motion), strain=wall_strain)
@@ -139,10 +140,18 @@ def continuity(
     return {"filling": where(here.liquid, share, 1.0), "density_excess": excess, "density": here.rest + excess}
 
 
-@operation("rho of the step before", paper="standard", outputs="advanced_excess", invariants="reordering")
-def keep_density(density_excess, rows=None):
-    """advanced_excess = rho - rho0 [kg/m^dim] when the next step begins."""
-    return {"advanced_excess": Fields(excess=density_excess).at(rows).excess}
+@operation(
+    "rho of the step before, and what is borne of the weight", paper="standard", outputs="borne advanced_excess",
+    optional="acceleration lean borne", variants=("acceleration lean borne", ""), tolerance=8.0,
+    reason="one rounding in each product, sum and quotient, twice", invariants="reordering",
+)  # fmt: skip
+def keep_density(density_excess, acceleration, lean, rows=None):
+    """advanced_excess = rho - rho0 [kg/m^dim] when the next step begins, and b [-] of `borne_share`."""
+    i = Fields(excess=density_excess, acceleration=acceleration).at(rows)
+    kept = {"advanced_excess": i.excess}
+    if lean is not None:
+        kept["borne"] = ref.borne(i, np.array([float(part) for part in lean]))
+    return kept
 
 
 @operation(
