@@ -19,7 +19,7 @@ SHEAR = np.array([[0.5, 1.0, 0.0], [-0.4, -0.7, 0.0], [0.0, 0.0, 0.0]])  # 1/s, 
 OF_SPACING = ("region_anchor", "region_center")  # displacements of nodes, as exact as their positions are
 # Depend on which particle stands first, and so on when the list or the grid's blocks were built; what is made of them
 # is compared
-OF_ORDER = ("place", "cell", "velocity_range")
+OF_ORDER = ("place", "cell")
 cases.discover()
 EFFECTS = {name: example.effect for name, example in cases.EXAMPLES.items()}
 

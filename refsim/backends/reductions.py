@@ -12,6 +12,7 @@ import numpy as np
 
 from refsim.backends.compile import THREADS_PER_BLOCK, Kernel, formula, kernel, marks, overloaded
 
+LEAST = -(2.0**100)  # below all numbers whose maxima may be negative; what is left where there are no rows
 CHUNKS = 64  # in which rows are summed, whatever the threads: a sum does not depend on them
 CPU = """\
 def of_chunk(chunk, {given}, {into}):
@@ -37,11 +38,33 @@ def {name}({given}, {into}):
         return
     {written}
 """
+PARTED_CPU = """\
+def of_chunk(chunk, {given}, {into}):
+    begin, end = limits(chunk, {rows}.shape[0])
+    for i in range(begin, end):
+        part, {values} = body(i, {given})
+        {reduced}
+
+
+def {name}({given}, {into}):
+    over_rows(of_chunk, {into}.shape[0], ({given}, {into}))
+"""
+PARTED_CUDA = """\
+def {name}({given}, {into}):
+    for part in range({into}.shape[0]):
+        {zeros}
+        {own_rows}
+            own, {values} = body(i, {given})
+            if own == part:
+                {reduced}
+        if cuda.syncthreads_or(np.int32({grown})) != 0:
+            {written}
+"""
 LARGEST = """\
 shared{k} = cuda.shared.array(THREADS_PER_BLOCK, {into}.dtype)
 most{k} = largest_of_block(shared{k}, s{k})
-if cuda.threadIdx.x == 0 and most{k} > {into}[{k}]:
-    cuda.atomic.max({into}, {k}, most{k})
+if cuda.threadIdx.x == 0 and most{k} > {into}[{at}]:
+    cuda.atomic.max({into}, {at}, most{k})
 """
 COUNT = """\
 count{k} = cuda.syncthreads_count(1 if s{k} else 0)
@@ -57,11 +80,15 @@ class Reduction(Kernel):
     how   "largest" (of numbers of 0 or more; a GPU leaves out NaN) or "count" (of flags) for each number in turn
     rows  argument with as many rows as there are, or "group.member"
 
-    With `looping` a thread of a GPU takes several rows, whose maxima then cost fewer atomics; not for counts.
+    With `looping` a thread of a GPU takes several rows, whose maxima then cost fewer atomics; not for counts. With
+    `parted` the body gives first the row of `into` to which its numbers belong, and their maxima may be negative.
     """
 
-    def __init__(self, function: Callable, *, into: str, how: str, rows: str, looping: bool = False) -> None:
+    def __init__(
+        self, function: Callable, *, into: str, how: str, rows: str, looping: bool = False, parted: bool = False
+    ) -> None:
         super().__init__(function)
+        self.parted, self.least = parted, LEAST if parted else 0
         self.into, self.how, self.body_arguments = into, how.split(), self.arguments
         self.arguments, self.rows = [*self.body_arguments, into], into
         self.options["cuda"] |= {"rows_of": rows, "looping": looping}
@@ -73,9 +100,11 @@ class Reduction(Kernel):
     def source(self, backend: str) -> str:
         """The loop around the body; on a CPU it sets the numbers of each chunk."""
         on_cpu, into, kinds = backend == "cpu", self.into, list(enumerate(self.how))
-        zero = {"largest": f"{into}.dtype.type(0)", "count": "0" if on_cpu else "False"}
+        zero = {"largest": f"{into}.dtype.type({self.least})", "count": "0" if on_cpu else "False"}
         step = {"largest": "max(s{k}, t{k})" if on_cpu else "t{k} if t{k} > s{k} else s{k}"}
         step["count"] = "s{k} + t{k}" if on_cpu else "t{k}"
+        at = "part, {k}" if self.parted else "{k}"
+        grows = [f"s{k}" if kind == "count" else f"s{k} > {into}[{at.format(k=k)}]" for k, kind in kinds]
         last = dict.fromkeys(zero, "{into}[chunk, {k}] = s{k}") if on_cpu else {"largest": LARGEST, "count": COUNT}
         rows = self.options["cuda"]["rows_of"]
         one_row = ["i = cuda.grid(1)", f"if i < {rows}.shape[0]:"]
@@ -84,19 +113,30 @@ class Reduction(Kernel):
             "own_rows": several if self.options["cuda"]["looping"] else one_row,
             "zeros": [f"s{k} = {zero[kind]}" for k, kind in kinds],
             "reduced": [f"s{k} = {step[kind].format(k=k)}" for k, kind in kinds],
-            "written": [line for k, kind in kinds for line in last[kind].format(k=k, into=into).splitlines()],
-        }
+            "written": [
+                line for k, kind in kinds
+                for line in last[kind].format(k=k, into=into, at=f"({at.format(k=k)})").splitlines()
+            ],
+        }  # fmt: skip
+        if self.parted and on_cpu:
+            lines["reduced"] = [f"{into}[chunk, part, {k}] = max({into}[chunk, part, {k}], t{k})" for k, _ in kinds]
+        template = (PARTED_CPU if on_cpu else PARTED_CUDA) if self.parted else CPU if on_cpu else CUDA
         return filled_in(
-            CPU if on_cpu else CUDA, lines, name=self.__name__, given=", ".join(self.body_arguments), into=into,
-            rows=rows, values=", ".join(f"t{k}" for k, _ in kinds),
-            grown=" or ".join(f"s{k}" if kind == "count" else f"s{k} > {into}[{k}]" for k, kind in kinds),
-        )  # fmt: skip
+            template,
+            lines,
+            name=self.__name__,
+            given=", ".join(self.body_arguments),
+            into=into,
+            rows=rows,
+            values=", ".join(f"t{k}" for k, _ in kinds),
+            grown=" or ".join(grows),
+        )
 
     def program(self, backend: str) -> Callable:
         """What sets the numbers; of a GPU's, `cleared` does only what remains where they are zero already."""
         if backend not in self._programs:
             self._programs[backend] = made = self._of_cuda() if backend == "cuda" else self._of_cpu()
-            made.into = self.into  # type: ignore[attr-defined]
+            made.into, made.least = self.into, self.least  # type: ignore[attr-defined]
         return self._programs[backend]
 
     def _like_body(self, program: Callable) -> Callable:
@@ -109,10 +149,11 @@ class Reduction(Kernel):
 
         def program(*values: Any) -> None:
             *given, out = values
-            partial = np.zeros((CHUNKS, len(self.how)), out.dtype)
+            partial = np.full((CHUNKS, *out.shape), self.least, out.dtype)
             self.on("cpu")(*given, partial)
             out[:] = partial.max(0)
-            out[counted] = partial[:, counted].sum(0)
+            if counted:
+                out[counted] = partial[:, counted].sum(0)
 
         return self._like_body(program)
 
@@ -123,7 +164,7 @@ class Reduction(Kernel):
             self.on("cuda")(*values)
 
         def program(*values: Any) -> None:
-            device.fill(values[-1], 0)
+            device.fill(values[-1], self.least)
             cleared(*values)
 
         program.cleared = self._like_body(cleared)  # type: ignore[attr-defined]

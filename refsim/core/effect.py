@@ -22,8 +22,8 @@ from refsim.core.period import Lengths
 class Field:
     """A named particle array.
 
-    rows        number of rows where it is not that of the particles, or "solids" or "walls" until the plan has counted
-                the nodes of the scene's solids or its wall particles: such a table is never reordered
+    rows        number of rows where it is not that of the particles, or "solids", "walls" or "bodies" until the plan
+                has counted the nodes of the scene's solids, its wall particles or its bodies: never reordered
     """
 
     name: str
@@ -138,6 +138,7 @@ class Discretisation:
     period: Lengths = (0.0, 0.0, 0.0)  # lengths of the periodic box [m]; 0 along axes without a period
     period_lower: Lengths = (0.0, 0.0, 0.0)  # its lower corner [m]
     origin: Lengths = (0.0, 0.0, 0.0)  # place in the scene [m] to which all that passes take is relative
+    bodies: tuple[int, ...] = ()  # number of the body that each solid, then each part of the liquid belongs to
     drop_radius: float = 0.0  # of a ball (disc) as large as the smallest body of liquid [m]; 0: not known
 
     def local(self, places: Any) -> Any:

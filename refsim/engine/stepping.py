@@ -268,10 +268,10 @@ class DeviceStepper:
         if self.pushed:
             self.device.fill(s.fields["acceleration"], 0)
         for call in self._reductions():
-            self.device.fill(call.args[-1], 0)  # type: ignore[attr-defined]
+            self.device.fill(call.args[-1], call.func.least)  # type: ignore[attr-defined]
 
     def _reductions(self) -> list[Callable[[], None]]:
-        """The calls that need zeros in what they reduce into, their last argument."""
+        """The calls that need the least numbers in what they reduce into, their last argument."""
         calls = (self.state.extremes_call, *(call for _, call in self.state.motion_calls))
         return [call for call in calls if _cleared(call) is not call]
 

@@ -40,9 +40,9 @@ CONCENTRATION_GRADIENT = Field(
 )
 FILLING_GRADIENT = Field("filling_gradient", "1/m", "gradient of the filling, sum_j V_j grad W_ij: inward normal", 3)
 VELOCITY_RANGE = Field(
-    "velocity_range", "m/s", "largest velocities beyond that of the first particle: along each axis, and against it",
-    rows=6,
-)  # fmt: skip
+    "velocity_range", "m/s", "largest velocities of each body: along each axis, and against it", 6, rows="bodies"
+)
+DRAWN_BODY = Field("drawn_body", "-", "number of the body that the particle was drawn in", dtype="int32", state=True)
 LARGEST_SHIFT = 0.5  # of v_max dt: longest displacement of a step beside dt v (Sun et al. 2017)
 LEAST_NORMAL = 0.05  # of h times the gradient of the filling, below which a surface has no direction
 # fillings between which what is uneven along the normal begins to act: not in the outermost layer of a lattice (0.69 to
@@ -105,6 +105,9 @@ class ParticleShifting(Effect, CorrectsPositions, Joins, FollowsStart, frozen=Tr
               does not count, and the outermost layer moves along the surface only; "none": the liquid has no surface,
               and its continuity equation takes the shifts (Sun et al. 2019); by default none where the liquid fills a
               box that periods or planes close, without solids and meshes
+    bodies    "apart": largest velocities are those of the body that a particle was drawn in, parts whose boxes touch
+              being one, also solids; "together": of all particles; by default apart where there are several bodies
+              and no period
     """
 
     name: ClassVar[str] = "particle_shifting"
@@ -114,6 +117,7 @@ class ParticleShifting(Effect, CorrectsPositions, Joins, FollowsStart, frozen=Tr
 
     strength: NotNegative = 2.2
     surface: Literal["detected", "none"] | None = None
+    bodies: Literal["apart", "together"] | None = None
 
     @classmethod
     def joins(cls, others: Others) -> bool:
@@ -130,22 +134,26 @@ class ParticleShifting(Effect, CorrectsPositions, Joins, FollowsStart, frozen=Tr
     def with_start_defaults(self, grid: Discretisation, others: Others) -> Effect:
         closed = self.surface is None and grid.solids is None and not _within_meshes(others)
         full = closed and _filled(grid, others) >= LEAST_FULL
-        return msgspec.structs.replace(self, surface="none") if full else self
+        several = self.bodies is None and max(grid.bodies) > 0 and not any(grid.period)
+        chosen = ({"surface": "none"} if full else {}) | ({"bodies": "apart"} if several else {})
+        return msgspec.structs.replace(self, **chosen) if chosen else self
 
     def start_defaults(self, scene_effects: Iterable[Effect]) -> Iterator[str]:
         named = next((effect for effect in scene_effects if isinstance(effect, ParticleShifting)), None)
         if self.surface == "none" and (named is None or named.surface is None):
             yield f"surface of {self.name} is 'none', since the liquid fills its closed box"
+        if self.bodies == "apart" and (named is None or named.bodies is None):
+            yield f"bodies of {self.name} are 'apart', since several do not touch at the start"
 
     def initial(self, grid: Discretisation, state: "InitialState", others: Others) -> Mapping[str, np.ndarray]:
-        """Nothing. Raises InputError for a box that is not full where the liquid is said to have no surface."""
+        """Bodies that are told apart. Raises InputError for a box that is not full without a surface."""
         filled = 1.0 if _within_meshes(others) else _filled(grid, others)
         if self.surface == "none" and filled < LEAST_FULL:
             raise InputError(
                 f"{self.name}: surface = 'none', but the liquid fills {filled:.2g} of its box and has a free"
                 " surface, which would compress it; set surface = 'detected'."
             )
-        return {}
+        return {"drawn_body": np.repeat(grid.bodies, state.sizes)} if self.bodies == "apart" else {}
 
     def parts_from_density(self) -> bool:
         return self._at_surface()  # elsewhere the density takes the shifts
@@ -154,14 +162,18 @@ class ParticleShifting(Effect, CorrectsPositions, Joins, FollowsStart, frozen=Tr
         return self.surface != "none"
 
     def fields(self, others: Others) -> tuple[Field, ...]:
+        of_bodies: tuple[Field, ...] = (dataclasses.replace(VELOCITY_RANGE, rows=1),)
+        if self.bodies == "apart":
+            of_bodies = (VELOCITY_RANGE, DRAWN_BODY)
         if self._at_surface():
             filling = FILLING if liquid_of(others).advances() else NUMBER_DENSITY
-            return (CONCENTRATION_GRADIENT, VELOCITY_RANGE, PASSING_SHIFT, filling, FILLING_GRADIENT)
-        return (CONCENTRATION_GRADIENT, VELOCITY_RANGE, SHIFT)
+            return (CONCENTRATION_GRADIENT, *of_bodies, PASSING_SHIFT, filling, FILLING_GRADIENT)
+        return (CONCENTRATION_GRADIENT, *of_bodies, SHIFT)
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         surface = self._at_surface()
-        names: dict[str, str | None] = {} if "shape_matching" in others else {"phase": None}
+        whole: dict[str, str | None] = {} if self.bodies == "apart" else {"drawn_body": None}
+        names = whole | ({} if "shape_matching" in others else {"phase": None})
         if not surface:
             names |= {"filling": None, "filling_gradient": None}
         elif not liquid_of(others).advances():
@@ -169,7 +181,7 @@ class ParticleShifting(Effect, CorrectsPositions, Joins, FollowsStart, frozen=Tr
         gradients = (CONCENTRATION_GRADIENT.name, *((FILLING_GRADIENT.name,) if surface else ()))
         return (
             Pass("particle_shifting.crowding", writes=gradients, names=names | {"smoothing": "gradient_smoothing"}),
-            Pass("particle_shifting.velocity_range", writes=(VELOCITY_RANGE.name,), stage="motion"),
+            Pass("particle_shifting.velocity_range", writes=(VELOCITY_RANGE.name,), names=whole, stage="motion"),
             Pass("particle_shifting.shift", writes=("shift",), names=names, stage="motion"),
         )
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from refsim.core.cases import Exact, at, closed_form, example, groups, particles, takes
+from refsim.core.cases import Exact, at, closed_form, example, groups, particles, plain_keeps, takes
 from refsim.particle_shifting import ParticleShifting, Shifting
 from refsim.smoothing.cases import for_each_kernel
 
@@ -10,6 +10,7 @@ example(ParticleShifting(), brings="concentration_gradient filling_gradient numb
 
 takes("particle_shifting.crowding", shifting="inverse_neighbour")
 takes("particle_shifting.shift", shifting="length largest least whole outer within farthest")
+plain_keeps("particle_shifting.velocity_range", drawn_body="the output has a row for each body")
 PAIR = at("shifted_pair", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
 
@@ -37,11 +38,13 @@ def _filling(case, random):
     return random.uniform(0.6, 1.1, case.count)
 
 
-# v_max = 3 m/s: half of the diagonal of a box of 4 m/s, 2 m/s and 4 m/s
-groups(velocity_range=lambda case, grid: np.array([1.0, 0.5, 1.25, 3, 1.5, 2.75], dtype=grid.dtype))
+# v_max = 3 m/s: half of the diagonal of a box of 4 m/s, 2 m/s and 4 m/s; 1.5 m/s of another body
+RANGE = np.array([[1.0, 0.5, 1.25, 3, 1.5, 2.75], [2.0, -1.0, 5.0, 0.0, 2.0, -3.0]])
+groups(velocity_range=lambda case, grid: RANGE[: 1 + (case.count > 1)].astype(grid.dtype))
+particles("drawn_body")(lambda case, random: np.arange(case.count, dtype=np.int32) % 2)
 GIVEN = {
     "mass": [2.0, 3.0], "density": [1000.0, 500.0], "walls": None, "filling": None, "filling_gradient": None,
-    "phase": None, "velocity_range": [1.0, 8.0, 0.0, 5.0, 0.0, 0.0], "timestep": [0.5, 0.2],
+    "phase": None, "velocity_range": [[1.0, 8.0, 0.0, 5.0, 0.0, 0.0]], "timestep": [0.5, 0.2], "drawn_body": None,
 }  # fmt: skip
 MOST = 0.5 * 1.0  # A 2 h_s v_max dt [m^2]
 
@@ -61,10 +64,17 @@ def _shifted(gradient, shift, **more):
 
 
 @closed_form("particle_shifting.velocity_range")
-def beyond_the_first():
-    """The first particle flies with 100 m/s, the second faster along y and slower along x and z."""
-    velocity = [[100.0, 0.0, 50.0], [96.0, 3.0, 45.0]]
-    return Exact(PAIR, {"velocity": velocity}, {"velocity_range": [0.0, 3.0, 0.0, 4.0, 0.0, 5.0]})
+def of_two_bodies():
+    """Each particle alone."""
+    inputs = {"velocity": [[100.0, 0.0, 50.0], [96.0, 3.0, -45.0]], "drawn_body": np.array([0, 1], np.int32)}
+    return Exact(PAIR, inputs, {"velocity_range": [[100.0, 0.0, 50.0, -100.0, 0.0, -50.0], [96, 3, -45, -96, -3, 45]]})
+
+
+@closed_form("particle_shifting.velocity_range")
+def of_one_body():
+    """Largest and smallest velocities of both."""
+    inputs = {"velocity": [[100.0, 0.0, 50.0], [96.0, 3.0, -45.0]], "drawn_body": None}
+    return Exact(PAIR, inputs, {"velocity_range": [[100.0, 3.0, 50.0, -96.0, 0.0, 45.0]]})
 
 
 @closed_form("particle_shifting.shift")

@@ -90,18 +90,28 @@ def crowding_and_momentum(
     )  # fmt: skip
 
 
-@reduction(into="velocity_range", how=" ".join(6 * ["largest"]), rows="velocity", looping=True)
-def velocity_range(i, velocity):
-    """Velocity beyond that of the first particle [m/s]: along each axis, and against it."""
-    x, y, z = difference(three(velocity, i), three(velocity, 0))
-    return x, y, z, -x, -y, -z
+@reduction(into="velocity_range", how=" ".join(6 * ["largest"]), rows="velocity", looping=True, parted=True)
+def velocity_range(i, velocity, drawn_body):
+    """Body of a particle, and its velocity [m/s] along each axis, and against it."""
+    x, y, z = three(velocity, i)
+    return body_of(i, drawn_body), x, y, z, -x, -y, -z
+
+
+@formula
+def body_of(i, drawn_body):
+    """Number of the body of a particle; 0 where none are told apart."""
+    if drawn_body is None:
+        return 0
+    return int(drawn_body[i])
 
 
 @kernel
-def shift(i, concentration_gradient, filling, filling_gradient, phase, shifting, velocity_range, timestep, shift):
+def shift(
+    i, concentration_gradient, filling, filling_gradient, phase, drawn_body, shifting, velocity_range, timestep, shift
+):  # fmt: skip
     """Displacement of a step beside dt v [m]; none of solids."""
-    zero, u = type(shifting.length)(0), velocity_range
-    box = u[0] + u[3], u[1] + u[4], u[2] + u[5]
+    zero, u, k = type(shifting.length)(0), velocity_range, body_of(i, drawn_body)
+    box = u[k, 0] + u[k, 3], u[k, 1] + u[k, 4], u[k, 2] + u[k, 5]
     longest = min(type(shifting.length)(0.5) * math.sqrt(dot(box, box)) * timestep[1], shifting.farthest)
     g = three(concentration_gradient, i)
     if filling is not None:

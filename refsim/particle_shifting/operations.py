@@ -38,38 +38,44 @@ def crowding(position, mass, density, walls, smoothing, shifting, period, rows=N
 
 
 @operation(
-    "(7), largest v - v_0 along and against each axis", outputs="velocity_range", tolerance=2.0,
-    reason="one rounding of a difference",
+    "(7), largest v along and against each axis", outputs="velocity_range", optional="drawn_body",
+    variants=("",), tolerance=0.0, reason="one of the numbers",
 )  # fmt: skip
-def velocity_range(velocity):
-    """Largest velocities beyond that of the first particle [m/s], along each axis, and against it."""
+def velocity_range(velocity, drawn_body):
+    """Largest velocities [m/s] along each axis, and against it, of each body; of all particles without bodies."""
     v = np.asarray(velocity, dtype=float)
-    beyond = v - v[:1]
-    largest = np.concatenate([beyond.max(0, initial=0.0), (-beyond).max(0, initial=0.0)])
-    return {"velocity_range": (largest, np.full(6, np.abs(v).max(initial=0.0)))}
+    body = np.zeros(len(v), int) if drawn_body is None else np.asarray(drawn_body)
+    ends, bodies = np.hstack([v, -v]), range(max(body, default=0) + 1)
+    largest = np.array([ends[body == k].max(0, initial=-(2.0**100)) for k in bodies])
+    return {"velocity_range": (largest, np.abs(largest))}
 
 
 @operation(
-    "(7), tangential at the surface", outputs="shift", optional=f"{_SURFACE} phase", tolerance=12.0,
+    "(7), tangential at the surface", outputs="shift", optional=f"{_SURFACE} phase drawn_body", tolerance=12.0,
     reason="one rounding in each of a root, a length, products and sums of the projection, and the bound; beside a"
     " surface the size counts the filling 67 times, as its last 3 % decide",
-    variants=(f"{_SURFACE} phase", "phase", "", _SURFACE),
+    variants=(f"{_SURFACE} phase drawn_body", "phase", "drawn_body", _SURFACE),
     invariants="reordering",
 )  # fmt: skip
-def shift(concentration_gradient, filling, filling_gradient, phase, shifting, velocity_range, timestep, rows=None):
+def shift(
+    concentration_gradient, filling, filling_gradient, phase, drawn_body, shifting, velocity_range, timestep, rows=None
+):  # fmt: skip
     """Displacement [m] of a step beside dt v, no longer than `largest` v_max dt; none of solids (`phase` not 0).
 
-    v_max is half of the diagonal of the box in which all velocities lie; `timestep` has dt second.
+    v_max is half of the diagonal of the box in which all velocities of a body lie; `timestep` has dt second.
     """
     liquid = None if phase is None else np.asarray(phase) == 0
-    i = Fields(gradient=concentration_gradient, filling=filling, normal=filling_gradient, liquid=liquid).at(rows)
-    along, against = np.asarray(velocity_range, dtype=float).reshape(2, 3)
-    longest = float(ref.largest_step(along, against, float(timestep[1]), float(shifting.farthest)))
+    body = np.zeros(len(concentration_gradient), int) if drawn_body is None else np.asarray(drawn_body)
+    of_bodies, dt = np.asarray(velocity_range, dtype=float).reshape(-1, 2, 3), float(timestep[1])
+    longest = np.array([ref.largest_step(*ends, dt, float(shifting.farthest)) for ends in of_bodies])
+    i = Fields(
+        gradient=concentration_gradient, filling=filling, normal=filling_gradient, liquid=liquid, longest=longest[body]
+    ).at(rows)  # fmt: skip
     g = i.gradient
     if filling is not None:
         outer, within = float(shifting.outer), float(shifting.within)
         g = ref.beside_surface(i, float(shifting.least), float(shifting.whole), outer, within)
-    s = ref.shift(g, float(shifting.length), longest)
+    s = ref.shift(g, float(shifting.length), i.longest)
     if phase is not None:
         s = where(i.liquid, s, 0.0)
-    return {"shift": ref.bounded(s, float(shifting.largest) * longest)}
+    return {"shift": ref.bounded(s, float(shifting.largest) * i.longest)}

@@ -16,8 +16,7 @@ def concentration_gradient(i, j, ij, inverse):
 
 
 def largest_step(along, against, dt, farthest):
-    """min(v_max dt, `farthest`) [m], v_max = |v_+ + v_-|/2 of the largest velocities along and against each axis beyond
-    any one of them."""
+    """min(v_max dt, `farthest`) [m], v_max = |v_+ + v_-|/2 of the largest velocities along and against each axis."""
     return min(np.linalg.norm(along + against) / 2 * dt, farthest)
 
 
@@ -39,5 +38,5 @@ def beside_surface(i, least, whole, outer, within):
 
 def bounded(s, most):
     """s_i <- s_i min(1, most/|s_i|) [m]."""
-    far = Terms(length(s).value > most)
+    far = Terms(length(s).value > most.value)
     return where(far, most / where(far, length(s), 1.0) * s, s)

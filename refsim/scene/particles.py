@@ -16,6 +16,7 @@ from refsim.scene.shapes import Ball, Box, FluidMesh, Vector, as_floats, filled
 from refsim.scene.solids import countable, moved, voxelised
 
 WIDEST_SHARE = 3.0  # factor by which a part's mass may differ from that of its lattice: bodies of a few cells
+MOST_BODIES = 8  # that a pass tells apart; the last number stands for all further ones
 FINE = 1e-5  # [spacings] with a resolution of positions as fine as this a scene keeps its origin
 FAR = 4.0  # times nearer must an origin of its own be to its farthest particle
 
@@ -31,7 +32,8 @@ def placed(
     solids = voxelised(scene.solid, empty) if scene.solid else None
     state = _initial_state(scene, empty, effects, solids)
     radius = _drop_radius(state, 0 if solids is None else len(solids.bodies), empty)
-    grid = dataclasses.replace(empty, count=len(state.position), solids=solids, drop_radius=radius)
+    bodies = tuple(np.minimum(np.unique(_touching(state, 0, empty), return_inverse=True)[1], MOST_BODIES - 1).tolist())
+    grid = dataclasses.replace(empty, count=len(state.position), solids=solids, bodies=bodies, drop_radius=radius)
     cell = max((e.sorting_cell(grid) for e in effects_with(effects, NeedsCellOrder)), default=0.0)
     unit = cell if cell > 0 and solids is None else grid.spacing
     middle = unit * np.rint(0.5 * (state.position.min(0) + state.position.max(0)) / unit) + 0.0  # no -0
@@ -47,18 +49,25 @@ def placed(
 
 
 def _drop_radius(state: InitialState, bodies: int, grid: Discretisation) -> float:
-    """Radius of a ball (disc) as large as the smallest body of liquid [m]; parts whose boxes touch are one."""
-    sizes = np.array([size for size in state.sizes[bodies:] if size])
-    if not len(sizes):
-        return 0.0
-    first = len(state.position) - np.cumsum(sizes[::-1])[::-1]
-    low, high = (bound.reduceat(state.position, first) for bound in (np.minimum, np.maximum))
-    near = (low[:, None] <= high + 1.5 * grid.spacing).all(2)
-    whole, before = np.arange(len(sizes)), None
-    while before is None or (whole != before).any():  # the lowest number spreads over parts that touch
-        before, whole = whole, np.where(near & near.T, whole, len(sizes)).min(1)
-    volume = min(sizes[whole == k].sum() for k in whole) * grid.spacing**grid.dim
+    """Radius of a ball (disc) as large as the smallest body of liquid [m]."""
+    sizes, whole = np.array(state.sizes[bodies:], int), _touching(state, bodies, grid)
+    volume = min((sizes[whole == k].sum() for k in whole[sizes > 0]), default=0) * grid.spacing**grid.dim
     return math.sqrt(volume / math.pi) if grid.dim == 2 else (0.75 * volume / math.pi) ** (1 / 3)
+
+
+def _touching(state: InitialState, first: int, grid: Discretisation) -> np.ndarray:
+    """Number of the body of each part from the first on: parts whose boxes touch are one, and what is empty is in 0."""
+    ends = np.cumsum([0, *state.sizes])
+    filled = first + np.flatnonzero(state.sizes[first:])
+    boxes = [(x.min(0), x.max(0)) for k in filled for x in [state.position[ends[k] : ends[k + 1]]]]
+    low, high = (np.array(bound).reshape(-1, 3) for bound in zip(*boxes)) if boxes else np.zeros((2, 0, 3))
+    near = (low[:, None] <= high + 1.5 * grid.spacing).all(2)
+    whole, before = np.arange(len(filled)), None
+    while before is None or (whole != before).any():  # the lowest number spreads over parts that touch
+        before, whole = whole, np.where(near & near.T, whole, len(filled)).min(1, initial=len(filled))
+    numbers = np.zeros(len(state.sizes) - first, int)
+    numbers[filled - first] = whole
+    return numbers
 
 
 def _initial_state(

@@ -135,7 +135,8 @@ def _planned(scene: Scene, grid: Discretisation, given: Mapping[str, Effect], ab
     walls = [part for part in brought if part is not None]
     ends = np.cumsum([0 if part is None else len(part.volume) for part in brought]).tolist()
     solids = 0 if grid.solids is None else len(grid.solids.lattice.key)
-    rows = {"solids": solids, "walls": sum(len(w.volume) for w in walls)}
+    bodies = max(grid.bodies, default=0) + 1
+    rows = {"solids": solids, "walls": sum(len(w.volume) for w in walls), "bodies": bodies}
     for name, effect in effects.items():
         fields |= {f.name: _counted(f, rows) for f in effect.fields(effects)}
         shared |= effect.shares(grid, effects)
@@ -193,7 +194,7 @@ def _replaced(effects: Mapping[str, Effect]) -> frozenset[str]:
 
 
 def _counted(f: Field, rows: Mapping[str, int]) -> Field:
-    """A field whose rows are counted, where it is a table of the nodes of solids or of the wall particles."""
+    """A field whose rows are counted, where it is a table of nodes, wall particles or bodies."""
     return dataclasses.replace(f, rows=rows[f.rows]) if isinstance(f.rows, str) else f
 
 

@@ -78,7 +78,7 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
     variants=(
         "walls wall_strain wall_motion diffusion lean borne period rest_density phase shift recount filling",
         "walls wall_strain wall_motion period shift",
-        "period wall_motion rest_density phase", "period shift filling diffusion lean",
+        "period wall_motion rest_density phase", "period shift filling borne",
         "walls wall_strain wall_motion rest_density phase recount filling",
     ),
     tolerance=12.0, reason="one rounding in each of distance, slope, volume, velocity difference, projection,"

@@ -103,6 +103,15 @@ def test_shifting_of_no_strength_asks_for_nothing():
     make_plan(tank(6, 2.6, 2, effects=(idle,)).with_(box_walls__open_faces=("+y",)))
 
 
+def test_a_drop_that_falls_above_a_tank_does_not_stir_it():
+    """It moves as without the drop: v_max is that of each body."""
+    alone = tank(4, 2.6, 2, "float64", density=None).with_(step=2e-3, box_walls__upper=(DEPTH, 4.0, 0.0))
+    drop = rs.Box(lower=(0.0, 3.0, 0.0), cells=(2, 2, 1), velocity=(0.0, -3.0, 0.0))
+    runs = (rs.Simulation(scene, "numpy") for scene in (alone, alone.with_(fluid=(*alone.fluid, drop))))
+    one, other = (advanced(run, 6).field("position")[:16] for run in runs)
+    np.testing.assert_allclose(one, other, atol=1e-12)
+
+
 def cells(low, size):
     return np.array(low) + np.indices(size).reshape(3, -1).T
 
