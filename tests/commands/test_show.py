@@ -71,7 +71,7 @@ def check(operation, space, given):
 
 
 def test_a_copied_file_runs_alone(files, tmp_path):
-    (tmp_path / "copied.py").write_text(files["sph.density", "cpu"])
+    (tmp_path / "copied.py").write_text(files["sph.gravity", "cpu"])
     hidden = "import sys, runpy; sys.modules['refsim'] = None; runpy.run_path('copied.py', run_name='__main__')"
     run = subprocess.run([sys.executable, "-I", "-c", hidden], cwd=tmp_path, capture_output=True, text=True)
     assert run.returncode == 0, run.stderr

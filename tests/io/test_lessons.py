@@ -109,9 +109,10 @@ def test_example_writes_the_lessons(tmp_path, capsys):
 
 FIGURES = pictures.ROOT / "figures"
 LARGEST = 120_000  # bytes of a schematic
+SLOW = {"level_set.png": pytest.mark.slow}  # half of the time of all
 
 
-@pytest.mark.parametrize("name", schematics.SCHEMATICS)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=SLOW.get(n, ())) for n in schematics.SCHEMATICS])
 def test_each_schematic_is_drawn(name, tmp_path, capsys):
     assert pictures.command("", schematics.SCHEMATICS, tmp_path, [name]) == 0
     assert capsys.readouterr().out == f"{tmp_path / name}\n"

@@ -39,7 +39,7 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize("name", FAULTS)
+@pytest.mark.parametrize("name", [pytest.param("units", marks=pytest.mark.slow), "ledger"])
 def test_a_planted_fault_is_found(name, monkeypatch):
     where = "gravity" if name == "ledger" else "weakly_compressible"
     monkeypatch.setattr(*FAULTS[name])
