@@ -78,7 +78,7 @@ class ParticleWalls(Effect, BringsWalls, FollowsScene, SumsDensity, frozen=True,
             return ()
         solids = "two_way_coupling" in others
         pushing: dict[str, str | None] = {"smoothing": "gradient_smoothing"}
-        names = pushing if solids else {**pushing, "phase": None, "wet": None, "suction": None}
+        names = pushing | ({} if solids else dict.fromkeys(("phase", "wet", "suction", "film_factor")))
         liquid = liquid_of(others)
         return (
             *((Pass("adami_2012.strain", writes=("wall_strain",), names=names),) if liquid.advances() else ()),

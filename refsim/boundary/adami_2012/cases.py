@@ -97,7 +97,7 @@ def cohesive_liquid_pushed_by_its_wall(w):
     inputs = {
         "density": [1000.0, 500.0], "pressure": [300.0, 500.0], "walls": WallParticles(place, np.array([0.25])),
         "fluid": Fluid(1000.0, 4e5, 1, 0, internal_pressure=200.0), "wall_pressure": [200.0],
-        "phase": None, "suction": None, "correction_diagonal": None, "correction_mixed": None,
+        "phase": None, "suction": None, "film_factor": None, "correction_diagonal": None, "correction_mixed": None,
     }  # fmt: skip
     return Exact(_beside(place), inputs, {"acceleration": [[0.0, -push[0], 0.0], [0.0, push[1], 0.0]]})
 
@@ -110,7 +110,7 @@ def pushed_by_its_wall(w):
     inputs = {
         "density": [1000.0, 500.0], "pressure": [300.0, 500.0], "walls": WallParticles(place, np.array([0.25])),
         "fluid": Fluid(1000.0, 4e5, 1, 0), "wall_pressure": [200.0],
-        "phase": None, "suction": None, "correction_diagonal": [[9.0, 1.0, 9.0], [9.0, 3.0, 9.0]],
+        "phase": None, "suction": None, "film_factor": None, "correction_diagonal": [[9.0, 1.0, 9.0], [9.0, 3.0, 9.0]],
         "correction_mixed": [[0.0, 9.0, 0.0], [0.5, 9.0, -0.25]],
     }  # fmt: skip
     return Exact(
@@ -120,12 +120,13 @@ def pushed_by_its_wall(w):
 
 @for_each_kernel("adami_2012.wall_force")
 def solid_pushed_by_a_film(w):
-    """A solid's -80 Pa and the wall's -200 Pa together are at least twice -50 Pa; the liquid's 300 Pa meet -200 Pa."""
+    """A solid's -80 Pa and a wall's -200 Pa are at least twice -50 Pa, 1.5 times; the liquid's 300 Pa meet -200 Pa."""
     place = np.array([[0.0, 1.0, 0.0]])
-    push = 0.25 * np.array([(300.0 - 200.0) / 1000.0, -2 * 50.0 / 500.0]) * w.slope
+    push = 0.25 * np.array([(300.0 - 200.0) / 1000.0, 1.5 * -2 * 50.0 / 500.0]) * w.slope
     inputs = {
         "density": [1000.0, 500.0], "pressure": [300.0, -80.0], "walls": WallParticles(place, np.array([0.25])),
         "fluid": Fluid(1000.0, 4e5, 1, 0), "wall_pressure": [-200.0], "phase": [0, 1], "suction": [0.0, -50.0],
+        "film_factor": [9.0, 1.5],
         "correction_diagonal": None, "correction_mixed": None,
     }  # fmt: skip
     return Exact(_beside(place), inputs, {"acceleration": [[0.0, -push[0], 0.0], [0.0, push[1], 0.0]]})

@@ -68,25 +68,27 @@ def strain(i, velocity, mass, advanced_excess, phase, liquid_near_walls, walls, 
 
 
 @pair
-def push_pair(r, x_ij, density_i, pressure_i, phase_i, suction_i, wall_pressure_j, volume_j, smoothing, fluid):
+def push_pair(
+    r, x_ij, density_i, pressure_i, phase_i, suction_i, film_factor_i, wall_pressure_j, volume_j, smoothing, fluid
+):  # fmt: skip
     """J(10) of a wall particle, -V_w (p_i + p_w) grad W_iw [N/m^3], p_i as walls bear it; of solids by a film."""
     p = borne_pressure(pressure_i, density_i, fluid) + wall_pressure_j
     if phase_i is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
         if phase_i != LIQUID_PHASE:
-            p = film_pressure(p, suction_i + suction_i)
+            p = film_pressure(p, suction_i + suction_i) * film_factor_i
     f = -volume_j * p * gradient_factor(r, smoothing)
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 
 @kernel(lanes=True)
 def wall_force(
-    i, lane, position, density, pressure, phase, suction, wall_pressure, correction_diagonal, correction_mixed,
-    neighbours, walls, smoothing, fluid, period, acceleration,
+    i, lane, position, density, pressure, phase, suction, film_factor, wall_pressure, correction_diagonal,
+    correction_mixed, neighbours, walls, smoothing, fluid, period, acceleration,
 ):  # fmt: skip
     """J(10) of liquid and solids with the walls; added to the acceleration [m/s^2]."""
     force = neighbour_sum(
-        push_pair, i, lane, walls, position, period, density, pressure, phase, suction, wall_pressure, walls.volume,
-        smoothing, fluid,
+        push_pair, i, lane, walls, position, period, density, pressure, phase, suction, film_factor, wall_pressure,
+        walls.volume, smoothing, fluid,
     )  # fmt: skip
     if correction_diagonal is not None:
         force = corrected(correction_diagonal[i], correction_mixed[i], force)

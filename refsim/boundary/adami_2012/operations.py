@@ -9,7 +9,7 @@ from refsim.neighbours.sums import Fields, neighbours, wall_particles
 from refsim.sph.operations import moving, symmetric
 
 operation = operations(paper="Adami, Hu & Adams 2012")
-_CORRECTION, _FILM = "correction_diagonal correction_mixed", "phase suction"
+_CORRECTION, _FILM = "correction_diagonal correction_mixed", "phase suction film_factor"
 
 
 def _mean(around, term, share, **given):
@@ -66,13 +66,14 @@ def strain(position, velocity, mass, advanced_excess, phase, walls, smoothing, f
     invariants=SYMMETRY, broken={1: "rotation", 2: "rotation"},
 )  # fmt: skip
 def wall_force(
-    position, density, pressure, phase, suction, wall_pressure, correction_diagonal, correction_mixed, walls, smoothing,
-    fluid, period=None, rows=None,
+    position, density, pressure, phase, suction, film_factor, wall_pressure, correction_diagonal, correction_mixed,
+    walls, smoothing, fluid, period=None, rows=None,
 ):  # fmt: skip
     """Acceleration [m/s^2] of liquid, and of solids by a film; without a correction B = I."""
     i = Fields(
         position=position, density=density, pressure=_borne(pressure, density, fluid),
         liquid=1.0 if phase is None else np.asarray(phase) == 0, suction=0.0 if suction is None else suction,
+        wider=1.0 if film_factor is None else film_factor,
     )  # fmt: skip
     w = wall_particles(walls, pressure=wall_pressure)
     a = neighbours(i, w, smoothing, period=period, rows=rows)(ref.wall_force)

@@ -35,9 +35,9 @@ def strain(w, f, wf):
 
 
 def wall_force(i, w, iw):
-    """a_i = -(1/rho_i) B_i sum_w V_w (p_i + p_w) grad W_iw [m/s^2]; p_i + p_w >= 2 s_i by the film at solids."""
+    """a_i = -(1/rho_i) B_i sum_w V_w (p_i + p_w) grad W_iw [m/s^2]; g_i max(p_i + p_w, 2 s_i) by the film at solids."""
     both = i.pressure + w.pressure
-    both = where(i.liquid, both, maximum(both, 2 * i.suction))
+    both = where(i.liquid, both, i.wider * maximum(both, 2 * i.suction))
     return -w.volume * both / i.density * iw.gradient
 
 

@@ -32,10 +32,11 @@ SOLID_NUMBER = Field(
 )
 WET = Field("wet", "-", "sum of W over the liquid near a solid's particle, over W(0); a quarter of that beside it")
 SUCTION = Field("suction", "Pa", "least pressure of a film, below 0, where it breaks")
+FILM_FACTOR = Field("film_factor", "-", "times which films too thin for particles push")
 ALLOWED_CLOSENESS = Field("allowed_closeness", "-", "how close others may be to a solid's particle", state=True)
 CONTACT_PRESSURE = Field("contact_pressure", "Pa", "what presses bodies apart that overlap, over the closeness of all")
 PLANE_PRESSURE = Field("plane_pressure", "Pa", "the same of planes across x, y and z", 3)
-FILM = WET, SUCTION, ALLOWED_CLOSENESS, CONTACT_PRESSURE, PLANE_PRESSURE
+FILM = WET, SUCTION, FILM_FACTOR, ALLOWED_CLOSENESS, CONTACT_PRESSURE, PLANE_PRESSURE
 TOLD_WET = Field("told_wet", "-", "wetness of solids in the step before", state=True)
 TOLD_PRESSURE = Field("told_pressure", "Pa", "pressure in the step before", state=True)
 TOLD_SUCTION = Field("told_suction", "Pa", "suction in the step before", state=True)
@@ -226,7 +227,8 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
             Pass("sph.state", writes=("pressure",)),
             Pass("two_way_coupling.extrapolation", writes=("wet", "suction"), updates=("pressure",)),
             Pass("two_way_coupling.spread", updates=("wet", "suction", "pressure")),
-            Pass("two_way_coupling.overlap", updates=("allowed_closeness",), writes=tuple(f.name for f in FILM[3:])),
+            Pass("two_way_coupling.overlap", updates=("allowed_closeness",), writes=tuple(f.name for f in FILM[4:])),
+            Pass("two_way_coupling.close_films", writes=("film_factor",), names=names),
             Pass("two_way_coupling.push", updates=("acceleration",), names=names),
             Pass("two_way_coupling.contact", updates=("acceleration",)),
             *((Pass("two_way_coupling.hold", updates=("acceleration",), names=names),) if self.no_slip else ()),

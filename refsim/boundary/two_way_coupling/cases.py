@@ -75,6 +75,7 @@ particles(told_pressure=lambda case, random: 4e4 * random.uniform(-0.5, 1.0, cas
 particles(followed_velocity=lambda case, random: 0.05 * vectors(case, random))
 # none yet, and near those of the cases
 particles(
+    film_factor=lambda case, random: random.choice([1.0, 1.5, 8.0], case.count),
     allowed_closeness=lambda case, random: random.choice([1e3, 3.0, 1.0, 0.9], case.count),
     contact_pressure=lambda case, random: -_suction(case, random),
     plane_pressure=lambda case, random: (
@@ -99,6 +100,7 @@ takes("two_way_coupling.hold", smoothing="support_radius dim")
 takes("two_way_coupling.overlap", smoothing="support_radius")
 takes("two_way_coupling.contact", smoothing="support_radius", overlapping="inverse_spacing inverse_volume")
 takes("two_way_coupling.spread", fluid="rest_density")
+takes("two_way_coupling.close_films", fluid="rest_density")
 takes("two_way_coupling.contribution", coupling="least_volume printed_volume")
 takes("two_way_coupling.density", coupling="stiffness exponent")
 takes("two_way_coupling.pressure", coupling="printed_pressure density_weighted")
@@ -336,11 +338,42 @@ closed_form(
 )  # fmt: skip
 
 
-def _lifted(w, phase, body, force, pressure=(30.0, 10.0)):
+SIDES = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
+
+
+def _closed(factor, phase=(SURFACE, SURFACE), body=(1, 1), walls=None, pressure=9e9):
+    """Solids of 0.5 and 2 m^3, the second 1 m above the first; walls 1 m below the first and at the second.
+
+    Half of rho0 |g| h is 9 kPa, 1000 kg/m^3 * 9 m/s^2 * 1 m.
+    """
+    inputs = {"phase": [*phase], "solid_number": [*body], "mass": [500.0, 1800.0], "density": [1000.0, 900.0]}
+    inputs |= {"lean": WallFrameGravity(1.0, -8.0, 4.0), "fluid": Fluid(1000.0, 4e5, 1, 0)}
+    inputs |= {"walls": walls and WallParticles(SIDES, np.array(walls)), "pressure": [pressure, 0.0]}
+    return Exact(at("closed", PAIR.position, SIDES), inputs, {"film_factor": [factor, 1.0]})
+
+
+closed_form(
+    "two_way_coupling.close_films",
+    no_film=lambda: _closed(1.0, WATER_AND_ICE),
+    # where a film alone pushes it does not push less
+    film_alone=lambda: _closed(1.0, body=(1, 2)),
+    between_others=lambda: _closed(1.0, body=(1, 2), walls=[0.5, 0.0]),
+    # a wall below has a part of the 2 m^3 above, of its own solid or liquid: 2/0.5; 2/0.125 is more than 8
+    quarter_of_a_wall=lambda: _closed(4.0, walls=[0.5, 0.0]),
+    sixteenth_of_a_wall=lambda: _closed(8.0, walls=[0.125, 0.0]),
+    below_liquid=lambda: _closed(4.0, phase=(SURFACE, FLUID), walls=[0.5, 0.0]),
+    near_a_surface=lambda: _closed(2.5, walls=[0.5, 0.0], pressure=9e3),
+    above_it=lambda: _closed(1.0, walls=[0.5, 0.0], pressure=-9e3),
+    # 1.5 below and 1 above: 1 + 0.5 (2 - 0.5)/(2.5^2/8)
+    two_walls_that_face_each_other=lambda: _closed(1.96, walls=[1.5, 1.0]),
+)  # fmt: skip
+
+
+def _lifted(w, phase, body, force, pressure=(30.0, 10.0), wide=1.0):
     """`force` [N] over |W'(h/2)| on the second particle, upwards."""
     inputs = {
         "mass": [500.0, 1800.0], "density": [1000.0, 900.0], "phase": phase, "solid_number": np.array(body, np.int32),
-        "pressure": [*pressure], "suction": [0.0, -20.0], "fluid": Fluid(1000.0, 1.0, 1, 0),
+        "pressure": [*pressure], "suction": [0.0, -20.0], "film_factor": [1.0, wide], "fluid": Fluid(1000.0, 1.0, 1, 0),
     }  # fmt: skip
     force = np.array([0.0, -force * w.slope, 0.0])
     return Exact(PAIR, inputs, {"acceleration": [force / 500, -force / 1800]})
@@ -355,6 +388,7 @@ for_each_kernel(
     solid_pushes_another=lambda w: _lifted(w, [SURFACE, INTERIOR], [2, 1], 40.0),
     # -20 Pa in place of 20 - 50 Pa
     film_that_breaks=lambda w: _lifted(w, [SURFACE, INTERIOR], [2, 1], -20.0, (20.0, -50.0)),
+    film_of_which_half_is_seen=lambda w: _lifted(w, [SURFACE, INTERIOR], [2, 1], 2 * 40.0, wide=3.0),
     one_solid_does_not_push_itself=lambda w: _lifted(w, [SURFACE, INTERIOR], [1, 1], 0.0),
 )
 

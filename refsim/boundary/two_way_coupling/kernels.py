@@ -1,5 +1,7 @@
 """What one neighbour and one particle do in two-way coupling."""
 
+import math
+
 from refsim.backends.compile import formula, kernel
 from refsim.backends.tuples import added, difference, dot, over, scaled
 from refsim.boundary.two_way_coupling import PASSED
@@ -13,6 +15,8 @@ from refsim.sph.formulas import film_pressure, pressure_pair
 from refsim.sph.kernels import central_pair, own_share, wall_sum
 
 LEAST = 1e-20  # wetness that is passed on: some 30 times its way, a support wide
+WIDENED = 8.0  # times its pairs a film pushes at most: between half-spaces a spacing apart it lacks 1 - 1/6 (h = 3 d)
+FACING = 0.125  # of (sum_s V_s |grad W_ks|)^2, the least |G_film|^2: half-spaces have 0.5, corners 0.17
 SUCKED = 4.0  # times the liquid's own pressure below zero: the least of a film
 
 
@@ -317,16 +321,68 @@ def contact(
 
 
 @pair
+def around_pair(r, x_ij, phase_j, solid_number_i, solid_number_j, mass_j, density_j, smoothing):
+    """V_j grad W_kj [1/m] of a neighbour, and the same and its length of other solids alone."""
+    slope = mass_j / density_j * gradient_factor(r, smoothing)
+    g, other = scaled(x_ij, slope), type(r)(phase_j != FLUID and solid_number_i != solid_number_j)
+    return g[0], g[1], g[2], other * g[0], other * g[1], other * g[2], -other * slope * r
+
+
+@pair
+def wall_around_pair(r, x_ij, volume_j, smoothing):
+    """The same of a wall particle."""
+    slope = volume_j * gradient_factor(r, smoothing)
+    g = scaled(x_ij, slope)
+    return g[0], g[1], g[2], -slope * r
+
+
+@kernel(lanes=True)
+def close_films(
+    i, lane, position, phase, solid_number, mass, density, pressure, neighbours, walls, smoothing, fluid, lean,
+    film_factor,
+):  # fmt: skip
+    """g_k = 1 - G_film.G/|G_film|^2, dimensionless, 1 to WIDENED, at a solid's particle; 1 in the liquid.
+
+    G = sum_j V_j grad W_kj, G_film its part by other solids and walls, whose sides that face each other count little.
+    Near a surface what is missing may be air: g_k - 1 has the share 1/(1 + (P/p_k)^4), P = rho0 |g| h/2.
+    """
+    one = type(smoothing.support_radius)(1)
+    factor = one
+    if phase[i] != FLUID:
+        total = neighbour_sum(
+            around_pair, i, lane, neighbours, position, None, phase, solid_number, mass, density, smoothing
+        )  # fmt: skip
+        around, film, most = total[0:3], total[3:6], total[6]
+        if walls is not None:
+            of_walls = neighbour_sum(wall_around_pair, i, lane, walls, position, None, walls.volume, smoothing)
+            around, film = added(around, of_walls[0:3]), added(film, of_walls[0:3])
+            most += of_walls[3]
+        lacking, square = -dot(around, film), max(dot(film, film), type(one)(FACING) * most * most)
+        if not (lacking <= type(one)(0) or square <= type(one)(0)):  # NaN goes on
+            factor = one + lacking / square
+            if factor > type(one)(WIDENED):
+                factor = type(one)(WIDENED)
+            deep = fluid.rest_density * type(one)(math.sqrt(dot(lean, lean))) * smoothing.support_radius / type(one)(2)
+            if pressure[i] <= type(one)(0):
+                factor = one
+            else:
+                near = (deep / pressure[i]) * (deep / pressure[i])
+                factor = one + (factor - one) / (one + near * near)
+    if first_lane(lane):
+        film_factor[i] = factor
+
+
+@pair
 def push_pair(
     r, x_ij, phase_i, phase_j, solid_number_i, solid_number_j, mass_j, density_j, pressure_i, pressure_j, suction_i,
-    suction_j, smoothing, fluid,
+    suction_j, film_factor_i, film_factor_j, smoothing, fluid,
 ):  # fmt: skip
     """J(10) [N/m^3] of a neighbour, by a film between two solids; none between particles of one solid."""
     f, met = type(r)(0), phase_i == FLUID or phase_j == FLUID
     if met or solid_number_i != solid_number_j:
         p = pressure_i + pressure_j
         if not met:
-            p = film_pressure(p, suction_i + suction_j)
+            p = film_pressure(p, suction_i + suction_j) * (type(r)(0.5) * (film_factor_i + film_factor_j))
         f = pressure_pair(mass_j / density_j, p, type(r)(0), gradient_factor(r, smoothing), fluid)
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 

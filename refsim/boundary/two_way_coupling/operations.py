@@ -4,6 +4,8 @@ Arrays: position, velocity (n, 3); mass, density, pressure, volume, rest_density
 1 solid at its body's surface, 2 solid inside. `rows` picks particles.
 """
 
+import math
+
 import numpy as np
 
 from refsim.boundary.two_way_coupling import reference as ref
@@ -237,15 +239,33 @@ def positive(weights):
 
 
 @operation(
+    "closed films", paper="this project", outputs="film_factor", optional="walls", variants=("walls", ""),
+    tolerance=16.0, reason="one rounding in each of distance, slope, volume, product, sum and quotient",
+    invariants=SYMMETRY, entrywise=True,
+)  # fmt: skip
+def close_films(
+    position, phase, solid_number, mass, density, pressure, walls, smoothing, fluid, lean, rows=None
+):  # fmt: skip
+    """Factor with which films push a solid's particle, dimensionless; 1 in the liquid."""
+    volume = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
+    i = Fields(position=position, volume=volume, pressure=pressure, part=solid_number, **kinds(phase))
+    around = neighbours(i, i, smoothing, rows=rows)
+    at_walls = neighbours(i, wall_particles(walls, solid=1.0, part=-1), smoothing, rows=rows)
+    sums = (around(part) + at_walls(part) for part in (ref.around, ref.of_film, ref.most_of_film))
+    head = float(fluid.rest_density) * math.hypot(*map(float, lean)) * float(smoothing.support_radius) / 2
+    return {"film_factor": where(around.i.solid, ref.film_factor(*sums, around.i, head), 1)}
+
+
+@operation(
     "J(10)", paper="Jiang & Zhu 2023; Adami, Hu & Adams 2012", adds="acceleration", tolerance=8.0,
     invariants=f"{SYMMETRY} linear_momentum angular_momentum", packed="push_pair",
 )  # fmt: skip
-def push(position, phase, solid_number, mass, density, pressure, suction, smoothing, fluid, rows=None):
+def push(position, phase, solid_number, mass, density, pressure, suction, film_factor, smoothing, fluid, rows=None):
     """Accelerations [m/s^2] of liquid and solids; particles of one solid (`solid_number`) do not push each other."""
     part = np.where(np.asarray(phase) == FLUID, -1 - np.arange(len(pressure)), np.asarray(solid_number, dtype=int))
     i = Fields(
         position=position, mass=mass, density=density, pressure=pressure, suction=suction, part=part,
-        **kinds(phase),
+        wider=film_factor, **kinds(phase),
     )  # fmt: skip
     around = neighbours(i, i, smoothing, rows=rows)
     return {"acceleration": around(ref.push, s=fluid.gradient_share)}

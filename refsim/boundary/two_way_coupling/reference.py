@@ -1,6 +1,6 @@
 """Shao & Song 2017, Adami, Hu & Adams 2012: the terms of one pair, and what follows from sums. Solids are k and s."""
 
-from refsim.core.terms import log, maximum, where
+from refsim.core.terms import clip, length, log, maximum, where
 from refsim.sph.reference import central_viscous_force
 from refsim.sph.reference import state as state
 
@@ -138,13 +138,40 @@ def contact_of_walls(k, b, kb, d, cell):
     return -2 * cell / k.mass * k.bears * b.share * gradient(k, b, kb, d)
 
 
+def around(k, j, kj):
+    """G_k = sum_j V_j grad W_kj [1/m] over all particles, V = m/rho of solids and liquid."""
+    return j.volume * kj.gradient
+
+
+def of_film(k, s, ks):
+    """G_film = sum_s V_s grad W_ks [1/m], the part of G_k by other solids and walls."""
+    return where(k.part.value != s.part.value, s.solid * around(k, s, ks), 0)
+
+
+def most_of_film(k, s, ks):
+    """F = sum_s V_s |grad W_ks| [1/m] over other solids and walls."""
+    return where(k.part.value != s.part.value, s.solid * s.volume * length(ks.gradient), 0)
+
+
+def film_factor(whole, film, most, k, head):
+    """g_k = 1 - G_film.G/|G_film|^2 in 1 to 8, dimensionless: along G_film even pressure then pushes to no side.
+
+    |G_film|^2 >= F^2/8, as films on two sides that face each other have a sum near 0. Near a surface what is missing
+    may be air: g_k - 1 has the share 1/(1 + (P/p_k)^4), P = rho0 |g| h/2.
+    """
+    square = maximum(film @ film, most * most / 8)
+    lacking = clip(-(film @ whole) / where(square.value > 0, square, 1), 0, 7)
+    under = k.pressure.value > 0
+    return 1 + where(under, lacking / (1 + (head / where(under, k.pressure, 1)) ** 4), 0)
+
+
 def push(i, j, ij, s):
     """J(10) a_i = -(s/rho_i) sum_j V_j (p_i + p_j) grad W_ij [m/s^2], V = m/rho; 0 within one solid.
 
-    By the film between two solids p_i + p_j >= s_i + s_j.
+    Between two solids a film acts with (g_i + g_j)/2 max(p_i + p_j, s_i + s_j).
     """
     both = i.pressure + j.pressure
-    both = where(i.solid * j.solid, maximum(both, i.suction + j.suction), both)
+    both = where(i.solid * j.solid, 0.5 * (i.wider + j.wider) * maximum(both, i.suction + j.suction), both)
     return where(i.part.value != j.part.value, -s * j.mass / j.density * both / i.density * ij.gradient, 0)
 
 
