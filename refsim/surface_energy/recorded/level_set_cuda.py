@@ -59,19 +59,18 @@ def inside_spheres(local, x0, x1, dy, dz, begin, end, placed, blocks, surface_te
     # from the node to the lowest node of the cells' block
     py, pz = real(block_start(cy, space) - y), real(block_start(cz, space) - z) if space else real(0)
     start = block_start(first, space)
-    for _ in range(2):
-        after = np.int32(start + (4 if space else 8))
-        low, high = max(first, start), min(last, np.int32(after - 1))
-        if low <= high:
-            px = real(start - x)
-            k, stop = number(begin[row + low]), number(end[row + high])
-            while k < stop:
-                ux, uy, uz, _ = four_of(placed, k)
-                ux, uy, uz = px + ux, py + uy, pz + uz
-                if ux * ux + uy * uy + uz * uz < surface_term.radius_squared:
-                    return 1
-                k += 1
-        start = after
+    after = np.int32(start + (4 if space else 8))
+    k, low, px = number(begin[row + first]), begin[row + min(after, last)], real(start - x)
+    own = np.int32(end[row + min(last, np.int32(after - 1))] - begin[row + first])
+    many = np.int32(own + (end[row + last] - low if last >= after else 0))
+    for t in range(many):  # of both blocks in one loop, in which threads diverge less
+        if t == own:
+            k, px = number(low), real(after - x)
+        ux, uy, uz, _ = four_of(placed, k)
+        ux, uy, uz = px + ux, py + uy, pz + uz
+        if ux * ux + uy * uy + uz * uz < surface_term.radius_squared:
+            return 1
+        k += 1
     return 0
 
 

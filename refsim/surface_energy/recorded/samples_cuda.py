@@ -90,26 +90,28 @@ def nearest_of_lanes(lane, i, x, seed, spheres, blocks, surface_term):
                 x0, x1 = cells_within(ox, math.sqrt(left), ix)
                 py, pz = oy - real(block_start(cy, space)), oz - real(block_start(cz, space)) if space else oz
                 near, far = row_parts(b, x0, x1, cy, cz, blocks, cells.first)
-                for part in range(2):
-                    begin, end, start = near if part == 0 else far
-                    px = ox - real(start)
-                    k, last = number(begin), number(end)
-                    while k < last:
-                        ux, uy, uz, _ = four_of(placed, k)
-                        ux, uy, uz = px - ux, py - uy, pz - uz
-                        squared = ux * ux + uy * uy + uz * uz
-                        if squared < limit:
-                            p = np.int32(cells.point[k])
-                            before = found < 0 or formulas.comes_before(p, found, spheres.number)
-                            if turn == 0 and squared < best:
-                                limit = min(limit, formulas.equally_near(squared))
-                                if distance >= limit:
-                                    before, lost = True, int(best < limit)
-                                reach = math.sqrt(limit) + real(MARGIN)
-                                best, farthest_row = squared, reach * reach
-                            if before:
-                                found, distance = p, squared
-                        k += 1
+                begin, end, start = near
+                low, high, middle = far
+                k, px = number(begin), ox - real(start)
+                own, many = np.int32(end - begin), np.int32(end - begin + high - low)
+                for t in range(many):  # of both blocks in one loop, in which threads diverge less
+                    if t == own:
+                        k, px = number(low), ox - real(middle)
+                    ux, uy, uz, _ = four_of(placed, k)
+                    ux, uy, uz = px - ux, py - uy, pz - uz
+                    squared = ux * ux + uy * uy + uz * uz
+                    if squared < limit:
+                        p = np.int32(cells.point[k])
+                        before = found < 0 or formulas.comes_before(p, found, spheres.number)
+                        if turn == 0 and squared < best:
+                            limit = min(limit, formulas.equally_near(squared))
+                            if distance >= limit:
+                                before, lost = True, int(best < limit)
+                            reach = math.sqrt(limit) + real(MARGIN)
+                            best, farthest_row = squared, reach * reach
+                        if before:
+                            found, distance = p, squared
+                    k += 1
             cy = np.int32(cy + LANES)
         if turn == 0:
             limit = formulas.equally_near(least_of_lanes(lane, best))
@@ -178,25 +180,29 @@ def farthest_of_lanes(lane, i, axis, towards, spheres, blocks, surface_term):
     farthest, found = real(0), np.int32(-1)
     for row in range(lane, 16 if space else 4, EXIT_LANES):
         dy, dz = (row & 3) - 2, (row >> 2) - 2 if space else 0
+        if space and ay != 0:  # the lanes take rows as far along the axis: on one side of a surface all have particles
+            dy, dz = dz, dy
         cy, cz = np.int32(iy + dy), np.int32(iz + dz)
         x0, x1 = row_near(ix, -2, 1, dy, dz, surface_term)
         py = real(block_start(cy, space) - iy)
         pz = real(block_start(cz, space) - iz) if space else real(0)
         near, far = row_parts(b, x0, x1, cy, cz, blocks, cells.first)
-        for part in range(2):
-            begin, end, start = near if part == 0 else far
-            px = real(start - ix)
-            k, last = number(begin), number(end)
-            while k < last:
-                ux, uy, uz, _ = four_of(placed, k)
-                ux, uy, uz = px + ux, py + uy, pz + uz
-                along = ux * real(ax) + uy * real(ay) + uz * real(az)
-                across = ux * ux * real(1 - ax) + uy * uy * real(1 - ay) + uz * uz * real(1 - az)
-                if along * along + across < surface_term.radius_squared:
-                    length = formulas.exit_length(real(towards) * along, across, surface_term)
-                    if length > farthest or (length == farthest and cells.point[k] < found):
-                        farthest, found = length, np.int32(cells.point[k])
-                k += 1
+        begin, end, start = near
+        low, high, middle = far
+        k, px = number(begin), real(start - ix)
+        own, many = np.int32(end - begin), np.int32(end - begin + high - low)
+        for t in range(many):
+            if t == own:
+                k, px = number(low), real(middle - ix)
+            ux, uy, uz, _ = four_of(placed, k)
+            ux, uy, uz = px + ux, py + uy, pz + uz
+            along = ux * real(ax) + uy * real(ay) + uz * real(az)
+            across = ux * ux * real(1 - ax) + uy * uy * real(1 - ay) + uz * uz * real(1 - az)
+            if along * along + across < surface_term.radius_squared:
+                length = formulas.exit_length(real(towards) * along, across, surface_term)
+                if length > farthest or (length == farthest and cells.point[k] < found):
+                    farthest, found = length, np.int32(cells.point[k])
+            k += 1
     step = 1
     while step < EXIT_LANES:
         length, other = across_lanes(farthest, lane, EXIT_LANES, step), across_lanes(found, lane, EXIT_LANES, step)
