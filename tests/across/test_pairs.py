@@ -24,8 +24,6 @@ MeshBoundary.placed = lambda effect, grid: placed
 found = {" ".join(pair): [list(part) for part in pairs.compare(*pair, "cpu", steps=2)] for pair in PAIRS}
 print(json.dumps(found))
 """
-
-
 LONGEST = "shape_matching", "surface_energy"  # half of the sixth's time, as a surface in space is Python here
 
 

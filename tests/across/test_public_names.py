@@ -78,7 +78,6 @@ ROOT = pathlib.Path(__file__).parents[2]
 PAGES = ("README.md", *(f"docs/{name}.md" for name in ("gauges", "meshes", "study", "surface_energy", "sweep")))
 PYTHON = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 CONFIGURATION = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]
-with_mypy = pytest.mark.skipif(importlib.util.find_spec("mypy") is None, reason="mypy is not installed (extra test)")
 
 
 def strict(folder, *scripts):
@@ -92,7 +91,8 @@ def strict(folder, *scripts):
     ).stdout  # fmt: skip
 
 
-@with_mypy
+@pytest.mark.slow
+@pytest.mark.skipif(importlib.util.find_spec("mypy") is None, reason="mypy is not installed (extra test)")
 def test_programs_of_users_are_typed(tmp_path):
     """Those on the pages, which test_docs.py runs, and one with mistakes."""
     scripts = []

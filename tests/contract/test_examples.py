@@ -226,6 +226,7 @@ FLAGS = "-DCMAKE_CXX_FLAGS=-Wall -Wextra -Werror", "-DCMAKE_CXX_FLAGS_RELEASE=-O
 SLIPS = {"density": ("mass[j] * scale", "mass[i] * scale"), "particle_to_grid": ("place - 0.5", "place")}
 
 
+@pytest.mark.slow
 def test_vectors_are_read_in_cpp_and_by_ctest(vectors, folder):
     made, _ = vectors
     if any(shutil.which(tool) is None for tool in ("g++", "cmake", "ctest")):
