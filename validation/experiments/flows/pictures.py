@@ -42,7 +42,8 @@ def picture(data: Mapping[str, Any]) -> Any:
             place.plot(time, pressure, color=colour, lw=0.9, label=f"{cells} particles high")
         place.plot(*part["measured"], "o", color=BLACK, ms=2.2, label="measured")
         place.set(title=f"{TITLES[flow]}, {name}", xlabel="t sqrt(g/H)", ylim=(-0.3, 3.2))
-        place.legend(fontsize=6)
+        if title in ("lobovsky P4", "spheric_2 P3"):  # where there is room
+            place.legend(loc="upper right", fontsize=6)
         place.grid(True)
     axes[0][0].set_ylabel("pressure over rho g H")
     return figure
