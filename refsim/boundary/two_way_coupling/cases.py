@@ -352,20 +352,20 @@ def _closed(factor, phase=(SURFACE, SURFACE), body=(1, 1), walls=None, pressure=
     return Exact(at("closed", PAIR.position, SIDES), inputs, {"film_factor": [factor, 1.0]})
 
 
-closed_form(
+for_each_kernel(
     "two_way_coupling.close_films",
-    no_film=lambda: _closed(1.0, WATER_AND_ICE),
+    no_film=lambda _: _closed(1.0, WATER_AND_ICE),
     # where a film alone pushes it does not push less
-    film_alone=lambda: _closed(1.0, body=(1, 2)),
-    between_others=lambda: _closed(1.0, body=(1, 2), walls=[0.5, 0.0]),
+    film_alone=lambda _: _closed(1.0, body=(1, 2)),
+    between_others=lambda _: _closed(1.0, body=(1, 2), walls=[0.5, 0.0]),
     # a wall below has a part of the 2 m^3 above, of its own solid or liquid: 2/0.5; 2/0.125 is more than 8
-    quarter_of_a_wall=lambda: _closed(4.0, walls=[0.5, 0.0]),
-    sixteenth_of_a_wall=lambda: _closed(8.0, walls=[0.125, 0.0]),
-    below_liquid=lambda: _closed(4.0, phase=(SURFACE, FLUID), walls=[0.5, 0.0]),
-    near_a_surface=lambda: _closed(2.5, walls=[0.5, 0.0], pressure=9e3),
-    above_it=lambda: _closed(1.0, walls=[0.5, 0.0], pressure=-9e3),
+    quarter_of_a_wall=lambda _: _closed(4.0, walls=[0.5, 0.0]),
+    sixteenth_of_a_wall=lambda _: _closed(8.0, walls=[0.125, 0.0]),
+    below_liquid=lambda _: _closed(4.0, phase=(SURFACE, FLUID), walls=[0.5, 0.0]),
+    near_a_surface=lambda _: _closed(2.5, walls=[0.5, 0.0], pressure=9e3),
+    above_it=lambda _: _closed(1.0, walls=[0.5, 0.0], pressure=-9e3),
     # 1.5 below and 1 above: 1 + 0.5 (2 - 0.5)/(2.5^2/8)
-    two_walls_that_face_each_other=lambda: _closed(1.96, walls=[1.5, 1.0]),
+    two_walls_that_face_each_other=lambda _: _closed(1.96, walls=[1.5, 1.0]),
 )  # fmt: skip
 
 
