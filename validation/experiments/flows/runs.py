@@ -1,6 +1,5 @@
 """Flows of the literature with the liquid that rests (docs/solutions.md): a cavity with a moving lid and a tank that
-sways (2D, float64, Wendland C2, every option of the liquid spelled out, without shifts, by which swaying water would
-swell), and water that falls onto sensors (`falls.toml`).
+sways (2D, float64, default options), and water that falls onto sensors (`falls.toml`).
 """
 
 from __future__ import annotations
@@ -35,12 +34,8 @@ EXTREMES = (
 NEAR = 0.3  # s around an extreme of the experiment in which that of the run is looked for
 
 
-def _liquid(sound: float, viscosity: float, tensile_control: str) -> refsim.WeaklyCompressible:
-    return refsim.WeaklyCompressible(
-        rest_density=DENSITY, sound_speed=sound, dynamic_viscosity=DENSITY * viscosity, viscosity="central",
-        state="linear", density="continuity", diffusion=0.1, gradient="plain", clamp_pressure=False,
-        tensile_control=tensile_control, kernels="wendland",  # type: ignore[arg-type]
-    )  # fmt: skip
+def _liquid(sound: float, viscosity: float) -> refsim.WeaklyCompressible:
+    return refsim.WeaklyCompressible(rest_density=DENSITY, sound_speed=sound, dynamic_viscosity=DENSITY * viscosity)
 
 
 def cavity(context: Context, cells: int, support: float, backend: str) -> Result:
@@ -54,7 +49,7 @@ def cavity(context: Context, cells: int, support: float, backend: str) -> Result
         name="cavity", dim=2, dtype="float64", spacing=spacing, support_radius=support * spacing,
         fluid=(refsim.Box(cells=(cells, cells, 1)),),
         effects=(
-            _liquid(10.0, viscosity, "none"),
+            _liquid(10.0, viscosity),
             refsim.BoxWalls(
                 lower=(0.0, 0.0, 0.0), upper=(1.0, 1.0, 0.0), model="extrapolated", moving_faces=("+y",),
                 velocity=(1.0, 0.0, 0.0), no_slip=True,
@@ -153,7 +148,7 @@ def sway(context: Context, cells: int, support: float, amplitude: float, until: 
         motion=(refsim.Motion(of="gravity", kind="formula", direction=(1.0, 0.0, 0.0), formula=path),),
         gauge=(refsim.Gauge(name="level", kind="level", lower=(PROBE, 0.0, 0.0), upper=(PROBE, 1.1, 0.0), every=0.01),),
         effects=(
-            _liquid(sound, viscosity, "none"), refsim.Gravity(acceleration=(0.0, -GRAVITY, 0.0)),
+            _liquid(sound, viscosity), refsim.Gravity(acceleration=(0.0, -GRAVITY, 0.0)),
             refsim.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(LENGTH, 1.15, 0.0), model="extrapolated"),
         ),
     )  # fmt: skip
