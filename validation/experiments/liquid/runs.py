@@ -453,7 +453,7 @@ def planned(options: Options) -> list[RunSpec]:
     made = [_tank("rests", *row) for row in TANKS] + [_tank("papers", *row) for row in OF_PAPERS]
     made += [_tank(CORRECTED, *row) for row in OF_CORRECTED]
     for kind in (*LIQUIDS, CORRECTED):
-        for cells in SIDES if kind in LIQUIDS else ():
+        for cells in SIDES:
             flow = {"kind": kind, "cells": cells, "support": VORTICES_SUPPORT, "backend": "cpu"}
             made.append(RunSpec(f"vortices_{kind}_{cells}", vortices, flow, estimate=2e-5 * cells**3))
         for cells in DEPTHS:
