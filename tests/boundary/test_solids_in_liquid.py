@@ -63,7 +63,8 @@ def test_a_film_bears_the_tension_of_the_liquid_around_it():
 def test_what_falls_feels_no_gravity(given):
     """A body in falling liquid, no wall near or none at all: 0 to 1e-4 g."""
     scene = at_rest([((2, 2, 2), (2, 2, 2))], (6, 6, 6), given.get("dtype", "float64"))
-    walls = (rs.BoxWalls(lower=(-1.0, -1.0, given["floor"]), upper=(2.0, 2.0, 2.0)),) if "floor" in given else ()
+    floor = {"lower": (0.0, 0.0, given.get("floor", 0.0)), "upper": (1.0, 1.0, 2.0)}
+    walls = (rs.BoxWalls(**floor, open_faces=("-x", "+x", "-y", "+y", "+z")),) if "floor" in given else ()
     kept = (effect for effect in scene.effects if effect.name != "box_walls")
     simulation = rs.Simulation(msgspec.structs.replace(scene, effects=(*kept, *walls)), "numpy")
     for steps in (0, 1, 6):
