@@ -16,9 +16,8 @@ def grid_after(dim, *places, velocity=(0.0, 0.0, 0.0), steps=1):
     """The grid of blobs that begin at these x, after some steps."""
     blobs = (rs.Box(lower=(0.03 + x, 0.05, 0.07), cells=CUBES[dim], velocity=velocity) for x in places)
     scene = rs.Scene(
-        spacing=0.1, support_radius=0.3, dtype="float64", dim=dim, fluid=tuple(blobs),
-        effects=(rs.MpmLiquid(bulk_modulus=1e5),),
-    )  # fmt: skip
+        spacing=0.1, support_radius=0.3, dim=dim, fluid=tuple(blobs), effects=(rs.MpmLiquid(bulk_modulus=1e5),)
+    )
     return advanced(rs.Simulation(scene), steps).parameters["mpm_liquid"]["grid"]
 
 
