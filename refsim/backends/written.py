@@ -625,6 +625,7 @@ def literal(value: Any) -> str:
     return f"np.{value.dtype.name}({value.item()!r})" if isinstance(value, np.generic) else repr(value)
 
 
+@functools.cache
 def class_text(kind: type) -> str:
     """A named tuple with what its source says of its members."""
     if kind.__doc__ == f"{kind.__name__}({', '.join(kind._fields)})":  # type: ignore[attr-defined]

@@ -59,22 +59,28 @@ def source_of(module: str, name: str) -> Source:
     return function
 
 
+@functools.cache
+def _calls(module: str, name: str) -> tuple[tuple[str, str], ...]:
+    """(module, name) of the package's functions that a function calls."""
+    known, found = vars(importlib.import_module(module)), dict[tuple[str, str], None]()
+    for part in ast.walk(ast.parse(source_of(module, name).text)):
+        named = known.get(part.id) if isinstance(part, ast.Name) else None
+        if isinstance(part, ast.Attribute) and isinstance(part.value, ast.Name):
+            named = getattr(known.get(part.value.id), part.attr, None)
+        made = inspect.unwrap(named)  # type: ignore[arg-type]
+        target = getattr(made, "__module__", None) or "", getattr(made, "__name__", "")
+        if target[0].startswith("refsim.") and _function(*target):
+            found[target] = None
+    return tuple(found)
+
+
 def called_by(module: str, name: str) -> list[tuple[str, str]]:
     """(module, name) of the package's functions that a function calls, directly or through others."""
-    callees: dict[tuple[str, str], None] = {}
-    waiting = [(module, name)]
+    callees, waiting = dict[tuple[str, str], None](), [(module, name)]
     while waiting:
-        place, function = waiting.pop(0)
-        known = vars(importlib.import_module(place))
-        for part in ast.walk(ast.parse(source_of(place, function).text)):
-            named = known.get(part.id) if isinstance(part, ast.Name) else None
-            if isinstance(part, ast.Attribute) and isinstance(part.value, ast.Name):
-                named = getattr(known.get(part.value.id), part.attr, None)
-            made = inspect.unwrap(named)  # type: ignore[arg-type]
-            target = getattr(made, "__module__", None) or "", getattr(made, "__name__", "")
-            if target not in callees and target[0].startswith("refsim.") and _function(*target):
-                callees[target] = None
-                waiting.append(target)
+        new = [target for target in _calls(*waiting.pop(0)) if target not in callees]
+        callees |= dict.fromkeys(new)
+        waiting += new
     return list(callees)
 
 

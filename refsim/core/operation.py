@@ -18,7 +18,7 @@ import inspect
 import itertools
 import sys
 import textwrap
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeVar
 
@@ -410,19 +410,19 @@ def _overrides(variant: str | Mapping[str, Any], folder: str) -> dict[str, Any]:
     return {name: CaseValue(folder, value) if isinstance(value, str) else value for name, value in variant.items()}
 
 
-def _called(place: Any) -> Iterator[Any]:
+@functools.cache
+def _called(place: Any) -> list[Any]:
     """Functions and classes of references and operations that the source of one of them calls, or hands on as m.f."""
-    known = vars(sys.modules[place.__module__])
+    known, found = vars(sys.modules[place.__module__]), []
     for part in ast.walk(ast.parse(textwrap.dedent(inspect.getsource(place)))):
         named = [part.func] if isinstance(part, ast.Call) else part.bases if isinstance(part, ast.ClassDef) else []
         callees = [known.get(name.id) for name in named if isinstance(name, ast.Name)]
         if isinstance(part, ast.Attribute) and isinstance(part.value, ast.Name):
             module = known.get(part.value.id)
             callees = [getattr(module, part.attr, None)] if inspect.ismodule(module) else []
-        for one in callees:
-            judges = inspect.isroutine(one) or inspect.isclass(one)
-            if judges and (one.__module__ or "").rpartition(".")[2] in ("reference", "operations"):
-                yield one
+        judges = (one for one in callees if inspect.isroutine(one) or inspect.isclass(one))
+        found += [one for one in judges if (one.__module__ or "").rpartition(".")[2] in ("reference", "operations")]
+    return found
 
 
 @functools.cache
