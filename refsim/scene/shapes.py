@@ -24,9 +24,10 @@ WIDEST = 1.1  # spacings between the particles of a box
 COLUMNS, DEEP = 16, 4  # of points in a cell that a surface cuts, so that planes across an axis meet them one by one
 AROUND = 0.75  # spacings from a cell's centre, along each axis, of points that show whether a surface may cut it
 LEAST = 1e-3  # share of a cell that counts
+TIED = 1e-6  # share of a cell, or of the edges of a block, that decides nothing
 SAME = 0.25  # share of a cell up to which a body overlaps a part whose surface it has
 REACH = 3.0  # support radius of the packing [spacings]
-NEAR = 3.0  # spacings from a cut cell up to which particles are packed
+NEAR = 3.08  # spacings from a cut cell up to which particles are packed; between two distances of a lattice
 STEPS, LONGEST, AT_REST = 200, 0.1, 2e-3  # of the packing; longest displacement of one, and at its end [spacings]
 
 
@@ -77,12 +78,25 @@ def filled(
     if not cut.any():
         return block.place[whole]
     places = np.flatnonzero(cut)
-    best = places[np.argsort(-left[places], kind="stable")][: round(float(left[cut].sum()))]
+    # Of equal shares those farthest, over the block's edges, from its middle, then from the bodies': both turn with it
+    middles = np.average(centre, 0, taken if taken.any() else None), block.place.mean(0)
+    edges = np.ptp(block.place, axis=0) + grid.spacing
+    apart = (np.linalg.norm((block.place[places] - middle) / edges, axis=1) for middle in middles)
+    first = np.lexsort([-_ranks(values) for values in (*apart, left[places])])
+    best = places[first[: round(float(left[cut].sum()) + TIED)]]
     kept = np.sort(np.concatenate([np.flatnonzero(whole), best]))
     beyond, outer = _rest(block.place, (taken, centre), (left, place))
     still = [(centre[taken > LEAST], taken[taken > LEAST]), (outer[beyond > LEAST], beyond[beyond > LEAST])]
     kept_out, volume = (np.concatenate(parts) for parts in zip(*still))
     return _packed(place[kept], block.place[cut], kept_out, volume, grid)
+
+
+def _ranks(values: np.ndarray) -> np.ndarray:
+    """Ranks (n,) of values; neighbours in their order that are at most TIED apart have the same."""
+    order = np.argsort(values)
+    ranks = np.empty(len(values), int)
+    ranks[order] = np.cumsum(np.diff(values[order], prepend=values[order[:1]]) > TIED)
+    return ranks
 
 
 def _rest(place: np.ndarray, *parts: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -248,7 +262,7 @@ class Ball(Checked, tag="ball", tag_field="shape", frozen=True, kw_only=True):
         steps = (np.arange(-reach, reach) + 0.5) * grid.spacing
         axes = [steps, steps, steps if grid.dim == 3 else np.zeros(1)]
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-        return points[(points**2).sum(1) <= self.radius**2] + np.array(self.center)
+        return points[(points**2).sum(1) < (1 + TIED) * self.radius**2] + np.array(self.center)
 
 
 class Cloud(Checked, tag="cloud", tag_field="shape", frozen=True, kw_only=True):
@@ -330,9 +344,11 @@ class FluidMesh(Checked, tag="mesh", tag_field="shape", frozen=True, kw_only=Tru
             raise InputError(
                 f"fluid mesh: level = {self.level:g} m is below {self.file!r}, which begins at {low[2]:g} m; raise it."
             )
-        cells = np.ceil((np.append(high[:2], top) - low) / grid.spacing - 1e-9)
+        cells = np.ceil((np.append(high[:2], top) - low) / grid.spacing - TIED)
         countable(f"fluid mesh: {self.file!r} at a spacing of {grid.spacing} m", cells, CELL, grid=grid)
-        lower = np.append(low[:2], top - cells[2] * grid.spacing)
+        lower = 0.5 * (low + high - cells * grid.spacing)  # a mirrored mesh has mirrored cells
+        if self.level is not None:
+            lower[2] = top - cells[2] * grid.spacing
         block = shares_of_block(lower, cells.astype(int), np.full(3, grid.spacing), 3)
         return shares_in(block, grid.spacing, inside.inside)
 

@@ -23,6 +23,7 @@ from refsim.sparse_grid.tables import OFFSET, keys_at
 Vector = tuple[float, float, float]
 MOST_CELLS = 2**31 - 1  # particles are numbered in 32 bits
 CELL = 100  # bytes of a cell while a body is cut out of the lattice
+TIED = 1e-6  # of a body's size, by which centres of cells on its surface count as inside at its lower faces alone
 OFF = 0.25  # spacings by which cells may miss what is drawn without a note
 LAID_OUT = 280  # bytes of a particle while a scene is planned, in float64
 
@@ -65,7 +66,9 @@ class SolidBox(Solid, tag="box", frozen=True, kw_only=True):
     upper: Vector
 
     def inside(self, points: np.ndarray) -> np.ndarray:
-        return np.all((points > np.array(self.lower)) & (points < np.array(self.upper)), axis=1)
+        lower, upper = self.extent()
+        shifted = points + TIED * (upper - lower)
+        return np.all((shifted > lower) & (shifted < upper), axis=1)
 
     def extent(self) -> tuple[np.ndarray, np.ndarray]:
         return np.array(self.lower), np.array(self.upper)
@@ -81,7 +84,7 @@ class SolidBall(Solid, tag="ball", frozen=True, kw_only=True):
     radius: Positive
 
     def inside(self, points: np.ndarray) -> np.ndarray:
-        return ((points - np.array(self.center)) ** 2).sum(1) < self.radius**2
+        return ((points - np.array(self.center)) ** 2).sum(1) < (1 - TIED) * self.radius**2
 
     def extent(self) -> tuple[np.ndarray, np.ndarray]:
         return np.array(self.center) - self.radius, np.array(self.center) + self.radius
@@ -106,7 +109,7 @@ class SolidTorus(Solid, tag="torus", frozen=True, kw_only=True):
         away = points - np.array(self.center)
         height = away @ axis
         ring = np.linalg.norm(away - height[:, None] * axis, axis=1) - self.radius
-        return ring**2 + height**2 < self.tube_radius**2
+        return ring**2 + height**2 < (1 - TIED) * self.tube_radius**2
 
     def extent(self) -> tuple[np.ndarray, np.ndarray]:
         if not any(self.axis):
@@ -143,6 +146,7 @@ class SolidMesh(Solid, tag="mesh", frozen=True, kw_only=True):
         import trimesh
 
         surface = self.mesh()
+        points = points + TIED * np.array([1.0, 0.7, 0.9]) * np.ptp(surface.vertices, axis=0)
         unit = 2.0 ** min(0, round(math.log2(np.ptp(surface.vertices, axis=0).max())))  # [m]; roundings stay
         mesh = trimesh.Trimesh((surface.vertices + surface.origin) / unit, surface.faces, process=False)
         column, column_of = np.unique(points[:, :2] / unit, axis=0, return_inverse=True)

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 import refsim as rs
 
-D, PULL = 0.125, 9.81
+D, PULL, MIDDLE = 0.125, 9.81, 7 * 0.125
 LONG, WIDE, DEEP = 16, 6, 8  # cells
 LIQUID = rs.WeaklyCompressible(sound_speed=31.0)
 BOX = rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(LONG * D, WIDE * D, 2 * DEEP * D))
@@ -56,7 +56,7 @@ def test_liquid_on_a_slope_starts_at_rest(degrees, tmp_path):
 
 
 def vessel(folder):
-    """A vessel whose inside is a box turned by 20 degrees: (wall, file of the inside, its floor's lowest corner)."""
+    """A vessel whose inside is a box turned by 20 degrees: (wall, file of the inside)."""
     inside = trimesh.creation.box((10 * D, 6 * D, 10 * D))
     inside.apply_transform(trimesh.transformations.rotation_matrix(math.radians(20), (0, 1, 0)))
     inside.export(folder / "inside.obj")
@@ -64,11 +64,11 @@ def vessel(folder):
     hollow = inside.copy()
     hollow.invert()
     trimesh.util.concatenate([outer, hollow]).export(folder / "vessel.obj")
-    return rs.MeshBoundary(file=str(folder / "vessel.obj")), str(folder / "inside.obj"), inside.bounds
+    return rs.MeshBoundary(file=str(folder / "vessel.obj")), str(folder / "inside.obj")
 
 
 def test_a_vessel_is_filled_up_to_a_level(tmp_path):
-    wall, file, bounds = vessel(tmp_path)
+    wall, file = vessel(tmp_path)
     made = scene((rs.FluidMesh(file=file),), wall)
     whole = rs.make_plan(made)
     assert abs(whole.grid.count - 600) <= 3
@@ -84,8 +84,6 @@ def test_a_vessel_is_filled_up_to_a_level(tmp_path):
     assert abs(len(x) - 306) <= 3  # half of it, and 0.1 of 10.6 x 6 cells in the middle
     assert x[:, 2].max() < level - 0.4 * D
     assert pull[x[:, 2] < level - 3.5 * D].max() < 0.15
-    with pytest.raises(rs.InputError, match="raise it"):
-        rs.make_plan(scene((rs.FluidMesh(file=file, level=float(bounds[0, 2]) - D),), wall))
 
 
 def drawn_body(draw):
@@ -99,15 +97,18 @@ def drawn_body(draw):
 
 
 def test_bodies_take_their_volume(tmp_path):
-    """Within a particle; none starts inside, also beside edges and corners."""
-    draw, found = np.random.default_rng(60), []
-    for _ in range(6):
-        mesh, volume, middle, angles = drawn_body(draw)
-        mesh.export(tmp_path / "body.obj")
-        body = rs.MeshBoundary(file=str(tmp_path / "body.obj"), center=tuple(middle), rotation=tuple(angles))
-        walls = rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(14 * D,) * 3)
-        made = rs.make_plan(scene((rs.Box(cells=(14, 14, 14), outside="bodies"),), walls, body))
-        found.append(len(made.state.position) - 14**3 + volume / D**3)
+    """Within a particle; none starts inside, also beside edges and corners. A mirrored scene has mirrored places."""
+    draw, found, file = np.random.default_rng(60), [], str(tmp_path / "body.obj")
+    walls = rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(14 * D,) * 3)
+    for k in range(6):
+        (mesh, volume, middle, angles), places = drawn_body(draw), []
+        for sign in (1.0, -1.0)[: 1 + (k < 3)]:
+            mesh.apply_scale(sign).export(file, digits=17)
+            body = rs.MeshBoundary(file=file, center=tuple(MIDDLE + sign * (middle - MIDDLE)), rotation=tuple(angles))
+            made = rs.make_plan(scene((rs.Box(cells=(14, 14, 14), outside="bodies"),), walls, body))
+            places.append(MIDDLE + sign * (made.state.position - MIDDLE))
+        found.append(len(places[0]) - 14**3 + volume / D**3)
+        assert cKDTree(places[0]).query(places[-1])[0].max() < 1e-7 * D
     assert np.abs(found).max() <= 1, found
     solid = (rs.SolidBox(lower=(5 * D,) * 3, upper=(9 * D, 8 * D, 10 * D)),)  # 60 particles, no cell of the block's
     block = rs.Box(lower=(0.3 * D, 0.6 * D, 0.5 * D), cells=(12, 12, 12), outside="bodies")

@@ -61,7 +61,7 @@ class MeshBoundary(
     radius          r of the boundary particles, which are 2 r apart [m]; 0 for half a spacing of the liquid
     layers          of boundary particles, one spacing of the liquid apart; 0 for as many as a particle one spacing off
                     the surface reaches
-    model           "extrapolated" (cells of the lattice, as deep as the support, whose pressure is extrapolated from
+    model           "extrapolated" (cells of a lattice, as deep as the support, whose pressure is extrapolated from
                     the liquid, Adami et al.) or "mirrored" (boundary particles on the surface and below it, as in the
                     patent); by default extrapolated with an advanced density, else mirrored
     viscosity       mu_b of the friction between liquid and boundary particles [Pa s]; 0 for free slip
@@ -159,7 +159,7 @@ class MeshBoundary(
     def walls(self, grid: Discretisation, others: Others) -> WallParticles:
         """Boundary particles (m, 3) [m], layer by layer, and their volumes V_b = g/sum_k W_bk (m,) [m^3].
 
-        With an extrapolated pressure the cells of the lattice in the solid, and what it fills of each.
+        With an extrapolated pressure the cells of a lattice in the solid, and what it fills of each.
         """
         if self.extrapolates():
             share, position = self.placed(grid).cells(grid.spacing, adami_2012.layers(grid))

@@ -17,6 +17,7 @@ from refsim.scene.surface_mesh import SurfaceMesh, placed_mesh
 HALF_DIAGONAL = 0.5 * 3**0.5  # of a cell, in its edges
 PARTS = 4  # of a cell's edge, where the surface cuts the cell
 BAND = 4.0  # width of the band in its spacings
+TIED = 1e-6  # spacings, or share of the largest area, that decide nothing
 PROBE = 0.5  # depth under a boundary particle, in spacings of the band, where the field must be negative
 
 
@@ -51,19 +52,20 @@ class PlacedSolid:
     def cells(self, spacing: float, layers: int) -> tuple[np.ndarray, np.ndarray]:
         """Volumes (m,) of the solid in cells `layers` deep, over spacing^3, and their centres (m, 3) [m].
 
-        The cells are those of the lattice; across large flat faces they begin at these faces.
+        The cells begin at large flat faces or at the mesh's ends, wherever it stands.
         """
         from scipy.ndimage import distance_transform_edt
 
-        corners = self.mesh.vertices + self.mesh.origin
-        low, high = np.floor(corners.min(0) / spacing) - 2, np.ceil(corners.max(0) / spacing) + 2
+        corners = self.mesh.vertices
+        middle = 0.5 * (corners.min(0) + corners.max(0))
+        around = np.ceil(0.5 * np.ptp(corners, axis=0) / spacing) + 2
         countable(
             f"mesh_boundary: the cells of {self.mesh.source!r} at a spacing of {spacing} m",
-            (high - low).astype(int).tolist(), each=1,
+            (2 * around).astype(int).tolist(), each=1,
         )  # fmt: skip
         edges = [
-            cell_edges(planes, low[k] * spacing, high[k] * spacing, spacing)
-            for k, planes in enumerate(flat_faces(corners[self.mesh.faces], spacing))
+            cell_edges(planes, -around[k] * spacing, around[k] * spacing, spacing) + (self.mesh.origin + middle)[k]
+            for k, planes in enumerate(flat_faces(corners[self.mesh.faces] - middle, spacing))
         ]
         points = np.stack(np.meshgrid(*(0.5 * (e[1:] + e[:-1]) for e in edges), indexing="ij"), -1)
         sizes = np.stack(np.meshgrid(*map(np.diff, edges), indexing="ij"), -1).reshape(-1, 3)
@@ -90,7 +92,8 @@ class PlacedSolid:
 def flat_faces(triangles: np.ndarray, spacing: float) -> list[np.ndarray]:
     """Coordinates [m] of the flat faces of triangles (f, 3, 3) [m] across each axis, at least half a spacing apart.
 
-    An axis with less than half the area of the axis with the most has none; of near faces the larger stays.
+    An axis with less than half the area of the axis with the most has the mesh's ends instead. Of near faces the larger
+    stays, of equal ones the one farther from 0; two as far from it are one at 0.
     """
     across = 0.5 * np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(across, axis=1)
@@ -100,25 +103,31 @@ def flat_faces(triangles: np.ndarray, spacing: float) -> list[np.ndarray]:
     for axis in range(3):
         facing = flat[:, axis]
         planes: list[float] = []
-        if 2 * area[facing].sum() >= most > 0:
-            place = triangles[facing, :, axis].mean(1)
-            key, member = np.unique(np.round(place / spacing, 6), return_inverse=True)
-            for k in np.argsort(-np.bincount(member, area[facing]), kind="stable"):
-                if all(abs(key[k] - other) >= 0.5 for other in planes):
+        if not 2 * area[facing].sum() >= (1 - TIED) * most > 0:
+            planes = [triangles[..., axis].min() / spacing, triangles[..., axis].max() / spacing]
+        else:
+            place = triangles[facing, :, axis].mean(1) / spacing
+            _, member = np.unique(np.round(place, 6), return_inverse=True)
+            each = np.bincount(member, area[facing])
+            key = np.bincount(member, area[facing] * place) / each
+            sizes, away = -np.round(each / most, 6), -np.round(np.abs(key), 6)
+            for k in np.lexsort(np.stack([away, sizes])):
+                near = [j for j, other in enumerate(planes) if abs(key[k] - other) < 0.5 - TIED]
+                if not near:
                     planes.append(float(key[k]))
+                elif abs(planes[near[0]] + key[k]) < TIED:
+                    planes[near[0]] = 0.0
         faces.append(spacing * np.sort(np.array(planes)))
     return faces
 
 
 def cell_edges(planes: np.ndarray, low: float, high: float, spacing: float) -> np.ndarray:
-    """Edges of cells [m] from `low` to `high` [m] or beyond: between planes whole cells but the one in the middle."""
-    if not len(planes):
-        return np.arange(round(low / spacing), round(high / spacing) + 1) * spacing
+    """Edges of cells [m] from `low` to `high` [m] or beyond, whole but for one or two in the middle between planes."""
     parts = [planes[0] - spacing * np.arange(math.ceil((planes[0] - low) / spacing), 0, -1), planes[:1]]
     for start, end in itertools.pairwise(planes):
-        count = round((end - start) / spacing)
-        before, after = count // 2, (count - 1) // 2
-        parts += [start + spacing * np.arange(1, before + 1), end - spacing * np.arange(after, 0, -1), [end]]
+        count = max(1, round((end - start) / spacing - TIED))
+        whole = spacing * np.arange(1, (count - 1) // 2 + 1)
+        parts += [start + whole, [] if count % 2 else [0.5 * (start + end)], end - whole[::-1], [end]]
     parts.append(planes[-1] + spacing * np.arange(1, math.ceil((high - planes[-1]) / spacing) + 1))
     return np.concatenate(parts)
 
