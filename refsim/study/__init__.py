@@ -104,60 +104,46 @@ def _settings(
     left_out: list[str],
 ) -> list[Setting]:  # fmt: skip
     """All runs of a study; what cannot be changed in this scene is said in `left_out`."""
-    made = [
-        Setting("spacing", f"spacing {scene.spacing / f:.4g} m", f, at, backend)
-        for f in factors
-        for at in [scene if f == 1 else refined(scene, f, with_spacing)]
-    ]
+    levels = {factor: scene if factor == 1 else refined(scene, factor, with_spacing) for factor in factors}
+    made = [Setting("spacing", f"spacing {scene.spacing / f:.4g} m", f, at, backend) for f, at in levels.items()]
+    changes = _changes(scene, plan, knobs, backend, left_out)
+    return made + [Setting(kind, label, 1.0, changed, place) for kind, label, changed, place in changes]
+
+
+def _changes(
+    scene: Scene, plan: Plan, knobs: Sequence[str], backend: str, left_out: list[str]
+) -> Iterator[tuple[str, str, Scene, str]]:
+    """(kind, label, scene, backend) of the runs at the scene's own spacing in which one setting is another one."""
     changed = msgspec.structs.replace
     if "support" in knobs and plan.list_radius == 0:
         left_out.append("another support radius left out: no effect of this scene sums over neighbours")
     elif "support" in knobs:
         wider = WIDER * scene.support_radius
-        label = f"support radius {wider:.4g} m"
-        made.append(Setting("support", label, 1.0, changed(scene, support_radius=wider), backend))
+        yield "support", f"support radius {wider:.4g} m", changed(scene, support_radius=wider), backend
     if "step" in knobs:
         halved = changed(scene, step=scene.step / 2, step_factor=scene.step_factor / (1 if scene.step else 2))
-        made.append(Setting("step", "half the step", 1.0, halved, backend))
+        yield "step", "half the step", halved, backend
     if "precision" in knobs:
         other = "float64" if scene.dtype == "float32" else "float32"
-        made.append(Setting("precision", other, 1.0, changed(scene, dtype=other), backend))
-    for k, name, value in _tolerances(scene) if "tolerance" in knobs else ():
-        tighter = changed(scene.effects[k], **{name: value / TIGHTER})
-        effects = (*scene.effects[:k], tighter, *scene.effects[k + 1 :])
-        label = f"{tighter.name}: {name} {value / TIGHTER:g}"
-        made.append(Setting("tolerance", label, 1.0, changed(scene, effects=effects), backend))
-    for name in ("cpu", "cuda") if "backend" in knobs else ():
-        if name == backend:
-            continue
+        yield "precision", other, changed(scene, dtype=other), backend
+    for k, effect in enumerate(scene.effects) if "tolerance" in knobs else ():
+        given = {name: getattr(effect, name, None) for name in TOLERANCES}
+        for name, value in ((n, v / TIGHTER) for n, v in given.items() if isinstance(v, float) and v > 0):
+            effects = (*scene.effects[:k], changed(effect, **{name: value}), *scene.effects[k + 1 :])
+            yield "tolerance", f"{effect.name}: {name} {value:g}", changed(scene, effects=effects), backend
+    for name in (n for n in ("cpu", "cuda") if "backend" in knobs and n != backend):
         if (reason := unavailable(name)) is None:
-            made.append(Setting("backend", name, 1.0, scene, name))
+            yield "backend", name, scene, name
         else:
             left_out.append(f"backend {name} left out: {reason}")
-    if "effects" in knobs:
-        made += _without(scene, backend, left_out)
-    return made
-
-
-def _tolerances(scene: Scene) -> Iterator[tuple[int, str, float]]:
-    for k, effect in enumerate(scene.effects):
-        for name in TOLERANCES:
-            if isinstance(getattr(effect, name, None), float) and getattr(effect, name) > 0:
-                yield k, name, getattr(effect, name)
-
-
-def _without(scene: Scene, backend: str, left_out: list[str]) -> list[Setting]:
-    """The scene without each of its effects, where it can be planned without, and else the same choices."""
-    made = []
-    for effect in scene.effects:
+    for effect in scene.effects if "effects" in knobs else ():
         less = without(scene, effect.name)
-        try:
+        try:  # it is left out where the scene cannot be planned without it, and else the same choices
             make_plan(less)
         except InputError as error:
             left_out.append(f"without {effect.name} left out: {error}")
-            continue
-        made.append(Setting("effect", f"without {effect.name}", 1.0, less, backend))
-    return made
+        else:
+            yield "effect", f"without {effect.name}", less, backend
 
 
 def _measured(

@@ -58,23 +58,10 @@ class Observable:
 
     def __call__(self, simulation: Simulation) -> float:
         """Its value now. Raises InputError where it cannot be read."""
-        return self._tried(lambda: float(self.read(simulation)))
+        return self.tried(lambda: float(self.read(simulation)))
 
-    def moments(self, scene: Scene) -> list[float]:
-        """Moments [s] at which it is read, in order; none where it is read at the end."""
-        times = self.times
-        return [] if times is None else self._tried(lambda: sorted(map(float, times(scene))))
-
-    def sample(self, simulation: Simulation) -> Any:
-        """What is read now, before it is reduced. Raises InputError where that fails."""
-        return self._tried(lambda: self.read(simulation))
-
-    def reduced(self, times: Sequence[float], values: list[Any]) -> float:
-        """The number that moments [s] and what was read then give. Raises InputError where that fails."""
-        reduce = self.reduce or (lambda times, values: values[-1])
-        return self._tried(lambda: float(reduce(np.array(times), values)))
-
-    def _tried(self, attempt: Callable[[], Any]) -> Any:
+    def tried(self, attempt: Callable[[], Any]) -> Any:
+        """What an attempt to read it gives. Raises InputError where that fails."""
         try:
             return attempt()
         except InputError:
@@ -90,7 +77,8 @@ class Watching:
     """
 
     def __init__(self, observable: Observable, scene: Scene) -> None:
-        self.observable, self.due = observable, observable.moments(scene)
+        self.observable, moments = observable, observable.times
+        self.due = [] if moments is None else observable.tried(lambda: sorted(map(float, moments(scene))))
         self.times: list[float] = []
         self.values: list[Any] = []
 
@@ -98,15 +86,17 @@ class Watching:
         while self.due and simulation.time >= self.due[0]:
             self.due.pop(0)
             self.times.append(simulation.time)
-            self.values.append(self.observable.sample(simulation))
+            self.values.append(self.observable.tried(lambda: self.observable.read(simulation)))
 
     def value(self, simulation: Simulation) -> float:
         """The number that was read, or that of the present state. Raises InputError where no moment has come."""
-        if self.observable.times is None:
-            return self.observable(simulation)
+        observable = self.observable
+        if observable.times is None:
+            return observable(simulation)
         if not self.times:
-            raise InputError(f"observable {self.observable.name}: the run ended before it was read; give a later end.")
-        return self.observable.reduced(self.times, self.values)
+            raise InputError(f"observable {observable.name}: the run ended before it was read; give a later end.")
+        reduce = observable.reduce or (lambda times, values: values[-1])
+        return observable.tried(lambda: float(reduce(np.array(self.times), self.values)))
 
 
 def observable_of(given: str | Callable[[Simulation], float] | Observable, plan: Plan) -> Observable:
@@ -119,14 +109,11 @@ def observable_of(given: str | Callable[[Simulation], float] | Observable, plan:
     if callable(given):
         return Observable(getattr(given, "__name__", "observable"), "", given, "", *_watch(given))
     word, _, rest = given.partition(":")
-    if word == "front":
-        return _front(given, rest or "+x", plan)
+    named = {"front": _front, "field": _field, "gauge": _gauge}
+    if word in named:
+        return named[word](given, rest, plan)
     if given == "kinetic_energy":
         return Observable(given, "J" if plan.grid.dim == 3 else "J/m", _kinetic_energy, _digest(given))
-    if word == "field":
-        return _field(given, rest, plan)
-    if word == "gauge":
-        return _gauge(given, rest, plan)
     if word == "panel":
         panel(rest)  # refuses an unknown one
         given = f"{FOLDER / 'observables.py'}:{rest}"
@@ -138,7 +125,7 @@ def observable_of(given: str | Callable[[Simulation], float] | Observable, plan:
 
 
 def _front(name: str, direction: str, plan: Plan) -> Observable:
-    match = re.fullmatch(r"([+-]?)([xyz])", direction)
+    match = re.fullmatch(r"([+-]?)([xyz])", direction or "+x")
     if not match or (plan.grid.dim == 2 and match[2] == "z"):
         axes = "x, y" if plan.grid.dim == 2 else "x, y, z"
         raise InputError(f"observable {name!r}: {direction!r} is no direction; write front:+AXIS or -AXIS of {axes}.")

@@ -82,20 +82,20 @@ class Study:
         cost    seconds over those of the scene as it is
         unsettled  why the seconds are not to be trusted; "" where they are
         """
-        return [self._row(setting, reading) for setting, reading in self.runs]
-
-    def _row(self, setting: Setting, reading: Reading) -> dict[str, Any]:
-        base = self.base
-        of = self.convergence if setting.kind == "spacing" else base
-        row: dict[str, Any] = {"what": setting.kind, "setting": setting.label, "spacing": setting.scene.spacing}
-        row |= {name: getattr(reading, name) for name in ("particles", "mass", "steps", "seconds")}
-        row |= {"wall_seconds": reading.wall, "unsettled": reading.unsettled, "bytes": reading.bytes}
-        row |= {"value": reading.value, "change": None, "cost": None, "failed": reading.failed}
-        if reading.failed:
-            return row | {"value": None}
-        if of is not None:
-            row["change"] = self._relative(reading.value - of.value, of.value)
-        return row | {"cost": reading.seconds / base.seconds} if base is not None and base.seconds else row
+        base, made = self.base, list[dict[str, Any]]()
+        for setting, reading in self.runs:
+            of = self.convergence if setting.kind == "spacing" else base
+            row: dict[str, Any] = {"what": setting.kind, "setting": setting.label, "spacing": setting.scene.spacing}
+            row |= {name: getattr(reading, name) for name in ("particles", "mass", "steps", "seconds")}
+            row |= {"wall_seconds": reading.wall, "unsettled": reading.unsettled, "bytes": reading.bytes}
+            row |= {"value": None if reading.failed else reading.value, "change": None, "cost": None}
+            row["failed"] = reading.failed
+            if of is not None and not reading.failed:
+                row["change"] = self._relative(reading.value - of.value, of.value)
+            if base is not None and base.seconds and not reading.failed:
+                row["cost"] = reading.seconds / base.seconds
+            made.append(row)
+        return made
 
     def sources(self) -> dict[str, float]:
         """Relative error of the scene as it is, by what causes it.
@@ -151,13 +151,6 @@ class Study:
             made.append((setting, r.seconds / base.seconds, r.bytes / base.bytes, change))
         return made
 
-    def _least(self) -> str:
-        """The smallest error that the runs show, as the end of a sentence."""
-        limit = self.convergence
-        levels = [(limit.bound(r.value), s.scene.spacing) for s, r in self.of("spacing")] if limit else []
-        bound, at = min(levels, default=(math.inf, 0.0))
-        return f": the smallest bound is {percent(bound)}, at {at:.4g} m; add finer levels" if bound < math.inf else ""
-
     def _finer(self, error: float) -> Advice | None:
         limit, levels = self.convergence, sorted(self.of("spacing"), key=lambda pair: pair[0].factor)
         if limit is None or not limit.asymptotic or not error > 0:
@@ -188,17 +181,19 @@ class Study:
         if self.reference is not None and limit is not None:
             given, base = self.reference, self.base
             share = f" (± {percent(given.uncertainty)})" if given.uncertainty else ""
-            off = "" if base is None else f"the scene as it is has an error of {_known(given, base.value)}, "
-            lines.append(
-                f"reference {given.value:.6g}{share}, {given.words}: {off}the value above of"
-                f" {_known(given, limit.value)}"
-            )
+            error = None if base is None else given.error(base.value)
+            off = f"the scene as it is has an error of {_above(error, given.uncertainty)}, " if base else ""
+            above = _above(given.error(limit.value), given.uncertainty)
+            lines.append(f"reference {given.value:.6g}{share}, {given.words}: {off}the value above of {above}")
         sources = self.sources()
         if sources:
             parts = ", ".join(f"{name} {percent(e)}" for name, e in sorted(sources.items(), key=lambda item: -item[1]))
             lines.append(f"error of the scene as it is, by source: {parts}")
+        levels = [(limit.bound(r.value), s.scene.spacing) for s, r in self.of("spacing")] if limit else []
+        bound, at = min(levels, default=(math.inf, 0.0))
+        best = f": the smallest bound is {percent(bound)}, at {at:.4g} m; add finer levels" * (bound < math.inf)
         for error, begin in ((self.error, "cheapest for "), (self.error / 2, "half of it, ")):
-            unsaid = f"which setting has an error of {percent(error)} cannot be said from these runs{self._least()}"
+            unsaid = f"which setting has an error of {percent(error)} cannot be said from these runs{best}"
             lines.append(begin + advice.words() if (advice := self.cheapest(error)) else unsaid)
         support = sources.get("support", 0.0)
         if support > self.error:
@@ -245,21 +240,18 @@ class Study:
     def data(self) -> dict[str, Any]:
         """Everything as plain values."""
         limit = self.convergence
-        advice = {name: self.cheapest(e) for name, e in (("error", self.error), ("half_of_it", self.error / 2))}
+        advised = {"error": self.cheapest(self.error), "half_of_it": self.cheapest(self.error / 2)}
         unknown = {"value": None, "uncertainty": None, "order": None, "asymptotic": False, "words": ""}
         data = {"scene": self.scene.name} | {name: getattr(self, name) for name in ("observable", "unit", "machine")}
-        return (
-            data
-            | {name: getattr(limit, name, other) for name, other in unknown.items()}
-            | {
-                "reference": None if self.reference is None else vars(self.reference),
-                "sources": self.sources(),
-                "cheapest": {name: None if setting is None else vars(setting) for name, setting in advice.items()},
-                "runs": self.rows(),
-                "left_out": list(self.left_out),
-                "notes": list(self.notes),
-            }
-        )
+        data |= {name: getattr(limit, name, other) for name, other in unknown.items()}
+        return data | {
+            "reference": None if self.reference is None else vars(self.reference),
+            "sources": self.sources(),
+            "cheapest": {name: None if setting is None else vars(setting) for name, setting in advised.items()},
+            "runs": self.rows(),
+            "left_out": list(self.left_out),
+            "notes": list(self.notes),
+        }
 
     def table(self) -> Any:
         """The rows as a pandas DataFrame; without pandas, as a list of dictionaries."""
@@ -270,8 +262,14 @@ class Study:
         return pandas.DataFrame(self.rows())
 
     def plot(self) -> Any:
-        """The picture, a Matplotlib figure (`draw`)."""
-        return draw(self)
+        """The picture, a Matplotlib figure with four parts."""
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(11.0, 7.6), layout="constrained")
+        for part, axes in zip((_values, _errors, _sources, _changes), figure.subplots(2, 2).flat):
+            part(self, axes)
+        figure.suptitle(f"{self.observable} of {self.scene.name}", fontsize=11)
+        return figure
 
     def png(self) -> bytes:
         """The picture as a file."""
@@ -293,26 +291,10 @@ def _above(error: float | None, known: float, signed: bool = False) -> str:
     return f"< {percent(known)}"
 
 
-def _known(reference: Reference, value: float) -> str:
-    """The error of a value against a reference, as text."""
-    return _above(reference.error(value), reference.uncertainty)
-
-
 # The picture of a study
 
 
 BLUE, VERMILION, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"  # Okabe & Ito's palette
-
-
-def draw(study: Any) -> Any:
-    """A Matplotlib figure of four panels, from a `refsim.study.result.Study`."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11.0, 7.6), layout="constrained")
-    for part, axes in zip((_values, _errors, _sources, _changes), figure.subplots(2, 2).flat):
-        part(study, axes)
-    figure.suptitle(f"{study.observable} of {study.scene.name}", fontsize=11)
-    return figure
 
 
 def _values(study: Any, axes: Any) -> None:

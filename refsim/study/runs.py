@@ -282,17 +282,12 @@ def scene_digest(scene: Scene) -> Any:
     for part in (*scene.fluid, *scene.solid, *scene.effects):
         named = getattr(part, "file", "")
         for file in mesh_files(named) if named else ():
-            digest.update(_content_digest(file))
+            try:
+                with open_regular(file) as opened:
+                    digest.update(hashlib.file_digest(opened, "sha256").digest())
+            except OSError:  # its run reports it
+                digest.update(b"\0" * 32)
     return digest
-
-
-def _content_digest(file: Path) -> bytes:
-    """Digest of a file's content; of nothing where it cannot be read, which its run reports."""
-    try:
-        with open_regular(file) as opened:
-            return hashlib.file_digest(opened, "sha256").digest()
-    except OSError:
-        return b"\0" * 32
 
 
 def kept(folder: Path | None, key: str, notes: list[str] | None = None) -> Reading | None:

@@ -188,12 +188,13 @@ def test_a_value_is_reached_between_two_looks():
 
 
 def test_tolerances_end_an_iteration_and_a_scene_that_cannot_be_planned_takes_no_seconds():
-    tolerances = importlib.import_module("refsim.study")._tolerances  # refsim.study is a function, too
+    settings = importlib.import_module("refsim.study")._settings  # refsim.study is a function, too
     heat = rs.HeatConduction(temperature=(1.0,), conductivity=1.0, heat_capacity=1.0, tolerance=0.1, residual=0.2)
     effects = (*tank().effects[:2], rs.ImplicitPressure(tolerance=0.002), heat)
     expected = [(2, "tolerance", 0.002), (3, "tolerance", 0.1), (3, "residual", 0.2)]
-    assert list(tolerances(tank(effects=effects))) == expected
-    assert not list(tolerances(tank()))
+    made = [settings(tank(effects=e), None, (), ("tolerance",), (), "numpy", []) for e in (effects, tank().effects)]
+    labels = [f"{effects[k].name}: {name} {value / 10:g}" for k, name, value in expected]
+    assert [[setting.label for setting in each] for each in made] == [labels, []]
     stored = panel("implicit_pressure")
     point = next(p for p in stored.points.values() if p.program == "refsim" and not p.gpu)
     scene = tank(support_radius=1e-9)
@@ -227,7 +228,7 @@ def test_a_setting_of_a_study_changes_one_thing(step, longest, monkeypatch):
     assert [words.split()[-1] for words in left_out] == ["card", "neighbours", "card"]
     levels = [s.scene for s in module._settings(tank(), plan, (0.5, 1.0, 2.0), (), (), "cpu", [])]
     assert levels == [refined(tank(), 0.5), tank(), refined(tank(), 2.0)]
-    less = module._without(tank(), "cpu", [])
+    less = module._settings(tank(), None, (), ("effects",), (), "cpu", [])
     assert {(s.kind, s.factor, len(s.scene.effects), s.backend) for s in less} == {("effect", 1.0, 2, "cpu")}
 
 
