@@ -4,12 +4,9 @@ A panel is measured as `refsim study PANEL --points` does, on one thread; other 
 `--write` stores what was measured and renews docs/study.md (`validation.accuracy_page`).
 """
 
-from __future__ import annotations
-
 import io
 import zipfile
 from collections.abc import Sequence
-from functools import partial
 from importlib import import_module
 from pathlib import Path
 
@@ -25,7 +22,6 @@ from refsim.study.advice import READINGS
 from refsim.study.panels import OWN, Machine, Panel, Point, abouts, as_text, panel
 from refsim.study.panels.measured import Read, broken, measured, merged, reading_of, text
 from refsim.study.panels.scenes import PACKED, packed
-from refsim.study.runs import Reading
 from validation import accuracy_page
 from validation.measure import drops, wetting
 from validation.reading import environment
@@ -45,9 +41,8 @@ def perform(
         measurements = measure(stored, backend, readings, peers)
         print(text(stored, measurements), flush=True)
         judged = merged(stored, measurements)
-        for sentence in broken(judged):
-            print(sentence, flush=True)
-            failed = True
+        failed |= bool(sentences := broken(judged))
+        print("".join(f"{sentence}\n" for sentence in sentences), end="", flush=True)
         if write:
             write_file(STORED / f"{name}.json", as_text(judged))
             if name in PACKED and not peers:
@@ -60,18 +55,15 @@ def perform(
 
 def measure(of: Panel, backend: str, readings: int, peers: bool = False) -> Panel:
     """All settings of a panel on a backend; with `peers` those of other programs instead."""
-    read = partial(_stirred, of) if of.name in PACKED else None
-    if peers and (read := reader(of.name)) is None:
+    read = reader(of.name) if peers else None
+    if peers and read is None:
         raise InputError(f"panel {of.name!r} has no points of other programs; leave --peers out.")
+    if not peers and of.name in PACKED:
+        read = lambda point, number: reading_of(of, point, stirred_scene(of, point, number))  # noqa: E731
     points = (p for p in of.points.values() if (p.program != OWN) == peers)
     keys = [p.key for p in points if p.knobs["backend"] == backend]
     with on_threads(backend, 1):
         return measured(of, keys, backend=backend, readings=readings, read=read, place=_place(backend))
-
-
-def _stirred(of: Panel, point: Point, number: int) -> Reading:
-    """The reading of a point of stirred drops, from a start of its number."""
-    return reading_of(of, point, stirred_scene(of, point, number))
 
 
 def stirred_scene(of: Panel, point: Point, number: int = 0) -> Scene:

@@ -1,8 +1,7 @@
 """Settings on docs/study.md and their pictures, from the stored points (`python -m validation accuracy --draw`)."""
 
-from __future__ import annotations
-
 import math
+import re
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -98,27 +97,7 @@ def _cells(of: Panel, error: float, gpus: list[str]) -> list[str]:
 
 def _words(point: Point) -> str:
     """The setting, whatever it ran on."""
-    text = point.words
-    for part in (", on a GPU", ", float32", ", cpu", ", cuda"):
-        text = text.replace(part, "")
-    return text
-
-
-def pictures(of: Panel) -> list[str]:
-    """The panel's picture, its reference and how well that is known."""
-    about, known = of.about, of.reference().uncertainty
-    within = f", known to {percent(known)}" if known else ""
-    picture = f"![{of.name}](../figures/accuracy_cost_{of.name}.png)"
-    return [picture, "", f"*Reference: {about.reference}{within}.*", ""]
-
-
-def measured(known: list[Panel]) -> list[str]:
-    """A table of where and when the settings of each panel were measured."""
-    lines = ["| observable | machine | days and commits |", "| --- | --- | --- |"]
-    for of in known:
-        for (_, machine), when in places(of, "cpu", "gpu").items():
-            lines.append(f"| `{of.name}` | {machine} | {'; '.join(when)} |")
-    return [*lines, ""]
+    return re.sub(", (on a GPU|float32|cpu|cuda)", "", point.words)
 
 
 HEADER = """### Cheapest setting for an error
@@ -146,8 +125,16 @@ Where refsim improves on a paper, `literal = "paper"` takes [the paper's own cho
 def page() -> str:
     """docs/study.md with the stored settings."""
     known = [panel(name) for name in abouts()]
-    drawn = [line for each in known for line in pictures(each)]
-    lines = [HEADER, *tables(known), MIDDLE, *drawn, *measured(known), CHOICES, *own_choices.markdown()]
+    lines = [HEADER, *tables(known), MIDDLE]
+    where = ["| observable | machine | days and commits |", "| --- | --- | --- |"]
+    for of in known:
+        uncertainty = of.reference().uncertainty
+        within = f", known to {percent(uncertainty)}" if uncertainty else ""
+        lines += [f"![{of.name}](../figures/accuracy_cost_{of.name}.png)", ""]
+        lines += [f"*Reference: {of.about.reference}{within}.*", ""]
+        for (_, machine), when in places(of, "cpu", "gpu").items():
+            where.append(f"| `{of.name}` | {machine} | {'; '.join(when)} |")
+    lines += [*where, "", CHOICES, *own_choices.markdown()]
     return replaced(PAGE.read_text(encoding="utf-8"), "accuracy", lines, PAGE)
 
 
@@ -156,23 +143,19 @@ def write() -> list[Path]:
     import matplotlib.pyplot as plt
 
     write_file(PAGE, page())
-    made = [PAGE]
     drawn = {f"accuracy_cost_{name}": partial(picture, panel(name)) for name in abouts()} | {"accuracy_cost": overview}
     for name, draw in drawn.items():
-        made.append(FIGURES / f"{name}.png")
         with style():
             figure = draw()
-            save_picture(figure, made[-1])
+            save_picture(figure, FIGURES / f"{name}.png")
         plt.close(figure)
-    return made
+    return [PAGE, *(FIGURES / f"{name}.png" for name in drawn)]
 
 
 # Pictures
 
 
-METHODS = {  # in a legend
-    "R1": "each particle\nby itself (R1)", "CG": "conjugate gradients", "RKL2": "Runge-Kutta-\nLegendre",
-}  # fmt: skip
+METHODS = {"R1": "each particle\nby itself (R1)", "CG": "conjugate gradients", "RKL2": "Runge-Kutta-\nLegendre"}
 
 
 def picture(of: Panel) -> Any:
@@ -211,9 +194,8 @@ def picture(of: Panel) -> Any:
     return figure
 
 
-SYSTEMS = {
-    "front": "dam break", "droplet": "drop", "melting": "melting", "mpm_pressure": "MPM", "tank_pressure": "mesh"
-}  # fmt: skip
+LABELS = "dam break", "drop", "melting", "MPM", "mesh"
+SYSTEMS = dict(zip(("front", "droplet", "melting", "mpm_pressure", "tank_pressure"), LABELS))
 WANTED = 0.01
 
 
@@ -224,11 +206,9 @@ def overview() -> Any:
     figure, axes = plt.subplots(figsize=(7.6, 4.0))
     errors = np.geomspace(0.1, 0.001, 201)
     for (name, label), colour in zip(SYSTEMS.items(), COLOURS):
-        for kind, line, fill in (("cpu", "-", colour), ("gpu", "--", "white")):
+        for kind, line, fill, shown in (("cpu", "-", colour, label), ("gpu", "--", "white", None)):
             spent = [_seconds(panel(name), error, kind) for error in errors]
-            axes.plot(
-                100 * errors, spent, line, color=colour, drawstyle="steps-post", label=label if kind == "cpu" else None
-            )
+            axes.plot(100 * errors, spent, line, color=colour, drawstyle="steps-post", label=shown)
             axes.plot(100 * WANTED, _seconds(panel(name), WANTED, kind), "o", color=colour, mfc=fill, ms=7)
     axes.plot([], [], "--", color=GREY, label="dashed: on a GPU")
     axes.axvline(100 * WANTED, color=GREY, ls=":", lw=1.2)

@@ -3,8 +3,6 @@
 Each function is called as its panel, and gives the reading of a number of a point, on one thread.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from refsim.study.panels import Point

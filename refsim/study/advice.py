@@ -132,18 +132,15 @@ def text_of(of: Panel, error: float, kind: str, sufficient: tuple[float, Point] 
 def data_of(of: Panel, error: float, kind: str, sufficient: tuple[float, Point] | None) -> dict[str, Any]:
     """The answer as plain values."""
 
-    def plain(pair: tuple[float, Point] | None) -> dict[str, Any] | None:
-        if pair is None:
-            return None
-        bound, point = pair
-        return {
-            "key": point.key, "setting": point.words, "program": point.program, "error": bound,
-            "seconds": price(point), "bytes": point.bytes, "measured_on": of.where(point),
-        }  # fmt: skip
-
+    answers = {"answer": sufficient, "nearest": least(of, kind), "peer": cheapest(of, error, "peer")}
+    told = {
+        name: pair and {
+            "key": pair[1].key, "setting": pair[1].words, "program": pair[1].program, "error": pair[0],
+            "seconds": price(pair[1]), "bytes": pair[1].bytes, "measured_on": of.where(pair[1]),
+        } for name, pair in answers.items()
+    }  # fmt: skip
     return {
         "observable": of.name, "words": of.about.words, "relative": of.about.relative,
         "reference": of.about.reference, "uncertainty": of.reference().uncertainty, "error": error,
-        "backend": "cuda" if kind == "gpu" else "cpu", "answer": plain(sufficient), "nearest": plain(least(of, kind)),
-        "peer": plain(cheapest(of, error, "peer")), "scene": None,
+        "backend": "cuda" if kind == "gpu" else "cpu", **told, "scene": None,
     }  # fmt: skip

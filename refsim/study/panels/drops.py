@@ -3,7 +3,6 @@
 Lengths in spacings, rho0 = 1 and the nominal sigma = 1.
 """
 
-import functools
 import itertools
 import math
 import warnings
@@ -72,21 +71,13 @@ def cap_volume(angle: float, dim: int) -> float:
     return math.pi / 3 * (2 + c) * (1 - c) ** 2 if dim == 3 else angle - math.sin(angle) * c
 
 
-@functools.cache
-def _lifts(dim: int) -> tuple[NDArray, NDArray]:
-    """Contact angles [degrees] and the height of the centre of mass over volume^(1/dim) of each cap."""
-    angles, lifts = np.linspace(2.0, 178.0, 353), []
-    for angle in np.radians(angles):
-        z = np.linspace(0.0, 1 - math.cos(angle), 801)
-        across = np.maximum(1 - (z + math.cos(angle)) ** 2, 0) ** (1.0 if dim == 3 else 0.5)
-        centre = np.trapezoid(z * across, z) / np.trapezoid(across, z)
-        lifts.append(centre / cap_volume(float(angle), dim) ** (1 / dim))
-    return angles, np.array(lifts)
-
-
 def angle_by_lift(lift: float, dim: int) -> float:
     """Contact angle [degrees] of the cap whose centre of mass stands at `lift` = height/volume^(1/dim)."""
-    angles, lifts = _lifts(dim)
+    angles, lifts = np.linspace(2.0, 178.0, 353), []
+    for angle in np.radians(angles).tolist():
+        c, volume = math.cos(angle), cap_volume(angle, dim)
+        moment = math.pi / 4 * (1 - c**2) ** 2 if dim == 3 else 2 / 3 * math.sin(angle) ** 3  # about the centre
+        lifts.append((moment / volume - c) / volume ** (1 / dim))
     return float(np.interp(lift, lifts, angles))
 
 

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from refsim.backends.arrays import device_name, require_backend
@@ -15,7 +14,7 @@ from refsim.core.versions import versions
 from refsim.scene.plan import make_plan
 from refsim.scene.scene import Scene
 from refsim.study.advice import READINGS, duration
-from refsim.study.panels import OWN, Machine, Panel, Point
+from refsim.study.panels import GIVEN, OWN, Machine, Panel, Point
 from refsim.study.panels.scenes import scene_of
 from refsim.study.result import percent
 from refsim.study.runs import Reading, Setting, machine, measure
@@ -68,25 +67,17 @@ def reading_of(panel: Panel, point: Point, scene: Scene) -> Reading:
 
 
 def _point(panel: Panel, point: Point, runs: Sequence[Reading], place: int) -> Point:
-    failed = next((run.failed for run in runs if run.failed), "")
-    same = msgspec.structs.replace(
-        point, place=place, particles=runs[0].particles, steps=runs[0].steps, seconds=[run.seconds for run in runs],
-        failed=failed, value=None, value_mad=0.0, error=None, error_mad=0.0, bytes=None,
-    )  # fmt: skip
-    if failed:
-        return same
-    values = np.array([run.value for run in runs])
-    held = runs[-1].bytes or None
-    if point.program == OWN:
-        held = same.particles * sum(make_plan(scene_of(panel, point)).field_bytes().values())
-    (middle, off), (error, error_off) = _middle(values), _middle(panel.reference().error(values))
-    return msgspec.structs.replace(same, value=middle, value_mad=off, error=error, error_mad=error_off, bytes=held)
-
-
-def _middle(values: np.ndarray) -> tuple[float, float]:
-    """Median and median absolute deviation."""
-    median = float(np.median(values))
-    return median, float(np.median(np.abs(values - median)))
+    """The point with what its runs gave; nothing else that was measured of it stays."""
+    found: dict[str, Any] = {"place": place, "particles": runs[0].particles, "steps": runs[0].steps}
+    found |= {"seconds": [run.seconds for run in runs], "failed": next((run.failed for run in runs if run.failed), "")}
+    if not found["failed"]:
+        values = np.array([run.value for run in runs])
+        for name, given in (("value", values), ("error", panel.reference().error(values))):
+            found[name] = middle = float(np.median(given))
+            found[f"{name}_mad"] = float(np.median(np.abs(given - middle)))
+        held = sum(make_plan(scene_of(panel, point)).field_bytes().values()) if point.program == OWN else 0
+        found["bytes"] = runs[0].particles * held if held else runs[-1].bytes or None
+    return Point(**{name: getattr(point, name) for name in ("key", *GIVEN)}, **found)
 
 
 def _here(backend: str) -> Machine:
