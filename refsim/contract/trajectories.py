@@ -6,7 +6,7 @@ import pickle
 import struct
 import xml.etree.ElementTree
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,9 @@ import numpy as np
 
 from refsim.core.errors import InputError, extra
 from refsim.io.results import PARTICLES, open_run
+
+ARRAYS = ("position", "velocity", "mass")
+Read = tuple[float | None, Mapping[str, np.ndarray]]  # time [s] that a file states, arrays by name
 
 
 @dataclass(frozen=True)
@@ -42,17 +45,13 @@ def trajectory(folder: Path) -> list[Snapshot]:
     snapshots: list[Snapshot] = []
     if (folder / PARTICLES).exists():
         for frame in open_run(folder):
-            given = {name: frame[name] for name in ("position", "velocity", "mass") if name in frame.fields}
+            given = {name: frame[name] for name in ARRAYS if name in frame.fields}
             snapshots.append(replace(_checked(folder / PARTICLES, frame.time, given), behind=True))
         return snapshots
-    times = _pvd(folder) | _listed(folder)
+    times = _times(folder)
     for path in sorted(folder.iterdir()):
-        if path.suffix == ".npz":
-            snapshots.append(_npz(path))
-        elif path.suffix == ".bgeo":
-            snapshots.append(_bgeo(path, times.get(path.name)))
-        elif path.suffix in (".vtp", ".vtu", ".vtk"):
-            snapshots.append(_vtk(path, times.get(path.name)))
+        if path.suffix in READERS:
+            snapshots.append(_frame(path, times.get(path.name)))
     if not snapshots:
         raise InputError(
             f"{folder} has no frames; give npz, bgeo, vtp, vtu or vtk files, or the folder of a run of refsim."
@@ -60,44 +59,46 @@ def trajectory(folder: Path) -> list[Snapshot]:
     return sorted(snapshots, key=lambda frame: frame.time)
 
 
-def _pvd(folder: Path) -> dict[str, float]:
-    """{name of a file: time [s]} of the folder's collections."""
-    times = {}
-    for path in folder.glob("*.pvd"):
+def _frame(path: Path, listed: float | None) -> Snapshot:
+    """The particles of a file; their time is that of the file, or of the lists beside it."""
+    try:
+        stated, given = READERS[path.suffix](path)
+    except InputError:
+        raise
+    except Exception as error:  # another program's file may be damaged in any way
+        raise InputError(f"{path} cannot be read: {error}.") from None
+    if "position" not in given:
+        raise InputError(f"{path} has no array 'position'; it needs position (n, 3) [m].")
+    time = stated if listed is None else listed
+    if time is None:
+        lines = "a line 'FILE SECONDS' for each frame (VTK: or the field data TimeValue [s], or a .pvd file)"
+        raise InputError(f"{path} has no time; write times.txt beside it, {lines}.")
+    return _checked(path, time, {name: given[name] for name in ARRAYS if name in given})
+
+
+def _times(folder: Path) -> dict[str, float]:
+    """{name of a file: time [s]} of the folder's .pvd collections and of `times.txt`."""
+    times: dict[str, float] = {}
+    for path in (*folder.glob("*.pvd"), *folder.glob("times.txt")):
         try:
-            for entry in xml.etree.ElementTree.parse(path).iter("DataSet"):
-                times[Path(entry.attrib["file"]).name] = float(entry.attrib["timestep"])
-        except (xml.etree.ElementTree.ParseError, KeyError, ValueError) as error:
-            raise InputError(f"{path} is no collection of VTK files: {error}.") from None
+            if path.suffix == ".pvd":
+                sets = xml.etree.ElementTree.parse(path).iter("DataSet")
+                times |= {Path(entry.attrib["file"]).name: float(entry.attrib["timestep"]) for entry in sets}
+            else:
+                lines = filter(str.strip, path.read_text(encoding="utf-8").splitlines())
+                times |= {name: float(seconds) for name, seconds in map(str.split, lines)}
+        except (OSError, xml.etree.ElementTree.ParseError, KeyError, ValueError) as error:
+            raise InputError(f"{path} gives no times of frames: {error}.") from None
     return times
 
 
-def _listed(folder: Path) -> dict[str, float]:
-    """{name of a file: time [s]} of `times.txt`."""
-    path = folder / "times.txt"
-    try:
-        text = path.read_text(encoding="utf-8") if path.is_file() else ""
-        return {name: float(seconds) for name, seconds in map(str.split, filter(str.strip, text.splitlines()))}
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path} is no list of times: {error}; write a line 'FILE SECONDS' for each frame.") from None
-
-
-def _npz(path: Path) -> Snapshot:
-    try:
-        with zipfile.ZipFile(path) as archive:
-            if {"particles.npy", "solver_data.npy"} <= set(archive.namelist()):
-                return _pysph(path, archive)
-        with np.load(path, allow_pickle=False) as arrays:
-            given = {name: np.array(arrays[name], dtype=float) for name in arrays.files if name in _NAMES}
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile, pickle.UnpicklingError) as error:
-        raise InputError(f"{path} cannot be read: {error}.") from None
-    for name in ("time", "position"):
-        if name not in given:
-            raise InputError(f"{path} has no array {name!r}; it needs time [s] and position (n, 3) [m].")
-    return _checked(path, float(given.pop("time")), given)
-
-
-_NAMES = ("time", "position", "velocity", "mass")
+def _npz(path: Path) -> Read:
+    with zipfile.ZipFile(path) as archive:
+        if {"particles.npy", "solver_data.npy"} <= set(archive.namelist()):
+            return _pysph(archive)
+    with np.load(path, allow_pickle=False) as arrays:
+        given = {name: np.array(arrays[name], dtype=float) for name in arrays.files if name in ("time", *ARRAYS)}
+    return float(given["time"]) if "time" in given else None, given
 
 
 # PySPH: npz files of pickled dictionaries, of which only numbers, strings and NumPy's arrays are accepted
@@ -112,20 +113,19 @@ class _Plain(pickle.Unpickler):
         raise pickle.UnpicklingError(f"it holds {module}.{name}, which is no plain data")
 
 
-def _pysph(path: Path, archive: zipfile.ZipFile) -> Snapshot:
+def _pysph(archive: zipfile.ZipFile) -> Read:
     """The particle array "fluid", or the only one."""
-    particles, solver = (_object(archive, name) for name in ("particles.npy", "solver_data.npy"))
+    found = []
+    for name in ("particles.npy", "solver_data.npy"):
+        with archive.open(name) as file:
+            np.lib.format.read_magic(file)
+            np.lib.format.read_array_header_1_0(file)
+            found.append(_Plain(file).load().item())
+    particles, solver = found
     name = "fluid" if "fluid" in particles else next(iter(particles))
     arrays = {key: np.asarray(values, dtype=float) for key, values in particles[name]["arrays"].items()}
     given = {"position": _columns(arrays, "xyz"), "velocity": _columns(arrays, "uvw"), "mass": arrays["m"]}
-    return _checked(path, float(solver["t"]), given)
-
-
-def _object(archive: zipfile.ZipFile, name: str) -> Any:
-    with archive.open(name) as file:
-        np.lib.format.read_magic(file)
-        np.lib.format.read_array_header_1_0(file)
-        return _Plain(file).load().item()
+    return float(solver["t"]), given
 
 
 def _columns(arrays: Mapping[str, np.ndarray], names: str) -> np.ndarray:
@@ -137,51 +137,39 @@ def _columns(arrays: Mapping[str, np.ndarray], names: str) -> np.ndarray:
 _WORDS = {0: ">f4", 1: ">i4", 5: ">f4"}  # attributes: numbers, integers, vectors
 
 
-def _bgeo(path: Path, time: float | None) -> Snapshot:
-    data = gzip.decompress(path.read_bytes()) if path.read_bytes()[:2] == b"\x1f\x8b" else path.read_bytes()
-    try:
-        if data[:5] != b"BgeoV":
-            raise ValueError("its first bytes are not BgeoV")
-        points, _, _, _, attributes, *_ = struct.unpack_from(">8i", data, 9)
-        kinds, place = [("position", ">f4", 4)], 41
-        for _ in range(attributes):
-            (length,) = struct.unpack_from(">H", data, place)
-            name = data[place + 2 : place + 2 + length].decode()
-            size, kind = struct.unpack_from(">Hi", data, place + 2 + length)
-            place += 8 + length + 4 * size
-            kinds.append((name, _WORDS[kind], size))
-        rows = np.frombuffer(data, np.dtype([(n, k, (s,)) for n, k, s in kinds]), points, place)
-    except (ValueError, KeyError, struct.error) as error:
-        raise InputError(f"{path} is no bgeo file of particles: {error}.") from None
-    if time is None:
-        raise InputError(f"{path} has no time; write times.txt beside it, a line 'FILE SECONDS' for each frame.")
-    given = {"position": rows["position"][:, :3]}
-    names = rows.dtype.names or ()
-    given |= {n: rows[n] if n == "velocity" else rows[n][:, 0] for n in ("velocity", "mass") if n in names}
-    return _checked(path, time, given)
+def _bgeo(path: Path) -> Read:
+    data = path.read_bytes()
+    data = gzip.decompress(data) if data[:2] == b"\x1f\x8b" else data
+    if data[:5] != b"BgeoV":
+        raise ValueError("its first bytes are not BgeoV")
+    points, _, _, _, attributes, *_ = struct.unpack_from(">8i", data, 9)
+    kinds, place = [("position", ">f4", 4)], 41
+    for _ in range(attributes):
+        (length,) = struct.unpack_from(">H", data, place)
+        name = data[place + 2 : place + 2 + length].decode()
+        size, kind = struct.unpack_from(">Hi", data, place + 2 + length)
+        place += 8 + length + 4 * size
+        kinds.append((name, _WORDS[kind], size))
+    rows = np.frombuffer(data, np.dtype([(n, k, (s,)) for n, k, s in kinds]), points, place)
+    given = {name: rows[name][:, 0] if size == 1 else rows[name] for name, _, size in kinds}
+    return None, given | {"position": rows["position"][:, :3]}
 
 
 # VTK
 
 
-def _vtk(path: Path, time: float | None) -> Snapshot:
-    vista = extra("pyvista", f"{path}, a VTK file,")
-    try:
-        data = vista.read(path)
-    except (OSError, RuntimeError, ValueError) as error:
-        raise InputError(f"{path} cannot be read: {error}") from None
+def _vtk(path: Path) -> Read:
+    data = extra("pyvista", f"{path}, a VTK file,").read(path)
     if not len(getattr(data, "points", ())):
-        raise InputError(f"{path} has no points; give a file of particles.")
+        raise ValueError("it has no points; give a file of particles")
     given = {name.lower(): np.asarray(values) for name, values in data.point_data.items()}
-    if time is None:
-        stated = data.field_data.get("TimeValue", data.field_data.get("TIME"))
-        if stated is None:
-            raise InputError(
-                f"{path} has no time; give the field data TimeValue [s], a .pvd file or times.txt beside it."
-            )
-        time = float(np.ravel(stated)[0])
-    named = {name: given[name] for name in ("velocity", "mass") if name in given}
-    return _checked(path, time, {"position": np.asarray(data.points), **named})
+    stated = data.field_data.get("TimeValue", data.field_data.get("TIME"))
+    time = None if stated is None else float(np.ravel(stated)[0])
+    return time, given | {"position": np.asarray(data.points)}
+
+
+READERS: dict[str, Callable[[Path], Read]] = {".npz": _npz, ".bgeo": _bgeo}
+READERS |= dict.fromkeys((".vtp", ".vtu", ".vtk"), _vtk)
 
 
 def _checked(path: Path, time: float, given: Mapping[str, np.ndarray]) -> Snapshot:
