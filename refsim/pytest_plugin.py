@@ -40,7 +40,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     operations, dtypes, variants, steps = (tuple(chosen.get(key, ())) for key in KEYS)
     parameters = []
     try:
-        programs = programs_of(metafunc.module)
+        programs = programs_of(metafunc.module, metafunc.module.__name__)
         for operation in programs.operations(operations):
             for step in ladder(programs, operation, dtypes, variants, steps):
                 at = step.target

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from refsim.contract.bounds import errors, oracle, takes_neighbours, undecided
+from refsim.contract.bounds import errors, oracle, takes_neighbours
 from refsim.contract.causes import judgement
 from refsim.contract.inputs import Inputs, acts, shape_acts, varied, with_variant
-from refsim.contract.target import Judged, NotJudged, Outcome, Target, Trial, worst
+from refsim.contract.target import NotJudged, Outcome, Target, Trial, worst
 from refsim.core import cases
 from refsim.core.clock import Seconds
 from refsim.core.operation import REGISTRY, Operation
@@ -36,11 +36,7 @@ Given = tuple[Inputs, Any, Any]
 
 def closed_forms(target: Target) -> Iterator[Trial]:
     """T1: answers known in closed form, without the oracle; of the target's kernel where the kernel acts."""
-    overrides = target.operation.variants[target.variant]
-    forms = [
-        (n, e, exact_inputs(target.operation, overrides, e, target.dtype))
-        for n, e in exact_forms(target.operation, overrides)
-    ]
+    forms = list(exact_forms(target.operation, target.operation.variants[target.variant], target.dtype))
     fitting = [form for form in forms if not target.kernel or _of_kernel(target, form[2])]
     for name, exact, inputs in fitting:
         yield Trial(name, functools.partial(_closed_form, target, exact, inputs))
@@ -58,39 +54,31 @@ def _of_kernel(target: Target, inputs: Inputs) -> bool:
     return all(int(inputs[name].shape) == SHAPES[shape] for name, shape in shapes if name in acting)
 
 
-def exact_forms(operation: Operation, variant: Mapping[str, Any]) -> Iterator[tuple[str, cases.Exact]]:
-    """(name, closed form) of those that are worked out for the variant."""
+def exact_forms(
+    operation: Operation, variant: Mapping[str, Any], dtype: str
+) -> Iterator[tuple[str, cases.Exact, Inputs]]:
+    """(name, closed form, its inputs) of those that are worked out for the variant; outputs begin with zeros."""
     cases.discover()
-    dropped = _dropped_outputs(operation, variant)
+    taken = operation.arguments("numpy")
+    dropped = {n for n, value in variant.items() if value is None and n in operation.outputs and n not in taken}
     for maker in cases.CLOSED_FORMS.get(operation.name, ()):
         exact = maker()
-        if all(_same(exact.inputs[n], v) for n, v in variant.items() if n in exact.inputs and n not in dropped):
-            yield maker.__name__, exact
-
-
-def exact_inputs(operation: Operation, variant: Mapping[str, Any], exact: cases.Exact, dtype: str) -> Inputs:
-    """The inputs of a closed form; outputs that it does not give begin with zeros."""
-    dropped = _dropped_outputs(operation, variant)
-    given = {name: typed(name, value, dtype) for name, value in exact.inputs.items() if name not in dropped}
-    made = with_variant(Inputs(exact.case, dtype), variant)
-    for name in exact.expected.keys() - given.keys() - dropped:
-        if name not in operation.arguments("numpy") and not made.per_particle(name):
-            given[name] = np.zeros(np.shape(exact.expected[name]), usual_value(name, dtype).dtype)
-    return made.replaced(**given)
-
-
-def _dropped_outputs(operation: Operation, variant: Mapping[str, Any]) -> set[str]:
-    written = set(operation.outputs) - set(operation.arguments("numpy"))
-    return {name for name, value in variant.items() if value is None and name in written}
+        given = {name: value for name, value in exact.inputs.items() if name not in dropped}
+        if all(_same(given[name], value) for name, value in variant.items() if name in given):
+            given = {name: typed(name, value, dtype) for name, value in given.items()}
+            made = with_variant(Inputs(exact.case, dtype), variant)
+            for name in exact.expected.keys() - given.keys() - dropped - {*taken}:
+                if not made.per_particle(name):
+                    given[name] = np.zeros(np.shape(exact.expected[name]), usual_value(name, dtype).dtype)
+            yield maker.__name__, exact, made.replaced(**given)
 
 
 def _closed_form(target: Target, exact: cases.Exact, inputs: Inputs) -> Outcome:
-    start = {n: 0 * inputs.output(target.operation, n) for n in target.operation.adds}
-    before, after = target.launch(inputs, before=start)
-    known = {n: np.asarray(v, dtype=float) for n, v in exact.expected.items() if n in after}
-    ratios = errors(target.operation, inputs, before, after, answer={n: (v, None) for n, v in known.items()})
-    answer = {n: (v, np.asarray(0.0)) for n, v in known.items()}
-    return judgement(target, Judged(inputs, before, after, answer, ratios))
+    operation = target.operation
+    start = {n: 0 * inputs.output(operation, n) for n in operation.adds}
+    written = [n for n in operation.outputs if n in exact.expected and not inputs.dropped(n)]
+    known = {n: (np.asarray(exact.expected[n], dtype=float), None) for n in written}
+    return judgement(target, target.judged(inputs, answer=known, before=start))
 
 
 def _same(given: Any, override: Any) -> bool:
@@ -137,7 +125,9 @@ def on_case(target: Target, name: str, lists: str = "search") -> Outcome:
     """T2: one hard input against the oracle, over the neighbour search's lists or the oracle's."""
     judged = target.on_case(name, lists)
     if judged.inputs.case.count >= 20 and not judged.inputs.case.ties:
-        share = undecided(target.operation, judged.inputs, judged.answer)
+        flipping = target.operation.tolerance * float(np.finfo(target.dtype).eps)
+        scales = (judged.answer[name][1] for name in target.operation.exact)
+        share = max(((scale <= flipping).mean() for scale in scales if len(scale)), default=0.0)
         if share > MOST_UNDECIDED:
             return target.outcome(np.inf, f"{share:.0%} of the flags are too near to flipping to compare")
     return judgement(target, judged)
@@ -160,12 +150,8 @@ def hard_inputs(target: Target) -> Iterator[Trial]:
         yield Trial(f"{name} over all pairs", functools.partial(on_case, target, name, lists="all_pairs"))
     if not target.kernel and shape_acts(target.operation) and target.loader is None:
         for kernel, name in itertools.product(SHAPES, CLOUDS.values()):
-            yield Trial(f"{name} with {kernel}", functools.partial(_with_kernel, target, kernel, name))
-
-
-def _with_kernel(target: Target, kernel: str, name: str) -> Outcome:
-    outcome = on_case(dataclasses.replace(target, kernel=kernel, faults=[]), name)
-    return dataclasses.replace(outcome, kernel=target.kernel)
+            other = dataclasses.replace(target, kernel=kernel, faults=[])
+            yield Trial(f"{name} with {kernel}", functools.partial(on_case, other, name))
 
 
 def large_case(target: Target) -> Iterator[Trial]:
@@ -260,12 +246,11 @@ def _another(
     right = answer()
     if any(len(value) != len(inputs.output(operation, n)) for n, (value, _) in right.items()):
         return None  # a table with another number of rows than the case's
-    before, after = target.launch(*given)
-    judged = Judged(inputs, before, after, right, errors(operation, inputs, before, after, answer=right))
+    judged = target.judged(*given, answer=right)
     if usual is not None and not worst(judged.ratios) <= 1:
         same = usual()
         if all(value.shape == same[n][0].shape for n, (value, _) in right.items()) and (
-            worst(errors(operation, inputs, before, after, answer=same)) <= 1
+            worst(errors(operation, inputs, judged.before, judged.after, answer=same)) <= 1
         ):
             message = f"your program's answer does not follow {member}"
             return target.outcome(worst(judged.ratios), message, telling=True)

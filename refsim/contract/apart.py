@@ -80,8 +80,16 @@ def judge(request: Request) -> tuple[LibraryDescription, Iterator[Outcome]]:
         return about, _merged(about, request)
     child = _Child(request, request.operations)
     shared = request.processes > 1 and not request.replay
+    kind, value = "", dict[str, Any]()
     try:
-        about = _about(child, request)
+        while kind != "about":
+            kind, value = child.message(request.seconds)
+            if kind == "refused":
+                raise InputError(value)
+        about = LibraryDescription(**value)
+    except _Gone as gone:
+        child.close()
+        raise InputError(f"{request.source} cannot be imported: {gone}.") from None
     except BaseException:
         child.close()
         raise
@@ -134,18 +142,6 @@ def _merged(about: LibraryDescription, request: Request) -> Iterator[Outcome]:
         stopped.set()
         for thread in threads:
             thread.join()
-
-
-def _about(child: "_Child", request: Request) -> LibraryDescription:
-    try:
-        while True:
-            kind, value = child.message(request.seconds)
-            if kind == "refused":
-                raise InputError(value)
-            if kind == "about":
-                return LibraryDescription(**value)
-    except _Gone as gone:
-        raise InputError(f"{request.source} cannot be imported: {gone}.") from None
 
 
 def _outcomes(child: "_Child", names: Sequence[str], arrays: str, request: Request) -> Iterator[Outcome]:
@@ -295,11 +291,9 @@ def _work(pipe: Any, request: Request, path: list[str]) -> None:
             with np.errstate(), warnings.catch_warnings():  # a library may change both for the whole process
                 programs = library.load(request.source)
                 about = _described(programs, request)
-        except InputError as error:
-            tell("refused", str(error))
-            return
         except BaseException as error:
-            tell("refused", f"{request.source} cannot be imported: {error_line(error)}.")
+            known = isinstance(error, InputError)
+            tell("refused", str(error) if known else f"{request.source} cannot be imported: {error_line(error)}.")
             return
         tell("about", dataclasses.asdict(about))
         for operation in about.names:
@@ -331,8 +325,7 @@ def _work(pipe: Any, request: Request, path: list[str]) -> None:
         with contextlib.suppress(BaseException):
             tell("fault", str(error) if isinstance(error, InputError) else error_line(error, "it ended its step by"))
     finally:
-        with contextlib.suppress(BaseException):
-            sys.stdout.flush()
-        with contextlib.suppress(BaseException):
-            sys.stderr.flush()
+        for stream in (sys.stdout, sys.stderr):
+            with contextlib.suppress(BaseException):
+                stream.flush()
         os._exit(code)  # no exit handlers or threads of the programs

@@ -10,7 +10,7 @@ A pair within rounding of r = h counts or not, as its distance is rounded: a row
 
 import functools
 import inspect
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,7 @@ EDGE = 8.0  # roundings of the distance in which r = h is undecided
 def oracle(operation: Operation, inputs: Inputs, rows: np.ndarray | None = None) -> dict[str, tuple[Any, Any]]:
     """{output: (value, scale)} in float64, of all particles or of `rows`; outputs that are None are left out."""
     program = operation.program("numpy")
-    takes_rows = _takes_rows(program)
+    takes_rows = "rows" in inspect.signature(program).parameters
     values = [inputs[name] for name in operation.arguments("numpy")]
     with np.errstate(all="ignore"):
         answer = program(*values, rows=rows) if takes_rows else program(*values)
@@ -46,11 +46,6 @@ def oracle(operation: Operation, inputs: Inputs, rows: np.ndarray | None = None)
                 value, scale = value[rows], scale[rows]
         result[name] = (value, scale)
     return result
-
-
-@functools.cache
-def _takes_rows(program: Callable) -> bool:
-    return "rows" in inspect.signature(program).parameters
 
 
 def neighbour_counts(operation: Operation, inputs: Inputs, rows: np.ndarray | None = None) -> np.ndarray:
@@ -163,22 +158,6 @@ class Bounds:
                 yield bound + self.share * self.jumps().get(name, 0.0)
 
 
-def allowed(
-    operation: Operation, inputs: Inputs, before: Mapping[str, Any], answer: Mapping[str, tuple[Any, Any]],
-    rows: np.ndarray | None = None,
-) -> dict[str, np.ndarray]:  # fmt: skip
-    """Largest error allowed in each row of each output, the conditioning included; 0 or infinite for exact outputs.
-
-    answer  in the oracle's form, of all particles or of `rows`; (value, None) for a closed form
-    """
-    bounds, largest = Bounds(operation, inputs, rows), {}
-    for name, (value, scale) in answer.items():
-        if name in before:
-            *_, bound = bounds.growing(name, value, scale, bounds.rows_of(name, before[name]))
-            largest[name] = bound.max(tuple(range(1, bound.ndim)))
-    return largest
-
-
 def conditioning(operation: Operation, inputs: Inputs, rows: np.ndarray | None = None) -> dict[str, np.ndarray]:
     """Sum of |r dT/dr| over the terms T, from the oracle's sum of |T| where all positions are stretched.
 
@@ -215,10 +194,3 @@ def edge_terms(operation: Operation, inputs: Inputs, rows: np.ndarray | None = N
     less, more = (_stretched(operation, inputs, 1 + part, rows) for part in (-2 * edge, 2 * edge))
     per_particle = [name for name in less if inputs.per_particle(name)]
     return {name: np.where(near, size(less[name] - more[name]), 0.0) for name in per_particle}
-
-
-def undecided(operation: Operation, inputs: Inputs, answer: Mapping[str, tuple[Any, Any]]) -> float:
-    """Largest share of flags so near to flipping that they are not compared."""
-    eps = float(np.finfo(inputs.dtype).eps)
-    shares = [(answer[n][1] <= operation.tolerance * eps).mean() for n in operation.exact if len(answer[n][1])]
-    return float(max(shares, default=0.0))

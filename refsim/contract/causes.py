@@ -276,7 +276,8 @@ def recounted(w: Diagnosis) -> Signs:
         alone, *pairs = (w.answer(w.alone(np.array([i, *j])), 0) for j in ((), *zip(near)))
         return near - i, np.array(pairs) - alone
 
-    terms = np.maximum(np.maximum(size(columns(w.judged.answer[w.name][1]) + 0 * w.right), size(w.right)), 1e-300)
+    scale = w.judged.answer[w.name][1]  # None of a closed form
+    terms = np.maximum(np.maximum(size(columns(0.0 if scale is None else scale) + 0 * w.right), size(w.right)), 1e-300)
     share, mixed = np.quantile((w.error / terms)[w.wrong], 0.9), 0.2 < (w.off[w.wrong, 0] > 0).mean() < 0.8
     single = 1e-13 < share < 3e-6 if mixed else 4e-9 < share < 2e-6
     summed = mixed and w.error.max() <= 8 * terms.mean() * len(w.inputs["position"]) * np.finfo("f4").eps

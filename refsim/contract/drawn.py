@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 
 from refsim.contract.answers import many
-from refsim.contract.bounds import errors, oracle, takes_neighbours
+from refsim.contract.bounds import oracle, takes_neighbours
 from refsim.contract.causes import REFUSED, judgement
 from refsim.contract.inputs import Inputs, all_pairs, period_of
 from refsim.contract.properties import RANKS, Usual, by_ranks
-from refsim.contract.target import MOST_SOUGHT, Judged, NotJudged, Outcome, Sought, Target, Trial
+from refsim.contract.target import MOST_SOUGHT, NotJudged, Outcome, Sought, Target, Trial
 from refsim.core import cases
 from refsim.core.errors import InputError
 from refsim.core.period import period_group
@@ -100,25 +100,18 @@ def _judged(target: Target, drawn: Drawn) -> Outcome | None:
     """The outcome of one input; None where the operation's arguments cannot be made from it."""
     cases.CASES[drawn.case.name] = lambda: drawn.case  # where some arguments look for it
     try:
-        return _on(target, drawn)
+        try:
+            inputs = _inputs(target, drawn)
+            answer = oracle(target.operation, inputs)
+        except REFUSED:
+            return None
+        neighbours = walls = None
+        if target.listed and target.backend != "numpy":
+            neighbours, walls = all_pairs(inputs, target.place, period_of(target.operation, inputs))
+            neighbours = with_room(neighbours, drawn.gap)
+        return judgement(target, target.judged(inputs, neighbours, walls, answer))
     finally:
         del cases.CASES[drawn.case.name]
-
-
-def _on(target: Target, drawn: Drawn) -> Outcome | None:
-    operation = target.operation
-    try:
-        inputs = _inputs(target, drawn)
-        answer = oracle(operation, inputs)
-    except REFUSED:
-        return None
-    lists = (None, None)
-    if target.listed and target.backend != "numpy":
-        neighbours, walls = all_pairs(inputs, target.place, period_of(operation, inputs))
-        lists = (with_room(neighbours, drawn.gap), walls)
-    before, after = target.launch(inputs, *lists)
-    ratios = errors(operation, inputs, before, after, None, answer)
-    return judgement(target, Judged(inputs, before, after, answer, ratios))
 
 
 def with_room(neighbours: Any, gap: int) -> Any:
@@ -154,13 +147,8 @@ def _smallest(target: Target, name: str) -> Outcome | None:
             else:
                 drawn = dataclasses.replace(drawn, case=fewer)
     if kept is None or drawn.case.count < kept[1].case.count:
-        target.sought.smallest = outcome_name(target, name), drawn
+        target.sought.smallest = dataclasses.replace(outcome, step="T11", trial=name).replay, drawn
     return outcome
-
-
-def outcome_name(target: Target, name: str) -> str:
-    """The trial's name for a report."""
-    return ":".join((target.operation.name, target.dtype, str(target.variant), target.kernel, "T11", name))
 
 
 def _many(target: Target) -> Outcome | None:

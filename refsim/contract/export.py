@@ -16,8 +16,9 @@ import msgspec
 import numpy as np
 
 from refsim.contract import describe, properties
-from refsim.contract.answers import CLOUDS, DENSE, FEW, LARGE, exact_forms, exact_inputs, extended, sampled
-from refsim.contract.bounds import allowed, oracle, takes_neighbours
+from refsim.contract.answers import CLOUDS, DENSE, FEW, LARGE, exact_forms, extended, sampled
+from refsim.contract.bounds import Bounds, oracle, takes_neighbours
+from refsim.contract.causes import columns
 from refsim.contract.inputs import Inputs, arguments_of_others, shape_acts, unset, varied, with_kernel, without_walls
 from refsim.contract.target import Answer, Target
 from refsim.core import cases
@@ -180,10 +181,11 @@ class _Vector:
         before |= {name: 0 * value for name, value in before.items() if self.step == "T4" and name in operation.adds}
         values |= {f"before/{name}": value for name, value in before.items()}
         values |= {f"invariant/{name}": np.float64(value) for name, value in self.invariants.items()}
-        bounds = allowed(operation, self.measured or self.inputs, before, self.answer, self.rows)
+        bounds = Bounds(operation, self.measured or self.inputs, self.rows)
         for name in (name for name in outputs if name in self.answer):
-            answer = np.asarray(self.answer[name][0], dtype=float)
-            bound = np.where(self.free.get(name, False), np.inf, bounds[name])
+            answer, scale = np.asarray(self.answer[name][0], dtype=float), self.answer[name][1]
+            *_, largest = bounds.growing(name, answer, scale, bounds.rows_of(name, before[name]))
+            bound = np.where(self.free.get(name, False), np.inf, largest.max(tuple(range(1, largest.ndim))))
             if self.rows is not None and self.inputs.per_particle(name):
                 count = self.inputs.case.count
                 answer, bound = _spread(answer, self.rows, count, 0.0), _spread(bound, self.rows, count, np.inf)
@@ -211,10 +213,8 @@ def _before(operation: Operation, inputs: Inputs, name: str) -> np.ndarray:
 def _vectors(target: Target) -> Iterator[_Vector]:
     """The cases of one variant in one precision, in the order of the ladder's steps."""
     operation = target.operation
-    overrides = operation.variants[target.variant]
-    for maker, exact in exact_forms(operation, overrides):
-        given = exact_inputs(operation, overrides, exact, target.dtype)
-        yield _Vector(maker, "T1", given, {name: (value, None) for name, value in exact.expected.items()})
+    for name, exact, inputs in exact_forms(operation, operation.variants[target.variant], target.dtype):
+        yield _Vector(name, "T1", inputs, {name: (value, None) for name, value in exact.expected.items()})
     for name, case, kernel in _given(operation):
         inputs = target.varied(Inputs(cases.CASES[case](), target.dtype))
         inputs = with_kernel(operation, inputs, kernel) if kernel else inputs
@@ -247,8 +247,9 @@ def _conserved(target: Target, case: str) -> Iterator[_Vector]:
     """Inputs without walls, on which totals are held to what is conserved; one beside it has another velocity."""
     usual, operation = without_walls(properties.on_grid(target, case)), target.operation
     kept = [name for name in properties.held(target) if name in properties.CONSERVED]
-    totals = {name: properties.TOTALS[name](usual, 0 * usual["velocity"], properties.force_bound(target, usual))[1]
-              for name in kept if name.endswith("momentum")}  # fmt: skip
+    momenta, rest = [name for name in kept if name.endswith("momentum")], 0 * usual["velocity"]
+    allowances = properties.force_bound(target, usual) if momenta else rest
+    totals = {name: properties.total(name, usual, rest, allowances)[1] for name in momenta}
     if kept:
         yield _Vector(f"{case}_alone", "T4", usual, oracle(operation, usual), invariants=totals)
     for name in (name for name in kept if name not in totals):
@@ -269,26 +270,21 @@ def _given(operation: Operation) -> Iterator[tuple[str, str, str]]:
 
 def _with_nan(operation: Operation, name: str, usual: properties.Usual, spoiled: properties.Spoiled) -> _Vector:
     """Rows of particles that depend on the NaN are NaN; of the others those hold that the ladder judges."""
-    answer, free = {}, {}
+    answer, free = {}, dict[str, Any]()
     whole = oracle(operation, spoiled.inputs)
     for output, (value, scale) in usual.expected.items():
         if not usual.inputs.per_particle(output):
             value, scale = whole[output]
-            free[output] = _rows(~np.isfinite(value))
+            free[output] = columns(~np.isfinite(value)).any(1)
         elif output in operation.exact:  # flags cannot show a NaN
             free[output] = np.ones(len(value), dtype=bool)
         else:
-            lost = _rows(spoiled.depends[output])
+            lost = columns(spoiled.depends[output]).any(1)
             value = np.array(value)
             value[lost] = np.nan
             free[output] = ~lost & ~spoiled.far
         answer[output] = (value, scale)
     return _Vector(name, "T9", spoiled.inputs, answer, free=free, measured=usual.inputs)
-
-
-def _rows(entries: np.ndarray) -> np.ndarray:
-    """Which rows have an entry that is set."""
-    return np.any(entries.reshape(len(entries), -1), axis=1)
 
 
 def write_replay(target: Target) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backends.arrays import Backend, Scratch, on_backend
+from refsim.backends.arrays import Backend, Scratch, choose, on_backend
 from refsim.core import cases
 from refsim.core.cases import TAKES, VARIATIONS, Variation
 from refsim.core.effect import Field
@@ -137,8 +137,6 @@ def period_of(operation: Operation, inputs: Inputs) -> Period | None:
 @functools.cache
 def backend_for(name: str) -> Backend:
     """The backend called `name`; InputError where it cannot run here."""
-    from refsim.backends.arrays import choose
-
     return choose(name)
 
 
@@ -301,7 +299,6 @@ def without_walls(inputs: Inputs) -> Inputs:
 
 # Other values for the members of parameter groups
 
-
 KERNELS = ("smoothing", "gradient_smoothing")  # arguments that are smoothing kernels
 
 
@@ -322,7 +319,9 @@ def varied(operation: Operation, inputs: Inputs) -> Iterator[tuple[str, str, Inp
         for member, value in zip(group._fields, group):
             alone = np.ndim(value) == 0 and member not in follows and member not in rule.held
             if alone and (member != "dim" or inputs.case.dim == 2):
-                changed = group._replace(**{member: type(value)(_other(rule, member, value))})
+                usual = 0.9 * float(value) if isinstance(value, (float, np.floating)) else value - 1 if value else 1
+                other = rule.other[member](value) if member in rule.other else usual
+                changed = group._replace(**{member: type(value)(other)})
                 yield name, member, followed(operation, inputs.replaced(**{name: changed}))
 
 
@@ -367,14 +366,10 @@ def shape_acts(operation: Operation) -> tuple[str, ...]:
 
 def with_kernel(operation: Operation, inputs: Inputs, kernel: str) -> Inputs:
     """The same with the smoothing kernel of this name, or the two of "value gradient", and what follows from it."""
-    shapes = kernel.split()
-    made = {}
-    for name, shape in zip(KERNELS, (shapes[0], shapes[-1])):
-        if name in operation.arguments("numpy"):
-            smoothing_kernel = inputs[name]
-            made[name] = smoothing(
-                shape, float(smoothing_kernel.support_radius), int(smoothing_kernel.dim), inputs.dtype
-            )
+    words, taken = kernel.split(), operation.arguments("numpy")
+    shapes = dict(zip(KERNELS, (words[0], words[-1])))
+    given = {name: inputs[name] for name in KERNELS if name in taken}
+    made = {n: smoothing(shapes[n], float(k.support_radius), int(k.dim), inputs.dtype) for n, k in given.items()}
     return followed(operation, inputs.replaced(**made)) if made else inputs
 
 
@@ -388,11 +383,3 @@ def scaled(operation: Any, inputs: Inputs, share: float) -> Inputs:
         elif "support_radius" in group._fields:
             made[name] = group._replace(support_radius=share * float(group.support_radius))
     return followed(operation, inputs.replaced(**made))
-
-
-def _other(rule: Variation, member: str, value: Any) -> Any:
-    if member in rule.other:
-        return rule.other[member](value)
-    if isinstance(value, (float, np.floating)):
-        return 0.9 * float(value)
-    return 1 if value == 0 else value - 1

@@ -5,7 +5,6 @@ operation's arguments that it wants, and either writes the outputs in place or r
 there under their own names, so that all programs are loaded by one function.
 """
 
-import dataclasses
 import difflib
 import functools
 import importlib
@@ -15,7 +14,7 @@ import inspect
 import itertools
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -138,7 +137,10 @@ class Programs:
             return f"above {self.most_particles:,} particles"
         if inputs.case.dim not in self.dims:
             return f"in {inputs.case.dim} dimensions"
-        if not self.readings and (inputs.case.literal or reads_otherwise(operation, inputs)):
+        groups = groups_of(operation, inputs).items()
+        readings = ((group, member, name) for name, group in groups for member in cases.READINGS.get(name, ()))
+        others = (getattr(g, m) != getattr(usual_value(name, inputs.dtype), m) for g, m, name in readings)
+        if not self.readings and (inputs.case.literal or any(others)):
             return AS_PRINTED
         names = {number: name for name, number in SHAPES.items()}
         for name in (n for n in KERNELS if n in operation.arguments("numpy")):
@@ -169,12 +171,6 @@ class Programs:
     def operation(self, name: str) -> Operation:
         """The operation as it is judged: other programs than refsim's also with each feature by itself."""
         return REGISTRY[name] if self.programs is None else extended(name)
-
-
-def reads_otherwise(operation: Operation, inputs: Inputs) -> bool:
-    """Whether a parameter group has another reading of a paper than the adopted one."""
-    members = ((name, g, m) for name, g in groups_of(operation, inputs).items() for m in cases.READINGS.get(name, ()))
-    return any(getattr(g, m) != getattr(usual_value(name, inputs.dtype), m) for name, g, m in members)
 
 
 def refsim_programs(backend: str) -> Programs:
@@ -210,24 +206,19 @@ def load(source: str) -> Programs:
             raise InputError(f"There is no module {place!r} and no such entry point of {GROUP}; {hint}.") from None
         raise InputError(f"{source} cannot be imported: {error_line(error)}.") from None
     try:
-        return _programs(module, source, place, attribute)
+        return programs_of(module, source, place, attribute)
     except InputError:
         raise
     except Exception as error:  # so may a mapping of its own kind
         raise InputError(f"{source} offers no usable programs: {error_line(error)}.") from None
 
 
-def programs_of(module: Any) -> Programs:
-    """The programs of an imported module: its PROGRAMS. Raises InputError if there are none that can be used."""
-    return _programs(module, module.__name__, module.__name__, "")
-
-
-def _programs(value: Any, source: str, place: str, attribute: str) -> Programs:
-    """The mapping behind an imported object."""
+def programs_of(value: Any, source: str, place: str = "", attribute: str = "") -> Programs:
+    """The programs of an imported object: of a module its PROGRAMS. Raises InputError if none can be used."""
     if inspect.ismodule(value):
         wanted = attribute or ATTRIBUTE
         if not hasattr(value, wanted):
-            raise InputError(f"{place} has no {wanted}; write {wanted} = {{'sph.density': function}} in it.")
+            raise InputError(f"{place or source} has no {wanted}; write {wanted} = {{'sph.density': function}} in it.")
         value = getattr(value, wanted)
     if isinstance(value, Programs):
         return replace(value, name=source).checked()
@@ -240,8 +231,8 @@ def _from_file(path: Path) -> Any:
     if not path.is_file():
         raise InputError(f"there is no file {path}; give the path of a Python file.")
     spec = importlib.util.spec_from_file_location(path.stem, path)
-    if spec is None or spec.loader is None:
-        raise InputError(f"{path} is no Python file; give one whose name ends in .py.")
+    assert spec
+    assert spec.loader  # of a name that ends in .py
     module = importlib.util.module_from_spec(spec)
     if (folder := str(path.parent.resolve())) not in sys.path:
         sys.path.insert(0, folder)  # so that it may import its neighbours
@@ -322,8 +313,23 @@ class Step:
         return replace(made, step=self.step, trial=self.name, passed=False, not_judged=self.not_judged)
 
     def perform(self) -> Outcome | None:
-        """Call the program and judge; None where the trial does not apply."""
-        return performed(self.target, self.step, self.trial) if self.trial else self.outcome()
+        """Call the program and judge; None where the trial does not apply.
+
+        It fails where the program raises, changes an input, writes beside its arrays or leaves an output unset.
+        """
+        if self.trial is None:
+            return self.outcome()
+        began, target = time.perf_counter(), self.target
+        try:
+            outcome = self.trial.run()
+        except NotJudged as reason:
+            target.faults.clear()
+            told, message = (*reason.args, "")[:2]
+            outcome = replace(self.outcome(), not_judged=told, words=message)
+        if outcome is None and target.faults:
+            outcome = target.outcome(np.inf)
+        seconds = round(time.perf_counter() - began, 4)
+        return outcome and replace(outcome, step=self.step, trial=self.name, kernel=target.kernel, seconds=seconds)
 
 
 def ladder(
@@ -367,8 +373,7 @@ def ladder(
         if reason:
             yield Step(next(counter), at, not_judged=reason)
             continue
-        for step, trial in planned(at, tuple(steps) or None):
-            yield Step(next(counter), at, step, trial)
+        yield from planned(at, steps or None, counter)
 
 
 def trials(
@@ -378,10 +383,12 @@ def trials(
 
     Raises InputError for what does not exist or cannot run here.
     """
-    for step in ladder(programs, operation, dtypes or programs.dtypes, variants, steps, seed=seed):
-        outcome = step.perform()
-        if outcome is not None:
-            yield outcome
+    return _climbed(ladder(programs, operation, dtypes or programs.dtypes, variants, steps, seed=seed))
+
+
+def _climbed(steps: Iterable[Step]) -> Iterator[Outcome]:
+    """Outcomes of the trials that apply."""
+    return (outcome for step in steps if (outcome := step.perform()) is not None)
 
 
 # The ladder of steps, each with an outcome for each trial
@@ -406,35 +413,18 @@ def run(operation: Operation | str, backend: str, dtype: str, case: str, variant
     """One operation's program on one case against the oracle (T2)."""
     operation = REGISTRY[operation] if isinstance(operation, str) else operation
     target = Target(operation, backend, dtype, variant)
-    return performed(target, "T2", Trial(case, functools.partial(on_case, target, case)))  # type: ignore[return-value]
+    trial = Trial(case, functools.partial(on_case, target, case))
+    return Step(0, target, "T2", trial).perform()  # type: ignore[return-value]
 
 
-def planned(target: Target, steps: tuple[str, ...] | None = None) -> Iterator[tuple[str, Trial]]:
-    """(step, trial) of all steps, or of those named; for the references those that judge them. No program is called."""
+def planned(target: Target, steps: Names | None = None, numbers: Iterator[int] | None = None) -> Iterator[Step]:
+    """All trials, or those of the steps named; for the references those that judge them. No program is called."""
+    numbers = numbers or itertools.count()
     for name in STEPS if steps is None else steps:
         if target.backend != "numpy" or name not in AGAINST_ORACLE:
-            yield from ((name, trial) for trial in STEPS[name](target))
-
-
-def performed(target: Target, step: str, trial: Trial) -> Outcome | None:
-    """The outcome of one trial; None where it does not apply.
-
-    A trial fails in which the program raises, changes an input, writes beside its arrays or leaves an output unset.
-    """
-    began = time.perf_counter()
-    try:
-        outcome = trial.run()
-    except NotJudged as reason:
-        target.faults.clear()
-        told, message = (*reason.args, "")[:2]
-        outcome = dataclasses.replace(target.outcome(0.0), passed=False, not_judged=told, words=message)
-    if outcome is None and target.faults:
-        outcome = target.outcome(np.inf)
-    seconds = round(time.perf_counter() - began, 4)
-    return outcome and dataclasses.replace(outcome, step=step, trial=trial.name, seconds=seconds)
+            yield from (Step(next(numbers), target, name, trial) for trial in STEPS[name](target))
 
 
 def climb(target: Target, steps: tuple[str, ...] | None = None) -> Iterator[Outcome]:
     """Outcomes of all steps, or of those named, as they come; for the references those that judge them."""
-    outcomes = (performed(target, step, trial) for step, trial in planned(target, steps))
-    return (outcome for outcome in outcomes if outcome is not None)
+    return _climbed(planned(target, steps))

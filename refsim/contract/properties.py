@@ -48,8 +48,9 @@ def _conserved(target: Target, name: str, case: str) -> Outcome:
     error = 0.0
     for given in moves(inputs):
         _, after = target.launch(given, before={"acceleration": np.zeros((len(given["position"]), 3))})
-        total, bound = TOTALS[name](given, np.asarray(after["acceleration"], dtype=float), force_bound(target, given))
-        error = max(error, float(total / bound) if bound else 0.0 if total < 0 else np.inf)
+        acceleration = np.asarray(after["acceleration"], dtype=float)
+        amount, bound = total(name, given, acceleration, force_bound(target, given))
+        error = max(error, float(amount / bound) if bound else 0.0 if amount < 0 else np.inf)
     return target.outcome(error, "" if error <= 1 else message)
 
 
@@ -73,45 +74,34 @@ def force_bound(target: Target, inputs: Inputs) -> np.ndarray:
     return share * np.asarray(inputs["mass"], dtype=float) * size(scale)
 
 
-def _momentum(inputs: Inputs, acceleration: np.ndarray, bound: np.ndarray) -> tuple[float, float]:
-    return float(size((inputs["mass"][:, None] * acceleration).sum(0)[None])[0]), float(bound.sum())
-
-
-def _angular_momentum(inputs: Inputs, acceleration: np.ndarray, bound: np.ndarray) -> tuple[float, float]:
+def total(name: str, inputs: Inputs, acceleration: np.ndarray, bound: np.ndarray) -> tuple[float, float]:
+    """(size of a conserved total's change, or the power; the bound on its rounding)."""
+    force = inputs["mass"][:, None] * acceleration
+    if name == "dissipation":
+        return float((force * inputs["velocity"]).sum()), 0.0
+    if name == "linear_momentum":
+        return float(size(force.sum(0)[None])[0]), float(bound.sum())
     arm = np.asarray(inputs["position"], dtype=float)
     arm = arm - arm.mean(0)
-    turning = np.cross(arm, inputs["mass"][:, None] * acceleration).sum(0)
-    return float(size(turning[None])[0]), float((bound * size(arm)).sum())
+    return float(size(np.cross(arm, force).sum(0)[None])[0]), float((bound * size(arm)).sum())
 
 
-def _power(inputs: Inputs, acceleration: np.ndarray, bound: np.ndarray) -> tuple[float, float]:
-    return float((inputs["mass"][:, None] * acceleration * inputs["velocity"]).sum()), 0.0
-
-
-TOTALS = {"linear_momentum": _momentum, "angular_momentum": _angular_momentum, "dissipation": _power}
-
-
-def _as_it_is(inputs: Inputs) -> Iterator[Inputs]:
-    yield inputs
-
-
-def _in_wind(inputs: Inputs) -> Iterator[Inputs]:
+def _in_wind(inputs: Inputs) -> list[Inputs]:
     """With a common velocity, which is added without rounding."""
-    yield inputs.replaced(velocity=inputs["velocity"] + np.array([4.0, -2.0, 0.0], dtype=inputs.dtype))
+    return [inputs.replaced(velocity=inputs["velocity"] + np.array([4.0, -2.0, 0.0], dtype=inputs.dtype))]
 
 
-def _calm(inputs: Inputs) -> Iterator[Inputs]:
+def _calm(inputs: Inputs) -> list[Inputs]:
     """Without pressure; also where all that moves is one particle."""
     calm = inputs.replaced(pressure=0 * inputs["pressure"])
     lone = 0 * inputs["velocity"]
     lone[len(lone) // 2] = [1.0, 2.0, 0.0]
-    yield calm
-    yield calm.replaced(velocity=lone)
+    return [calm, calm.replaced(velocity=lone)]
 
 
-CONSERVED: dict[str, tuple[Callable[[Inputs], Iterator[Inputs]], str]] = {
-    "linear_momentum": (_as_it_is, "the sum of m a over all particles is not zero"),
-    "angular_momentum": (_as_it_is, "the sum of m x cross a over all particles is not zero"),
+CONSERVED: dict[str, tuple[Callable[[Inputs], list[Inputs]], str]] = {
+    "linear_momentum": (lambda inputs: [inputs], "the sum of m a over all particles is not zero"),
+    "angular_momentum": (lambda inputs: [inputs], "the sum of m x cross a over all particles is not zero"),
     "galilean": (_in_wind, "a velocity added to all particles changes the answer"),
     "dissipation": (_calm, "without pressure the kinetic energy does not fall"),
 }
@@ -142,16 +132,20 @@ def symmetries(target: Target) -> Iterator[Trial]:
 
 def descriptions(usual: "Usual") -> dict[str, Callable[[], Description]]:
     """Other descriptions of the same particles, by name: those whose answer is the same one, described so."""
-    kept = held(usual.target)
+    kept, inputs = held(usual.target), usual.inputs
     described: dict[str, Callable[[], Description]] = {}
     if "translation" in kept:
-        described["translation"] = functools.partial(_translated, usual)
+        shift = np.array([4.0, -2.0, 1.0 if inputs.case.dim == 3 else 0.0], dtype=inputs.dtype)
+        described["translation"] = functools.partial(_moved, inputs, shift, shift)
     if "reordering" in kept:
         described["reordering"] = functools.partial(_reordered, usual)
     if "rotation" in kept:
         described |= {f"rotation {k}": functools.partial(_rotated, usual, k) for k in (0, 1)}
-    if period_of(usual.target.operation, usual.inputs) is not None:
-        described["images"] = functools.partial(_other_images, usual)
+    if period_of(usual.target.operation, inputs) is not None:  # every third by a period, and the next back by one
+        shift = np.zeros((inputs.case.count, 3), dtype=inputs.dtype)
+        shift[::3] = inputs["period"][:3]
+        shift[1::3] = -shift[0]
+        described["images"] = functools.partial(_moved, inputs, shift)
     return described
 
 
@@ -221,29 +215,18 @@ def by_ranks(usual: Usual, ranks: int) -> Outcome:
     return _told(target, ratios, f"the answer of {ranks} ranks with ghosts is not that of one")
 
 
-def _translated(usual: Usual) -> Description:
-    inputs = usual.inputs
-    shift = np.array([4.0, -2.0, 1.0 if inputs.case.dim == 3 else 0.0], dtype=usual.target.dtype)
-    walls = inputs["walls"]
-    if walls is not None:
-        walls = walls._replace(position=walls.position + shift)
-    return inputs.replaced(position=inputs["position"] + shift, walls=walls), lambda values: values
-
-
-def _other_images(usual: Usual) -> Description:
-    """Every third particle one period further on, and the next back by one."""
-    inputs = usual.inputs
-    position, lengths = np.array(inputs["position"]), np.array(inputs["period"][:3], dtype=usual.target.dtype)
-    position[::3] += lengths
-    position[1::3] -= lengths
-    return inputs.replaced(position=position), lambda values: values
+def _moved(inputs: Inputs, shift: np.ndarray, of_walls: np.ndarray | None = None) -> Description:
+    """Particles, and walls, that are moved."""
+    changed, walls = {"position": inputs["position"] + shift}, inputs["walls"]
+    if walls is not None and of_walls is not None:
+        changed["walls"] = walls._replace(position=walls.position + of_walls)
+    return inputs.replaced(**changed), lambda values: values
 
 
 def _reordered(usual: Usual) -> Description:
     inputs = usual.inputs
     order = inputs.case.random("order").permutation(inputs.case.count)
-    changed = {n: inputs[n][order] for n in usual.names}
-    return inputs.replaced(**changed), lambda values: _unsorted(values, order)
+    return inputs.replaced(**{n: inputs[n][order] for n in usual.names}), lambda values: values[np.argsort(order)]
 
 
 def _rotated(usual: Usual, number: int) -> Description:
@@ -253,12 +236,6 @@ def _rotated(usual: Usual, number: int) -> Description:
     if inputs["walls"] is not None:
         changed["walls"] = inputs["walls"]._replace(position=inputs["walls"].position @ turn.T)
     return inputs.replaced(**changed), lambda values: values @ turn if values.ndim == 2 else values
-
-
-def _unsorted(values: np.ndarray, order: np.ndarray) -> np.ndarray:
-    result = np.empty_like(values)
-    result[order] = values
-    return result
 
 
 # T6, T7

@@ -40,11 +40,8 @@ def _judged(every: Sequence[Outcome], lacking: list[str], allowed: bool) -> dict
     outcomes = [o for o in every if not o.not_judged]
     failed = [o for o in outcomes if not o.passed]
     untried = dict(collections.Counter(o.not_judged for o in every if o.untried))
-    steps: dict[str, dict[str, int]] = {}
-    for o in outcomes:
-        counts = steps.setdefault(o.step, {"trials": 0, "failed": 0})
-        counts["trials"] += 1
-        counts["failed"] += not o.passed
+    trials, wrong = (collections.Counter(o.step for o in some) for some in (outcomes, failed))
+    steps = {step: {"trials": count, "failed": wrong[step]} for step, count in trials.items()}
     holds = bool(outcomes) and not failed and not lacking and (allowed or not untried)
     told: dict[str, Any] = {"holds": holds, "trials": len(outcomes), "failed": len(failed), "gaps": lacking}
     declared = collections.Counter(o.not_judged for o in every if o.not_judged and not o.untried)

@@ -256,9 +256,16 @@ class Target:
     def on_case(self, case: str, lists: str = "search", rows: np.ndarray | None = None) -> Judged:
         """The program's answer to a case beside the oracle's."""
         inputs, neighbours, walls = self.prepared(case, lists)
-        before, after = self.launch(inputs, neighbours, walls)
-        answer = oracle(self.operation, inputs, rows)
-        return Judged(inputs, before, after, answer, errors(self.operation, inputs, before, after, rows, answer), rows)
+        return self.judged(inputs, neighbours, walls, rows=rows)
+
+    def judged(
+        self, inputs: Inputs, neighbours: Any = None, walls: Any = None, answer: Answer | None = None,
+        rows: np.ndarray | None = None, before: Mapping[str, Any] | None = None,
+    ) -> Judged:  # fmt: skip
+        """The program's answer to inputs beside `answer`, the oracle's by default; see `launch`."""
+        start, after = self.launch(inputs, neighbours, walls, before)
+        right = oracle(self.operation, inputs, rows) if answer is None else answer
+        return Judged(inputs, start, after, right, errors(self.operation, inputs, start, after, rows, right), rows)
 
     def launch(
         self,

@@ -10,7 +10,7 @@ from refsim import simulate
 from refsim.contract import Target
 from refsim.contract.answers import CLOUDS
 from refsim.contract.bounds import Bounds, edge_terms, oracle
-from refsim.contract.properties import CONSERVED, TOTALS, Usual, descriptions, force_bound, on_grid
+from refsim.contract.properties import CONSERVED, Usual, descriptions, force_bound, on_grid, total
 from refsim.contract.whole_runs import Measure, compare, sensitivities
 from refsim.core.operation import REGISTRY
 from refsim.scene.files import parse_scene
@@ -53,10 +53,10 @@ def test_totals_and_their_bounds_are_sums_over_particles(dim, recorded):
     torque = sum(np.cross(x[i] - middle, m[i] * a[i]) for i in range(len(m)))
     power = sum(m[i] * a[i] @ v[i] for i in range(len(m)))
     arms = [np.hypot(np.hypot(*(x[i] - middle)[:2]), (x[i] - middle)[2]) for i in range(len(m))]
-    assert TOTALS["linear_momentum"](inputs, a, bound) == pytest.approx((np.sqrt(force @ force), sum(bound)))
+    assert total("linear_momentum", inputs, a, bound) == pytest.approx((np.sqrt(force @ force), sum(bound)))
     expected = np.sqrt(torque @ torque), sum(b * arm for b, arm in zip(bound, arms))
-    assert TOTALS["angular_momentum"](inputs, a, bound) == pytest.approx(expected)
-    assert TOTALS["dissipation"](inputs, a, bound) == pytest.approx((power, 0.0))
+    assert total("angular_momentum", inputs, a, bound) == pytest.approx(expected)
+    assert total("dissipation", inputs, a, bound) == pytest.approx((power, 0.0))
     recorded({"bound": bound} | {name: [told(g) for g in moves(inputs)] for name, (moves, _) in CONSERVED.items()})
 
 
