@@ -308,24 +308,20 @@ def _values(study: Any, axes: Any) -> None:
         height = [0.04] * len(stopped)
         axes.plot(stopped, height, "x", color=VERMILION, ms=9, transform=axes.get_xaxis_transform(), label="stopped")
         axes.legend(fontsize=9)
-    limit = study.convergence
+    limit, widest = study.convergence, max(spacing, default=0.0)
     if limit is not None and math.isfinite(limit.uncertainty):
-        width = [0, 1.05 * max(spacing)]
-        axes.fill_between(
-            width, limit.value - limit.uncertainty, limit.value + limit.uncertainty, color=BLUE, alpha=0.15
-        )
+        low, high = limit.value - limit.uncertainty, limit.value + limit.uncertainty
+        axes.fill_between([0, 1.05 * widest], low, high, color=BLUE, alpha=0.15)
         title = "not in the asymptotic range"
         if limit.asymptotic:
-            share, finest = np.linspace(0, max(spacing), 60) / min(spacing), levels[np.argmin(spacing)][1].value
-            axes.plot(
-                share * min(spacing), limit.value + (finest - limit.value) * share**limit.order, "--", color=GREY, lw=1
-            )
+            at, finest = np.linspace(0, widest, 60), levels[np.argmin(spacing)][1].value
+            curve = limit.value + (finest - limit.value) * (at / min(spacing)) ** limit.order
+            axes.plot(at, curve, "--", color=GREY, lw=1)
             title = f"order {limit.order:.2f}, ± {100 * limit.relative:.2g} %"
         axes.set_title(title, fontsize=9)
     axes.set_xlim(left=0)
     axes.xaxis.set_major_locator(MaxNLocator(5))
-    axes.set_xlabel("spacing [m]")
-    axes.set_ylabel(f"{study.observable} [{study.unit}]" if study.unit else study.observable)
+    axes.set(xlabel="spacing [m]", ylabel=f"{study.observable} [{study.unit}]" if study.unit else study.observable)
 
 
 def _errors(study: Any, axes: Any) -> None:
@@ -347,8 +343,7 @@ def _errors(study: Any, axes: Any) -> None:
     plain_ticks(axes.xaxis)
     plain_ticks(axes.yaxis)
     axes.axhline(100 * study.error, color=GREY, lw=1)
-    axes.set_xlabel("seconds of the processor; on a GPU of the clock")
-    axes.set_ylabel("bound of the error [%]")
+    axes.set(xlabel="seconds of the processor; on a GPU of the clock", ylabel="bound of the error [%]")
     axes.set_title("what an error costs", fontsize=9)
 
 
@@ -382,13 +377,10 @@ def _sources(study: Any, axes: Any) -> None:
 
 
 def _changes(study: Any, axes: Any) -> None:
-    rows = [row for row in study.rows() if row["what"] != "spacing" and row["change"] is not None]
-    rows.reverse()
-    place = np.arange(len(rows))
+    rows = [row for row in study.rows()[::-1] if row["what"] != "spacing" and row["change"] is not None]
+    place, changed = np.arange(len(rows)), [100 * row["change"] for row in rows]
     saved = [100 * (1 - row["cost"]) if row["what"] == "effect" else 100 * (row["cost"] - 1) for row in rows]
-    axes.barh(
-        place + 0.2, [100 * row["change"] for row in rows], 0.36, color=VERMILION, label="changes the value by [%]"
-    )
+    axes.barh(place + 0.2, changed, 0.36, color=VERMILION, label="changes the value by [%]")
     axes.barh(place - 0.2, saved, 0.36, color=BLUE, label="costs [% of the seconds]")
     axes.set_yticks(place, [row["setting"] for row in rows], fontsize=8)
     axes.axvline(0, color=GREY, lw=0.8)
