@@ -90,21 +90,17 @@ def cuda_formula(function: Callable) -> Any:
 
 
 @marks
-def cpu_kernel(function: Callable, *, ordered: bool = False, packed: bool = False) -> Any:
-    """Compile a kernel for the CPU.
+def cpu_kernel(function: Callable, *, ordered: bool = False, packed: bool = False, module: str | None = None) -> Any:
+    """Compile a kernel for the CPU; its module may be another than that of the loop.
 
     Sums may be taken in another order and products fused, so that loops over neighbours vectorise. The
     contract's bound holds for any order of summation; NaN and infinity keep their meaning. `ordered` keeps the order
     as written, for sums of small differences of large numbers, which another order would take apart. `packed` is for
     code that does the same with each of four numbers that stand side by side in memory (see `set_vectors`).
     """
-    return _for_cpu(function, function.__module__, ordered, packed)
-
-
-def _for_cpu(function: Callable, module: str, ordered: bool, packed: bool) -> Any:
     flags = ANY_ORDER - {"reassoc"} if ordered else ANY_ORDER
     if plain.chosen():
-        return plain.PlainKernel(function, module, flags)
+        return plain.PlainKernel(function, module or function.__module__, flags)
     dispatcher = njit(**supported(COMPILE_OPTIONS), fastmath=set(flags), nogil=True)(function)
     if hasattr(dispatcher, "compile"):
         set_vectors(dispatcher, packed, ordered)
@@ -124,23 +120,19 @@ class CudaKernel:
     """
 
     def __init__(
-        self, function: Callable, *, rows_of: str | None = None, lanes: bool | str | int = False,
+        self, function: Callable, *, rows_of: str | None = None, lanes: str | int = 1,
         block_for_each_row: bool = False, threads: int | None = None, registers: int | None = None,
         looping: bool = False, resident: bool = False,
     ) -> None:  # fmt: skip
         names = list(inspect.signature(function).parameters)
-        self.function, self.block_for_each_row, self.looping = function, block_for_each_row, looping
-        self.resident = resident
-        if isinstance(lanes, bool):
-            lanes = "neighbours" if lanes else 1
+        self.block_for_each_row, self.looping, self.resident = block_for_each_row, looping, resident
         self.lanes = 1 if isinstance(lanes, str) else lanes
         self.list_at = names.index(lanes) if isinstance(lanes, str) else None
         of, _, self.member = (rows_of or names[-1]).partition(".")
         self.rows_at = names.index(of)
         self.threads = threads or (SIMULATED_THREADS if simulated() else THREADS_PER_BLOCK)
-        self.__name__ = function.__name__
-        self.__doc__ = function.__doc__
-        self.__wrapped__ = function
+        self.__wrapped__ = self.function = function
+        self.__name__, self.__doc__ = function.__name__, function.__doc__
         self.__signature__ = inspect.signature(function)
         options: dict[str, Any] = {}
         if not simulated():  # the simulator takes None as it is and has no such options
@@ -152,10 +144,8 @@ class CudaKernel:
 
     def __call__(self, *arguments: Any) -> None:
         of = arguments[self.rows_at]
-        if self.resident:
-            rows = multiprocessors() * self.threads
-        else:
-            rows = (getattr(of, self.member) if self.member else of).shape[0] * self.lanes
+        listed = getattr(of, self.member) if self.member else of
+        rows = multiprocessors() * self.threads if self.resident else listed.shape[0] * self.lanes
         if self.list_at is not None:
             rows *= len(arguments[self.list_at].lanes)
         if rows:
@@ -163,17 +153,15 @@ class CudaKernel:
             if self.looping:
                 blocks = min(blocks, multiprocessors() * (RESIDENT_THREADS // self.threads))
             kinds = None if self.launches is None else kinds_of(arguments)
-            if kinds is None:
-                self.dispatcher[blocks, self.threads, stream()](*arguments)
-            elif kinds in self.launches:
+            if kinds is not None and kinds in self.launches:
                 self.launches[kinds](blocks, self.threads, arguments)
-            else:
-                self.dispatcher[blocks, self.threads, stream()](*arguments)  # compiles
-                launch = direct_launch(self.dispatcher, arguments)
-                if launch is None:
-                    self.launches = None
-                else:
-                    self.launches[kinds] = launch
+                return
+            self.dispatcher[blocks, self.threads, stream()](*arguments)  # compiles
+            launch = None if kinds is None else direct_launch(self.dispatcher, arguments)
+            if launch is not None:
+                self.launches[kinds] = launch
+            elif kinds is not None:
+                self.launches = None
 
 
 @functools.cache
@@ -194,40 +182,6 @@ class _AbsentArgument:
 
 
 cuda_kernel = marks(CudaKernel)  # for CUDA, or for the CUDA simulator if NUMBA_ENABLE_CUDASIM is set
-
-
-_LOOPS = {
-    "cpu": """\
-def {name}({arguments}):
-    over_rows(body, {rows}.shape[0], ({arguments},))
-""",
-    "cuda": """\
-def {name}({arguments}):
-    i = cuda.grid(1)
-    if i < {rows}.shape[0]:
-        body(i, {arguments})
-""",
-}
-_LOOPS_WITH_LANES = {
-    "cpu": """\
-def {name}({arguments}):
-    over_rows(body, {rows}.shape[0], (None, {arguments}))
-""",
-    "cuda": """\
-def {name}({arguments}):
-    lanes = {lanes}
-    i, lane = cuda.grid(1) // lanes, cuda.grid(1) % lanes
-    if i < {rows}.shape[0]:
-        body(i, (lane, lanes), {arguments})
-""",
-    "plain": """\
-def {name}({arguments}):
-    i = cuda.grid(1)
-    if i < {rows}.shape[0]:
-        body(i, None, {arguments})
-""",
-}
-_LOOPS["plain"] = _LOOPS["cuda"]
 
 
 def on_device(array: Any) -> bool:
@@ -259,8 +213,8 @@ class Kernel:
         self.rows = rows_of or names[-1]
         self.lanes = "neighbours" if lanes is True else lanes
         self.options: dict[str, dict[str, Any]] = {
-            "cpu": {"ordered": ordered, "packed": packed},
-            "cuda": {"rows_of": self.rows, "lanes": lanes, "registers": registers},
+            "cpu": {"ordered": ordered, "packed": packed, "module": function.__module__},
+            "cuda": {"rows_of": self.rows, "lanes": self.lanes or 1, "registers": registers},
         }
         self.__name__, self.__doc__, self.__module__ = function.__name__, function.__doc__, function.__module__
         self.__wrapped__ = function
@@ -268,25 +222,23 @@ class Kernel:
 
     def source(self, backend: str) -> str:
         """The loop around the body on `backend`, "cpu" or "cuda", as Python; "plain" is a GPU's without lanes."""
-        loops = _LOOPS_WITH_LANES if self.lanes else _LOOPS
-        lanes = f"len({self.lanes}.lanes)" if isinstance(self.lanes, str) else self.lanes
-        return loops[backend].format(
-            name=self.__name__, arguments=", ".join(self.arguments), rows=self.rows, lanes=lanes
-        )
+        given, lane, row = ", ".join(self.arguments), "None, " if self.lanes else "", "i = cuda.grid(1)"
+        if backend == "cpu":
+            return f"def {self.__name__}({given}):\n    over_rows(body, {self.rows}.shape[0], ({lane}{given},))\n"
+        if self.lanes and backend == "cuda":
+            lanes = f"len({self.lanes}.lanes)" if isinstance(self.lanes, str) else self.lanes
+            lane, row = "(lane, lanes), ", f"lanes = {lanes}\n    i, lane = cuda.grid(1) // lanes, cuda.grid(1) % lanes"
+        loop = f"if i < {self.rows}.shape[0]:\n        body(i, {lane}{given})"
+        return f"def {self.__name__}({given}):\n    {row}\n    {loop}\n"
 
     def on(self, backend: str) -> Any:
         """The kernel for `backend`, "cpu" or "cuda"; made at first use."""
         if backend not in self._made:
-            function = self._wrapper(backend)
-            if backend == "cuda":
-                self._made[backend] = cuda_kernel(function, **self.options[backend])
-            else:
-                self._made[backend] = _for_cpu(function, self.__module__, **self.options[backend])
+            made = cuda_kernel if backend == "cuda" else cpu_kernel
+            self._made[backend] = made(self.wrapper(backend), **self.options[backend])
         return self._made[backend]
 
-    def program(self, backend: str) -> Callable:
-        """What is called with the arguments on `backend`: the kernel itself."""
-        return self.on(backend)
+    program = on  # what is called with the arguments on a backend: the kernel itself
 
     def __call__(self, *arguments: Any) -> None:
         rows = arguments[self.arguments.index(self.rows)]
@@ -296,17 +248,11 @@ class Kernel:
         """What the loop names beside its arguments."""
         return {"body": self.body, "over_rows": over_rows} | ({} if backend == "cpu" else {"cuda": _load_cuda()})
 
-    def plain_wrapper(self, backend: str) -> Callable:
-        """The loop whose threads share no row, as `refsim.backends.written` takes it."""
-        return self._wrapper("plain" if backend == "cuda" else backend)
-
-    def _wrapper(self, backend: str) -> Callable:
+    def wrapper(self, backend: str) -> Callable:
         """The loop as a function whose source is a file of the cache folder, where Numba's cache looks for it."""
         source = getattr(sys.modules[self.__module__], "__file__", None) or self.body.__code__.co_filename
-        named = self._named(backend)
-        function = plain.function_of_text(
-            self.source(backend), self.__name__, pathlib.Path(source), self.__module__, named
-        )
+        text, named = self.source(backend), self._named(backend)
+        function = plain.function_of_text(text, self.__name__, pathlib.Path(source), self.__module__, named)
         function.__doc__ = self.__doc__
         return function
 

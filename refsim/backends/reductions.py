@@ -178,8 +178,8 @@ class Reduction(Kernel):
             names |= {"largest_of_block": largest_of_block, "THREADS_PER_BLOCK": THREADS_PER_BLOCK, "np": np}
         return names
 
-    def _wrapper(self, backend: str) -> Callable:
-        function = super()._wrapper(backend)
+    def wrapper(self, backend: str) -> Callable:
+        function = super().wrapper(backend)
         if backend == "cpu":
             loop = function.__globals__["of_chunk"]
             overloaded(loop, lambda *types: loop, ("cpu",), forceinline=True, _nrt=False)

@@ -213,7 +213,7 @@ def printed(operation: Operation, program: str) -> str | None:
         with contextlib.suppress(NotPlain):
             example = _example(operation, kernel, given, backend)
         flags = ANY_ORDER - {"reassoc"} if kernel.options["cpu"]["ordered"] else ANY_ORDER
-        text = written(kernel.plain_wrapper(backend), kinds, backend, flags, example)
+        text = written(kernel.wrapper({"cuda": "plain"}.get(backend, backend)), kinds, backend, flags, example)
     except (NotPlain, KeyError, RefsimError):
         return None
     return f'"""{operation.name}: {operation.equation} ({operation.paper})."""\n\n{text}'

@@ -87,7 +87,7 @@ def test_functions_that_take_arrays_are_inlined():
 
 
 def test_one_thread_needs_no_parallel_loop():
-    loops = PlainKernel(gravity.plain_wrapper("cpu"), "refsim.sph.kernels", ())
+    loops = PlainKernel(gravity.wrapper("cpu"), "refsim.sph.kernels", ())
     kinds = tuple(map(kind_of, (np.zeros(3), np.zeros((4, 3)))))
     assert ["parallel" in loops.of(kinds, alone).targetoptions for alone in (True, False)] == [False, True]
 
