@@ -150,7 +150,7 @@ KINDS = {
 
 def pace(motion: Motion, end: float) -> float:
     """Time [s] in which it changes: largest speed over largest acceleration up to the `end` [s]; infinite at rest."""
-    path = [motion.at(time) for time in _looked_at(motion, end)]
+    path = [*map(_path(motion), _looked_at(motion, end))]
     pull = max(abs(moved.acceleration) for moved in path)
     return max(abs(moved.velocity) for moved in path) / pull if pull > 0 else math.inf
 
@@ -215,10 +215,11 @@ def _check_target(motion: Motion, owner: str, effects: Others) -> None:
 
 def _check_path(motion: Motion, owner: str, end: float, effects: Others) -> None:
     """Raise InputError where a motion is not finite, or faster than sound: it jumps."""
-    sound_speed = effects[LIQUID].sound_speed  # type: ignore[attr-defined]
+    sound_speed, path = effects[LIQUID].sound_speed, None  # type: ignore[attr-defined]
     for time in _looked_at(motion, end):
         try:
-            moved = motion.at(time)
+            path = path or _path(motion)
+            moved = path(time)
         except (ArithmeticError, ValueError):
             moved = Moved(math.nan, math.nan, math.nan)
         if not all(map(math.isfinite, moved)):

@@ -33,8 +33,8 @@ def modules(root=ROOT):
 
 
 @functools.cache
-def tree(path):
-    return ast.parse(path.read_text())
+def nodes(path):
+    return list(ast.walk(ast.parse(path.read_text())))
 
 
 def last_name(function):
@@ -48,7 +48,7 @@ def imports(*roots):
     found = {}
     for module, path in paths.items():
         found[module] = set()
-        for node in ast.walk(tree(path)):
+        for node in nodes(path):
             if isinstance(node, ast.Import):
                 found[module] |= {alias.name for alias in node.names} & paths.keys()
             elif isinstance(node, ast.ImportFrom) and node.module in paths:
@@ -96,9 +96,9 @@ WRITES = ("savefig", "savez", "savez_compressed", "savetxt", "write_bytes", "wri
 WRITER = "refsim.core.writing"
 
 
-def writes_of_their_own(module):
+def writes_of_their_own(parts):
     """Calls that write into a named file, which may be half written when they end."""
-    for node in ast.walk(module):
+    for node in parts:
         name = last_name(node.func) if isinstance(node, ast.Call) else ""
         if name not in (*WRITES, "open", "fdopen", "save", "export"):
             continue
@@ -133,7 +133,7 @@ def test_importing_refsim_loads_what_describes_scenes_alone():
 def test_every_file_is_written_through_one_module():
     """A new file is then whole, or the old one is; of the package, the experiments and the scripts."""
     places = modules() | modules(VALIDATION) | {f"scripts.{p.stem}": p for p in (ROOT.parent / "scripts").glob("*.py")}
-    found = {m: list(writes_of_their_own(tree(path))) for m, path in places.items() if m != WRITER}
+    found = {m: list(writes_of_their_own(nodes(path))) for m, path in places.items() if m != WRITER}
     assert not {m: calls for m, calls in found.items() if calls and ".examples." not in m}
 
 
@@ -156,7 +156,7 @@ def long_signatures():
         for entry in map(operation.entry, operation.names())
     }
     for module, path in modules(ROOT).items():
-        for node in ast.walk(tree(path)):
+        for node in nodes(path):
             if isinstance(node, ast.FunctionDef) and (module, node.name) not in bound:
                 names = [a.arg for a in (*node.args.posonlyargs, *node.args.args) if a.arg not in ("self", "cls")]
                 if len(names) > MOST_ARGUMENTS and "pair" not in map(ast.unparse, node.decorator_list):
@@ -171,7 +171,7 @@ def test_functions_of_references_have_at_most_twelve_statements():
     """An equation is one expression, as a rule; what is longer has parts with names."""
     found = {}
     for path in ROOT.glob("**/reference.py"):
-        for function in ast.walk(tree(path)):
+        for function in nodes(path):
             if isinstance(function, ast.FunctionDef):
                 inner = sum(isinstance(node, ast.stmt) for node in ast.walk(function)) - 1
                 found[f"{path.parent.name}.{function.name}"] = inner - (ast.get_docstring(function) is not None)
