@@ -341,31 +341,33 @@ closed_form(
 SIDES = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
 
 
-def _closed(factor, phase=(SURFACE, SURFACE), body=(1, 1), walls=None, pressure=9e9):
+def _closed(w, wider, lacks, phase=(SURFACE, SURFACE), body=(1, 1), walls=None, pressure=9e9):
     """Solids of 0.5 and 2 m^3, the second 1 m above the first; walls 1 m below the first and at the second.
 
-    Half of rho0 |g| h is 9 kPa, 1000 kg/m^3 * 9 m/s^2 * 1 m.
+    Half of rho0 |g| h is 9 kPa, 1000 kg/m^3 * 9 m/s^2 * 1 m; -G_film.G/|G_film| is `lacks` m^3 times |W'(h/2)|.
     """
     inputs = {"phase": [*phase], "solid_number": [*body], "mass": [500.0, 1800.0], "density": [1000.0, 900.0]}
     inputs |= {"lean": WallFrameGravity(1.0, -8.0, 4.0), "fluid": Fluid(1000.0, 4e5, 1, 0)}
     inputs |= {"walls": walls and WallParticles(SIDES, np.array(walls)), "pressure": [pressure, 0.0]}
+    factor = 1 + wider / (1 + 0.0036 / max(2 * lacks * w.slope, 1e-9) ** 2)
     return Exact(at("closed", PAIR.position, SIDES), inputs, {"film_factor": [factor, 1.0]})
 
 
 for_each_kernel(
     "two_way_coupling.close_films",
-    no_film=lambda _: _closed(1.0, WATER_AND_ICE),
+    no_film=lambda w: _closed(w, 0.0, 0.0, WATER_AND_ICE),
     # where a film alone pushes it does not push less
-    film_alone=lambda _: _closed(1.0, body=(1, 2)),
-    between_others=lambda _: _closed(1.0, body=(1, 2), walls=[0.5, 0.0]),
+    film_alone=lambda w: _closed(w, 0.0, 0.0, body=(1, 2)),
+    between_others=lambda w: _closed(w, 0.0, 0.0, body=(1, 2), walls=[0.5, 0.0]),
     # a wall below has a part of the 2 m^3 above, of its own solid or liquid: 2/0.5; 2/0.125 is more than 8
-    quarter_of_a_wall=lambda _: _closed(4.0, walls=[0.5, 0.0]),
-    sixteenth_of_a_wall=lambda _: _closed(8.0, walls=[0.125, 0.0]),
-    below_liquid=lambda _: _closed(4.0, phase=(SURFACE, FLUID), walls=[0.5, 0.0]),
-    near_a_surface=lambda _: _closed(2.5, walls=[0.5, 0.0], pressure=9e3),
-    above_it=lambda _: _closed(1.0, walls=[0.5, 0.0], pressure=-9e3),
-    # 1.5 below and 1 above: 1 + 0.5 (2 - 0.5)/(2.5^2/8)
-    two_walls_that_face_each_other=lambda _: _closed(1.96, walls=[1.5, 1.0]),
+    quarter_of_a_wall=lambda w: _closed(w, 3.0, 1.5, walls=[0.5, 0.0]),
+    sixteenth_of_a_wall=lambda w: _closed(w, 7.0, 1.875, walls=[0.125, 0.0]),
+    below_liquid=lambda w: _closed(w, 3.0, 1.5, phase=(SURFACE, FLUID), walls=[0.5, 0.0]),
+    uneven_liquid=lambda w: _closed(w, 0.05 / 1.95, 0.05, phase=(SURFACE, FLUID), walls=[1.95, 0.0]),
+    near_a_surface=lambda w: _closed(w, 1.5, 1.5, walls=[0.5, 0.0], pressure=9e3),
+    above_it=lambda w: _closed(w, 0.0, 1.5, walls=[0.5, 0.0], pressure=-9e3),
+    # 1.5 below and 1 above: 0.5 (2 - 0.5)/(2.5^2/8)
+    two_walls_that_face_each_other=lambda w: _closed(w, 0.96, 0.75 / math.sqrt(2.5**2 / 8), walls=[1.5, 1.0]),
 )  # fmt: skip
 
 

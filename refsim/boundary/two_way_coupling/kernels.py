@@ -17,6 +17,7 @@ from refsim.sph.kernels import central_pair, own_share, wall_sum
 LEAST = 1e-20  # wetness that is passed on: some 30 times its way, a support wide
 WIDENED = 8.0  # times its pairs a film pushes at most: between half-spaces a spacing apart it lacks 1 - 1/6 (h = 3 d)
 FACING = 0.125  # of (sum_s V_s |grad W_ks|)^2, the least |G_film|^2: half-spaces have 0.5, corners 0.17
+LOOSE = 0.06  # of 1/h, what uneven liquid lacks beside gaps of 0.25 to 1.3 d
 SUCKED = 4.0  # times the liquid's own pressure below zero: the least of a film
 
 
@@ -344,7 +345,8 @@ def close_films(
     """g_k = 1 - G_film.G/|G_film|^2, dimensionless, 1 to WIDENED, at a solid's particle; 1 in the liquid.
 
     G = sum_j V_j grad W_kj, G_film its part by other solids and walls, whose sides that face each other count little.
-    Near a surface what is missing may be air: g_k - 1 has the share 1/(1 + (P/p_k)^4), P = rho0 |g| h/2.
+    Near a surface what is missing may be air: g_k - 1 has the share 1/(1 + (P/p_k)^4), P = rho0 |g| h/2; and, as liquid
+    is not even, q^2/(q^2 + LOOSE^2), q = -h G_film.G/|G_film|.
     """
     one = type(smoothing.support_radius)(1)
     factor = one
@@ -359,15 +361,14 @@ def close_films(
             most += of_walls[3]
         lacking, square = -dot(around, film), max(dot(film, film), type(one)(FACING) * most * most)
         if not (lacking <= type(one)(0) or square <= type(one)(0)):  # NaN goes on
-            factor = one + lacking / square
-            if factor > type(one)(WIDENED):
-                factor = type(one)(WIDENED)
-            deep = fluid.rest_density * type(one)(math.sqrt(dot(lean, lean))) * smoothing.support_radius / type(one)(2)
-            if pressure[i] <= type(one)(0):
-                factor = one
-            else:
+            h, wider = smoothing.support_radius, lacking / square
+            if wider > type(one)(WIDENED - 1):
+                wider = type(one)(WIDENED - 1)
+            deep, much = fluid.rest_density * type(one)(math.sqrt(dot(lean, lean))) * h / type(one)(2), h * lacking
+            much = much * much / type(one)(LOOSE * LOOSE)
+            if not pressure[i] <= type(one)(0):
                 near = (deep / pressure[i]) * (deep / pressure[i])
-                factor = one + (factor - one) / (one + near * near)
+                factor = one + wider * (much / (much + square)) / (one + near * near)
     if first_lane(lane):
         film_factor[i] = factor
 

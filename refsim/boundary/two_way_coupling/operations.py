@@ -252,8 +252,9 @@ def close_films(
     around = neighbours(i, i, smoothing, rows=rows)
     at_walls = neighbours(i, wall_particles(walls, solid=1.0, part=-1), smoothing, rows=rows)
     sums = (around(part) + at_walls(part) for part in (ref.around, ref.of_film, ref.most_of_film))
-    head = float(fluid.rest_density) * math.hypot(*map(float, lean)) * float(smoothing.support_radius) / 2
-    return {"film_factor": where(around.i.solid, ref.film_factor(*sums, around.i, head), 1)}
+    h = float(smoothing.support_radius)
+    head = float(fluid.rest_density) * math.hypot(*map(float, lean)) * h / 2
+    return {"film_factor": where(around.i.solid, ref.film_factor(*sums, around.i, head, h), 1)}
 
 
 @operation(

@@ -153,16 +153,19 @@ def most_of_film(k, s, ks):
     return where(k.part.value != s.part.value, s.solid * s.volume * length(ks.gradient), 0)
 
 
-def film_factor(whole, film, most, k, head):
+def film_factor(whole, film, most, k, head, h):
     """g_k = 1 - G_film.G/|G_film|^2 in 1 to 8, dimensionless: along G_film even pressure then pushes to no side.
 
     |G_film|^2 >= F^2/8, as films on two sides that face each other have a sum near 0. Near a surface what is missing
-    may be air: g_k - 1 has the share 1/(1 + (P/p_k)^4), P = rho0 |g| h/2.
+    may be air: g_k - 1 has the share 1/(1 + (P/p_k)^4), P = rho0 |g| h/2; and, as liquid is not even,
+    q^2/(q^2 + 0.0036), q = -h G_film.G/|G_film|.
     """
     square = maximum(film @ film, most * most / 8)
-    lacking = clip(-(film @ whole) / where(square.value > 0, square, 1), 0, 7)
-    under = k.pressure.value > 0
-    return 1 + where(under, lacking / (1 + (head / where(under, k.pressure, 1)) ** 4), 0)
+    square = where(square.value > 0, square, 1)
+    lacking = maximum(-(film @ whole), 0)
+    much, under = (h * lacking) ** 2, k.pressure.value > 0
+    wider = clip(lacking / square, 0, 7) * much / (much + 0.0036 * square)
+    return 1 + where(under, wider / (1 + (head / where(under, k.pressure, 1)) ** 4), 0)
 
 
 def push(i, j, ij, s):
