@@ -27,7 +27,7 @@ def arrays(blocks, real, particles=0, vertices=0, facets=0):
     made = np.zeros(COUNTS, np.int32)
     made[VERTICES], made[MADE] = vertices, facets
     a["counts"] = device.as_numba(device.cupy_or_numpy().asarray(made))
-    for name in ("held_points", "held_samples", "members", "node_label", "first", "vertex_edge", "facets"):
+    for name in ("held_points", "held_samples", "members", "node_label", "first", "vertex_edge", "facets", "cut_sum"):
         device.fill(a[name], 0)
     for name in ("vertex_centre", "nearest"):  # where a search begins
         device.fill(a[name], -1)

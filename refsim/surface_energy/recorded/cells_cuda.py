@@ -7,9 +7,9 @@ vertices and facets are made, and the host sees why.
 import numpy as np
 
 from refsim.backends.compile import cuda, cuda_formula, formula, row_kernel
-from refsim.backends.primitives import count_up, set_four, sum_before
+from refsim.backends.primitives import count_up, set_four
 from refsim.backends.tuples import three
-from refsim.sparse_grid.block_search_cuda import SUMMING, number
+from refsim.sparse_grid.block_search_cuda import number
 from refsim.sparse_grid.formulas import cell_coordinate, find_node_near, node_coordinates
 from refsim.surface_energy import formulas
 
@@ -22,7 +22,7 @@ COUNTS = 12
 
 
 @row_kernel(rows_of="held")
-def clear(i, held, held_points, held_samples, members, first, counts):
+def clear(i, held, held_points, held_samples, members, first, cut_sum, counts):
     """Sets to 0 everything that is counted, and the first place."""
     held[i] = 0
     held_points[i] = 0
@@ -30,6 +30,8 @@ def clear(i, held, held_points, held_samples, members, first, counts):
     members[i] = 0
     if i < counts.shape[0]:
         counts[i] = 0
+    if i < cut_sum.shape[0]:
+        cut_sum[i] = 0
     if i == 0:
         first[0] = 0
 
@@ -141,20 +143,3 @@ def row_parts(b, x0, x1, y, z, blocks, first):
     begin, end = np.int32(first[number(cell + x0 - start)]), np.int32(first[number(cell + min(x1 + 1, middle) - start)])
     low, high = np.int32(first[number(other)]), np.int32(first[number(other + max(x1 + 1 - middle, 0))])
     return (begin, end if own >= 0 else begin, start), (low, high if next_one >= 0 else low, middle)
-
-
-@cuda_formula
-def sum_pairs(part, total):
-    """total[b] <- sum over the blocks before b, by one thread block; the last thread returns the sum over all."""
-    thread = cuda.threadIdx.x
-    size = (total.shape[0] + SUMMING - 1) // SUMMING
-    begin, end = min(thread * size, total.shape[0]), min(thread * size + size, total.shape[0])
-    own = np.int64(0)
-    for b in range(begin, end):
-        own += total[b]
-    before = sum_before(part, own)
-    for b in range(begin, end):
-        own = total[b]
-        total[b] = before
-        before += own
-    return before

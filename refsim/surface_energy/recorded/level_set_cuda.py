@@ -5,7 +5,7 @@ import numpy as np
 from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula, row_kernel
 from refsim.backends.primitives import four_of, largest_of_block, sum_before
 from refsim.isosurface import kernels as isosurface_kernels
-from refsim.sparse_grid.block_search_cuda import SUMMING, number
+from refsim.sparse_grid.block_search_cuda import number
 from refsim.sparse_grid.formulas import block_bits, step_node
 from refsim.surface_energy.recorded.cells_cuda import (
     CELLS,
@@ -19,10 +19,10 @@ from refsim.surface_energy.recorded.cells_cuda import (
     local_place,
     occupied_near,
     row_near,
-    sum_pairs,
 )
 
 CORNERS = 125  # nodes of a block's cells: 5 x 5 x 5, or 9 x 9 in the plane
+SUMMED = CELLS  # blocks whose cuts are added up together
 AROUND = 343  # cells within two of a block's nodes: 7 x 7 x 7, or 11 x 11 in the plane
 
 
@@ -176,8 +176,8 @@ def along_axis(axis, space):
 
 
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="cut_total")
-def classify_blocks(blocks, node_state, table, crossings, cell_case, cut_total):
-    """Cut edges and corner states; vertices and 2^32 facets of each block."""
+def classify_blocks(blocks, node_state, table, crossings, cell_case, cut_sum, cut_total):
+    """Cut edges and corner states; vertices and 2^32 facets of each block, and of SUMMED blocks together."""
     part = cuda.shared.array(CELLS, np.int32)
     near = cuda.shared.array(CORNERS, np.int32)
     b, thread = cuda.blockIdx.x, cuda.threadIdx.x
@@ -200,43 +200,62 @@ def classify_blocks(blocks, node_state, table, crossings, cell_case, cut_total):
             bits, case = isosurface_kernels.with_corner(c, state, other, bits, case)
     i, case = number(CELLS * b + thread), max(case, 0)
     crossings[i], cell_case[i] = bits, case
-    cut = cuts_before(bits, case, table, part, 1)
-    if thread == CELLS - 1:
-        cut_total[b] = (np.int64(cut >> 16) << 32) | np.int64(cut & 0xFFFF)
-
-
-@cuda_formula
-def cuts_before(bits, case, table, part, own):
-    """Vertices and 2^16 facets of the nodes of a block before this thread's, and of its `own`; called by all threads.
-
-    Most blocks have none.
-    """
-    mine = np.int32(cut_count(bits) + (int(table.count[case]) << 16))
-    if cuda.syncthreads_or(mine) == 0:
-        return np.int32(0)
-    return np.int32(sum_before(part, mine) + own * mine)
+    mine = cuts_of(bits, case, table)
+    if cuda.syncthreads_or(mine) != 0:  # most blocks have none
+        cut = np.int32(sum_before(part, mine) + mine)
+        if thread == CELLS - 1:
+            cut_total[b] = (np.int64(cut >> 16) << 32) | np.int64(cut & 0xFFFF)
+            cuda.atomic.add(cut_sum, b // SUMMED, cut_total[b])
+    elif thread == 0:
+        cut_total[b] = 0
 
 
 @formula
-def cut_count(bits):
-    """Number of bits set out of three, = b0 + b1 + b2, dimensionless."""
-    return (bits & 1) + ((bits >> 1) & 1) + (bits >> 2)
+def cuts_of(bits, case, table):
+    """Vertices and 2^16 facets of a node, int32, dimensionless."""
+    return np.int32((bits & 1) + ((bits >> 1) & 1) + (bits >> 2) + (int(table.count[case]) << 16))
 
 
-@cuda_kernel(block_for_each_row=True, threads=SUMMING, rows_of="one")
-def sum_cuts(one, cut_total, vertex_edge, facets, counts, sent):
-    """cut_total[b] <- sum over the blocks before b; numbers of vertices and facets, as found and as made.
+@cuda_formula
+def sum_to(b, part, cut_sum, cut_total):
+    """Vertices and 2^32 facets of the blocks before b; called by all threads."""
+    own, group = np.int64(0), b // SUMMED
+    for k in range(cuda.threadIdx.x, group, CELLS):
+        own += cut_sum[k]
+    at = SUMMED * group + cuda.threadIdx.x
+    if at < b:
+        own += cut_total[at]
+    before = sum_before(part, own)
+    cuda.syncthreads()
+    if cuda.threadIdx.x == CELLS - 1:
+        part[0] = before + own
+    cuda.syncthreads()
+    return part[0]
+
+
+@cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="cut_total")
+def first_cuts(cuts, table, firsts, vertex_edge, facets, counts, sent, cut_sum, cut_total):
+    """First vertex of each node's edges and first facet of each cell; how many there are, and how many are made.
 
     `sent` takes what the host reads of the counts.
     """
-    part = cuda.shared.array(SUMMING, np.int64)
-    before = sum_pairs(part, cut_total)
-    if cuda.threadIdx.x == SUMMING - 1:
-        counts[EDGES], counts[FACETS] = before & 0xFFFFFFFF, before >> 32
-        if counts[MISSING] == 0 and counts[EDGES] <= vertex_edge.shape[0] and counts[FACETS] <= facets.shape[0]:
-            counts[VERTICES], counts[MADE] = counts[EDGES], counts[FACETS]
-        for k in range(sent.shape[0]):
-            sent[k] = counts[k]
+    part = cuda.shared.array(CELLS, np.int32)
+    wide = cuda.shared.array(CELLS, np.int64)
+    b, thread, last = cuda.blockIdx.x, cuda.threadIdx.x, cut_total.shape[0] - 1
+    i = CELLS * b + thread
+    (crossings, cell_case), (edge_first, facet_first) = cuts, firsts
+    mine = cuts_of(int(crossings[i]), int(cell_case[i]), table)
+    if cuda.syncthreads_or(mine if b < last else 1) != 0:
+        before, lower = sum_before(part, mine), sum_to(b, wide, cut_sum, cut_total)
+        edge_first[i] = np.int32(lower & 0xFFFFFFFF) + (before & 0xFFFF)
+        facet_first[i] = np.int32(lower >> 32) + (before >> 16)
+        if b == last and thread == 0:
+            whole = lower + cut_total[b]
+            counts[EDGES], counts[FACETS] = whole & 0xFFFFFFFF, whole >> 32
+            if counts[MISSING] == 0 and counts[EDGES] <= vertex_edge.shape[0] and counts[FACETS] <= facets.shape[0]:
+                counts[VERTICES], counts[MADE] = counts[EDGES], counts[FACETS]
+            for k in range(sent.shape[0]):
+                sent[k] = counts[k]
 
 
 @row_kernel(rows_of="node_label")
@@ -290,17 +309,6 @@ def add_members(first, node_label, members, cut_total):
         cuda.syncthreads()
     if cuda.threadIdx.x == 0 and together[0] > 0 and common < node_label.shape[0]:
         cuda.atomic.add(members, common, together[0])
-
-
-@cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="cut_total")
-def first_cuts(crossings, cell_case, table, edge_first, facet_first, cut_total):
-    """First vertex of each node's edges and first facet of each cell."""
-    part = cuda.shared.array(CELLS, np.int32)
-    b = cuda.blockIdx.x
-    i = CELLS * b + cuda.threadIdx.x
-    before = cuts_before(int(crossings[i]), int(cell_case[i]), table, part, 0)
-    edge_first[i] = np.int32(cut_total[b] & 0xFFFFFFFF) + (before & 0xFFFF)
-    facet_first[i] = np.int32(cut_total[b] >> 32) + (before >> 16)
 
 
 @row_kernel(rows_of="crossings")

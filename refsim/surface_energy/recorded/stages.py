@@ -36,7 +36,7 @@ def work_arrays(
         "reached": ((27, 2 * f + 1), real), "change": ((27, 2 * f + 1), real), "pulls": ((81, f + 1), real),
         "rows": (force_cuda.ROWS * f, np.uint8), "sample_normal": ((f, 3), real), "vertex_normal": ((v, 3), real),
         "inset_position": ((v, 3), real), "sample_position": ((f, 3), real), "sample_area": (f, real), "nearest": f,
-        "either": (f + v, np.uint8), "total": b, "one": 1,
+        "either": (f + v, np.uint8), "total": b, "cut_sum": (b // 64 + 1, np.int64),
         "totals": device.tiles(count), "counts": cells_cuda.COUNTS,
         "held_samples": count, "samples_first": count, "sample_point": f, "node_force": ((count, 3), real),
     }  # fmt: skip
@@ -60,7 +60,7 @@ def named(kind: Any, a: Arrays) -> Any:
 def sort_particles(a: Arrays, position: Any, blocks: Any, term: Any, sure: Any) -> None:
     """Particles by cell, by counting; counters are set to 0."""
     counts, first = a["counts"], a["first"]
-    cells_cuda.clear(a["held"], a["held_points"], a["held_samples"], a["members"], first, counts)
+    cells_cuda.clear(a["held"], a["held_points"], a["held_samples"], a["members"], first, a["cut_sum"], counts)
     cells_cuda.count_particles(position, term, blocks, sure, a["held"], a["place"], a["cell"], counts)
     device.RunningSum(a["held"], first[1:], a["totals"])()
     by_cell = a["unsorted"], a["placed"]
@@ -77,15 +77,16 @@ def mark_nodes(a: Arrays, blocks: Any, term: Any, given: bool = False) -> None:
 
 def count_cuts(a: Arrays, blocks: Any, table: Any, sent: Any) -> None:
     """Cut edges and cell cases, and the numbers of vertices and facets, `sent` to the host."""
-    level_set_cuda.classify_blocks(blocks, a["node_state"], table, a["crossings"], a["cell_case"], a["cut_total"])
-    level_set_cuda.sum_cuts(a["one"], a["cut_total"], a["vertex_edge"], a["facets"], a["counts"], sent)
+    cuts, sums = (a["crossings"], a["cell_case"]), (a["cut_sum"], a["cut_total"])
+    made = (a["edge_first"], a["facet_first"]), a["vertex_edge"], a["facets"]
+    level_set_cuda.classify_blocks(blocks, a["node_state"], table, *cuts, *sums)
+    level_set_cuda.first_cuts(cuts, table, *made, a["counts"], sent, *sums)
 
 
 def write_cuts(a: Arrays, blocks: Any, table: Any) -> None:
     """Edges of vertices and corners of facets."""
-    cuts, firsts = (a["crossings"], a["cell_case"]), (a["edge_first"], a["facet_first"])
-    level_set_cuda.first_cuts(*cuts, table, *firsts, a["cut_total"])
-    level_set_cuda.write_facets(blocks, a["counts"], *cuts, *firsts, table, a["vertex_edge"], a["facets"])
+    cuts = a["crossings"], a["cell_case"], a["edge_first"], a["facet_first"]
+    level_set_cuda.write_facets(blocks, a["counts"], *cuts, table, a["vertex_edge"], a["facets"])
 
 
 def join_components(a: Arrays, blocks: Any) -> None:
