@@ -84,7 +84,7 @@ def walked(path, bash):
 
 
 @needs_bash
-@pytest.mark.slow  # by day test_examples.py runs the contract's page, and test_pytest_plugin.py its trials as tests
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MADE)
 def test_the_path(name, bash, tmp_path):
     assert walked(PATHS[name], bash) >= 2
