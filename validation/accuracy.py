@@ -55,8 +55,8 @@ def perform(
 
 def measure(of: Panel, backend: str, readings: int, peers: bool = False) -> Panel:
     """All settings of a panel on a backend; with `peers` those of other programs instead."""
-    read = reader(of.name) if peers else None
-    if peers and read is None:
+    read: Read | None = getattr(import_module("validation.panel_runs"), of.name, None) if peers else None
+    if peers and read is None:  # read by the function of `panel_runs` that is called as the panel
         raise InputError(f"panel {of.name!r} has no points of other programs; leave --peers out.")
     if not peers and of.name in PACKED:
         read = lambda point, number: reading_of(of, point, stirred_scene(of, point, number))  # noqa: E731
@@ -82,11 +82,6 @@ def stirred(of: Panel) -> bytes:
             scene = msgspec.structs.replace(scene, name=of.name, fluid=(Cloud(**short),))
             scenes.writestr(zipfile.ZipInfo(packed(point)), scene_to_toml(scene), zipfile.ZIP_DEFLATED)
     return file.getvalue()
-
-
-def reader(name: str) -> Read | None:
-    """The reading of another program's point by the function of `panel_runs` that is called as the panel."""
-    return getattr(import_module("validation.panel_runs"), name, None)
 
 
 def _place(backend: str) -> Machine:

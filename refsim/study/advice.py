@@ -18,20 +18,9 @@ from refsim.core.tables import in_bytes
 from refsim.study.panels import OWN, Panel, Point
 from refsim.study.result import percent
 
-KINDS = ("cpu", "gpu", "peer")
 READINGS = 5  # of a setting's seconds
 FINE = ("spacing", "step")  # knobs of which less is finer
 SCATTER = 0.05  # interquartile range over the median, from which on seconds are told with their range
-
-
-def kind_of(point: Point) -> str:
-    """Where a point belongs, one of KINDS."""
-    return "peer" if point.program != OWN else "gpu" if point.gpu else "cpu"
-
-
-def most(of: Panel, point: Point) -> float:
-    """The largest relative error that a setting may have (rule 1)."""
-    return max(map(of.error, _finer(of, point))) + of.reference().uncertainty
 
 
 def _finer(of: Panel, point: Point) -> Iterator[Point]:
@@ -50,9 +39,15 @@ def _physics(point: Point) -> dict[str, Any]:
 
 
 def settings(of: Panel, kind: str) -> list[tuple[float, Point]]:
-    """The panel's points of a kind that were measured and came to an end, with their errors, the cheapest first."""
-    sufficient = [(most(of, p), p) for p in of.points.values() if kind_of(p) == kind and p.place >= 0 and not p.failed]
-    return sorted(sufficient, key=lambda pair: price(pair[1]))
+    """The panel's points of a kind ("cpu", "gpu" or "peer") that were measured and came to an end, with the largest
+    errors that they may have (rule 1), the cheapest first.
+    """
+    found, known = [], of.reference().uncertainty
+    for point in of.points.values():
+        belongs = kind == ("peer" if point.program != OWN else "gpu" if point.gpu else "cpu")
+        if belongs and point.place >= 0 and not point.failed:
+            found.append((max(map(of.error, _finer(of, point))) + known, point))
+    return sorted(found, key=lambda pair: price(pair[1]))
 
 
 def price(point: Point) -> float:
@@ -87,10 +82,8 @@ def duration(seconds: Sequence[float]) -> str:
 
 
 def _span(seconds: float) -> str:
-    for unit, size in (("s", 1.0), ("ms", 1e-3)):
-        if seconds >= size:
-            return f"{seconds / size:.3g} {unit}"
-    return f"{seconds / 1e-6:.3g} us"
+    unit, size = ("s", 1.0) if seconds >= 1 else ("ms", 1e-3) if seconds >= 1e-3 else ("us", 1e-6)
+    return f"{seconds / size:.3g} {unit}"
 
 
 def in_words(of: Panel, error: float) -> str:

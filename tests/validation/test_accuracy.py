@@ -14,7 +14,7 @@ import pytest
 from refsim import make_plan
 from refsim.study.panels import FOLDER, OWN, abouts, panel, parse
 from refsim.study.panels.scenes import PACKED, STARTS
-from validation import accuracy, accuracy_page, limits, timed, times
+from validation import accuracy, accuracy_page, limits, panel_runs, timed, times
 from validation.reading import reading
 
 
@@ -42,7 +42,7 @@ def test_every_panel_can_be_measured_anew(name):
     assert ("spacing" in written) != (name in PACKED)
     assert written["panel"].get("start", "shaken") in STARTS
     programs = {p.program for p in panel(name).points.values()} - {OWN}
-    assert bool(programs) == callable(accuracy.reader(name))
+    assert bool(programs) == callable(getattr(panel_runs, name, None))
 
 
 def test_a_panel_is_measured_and_stored(tmp_path, monkeypatch, capsys):

@@ -27,39 +27,24 @@ FOLDER = importlib.resources.files("refsim") / "study" / "panels"
 
 
 class Point(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """One setting on a backend, and what was measured of it.
+    """One setting on a backend, and what was measured of it."""
 
-    words           the setting in words
-    knobs           what distinguishes it: spacing, step (share of the stable one), dtype ..., and the backend; no two
-                    have the same
-    setting         what else its run takes
-    program         "refsim", or another program, which runs on a CPU
-    on              backends on which it is measured
-    key             name within the panel; on "cuda" it begins with "cuda_"
-    place           number of the panel's place where it was measured; -1 where it was not
-    value, error    median of the readings, and of their relative errors; `value_mad`, `error_mad`: median absolute
-                    deviations
-    seconds         of the whole run, one for each reading: of the processor, on a GPU of the clock
-    bytes           of the fields
-    failed          why the setting failed; "" if it did not
-    """
-
-    key: str = ""
-    place: int = -1
-    value: float | None = None
-    value_mad: float = 0.0
-    error: float | None = None
+    key: str = ""  # name within the panel; on "cuda" it begins with "cuda_"
+    place: int = -1  # number of the panel's place where it was measured; -1 where it was not
+    value: float | None = None  # median of the readings
+    value_mad: float = 0.0  # median absolute deviation
+    error: float | None = None  # median of the readings' relative errors
     error_mad: float = 0.0
-    seconds: list[float] = []
+    seconds: list[float] = []  # of the whole run, one for each reading: of the processor, on a GPU of the clock
     steps: int = 0
     particles: int = 0
-    bytes: int | None = None
-    failed: str = ""
-    words: str = ""
-    knobs: dict[str, Any] = {}
-    setting: dict[str, Any] = {}
-    program: str = OWN
-    on: tuple[str, ...] = ("cpu", "cuda")
+    bytes: int | None = None  # of the fields
+    failed: str = ""  # why the setting failed; "" if it did not
+    words: str = ""  # the setting in words
+    knobs: dict[str, Any] = {}  # spacing, step (share of the stable one), dtype, backend ...; no two have the same
+    setting: dict[str, Any] = {}  # what else its run takes
+    program: str = OWN  # or another program, which runs on a CPU
+    on: tuple[str, ...] = ("cpu", "cuda")  # backends on which it is measured
 
     @property
     def gpu(self) -> bool:
@@ -68,50 +53,29 @@ class Point(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
 
 
 class PanelSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a panel observes, against what.
+    """What a panel observes, against what."""
 
-    words         the observable
-    relative      what an error of 1 is
-    observed      how the value is read, with its unit
-    reference     what the error is taken from, in words
-    page          of docs/ that explains it
-    base          key of the setting from which others differ in one thing
-    value, scale  error = |value of a point - value|/scale
-    uncertainty, uncertain  of the reference, relative, and why
-    limit_of      keys of spacings whose Richardson limit is the reference
-    unit          of the value where errors are given in it, too
-    method        knob whose values are the picture's lines
-    more          errors in the table beside those of all panels
-    remark        what the reader must know, one sentence
-    peer          what other programs have of it, where none was measured here
-    with_spacing  parameters of the packaged scene, by name, that are in proportion to the spacing
-    reaches       the value is the time at which the observable has this value
-    start         function of `scenes.STARTS` that gives a reading's particles; "shaken" ones give errors a noise
-    bars          key of a setting -> (error that it keeps at most, why)
-    settings      by key
-    """
-
-    words: str
-    relative: str
-    observed: str
-    reference: str
-    page: str
-    base: str
-    value: float = 0.0
+    words: str  # the observable
+    relative: str  # what an error of 1 is
+    observed: str  # how the value is read, with its unit
+    reference: str  # what the error is taken from, in words
+    page: str  # of docs/ that explains it
+    base: str  # key of the setting from which others differ in one thing
+    value: float = 0.0  # error = |value of a point - value|/scale
     scale: float = 1.0
-    uncertainty: float = 0.0
-    uncertain: str = "grid convergence index of the limit"
-    limit_of: tuple[str, ...] | None = None
-    unit: str = ""
-    method: str = "backend"
-    more: tuple[float, ...] = ()
-    remark: str = ""
-    peer: str = ""
-    with_spacing: tuple[str, ...] = ()
-    reaches: float | None = None
-    start: str = ""
-    bars: dict[str, tuple[float, str]] = {}
-    settings: dict[str, Point] = {}
+    uncertainty: float = 0.0  # of the reference, relative
+    uncertain: str = "grid convergence index of the limit"  # why it is
+    limit_of: tuple[str, ...] | None = None  # keys of spacings whose Richardson limit is the reference
+    unit: str = ""  # of the value where errors are given in it, too
+    method: str = "backend"  # knob whose values are the picture's lines
+    more: tuple[float, ...] = ()  # errors in the table beside those of all panels
+    remark: str = ""  # what the reader must know, one sentence
+    peer: str = ""  # what other programs have of it, where none was measured here
+    with_spacing: tuple[str, ...] = ()  # parameters of the packaged scene, by name, in proportion to the spacing
+    reaches: float | None = None  # the value is the time at which the observable has this value
+    start: str = ""  # function of `scenes.STARTS` that gives a reading's particles; "shaken" ones give errors a noise
+    bars: dict[str, tuple[float, str]] = {}  # key of a setting -> (error that it keeps at most, why)
+    settings: dict[str, Point] = {}  # by key
 
 
 class Machine(msgspec.Struct, frozen=True):
@@ -170,9 +134,8 @@ class Panel:
 @functools.cache
 def abouts() -> dict[str, PanelSpec]:
     """What every panel observes, by name, in the order of their pages."""
-    files = {file.name[:-5]: file for file in FOLDER.iterdir() if file.name.endswith(".toml")}
-    texts = {name: file.read_text(encoding="utf-8") for name, file in files.items()}
-    known = {name: msgspec.convert(tomllib.loads(text)["panel"], PanelSpec) for name, text in texts.items()}
+    texts = {file.name: file.read_text(encoding="utf-8") for file in FOLDER.iterdir() if file.name.endswith(".toml")}
+    known = {name[:-5]: msgspec.convert(tomllib.loads(text)["panel"], PanelSpec) for name, text in texts.items()}
     return dict(sorted(known.items(), key=lambda item: (item[1].page, item[0])))
 
 

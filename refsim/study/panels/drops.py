@@ -91,7 +91,6 @@ def inside(simulation: Simulation, radius: float) -> tuple[float, float]:
 
 # Pressure from the forces between particles
 
-
 OF_NO_PAIR = ("gravity", "csf_wang_2019")  # the continuum force acts at the surface only
 
 
@@ -103,9 +102,8 @@ def pair_virials(simulation: Simulation) -> tuple[NDArray, NDArray, NDArray]:
     grid = simulation.plan.grid
     position = simulation.field("position").astype(float)
     pairs = cKDTree(position).query_pairs(grid.support_radius, output_type="ndarray")
-    i, j = np.concatenate([pairs, pairs[:, ::-1]]).T
-    order = np.argsort(i, kind="stable")
-    i, j = i[order], j[order]
+    both = np.concatenate([pairs, pairs[:, ::-1]])
+    i, j = both[np.argsort(both[:, 0], kind="stable")].T
     acceleration = _accelerations(simulation, i, j)
     apart = position[i] - position[j]
     mass = simulation.field("mass").astype(float)
