@@ -110,14 +110,10 @@ def _changed(usual: Inputs, inputs: Inputs, overrides: Mapping[str, Any]) -> Ite
 
 
 def _kind(value: Any, sizes: Mapping[int, str]) -> str:
-    if value is None:
-        return "None"
-    if hasattr(value, "_fields"):
-        return type(value).__name__
-    if hasattr(value, "shape") and hasattr(value, "dtype") and np.ndim(value):
+    if not hasattr(value, "_fields") and hasattr(value, "dtype") and np.ndim(value):
         shape = ", ".join(sizes.get(size, str(size)) for size in value.shape)
         return f"{value.dtype} ({shape})"
-    return type(value).__name__
+    return "None" if value is None else type(value).__name__
 
 
 def _meaning(name: str, value: Any) -> str:
@@ -142,22 +138,24 @@ def template(names: Sequence[str], arrays: str = "cpu") -> str:
     functions = "\n\n".join(_function(operation, arrays) for operation in operations)
     entries = "".join(f'        "{operation.name}": {function_of(operation)},\n' for operation in operations)
     optional = sorted({name for operation in operations for name in operation.optional} - {"walls"})
-    names_left_out = "".join(f'"{name}", ' for name in optional).strip()
-    without = f"    # without=({names_left_out}),  # optional arguments that are not done\n"
-    walls = any("walls" in operation.arguments("numpy") for operation in operations)
+    choices = {
+        'kernels=("wendland_c2",)': "smoothing kernels; all by default",
+        "dims=(3,)": "2 and 3 by default",
+        'dtypes=("float32",)': "float32 and float64 by default",
+        "most_particles=3000": "of a call; of any number by default",
+    }
+    if any("walls" in operation.arguments("numpy") for operation in operations):
+        choices["walls=False"] = "wall particles are not done"
+    if optional:
+        names_left_out = " ".join(f'"{name}",' for name in optional)
+        choices[f"without=({names_left_out})"] = "optional arguments that are not done"
+    declared = "".join(f"    # {given},  # {meaning}\n" for given, meaning in choices.items())
     return (
         f'"""Programs for {", ".join(names)}; judged by `refsim contract` with the name of this file."""\n\n'
         "from refsim.contract import Programs\n\n\n"
         f"{functions}\n\n"
         "# What is declared here is judged; what is left out is reported as not judged.\n"
-        f"PROGRAMS = Programs(\n    {{\n{entries}    }},\n"
-        '    # kernels=("wendland_c2",),  # smoothing kernels; all by default\n'
-        "    # dims=(3,),  # 2 and 3 by default\n"
-        '    # dtypes=("float32",),  # float32 and float64 by default\n'
-        "    # most_particles=3000,  # of a call; of any number by default\n"
-        + ("    # walls=False,  # wall particles are not done\n" if walls else "")
-        + (without if optional else "")
-        + ")\n"
+        f"PROGRAMS = Programs(\n    {{\n{entries}    }},\n{declared})\n"
     )
 
 

@@ -6,6 +6,7 @@ it by answer/OUTPUT and the largest error allowed in each row by bound/OUTPUT. A
 be finite, one with an infinite bound may be anything. An argument without an array is None.
 """
 
+import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
@@ -153,23 +154,17 @@ def _written(folder: Path, operation: Operation, dtype: str, number: int) -> Vec
 
 @dataclass(frozen=True)
 class _Vector:
-    """One case: see VectorCase; `answer` in the oracle's form, without scales where it is exact.
-
-    free      rows of each output that may be anything
-    measured  inputs on which the bound is measured where `inputs` hold a NaN
-    rows      that the answer has of outputs with a row for each particle; the others may be anything
-    invariants  {name: largest size of the sum of m a or of its moment; 0 for the dissipation}
-    """
+    """One case: see VectorCase."""
 
     name: str
     step: str
     inputs: Inputs
-    answer: Answer
+    answer: Answer  # in the oracle's form, without scales where it is exact
     like: str = ""
-    free: Mapping[str, np.ndarray] = field(default_factory=dict)
-    measured: Inputs | None = None
-    rows: np.ndarray | None = None
-    invariants: Mapping[str, float] = field(default_factory=dict)
+    free: Mapping[str, np.ndarray] = field(default_factory=dict)  # rows of each output that may be anything
+    measured: Inputs | None = None  # on which the bound is measured where `inputs` hold a NaN
+    rows: np.ndarray | None = None  # of particles that the answer has; others may be anything
+    invariants: Mapping[str, float] = field(default_factory=dict)  # largest size of a total of m a; 0 of dissipation
 
     def arrays(self, operation: Operation) -> dict[str, np.ndarray]:
         """The arrays of the file that belong to the case, by name."""
@@ -177,8 +172,12 @@ class _Vector:
         for name in arguments_of_others(operation, "numpy"):
             values |= flat(name, self.inputs[name])
         outputs = [name for name in operation.outputs if not self.inputs.dropped(name)]
-        before = {name: _before(operation, self.inputs, name) for name in outputs}
-        before |= {name: 0 * value for name, value in before.items() if self.step == "T4" and name in operation.adds}
+        before = {name: self.inputs.output(operation, name) for name in outputs}
+        for name, start in before.items():
+            if name not in (*operation.adds, *operation.arguments("numpy")):  # which is neither read nor added to
+                before[name] = np.full_like(start, unset(start.dtype))
+            elif self.step == "T4" and name in operation.adds:
+                before[name] = 0 * start
         values |= {f"before/{name}": value for name, value in before.items()}
         values |= {f"invariant/{name}": np.float64(value) for name, value in self.invariants.items()}
         bounds = Bounds(operation, self.measured or self.inputs, self.rows)
@@ -203,19 +202,15 @@ def _spread(values: np.ndarray, rows: np.ndarray, count: int, other: float) -> n
     return whole
 
 
-def _before(operation: Operation, inputs: Inputs, name: str) -> np.ndarray:
-    """What stands in an output before the call: no number where the operation neither reads it nor adds to it."""
-    values = inputs.output(operation, name)
-    read = name in operation.adds or name in operation.arguments("numpy")
-    return values if read else np.full_like(values, unset(values.dtype))
-
-
 def _vectors(target: Target) -> Iterator[_Vector]:
     """The cases of one variant in one precision, in the order of the ladder's steps."""
     operation = target.operation
     for name, exact, inputs in exact_forms(operation, operation.variants[target.variant], target.dtype):
         yield _Vector(name, "T1", inputs, {name: (value, None) for name, value in exact.expected.items()})
-    for name, case, kernel in _given(operation):
+    dense = [DENSE] if takes_neighbours(operation) else []
+    hard = [(name, name, "") for name in (*cases.COMMON, *cases.in_plane(), *dense, *operation.cases)]
+    kernels = itertools.product(SHAPES if shape_acts(operation) else (), CLOUDS.values())
+    for name, case, kernel in (*hard, *((f"{case}_{kernel}", case, kernel) for kernel, case in kernels)):
         inputs = target.varied(Inputs(cases.CASES[case](), target.dtype))
         inputs = with_kernel(operation, inputs, kernel) if kernel else inputs
         yield _Vector(name, "T2", inputs, oracle(operation, inputs))
@@ -256,16 +251,6 @@ def _conserved(target: Target, case: str) -> Iterator[_Vector]:
         for number, inputs in enumerate(properties.CONSERVED[name][0](usual)):
             like, bound = (f"{case}_alone", {}) if name == "galilean" else ("", {name: 0.0})
             yield _Vector(f"{case}_{name}_{number}", "T4", inputs, oracle(operation, inputs), like, invariants=bound)
-
-
-def _given(operation: Operation) -> Iterator[tuple[str, str, str]]:
-    """(name, case, kernel or "") of the hard inputs, in space and in the plane, and of the clouds with every kernel."""
-    dense = [DENSE] if takes_neighbours(operation) else []
-    for name in (*cases.COMMON, *cases.in_plane(), *dense, *operation.cases):
-        yield name, name, ""
-    for kernel in SHAPES if shape_acts(operation) else ():
-        for name in CLOUDS.values():
-            yield f"{name}_{kernel}", name, kernel
 
 
 def _with_nan(operation: Operation, name: str, usual: properties.Usual, spoiled: properties.Spoiled) -> _Vector:

@@ -48,8 +48,7 @@ def fields() -> dict[str, Field]:
         importlib.import_module(folder)
     packages = {folder.partition(".")[0] for folder in folders}
     modules = [module for name, module in sorted(sys.modules.items()) if name.partition(".")[0] in packages]
-    known = {v.name: v for module in modules for v in vars(module).values() if isinstance(v, Field)}
-    return known
+    return {v.name: v for module in modules for v in vars(module).values() if isinstance(v, Field)}
 
 
 class Inputs:

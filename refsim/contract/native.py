@@ -17,12 +17,13 @@ from refsim.contract.programs import Programs
 from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY, Operation
 
-C = {"float32": "REAL", "float64": "double", "int": "int64_t", "float": "double", "bool": "uint8_t"}
-FORTRAN = {
-    "float32": "real(real_kind)", "float64": "real(c_double)", "float": "real(c_double)", "int": "integer(c_int64_t)",
-    "bool": "integer(c_int8_t)",
-}  # fmt: skip
-CTYPES = {"float64": ctypes.c_double, "float": ctypes.c_double, "int": ctypes.c_int64, "bool": ctypes.c_uint8}
+TYPES = {  # {type of an argument: in C, in Fortran, for ctypes}; REAL and real_kind are of the precision
+    "float32": ("REAL", "real(real_kind)", None),
+    "float64": ("double", "real(c_double)", ctypes.c_double),
+    "float": ("double", "real(c_double)", ctypes.c_double),
+    "int": ("int64_t", "integer(c_int64_t)", ctypes.c_int64),
+    "bool": ("uint8_t", "integer(c_int8_t)", ctypes.c_uint8),
+}
 KIND = re.compile(r"(\w+)(?: \((.*)\))?")
 
 
@@ -52,9 +53,10 @@ def split(kind: str) -> tuple[str, list[str]]:
     return match[1], ["node_count" if size == "nodes" else size for size in shape]
 
 
-def in_c(kind: str) -> str:
-    """The type in C of the numbers of a kind."""
-    return C.get(split(kind)[0], f"{split(kind)[0]}_t")
+def typed(kind: str) -> tuple[str, str, Any]:
+    """The type of the numbers of a kind in C, in Fortran and for ctypes."""
+    name = split(kind)[0]
+    return TYPES.get(name) or (f"{name}_t", f"integer(c_{name.removeprefix('u')}_t)", np.ctypeslib.as_ctypes_type(name))
 
 
 def argument_comment(row: Argument) -> str:
@@ -74,12 +76,12 @@ def header(operation: Operation) -> str:
         if not members:
             pointer = "*" if split(row.kind)[1] else ""
             taken.append(
-                f"{const if pointer else ''}{in_c(row.kind)} {pointer}{argument} /* {argument_comment(row)} */"
+                f"{const if pointer else ''}{typed(row.kind)[0]} {pointer}{argument} /* {argument_comment(row)} */"
             )
             continue
         lines += [f"#ifndef REFSIM_{argument.upper()}", f"#define REFSIM_{argument.upper()}", "typedef struct {"]
         for m in members:
-            kind = f"const {in_c(m.kind)} *" if split(m.kind)[1] else f"{in_c(m.kind)} "
+            kind = f"const {typed(m.kind)[0]} *" if split(m.kind)[1] else f"{typed(m.kind)[0]} "
             lines.append(f"    {kind}{m.name.partition('.')[2]}; /* {argument_comment(m)} */")
         lines += ["    int64_t rows; /* of its first array */", f"}} refsim_{argument};", "#endif", ""]
         taken.append(f"const refsim_{argument} *{argument}{' /* or NULL */' if row.optional else ''}")
@@ -100,23 +102,17 @@ def module(operation: Operation) -> str:
         if members:
             lines.append(f"  type, bind(c) :: refsim_{argument}")
             for m in members:
-                kind = "type(c_ptr)" if split(m.kind)[1] else in_fortran(m.kind)
+                kind = "type(c_ptr)" if split(m.kind)[1] else typed(m.kind)[1]
                 lines += [f"    ! {argument_comment(m)}", f"    {kind} :: {m.name.partition('.')[2]}"]
             lines += ["    ! of its first array", "    integer(c_int64_t) :: rows", "  end type"]
             taken.append(f"      type(refsim_{argument}), intent(in){optional} :: {argument}")
             continue
         intent, shape = "in" if row.role == "in" else "inout", ", ".join(reversed(split(row.kind)[1]))
         by = f", intent({intent}){optional} :: {argument}({shape})" if shape else f", value :: {argument}"
-        taken += [f"      ! {argument_comment(row)}", f"      {in_fortran(row.kind)}{by}"]
+        taken += [f"      ! {argument_comment(row)}", f"      {typed(row.kind)[1]}{by}"]
     listed = ", &\n        ".join([*sizes(operation), *parts(operation)])
     lines += ["  interface", f"    module subroutine {function_of(operation)}( &\n        {listed}) bind(c)", *taken]
     return "\n".join([*lines, "    end subroutine", "  end interface", "end module", ""])
-
-
-def in_fortran(kind: str) -> str:
-    """The type in Fortran of the numbers of a kind."""
-    name = split(kind)[0]
-    return FORTRAN.get(name, f"integer(c_{name.removeprefix('u')}_t)")
 
 
 def library(file: str, names: Sequence[str], **declared: Any) -> Programs:
@@ -145,10 +141,7 @@ def _program(file: str, operation: Operation) -> Callable[..., None]:
 
 
 def _type(kind: str, real: np.dtype) -> Any:
-    name, shape = split(kind)
-    if shape:
-        return ctypes.c_void_p
-    return CTYPES.get(name) or np.ctypeslib.as_ctypes_type(real if name == "float32" else np.dtype(name))
+    return ctypes.c_void_p if split(kind)[1] else typed(kind)[2] or np.ctypeslib.as_ctypes_type(real)
 
 
 def _value(value: Any, row: Argument, members: Sequence[Argument], real: np.dtype) -> Any:

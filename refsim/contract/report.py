@@ -18,6 +18,7 @@ from refsim.core.operation import REGISTRY
 from refsim.core.tables import in_time, table
 
 TOLD = 8  # failed trials that the text names for each operation; --json has all
+NOT_SHOWN = ("operation", "backend", "telling", "sign", "traits")  # of an outcome, in --json
 Found = Mapping[str, Sequence[Outcome]]
 
 
@@ -47,12 +48,9 @@ def _judged(every: Sequence[Outcome], lacking: list[str], allowed: bool) -> dict
     declared = collections.Counter(o.not_judged for o in every if o.not_judged and not o.untried)
     told |= {"cause": first_cause(every), "untried": untried, "not_judged": dict(declared)}
     largest = max((o.error for o in outcomes), default=0.0)
-    return told | {"largest_error": largest, "steps": steps, "outcomes": [_plain(o) for o in every]}
-
-
-def _plain(outcome: Outcome) -> dict[str, Any]:
-    told = dataclasses.asdict(outcome) | {"replay": outcome.replay}
-    return {k: v for k, v in told.items() if k not in ("operation", "backend", "telling", "sign", "traits")}
+    plain = (dataclasses.asdict(o) | {"replay": o.replay} for o in every)
+    shown = [{name: value for name, value in one.items() if name not in NOT_SHOWN} for one in plain]
+    return told | {"largest_error": largest, "steps": steps, "outcomes": shown}
 
 
 def text(data: Mapping[str, Any], outcomes_of: Found) -> str:

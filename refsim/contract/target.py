@@ -68,16 +68,7 @@ class Sought:
 
 @dataclass(frozen=True)
 class Outcome:
-    """One trial of one step: whether it passed, and the largest error as a share of what is allowed.
-
-    not_judged  what the trial needs that the program is declared not to support; then nothing ran, and it did not pass;
-                with `words` that say why it was not tried in spite of what is declared
-    kernel      smoothing kernel of the inputs, "" for that of the case; `dim` their dimension
-    telling     whether the right answer differs from zero, so that the trial could fail
-    values      of a wrong answer: output, row, got, expected, error, bound and neighbours
-    sign        of a wrong answer, "" without one, and `traits` of the inputs: see `refsim.contract.causes`
-    seconds     of wall time that the trial took
-    """
+    """One trial of one step: whether it passed, and the largest error as a share of what is allowed."""
 
     operation: str
     step: str
@@ -88,18 +79,18 @@ class Outcome:
     passed: bool
     error: float
     words: str = ""
-    not_judged: str = ""
-    kernel: str = ""
-    dim: int = 0
-    telling: bool = False
-    values: Mapping[str, Any] = field(default_factory=dict)
-    sign: str = ""
+    not_judged: str = ""  # what it needs and the program is declared not to support; nothing ran, and it did not pass
+    kernel: str = ""  # smoothing kernel of the inputs, "" for that of the case
+    dim: int = 0  # of the inputs
+    telling: bool = False  # whether the right answer differs from zero, so that the trial could fail
+    values: Mapping[str, Any] = field(default_factory=dict)  # of a wrong answer: output, row, got, expected, error, ...
+    sign: str = ""  # of a wrong answer, "" without one, and traits of the inputs: see `refsim.contract.causes`
     traits: Mapping[str, Any] = field(default_factory=dict)
-    seconds: float = 0.0
+    seconds: float = 0.0  # of wall time
 
     @property
     def untried(self) -> bool:
-        """Whether it is declared, and was not tried."""
+        """Whether it is declared, and was not tried; then `words` say why."""
         return bool(self.not_judged and self.words)
 
     @property
@@ -161,33 +152,23 @@ class Judged:
 class Target:
     """One operation's program under test: one of refsim's, or a loader's own with the same arguments.
 
-    backend   name of the program: its backend, or backend and algorithm ("cuda:fused")
-    variant   number of the operation's variant
-    loader    operation -> program taking the arguments of the backend's own program in their order, or those that its
-              attribute `arguments` names; its attribute `takes`, if there, names those that it reads
-    calling   is told the name of the case before each call of the program, and None after it
-    faults    what the program did since the last outcome beside a wrong answer; the next outcome fails by it
-    excludes  (operation, inputs) -> what the program does not support of them, as a clause; "" if it supports all
-    kernel    smoothing kernel that every input has, or two, for values and gradients; "" as each case has it
-    dims      dimensions in which steps with one cloud are climbed
-    same_bits whether the program is held to give the same bits again
-    readings  whether members of groups that stand for a reading of a paper are varied
-    seed      of drawn inputs, or the file of one; None: none are drawn
+    loader  operation -> program taking the arguments of the backend's own program in their order, or those that its
+            attribute `arguments` names; its attribute `takes`, if there, names those that it reads
     """
 
     operation: Operation
-    backend: str = "cpu"
+    backend: str = "cpu"  # name of the program: its backend, or backend and algorithm ("cuda:fused")
     dtype: str = "float32"
-    variant: int = 0
+    variant: int = 0  # number of the operation's variant
     loader: Callable[[Operation], Callable[..., Any]] | None = None
-    calling: Callable[[str | None], None] = lambda case: None
-    faults: list[str] = field(default_factory=list, compare=False, repr=False)
-    excludes: Callable[[Operation, Inputs], str] = lambda operation, inputs: ""
-    kernel: str = ""
-    dims: tuple[int, ...] = (3,)
-    same_bits: bool = True
-    readings: bool = True
-    seed: int | str | None = None
+    calling: Callable[[str | None], None] = lambda case: None  # is told a case before each call, and None after it
+    faults: list[str] = field(default_factory=list, compare=False, repr=False)  # since the last outcome; the next fails
+    excludes: Callable[[Operation, Inputs], str] = lambda operation, inputs: ""  # what of them is not supported, or ""
+    kernel: str = ""  # smoothing kernel that every input has, or "value gradient"; "" as each case has it
+    dims: tuple[int, ...] = (3,)  # in which steps with one cloud are climbed
+    same_bits: bool = True  # whether the program is held to give the same bits again
+    readings: bool = True  # whether members of groups that stand for a reading of a paper are varied
+    seed: int | str | None = None  # of drawn inputs, or the file of one; None: none are drawn
     sought: Sought = field(default_factory=Sought, compare=False, repr=False)
     last: dict[str, Any] = field(default_factory=dict, compare=False, repr=False)
 
@@ -423,14 +404,13 @@ class Guards:
         memory = np.full(values.nbytes + 2 * GUARD_BYTES, PATTERN, np.uint8)
         array = np.ndarray(values.shape, values.dtype, memory, GUARD_BYTES)
         array[...] = values
-        before = None if written else memory.copy()
 
         def check() -> str:
             fences = memory[:GUARD_BYTES], memory[GUARD_BYTES + values.nbytes :]
             for fence, where in zip(fences, ("before the start", "behind the end")):
                 if (fence != PATTERN).any():
                     return f"it wrote {where} of {name}"
-            return "" if before is None else _difference(name, before, memory, values, GUARD_BYTES)
+            return "" if written else _difference(name, values, array)
 
         self.checks.append(check)
         return array
@@ -439,8 +419,7 @@ class Guards:
         before = np.array(self.backend.host(array))
 
         def check() -> str:
-            after = np.array(self.backend.host(array))
-            fault = _difference(name, _raw(before), _raw(after), before, 0)
+            fault = _difference(name, before, np.array(self.backend.host(array)))
             if fault:
                 array.copy_to_device(before)  # lists serve several trials
             return fault
@@ -448,13 +427,11 @@ class Guards:
         self.checks.append(check)
 
 
-def _raw(values: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(values).reshape(-1).view(np.uint8)
-
-
-def _difference(name: str, before: np.ndarray, after: np.ndarray, values: np.ndarray, start: int) -> str:
-    changed = np.flatnonzero(before != after)
+def _difference(name: str, before: np.ndarray, after: np.ndarray) -> str:
+    """A clause on the first row whose bytes differ; "" where all are the same."""
+    held, found = (np.ascontiguousarray(values).reshape(-1).view(np.uint8) for values in (before, after))
+    changed = np.flatnonzero(held != found)
     if not len(changed):
         return ""
-    row = (int(changed[0]) - start) // max(values[:1].nbytes, 1) if values.ndim else 0
+    row = int(changed[0]) // before[:1].nbytes if before.ndim else 0
     return f"it changed its input {name} (row {row} first)"

@@ -38,22 +38,15 @@ MASS_ROUNDING = 1e-5  # share of the mass that sums in single precision may be o
 
 @dataclass(frozen=True)
 class Measure:
-    """One measure as a curve over the frames up to the time of the comparison, told where it is farthest off.
-
-    theirs      of the trajectory at `time` [s]
-    ours        of refsim's three runs at that time, the unshaken first
-    chaos       largest distance from their middle: so many times their largest width, or as given
-    resolution  largest distance of the coarser run from their middle, of an extent at least the spacing; 0 without such
-                a run, and where a value is given
-    """
+    """One measure as a curve over the frames up to the time of the comparison, told where it is farthest off."""
 
     name: str
     unit: str
-    time: float
-    theirs: float
-    ours: tuple[float, ...]
-    chaos: float
-    resolution: float = 0.0
+    time: float  # [s]
+    theirs: float  # of the trajectory at that time
+    ours: tuple[float, ...]  # of refsim's three runs then, the unshaken first
+    chaos: float  # largest distance from their middle: so many times their largest width, or as given
+    resolution: float = 0.0  # that of the coarser run, of an extent at least the spacing; 0 where chaos is given
 
     @property
     def difference(self) -> float:
@@ -82,24 +75,17 @@ def midrange(ours: Sequence[float]) -> float:
 
 
 class Comparison(NamedTuple):
-    """Measures up to a time [s], and the coarser spacing [m] or why there is none.
+    """Measures of a trajectory and of refsim's runs up to a time."""
 
-    times, curves  of the frames [s], and the middle of refsim's runs at each of them, by measure
-    bands    largest difference that is allowed, by measure
-    decides  time [s] from which on the runs' width is more than a twentieth of some measure's range, and that measure
-    still    gauges whose values stood still
-    behind   whether velocities are those of half a step before
-    """
-
-    time: float
+    time: float  # [s]
     measures: list[Measure]
-    coarser: float | str
-    times: list[float]
-    curves: dict[str, list[float]]
-    bands: dict[str, float]
-    decides: tuple[float, str]
-    still: list[str]
-    behind: bool = False
+    coarser: float | str  # its spacing [m], or why there is none
+    times: list[float]  # of the frames [s]
+    curves: dict[str, list[float]]  # middle of refsim's runs at these, by measure
+    bands: dict[str, float]  # largest difference that is allowed, by measure
+    decides: tuple[float, str]  # time [s] from which on the runs' width is over 1/20 of a measure's range, that measure
+    still: list[str]  # gauges whose values stood still
+    behind: bool = False  # whether velocities are those of half a step before
 
 
 # Measures
