@@ -39,25 +39,19 @@ class Advice:
 
 @dataclass(frozen=True)
 class Study:
-    """Result of `refsim.study`.
-
-    runs         every setting that was run, with its reading
-    convergence  over the spacings; None where no spacing gave a value
-    error        relative error for which the cheapest setting is given
-    reference    what the value is held against; its scale then stands in place of |Q0| and |Q_scene| below
-    """
+    """Result of `refsim.study`; with a reference its scale stands in place of |Q0| and |Q_scene| below."""
 
     scene: Scene
     observable: str
     unit: str
-    runs: tuple[tuple[Setting, Reading], ...]
-    convergence: Convergence | None
-    error: float
+    runs: tuple[tuple[Setting, Reading], ...]  # every setting that was run, with its reading
+    convergence: Convergence | None  # over the spacings; None where no spacing gave a value
+    error: float  # relative, for which the cheapest setting is given
     notes: tuple[str, ...] = ()
     machine: str = ""
     threads: int = 1
     left_out: tuple[str, ...] = field(default_factory=tuple)
-    reference: Reference | None = None
+    reference: Reference | None = None  # what the value is held against
 
     def of(self, kind: str) -> list[tuple[Setting, Reading]]:
         """The runs of a kind that gave a value."""

@@ -43,17 +43,11 @@ Watch = Callable[[Simulation], None]
 
 @dataclasses.dataclass(frozen=True)
 class Setting:
-    """One run that a study needs.
+    """One run that a study needs."""
 
-    kind    what differs from the user's scene: "spacing" (also for the scene itself), "support", "step", "precision",
-            "tolerance", "backend" or "effect"
-    label   in tables
-    factor  of the spacing: the scene's spacing over this one
-    """
-
-    kind: str
-    label: str
-    factor: float
+    kind: str  # what differs from the user's scene; "spacing" also of the scene itself
+    label: str  # in tables
+    factor: float  # the scene's spacing over this one
     scene: Scene
     backend: str
 
@@ -128,9 +122,7 @@ def _run(
                 simulation = Simulation.resume(checkpoints, setting.backend, threads, setting.scene)
         simulation = simulation or Simulation(make_plan(setting.scene), setting.backend, threads)
         clock = _Clock(simulation, progress, checkpoints, every)
-        if observable.times is not None and reaches is None:
-            value = _watched(simulation, observable, clock)
-        elif reaches is None:
+        if reaches is None:
             value = _at_end(simulation, observable, clock)
         else:
             value = _when(simulation, observable, reaches, clock)
@@ -196,27 +188,19 @@ class _Clock:
         self.kept_at = time.perf_counter()
 
 
-def _watched(simulation: Simulation, observable: Observable, clock: _Clock) -> float:
-    """The observable from its moments; the run goes to the scene's end."""
-    watch = Watching(observable, simulation.plan.scene)
-    watch(simulation)
-    while watch.due or simulation.time < simulation.plan.scene.end_time:
-        clock.step()
-        watch(simulation)
-    if observable.seconds is not None:
-        clock.seconds = clock.wall = observable.seconds(watch.values)
-    return watch.value(simulation)
-
-
 def _at_end(simulation: Simulation, observable: Observable, clock: _Clock) -> float:
-    end = simulation.plan.scene.end_time
-    before = None
-    while simulation.time < end:
+    """The observable from its moments; without these at the scene's end, between the steps before and after it."""
+    end, before, watch = simulation.plan.scene.end_time, None, Watching(observable, simulation.plan.scene)
+    watch(simulation)
+    while watch.due or simulation.time < end:
         near = simulation.last is None or simulation.time + 2 * simulation.last.length >= end
-        if near and simulation.steps:
+        if observable.times is None and near and simulation.steps:
             before = simulation.time, observable(simulation)
         clock.step()
-    after = simulation.time, observable(simulation)
+        watch(simulation)
+    if observable.times is not None and observable.seconds is not None:
+        clock.seconds = clock.wall = observable.seconds(watch.values)
+    after = simulation.time, watch.value(simulation)
     if before is None or after[0] == before[0]:
         return after[1]
     return before[1] + (end - before[0]) / (after[0] - before[0]) * (after[1] - before[1])
