@@ -195,7 +195,7 @@ def test_positions_that_are_no_numbers_harm_no_other_particle(value):
 def test_audit_looks_where_the_list_was_last_used_and_leaves_out_what_a_plane_stopped():
     """After a step that halves all distances the list would look short; the audit steps back first, by shifts too."""
     case = cases.CASES["cloud_3d"]()
-    search, position, listed = ordered(case, "float64")
+    search, position, listed = ordered(case, "float32")
     velocity = -0.5 * position
     search.audit(position + velocity, velocity, np.array([0.0, 1.0]), listed)
     assert search.programs.missed == 0
@@ -205,12 +205,12 @@ def test_audit_looks_where_the_list_was_last_used_and_leaves_out_what_a_plane_st
     assert search.programs.missed > 20
     search.build(position)
     assert search.log.missed_neighbours == search.programs.missed
-    search = NeighbourSearch(choose("cpu"), 2, "float64", 1.0, skin=0.1)
-    before = np.array([[0.3, 0.0, 0.0], [1.5, 0.0, 0.0], [1.5, 2.0, 0.0], [1.5, 2.5, 0.0]])
+    search = NeighbourSearch(choose("cpu"), 2, "float32", 1.0, skin=0.1)
+    before = np.array([[0.3, 0.0, 0.0], [1.5, 0.0, 0.0], [1.5, 2.0, 0.0], [1.5, 2.5, 0.0]], "f4")
     listed = search.build(before)
-    velocity = np.zeros((4, 3))
-    after = before + [[0.0, 0.0, 0.0], [-0.9, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
-    bounds = planes([0.6, -np.inf, -np.inf], np.inf)  # where the second one stands now
+    velocity, after = np.zeros_like(before), before.copy()
+    after[1, 0] = 0.5
+    bounds = planes([0.5, -np.inf, -np.inf], np.inf, dtype="float32")  # where the second one stands now
     rows, still = AuditedRows(1, 4), np.zeros(2)
     search.programs.audit(after, velocity, still, listed, rows, 1.0, bounds)
     assert search.programs.missed == 0

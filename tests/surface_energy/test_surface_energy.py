@@ -122,25 +122,27 @@ def test_bad_parameters_are_told(parameters, words):
 
 
 def shaken_block(dim, **parameters):
-    """64 shaken particles of an MPM liquid under tension, in float64."""
+    """64 shaken particles of an MPM liquid under tension."""
     cells = (8, 8) if dim == 2 else (4, 4, 4)
     lattice = np.stack(np.meshgrid(*(np.arange(n) + 0.5 for n in cells), indexing="ij"), axis=-1).reshape(-1, dim)
     place = 0.1 * lattice + np.random.default_rng(3).uniform(-0.01, 0.01, lattice.shape)
     return Scene(
-        dim=dim, spacing=0.1, support_radius=0.21, dtype="float64", step=2e-4,
+        dim=dim, spacing=0.1, support_radius=0.21, step=2e-4,
         fluid=(Cloud(position=np.pad(place, ((0, 0), (0, 3 - dim)))),),
         effects=(MpmLiquid(bulk_modulus=1e3), SurfaceEnergy(surface_tension=50.0, **parameters)),
     )  # fmt: skip
 
 
+@pytest.mark.parametrize("dtype, close", [("float32", 1e-5), pytest.param("float64", 1e-12, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("dim, parameters", rows(__file__, "settings"), ids=str)
-def test_run_of_the_references_is_the_cpus(dim, parameters):
+def test_run_of_the_references_is_the_cpus(dim, parameters, dtype, close):
     """The whole reconstruction by the references, step after step: surface, fit, samples, and what they move.
 
     Rounding in float64 is 2e-16 of each term, sums have a hundred terms, and five steps repeat them: 1e-12 of the
-    largest. A particle, a sample or a facet more or less would be 1e-2.
+    largest; in float32 it is 1e-7, and 1e-6 were found. A particle, a sample or a facet more or less would be 1e-2.
     """
-    runs = [Simulation(shaken_block(dim, **parameters), backend) for backend in ("numpy", "cpu")]
+    scene = shaken_block(dim, **parameters).with_(dtype=dtype)
+    runs = [Simulation(scene, backend) for backend in ("numpy", "cpu")]
     for simulation in runs:
         advanced(simulation, 5 if dim == 2 else 2)
     oracle, own = (simulation.shared["surface"].latest for simulation in runs)
@@ -155,7 +157,7 @@ def test_run_of_the_references_is_the_cpus(dim, parameters):
     compared += [tuple(simulation.field(name) for simulation in runs) for name in names]
     for value, other in compared:
         assert value.shape == other.shape
-        assert np.abs(value - other).max() < 1e-12 * np.abs(value).max()
+        assert np.abs(value - other).max() < close * np.abs(value).max()
     assert np.abs(runs[0].field("velocity")).max() > 1e-4  # m/s: the tension moves it
 
 
