@@ -363,7 +363,6 @@ def on_one_core(wanted: bool) -> Iterator[None]:
 
 # What a program under test may not touch
 
-
 GUARD_BYTES = 4096  # before and after each array on the CPU; a multiple of every alignment
 PATTERN = 0xA5
 

@@ -81,7 +81,6 @@ def _steps(simulation: Simulation, count: int) -> None:
 
 # Memory of a scene on a backend, from its plan, before anything is allocated
 
-
 MANY, FEW = 5_000_000, 20_000  # particles in boxes from which on they are counted first, by a plan of about so many
 
 

@@ -42,16 +42,12 @@ Reader = Callable[[Simulation], float]
 
 @dataclass(frozen=True)
 class Observable:
-    """A number of a simulation: how it is called, its unit, how it is read, and a digest of what reads it.
-
-    digest  "" of a function of Python, of whose source no file is known
-    times, reduce, seconds  see above; None for a number that is read at the end
-    """
+    """A number of a simulation; what watches a run, see above, is None for a number that is read at the end."""
 
     name: str
     unit: str
     read: Reader
-    digest: str
+    digest: str  # of what reads it; "" of a function of Python, of whose source no file is known
     times: Callable[[Scene], Sequence[float]] | None = None
     reduce: Callable[[np.ndarray, list[Any]], float] | None = None
     seconds: Callable[[list[Any]], float] | None = None

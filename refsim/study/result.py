@@ -287,7 +287,6 @@ def _above(error: float | None, known: float, signed: bool = False) -> str:
 
 # The picture of a study
 
-
 BLUE, VERMILION, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"  # Okabe & Ito's palette
 
 

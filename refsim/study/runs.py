@@ -141,12 +141,8 @@ def _run(
 
 
 class _Clock:
-    """Counts the time of the steps alone; what their first calls took, which may compile, is not counted.
-
-    wall     by the clock
-    seconds  of the processor; on a GPU those of the clock
-
-    Writes checkpoints, where there is a folder for them.
+    """Counts the time of the steps alone, without what their first calls took, which may compile: `wall` by the clock,
+    `seconds` of the processor, on a GPU of the clock. Writes checkpoints, where there is a folder for them.
     """
 
     def __init__(self, simulation: Simulation, progress: Watch | None, checkpoints: Path | None, every: float) -> None:
