@@ -14,6 +14,7 @@ from refsim.core.capabilities import (
     FollowsGrid,
     HasErrata,
     HasPlanes,
+    HasTension,
     KnowsParticleMass,
     LimitsMassRatio,
     effects_with,
@@ -40,7 +41,16 @@ POSITIVE = {"mass": "kg", "rest_density": "kg/m^3", "heat_capacity": "J/(kg K)",
 SHARED = 0.4  # of a cell of one spacing, filled by two parts: half a spacing between their faces gives 0.375
 LATTICE = 1.02  # largest of the same in a lattice, turned or stretched, that is counted alone
 ALONE, FEW = 1.05, 1.5  # spacings of a support below which a lattice's particle has no neighbour, few of them
+APART = 3e-5  # of the support radius: 15 roundings of a place 100 spacings off, in float32
 LONGEST_FIXED = 1.6  # stable steps that a fixed step may span; longer ones gained energy without diverging in tests
+
+
+def _support_radius(scene: Scene) -> float:
+    """The support radius [m], less a part of `APART` where roundings would say which of a lattice's pairs act."""
+    squared = (scene.support_radius / scene.spacing) ** 2  # an integer for distances of the lattice
+    tied = abs(squared - round(squared)) < APART * squared
+    abrupt = any(isinstance(effect, HasTension) and effect.ends_abruptly for effect in scene.effects)
+    return scene.support_radius * (1 - APART * (tied and abrupt))
 
 
 def checked(scene: Scene) -> tuple[Discretisation, dict[str, Effect]]:
@@ -50,7 +60,7 @@ def checked(scene: Scene) -> tuple[Discretisation, dict[str, Effect]]:
     """
     _check_numbers(scene)
     grid = Discretisation(
-        scene.dim, scene.dtype, scene.spacing, scene.support_radius, 0, scene.step, None, scene.period,
+        scene.dim, scene.dtype, scene.spacing, _support_radius(scene), 0, scene.step, None, scene.period,
         scene.period_lower,
     )  # fmt: skip
     given = {name: effect.in_scene(grid) for name, effect in _effects(scene).items()}

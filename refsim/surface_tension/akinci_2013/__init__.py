@@ -76,6 +76,7 @@ class Akinci2013(cohesion.PairCohesion, HasErrata, frozen=True, kw_only=True):
     """
 
     name: ClassVar[str] = "akinci_2013"
+    ends_abruptly: ClassVar[bool] = True
     scales: ClassVar[tuple[str, ...]] = ("surface_tension", "gamma", "area_acceleration", "adhesion")
     coefficient_name: ClassVar[str] = "gamma"
     source: ClassVar[str] = "Akinci et al."

@@ -137,6 +137,7 @@ class JiangZhu2023(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, 
     """
 
     name: ClassVar[str] = "jiang_zhu_2023"
+    ends_abruptly: ClassVar[bool] = True
     scales: ClassVar[tuple[str, ...]] = ("surface_tension", "gamma", "area_acceleration", "density_correction")
     coefficient_name: ClassVar[str] = "gamma"
     source: ClassVar[str] = "Jiang & Zhu"
