@@ -140,7 +140,7 @@ def test_every_file_is_written_through_one_module():
 def test_a_write_of_its_own_is_found():
     found = 'open(path, "w")', 'path.open(mode="ab")', 'os.fdopen(handle, "w")', "np.save(path, x)", "mesh.export(path)"
     harmless = 'open(path)\nopen(path, "rb")\nmade_by(figure.savefig, format="png")\nmesh.export(file_type="obj")'
-    assert list(writes_of_their_own(ast.parse("\n".join((*found, harmless))))) == [
+    assert list(writes_of_their_own(ast.walk(ast.parse("\n".join((*found, harmless)))))) == [
         call.replace('"', "'") for call in found
     ]
 
