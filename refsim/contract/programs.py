@@ -82,16 +82,14 @@ class Programs:
         """The same; InputError for names that mean nothing."""
         if self.arrays not in (ARRAYS if self.programs is not None else BACKENDS):
             raise InputError(f"{self.name}: there are no arrays of {self.arrays!r}; take one of {', '.join(ARRAYS)}.")
-        for field_name in ("dtypes", "kernels", "dims", "without"):
-            value = getattr(self, field_name)
+        optional = sorted({name for operation in REGISTRY.values() for name in operation.optional})
+        known = {"dtypes": ("dtype", DTYPES), "kernels": ("smoothing kernel", (*SHAPES,)), "dims": ("dimension", DIMS)}
+        for name, (what, choices) in (known | {"without": ("optional argument", optional)}).items():
+            value = getattr(self, name)
             if isinstance(value, str) or not isinstance(value, Sequence):
-                right = getattr(Programs, field_name)
-                raise InputError(f"{self.name}: {field_name} = {value!r} is no sequence; give a tuple like {right}.")
-        among(self.dtypes, DTYPES, f"{self.name}: there is no dtype")
-        among(self.kernels, tuple(SHAPES), f"{self.name}: there is no smoothing kernel")
-        among(self.dims, DIMS, f"{self.name}: there is no dimension")
-        optional = {name for operation in REGISTRY.values() for name in operation.optional}
-        among(self.without, sorted(optional), f"{self.name}: there is no optional argument")
+                right = getattr(Programs, name)
+                raise InputError(f"{self.name}: {name} = {value!r} is no sequence; give a tuple like {right}.")
+            among(value, choices, f"{self.name}: there is no {what}")
         most = self.most_particles
         if most is not None and (isinstance(most, bool) or not isinstance(most, int) or most < 1):
             raise InputError(f"{self.name}: most_particles = {most!r} is no number of particles; give one from 1 on.")
@@ -137,11 +135,12 @@ class Programs:
             return f"above {self.most_particles:,} particles"
         if inputs.case.dim not in self.dims:
             return f"in {inputs.case.dim} dimensions"
-        groups = groups_of(operation, inputs).items()
-        readings = ((group, member, name) for name, group in groups for member in cases.READINGS.get(name, ()))
-        others = (getattr(g, m) != getattr(usual_value(name, inputs.dtype), m) for g, m, name in readings)
-        if not self.readings and (inputs.case.literal or any(others)):
-            return AS_PRINTED
+        if not self.readings:
+            groups = groups_of(operation, inputs).items()
+            readings = ((group, member, name) for name, group in groups for member in cases.READINGS.get(name, ()))
+            others = (getattr(g, m) != getattr(usual_value(name, inputs.dtype), m) for g, m, name in readings)
+            if inputs.case.literal or any(others):
+                return AS_PRINTED
         names = {number: name for name, number in SHAPES.items()}
         for name in (n for n in KERNELS if n in operation.arguments("numpy")):
             kernel = names[int(inputs[name].shape)]
