@@ -28,8 +28,6 @@ from refsim.core.writing import in_turn
 _REFSIM = pathlib.Path(__file__).parents[1]
 _CACHES_KEPT = 200
 _CACHE_NAME = re.compile("[0-9a-f]{16}")  # of the folders that `cache_folder` makes: it deletes no other
-
-
 _IMPORT = re.compile(r"^(?:from[ \t]+([\w.]+)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*)|import[ \t]+([\w.]+))", re.MULTILINE)
 
 
@@ -176,7 +174,6 @@ def cached(dispatcher: Any, function: Callable) -> Any:
 # Files of the cache. Numba unpickles what it finds in its cache and runs it. Each file therefore ends with a SHA-256
 # over its name and its content. A file that does not match is deleted and its kernel is compiled anew, with a warning
 # once in a process. The digest detects damage; the check of the folder's owner and rights protects against other users.
-
 
 DIGEST_BYTES = 32
 _told: set[str] = set()  # kinds of warnings that this process has given

@@ -21,25 +21,16 @@ SCALARS = {
 _warned: list[str] = []
 
 
-def private_kernel(dispatcher: Any, arguments: tuple) -> tuple[Any, Any]:
-    """The kernel that a dispatcher has compiled for these arguments, and what makes a stream one of `cuda.core`'s.
-
-    Raises AttributeError where numba-cuda lacks a private name.
-    """
-    numba = names("launch")
-    if numba is None:
-        raise AttributeError
-    types = tuple(numba.typeof(argument, numba.Purpose.argument) for argument in arguments)
-    return dispatcher.overloads[types]._codelibrary.get_cufunc().kernel, numba._to_core_stream
-
-
 class Launch:
     """A compiled CUDA kernel for arguments of certain kinds (see `kinds_of`), launched directly."""
 
     def __init__(self, dispatcher: Any, arguments: tuple) -> None:
         from cuda.core import LaunchConfig, launch
 
-        self.kernel, self.converted = private_kernel(dispatcher, arguments)
+        private: Any = names("launch")  # without them an AttributeError
+        types = tuple(private.typeof(argument, private.Purpose.argument) for argument in arguments)
+        self.kernel = dispatcher.overloads[types]._codelibrary.get_cufunc().kernel
+        self.converted = private._to_core_stream  # makes a stream one of `cuda.core`'s
         self.launch, self.config = launch, LaunchConfig
         self.streams = {branch(): self.converted(stream())}
 

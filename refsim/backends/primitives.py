@@ -70,7 +70,20 @@ if simulated():
         """counters[k] before this thread has added one to it."""
         return cuda.atomic.add(counters, k, 1)
 
+    @cuda_formula
+    def four_of(array, i):  # noqa: ANN001, ANN201
+        """The numbers of row i of an (n, 4) array."""
+        return array[i, 0], array[i, 1], array[i, 2], array[i, 3]
+
+    @cuda_formula
+    def set_four(array, i, x, y, z, w):  # noqa: ANN001, ANN201
+        """Row i of an (n, 4) array becomes these numbers."""
+        array[i, 0], array[i, 1], array[i, 2], array[i, 3] = x, y, z, w
+
 else:
+    from llvmlite import ir
+    from numba.core import types
+    from numba.cuda.extending import intrinsic
 
     @cuda_formula
     def largest_of_block(values, mine):  # noqa: ANN001, ANN201
@@ -130,24 +143,6 @@ else:
         if cuda.laneid == first:
             before = np.int32(cuda.atomic.add(counters, k, np.int32(cuda.popc(same))))
         return cuda.shfl_sync(same, before, first) + np.int32(cuda.popc(same & cuda.lanemask_lt()))
-
-
-if simulated():
-
-    @cuda_formula
-    def four_of(array, i):  # noqa: ANN001, ANN201
-        """The numbers of row i of an (n, 4) array."""
-        return array[i, 0], array[i, 1], array[i, 2], array[i, 3]
-
-    @cuda_formula
-    def set_four(array, i, x, y, z, w):  # noqa: ANN001, ANN201
-        """Row i of an (n, 4) array becomes these numbers."""
-        array[i, 0], array[i, 1], array[i, 2], array[i, 3] = x, y, z, w
-
-else:
-    from llvmlite import ir
-    from numba.core import types
-    from numba.cuda.extending import intrinsic
 
     @intrinsic
     def four_of(typing_context, array, i):  # noqa: ANN001, ANN201

@@ -292,13 +292,11 @@ class Body:
     def looped(self, body: ast.expr, rows: ast.expr, arguments: ast.expr) -> list[Any]:
         """The loop of `over_rows`. Numba's parallel loops take no tuples of tuples: these are made within."""
         count, (_, group) = self.value(rows)[0], self.value(arguments)
-        given = arguments.elts if isinstance(arguments, ast.Tuple) else [
-            ast.Subscript(arguments, ast.Constant(k), ast.Load()) for k in range(len(group.parts))
-        ]  # fmt: skip
+        assert isinstance(arguments, ast.Tuple)
         self.kinds["i"] = NUMBER
         self.locals.add("i")
         before: list[Any] = []
-        values = [self.unpacked(self.value(node)[0], kind, before) for node, kind in zip(given, group.parts)]
+        values = [self.unpacked(self.value(node)[0], kind, before) for node, kind in zip(arguments.elts, group.parts)]
         function = self.value_of(body)
         call, _ = self.called(function, [(ast.Name("i", ast.Load()), NUMBER), *zip(values, group.parts)], {})
         rows_of = ast.Call(ast.Name("prange", ast.Load()), [count], [])
