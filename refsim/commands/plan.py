@@ -228,13 +228,13 @@ def _text(summary: dict[str, Any]) -> str:
     ]
     effects = []
     for name, e in summary["effects"].items():
-        reach = f"{e['list_radius']:g} m" if e["list_radius"] else "-"
+        reach = f"{e['list_radius']:.4g} m" if e["list_radius"] else "-"
         count = f"{e['wall_particles']:,}" if e["wall_particles"] else "-"
         effects.append((name, reach, count, ", ".join(e["step_limits"]) or "-"))
     lines = [
         f"{summary['scene']}: {summary['particles']:,} particles{walls} in {summary['dim']}D, {summary['dtype']},"
         f" backend {summary['backend']}",
-        f"spacing {summary['spacing']:g} m, support radius {summary['support_radius']:g} m{around}",
+        f"spacing {summary['spacing']:g} m, support radius {summary['support_radius']:.4g} m{around}",
         "",
         "Fields",
         table(fields, ("field", "B/particle", "bytes", "unit", "brought by", "meaning"), right=(1, 2)),
@@ -261,7 +261,7 @@ def _text(summary: dict[str, Any]) -> str:
             lines += [title[0].upper() + title[1:], table(rows, tuple(keys)), ""]
     listed = summary["neighbour_list"]
     lines.append(
-        f"Neighbour list: radius {listed['radius']:g} m, reaching to {listed['reach']:g} m,"
+        f"Neighbour list: radius {listed['radius']:.4g} m, reaching to {listed['reach']:.4g} m,"
         f" {listed['neighbours_on_a_lattice']} neighbours on the lattice, about {in_bytes(listed['bytes'])};"
         f" rebuilt when a particle has moved {listed['built_anew_after']:.3g} m"
         if listed
