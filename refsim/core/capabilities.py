@@ -102,8 +102,6 @@ class Joins:
 class HasTension:
     """Has a surface tension, which acts on the liquid that it needs first."""
 
-    ends_abruptly: ClassVar[bool] = False  # whether pairs just within the support radius have a part in it
-
     def acting_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[float, str]:
         """sigma [N/m] of the surface, as far as it is known, and what it follows from."""
         raise NotImplementedError  # an effect with this capability defines it

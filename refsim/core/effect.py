@@ -242,6 +242,7 @@ class Effect(Checked, frozen=True, kw_only=True):
     host_passes: ClassVar[tuple[str, ...]] = ()  # passes that need the host, between which others are CUDA graphs
     periodic: ClassVar[bool] = False  # whether its passes take separations to the nearest image in a periodic box
     with_spacing: ClassVar[tuple[str, ...]] = ()  # its lengths [m] that follow the spacing if a scene is refined
+    ends_abruptly: ClassVar[bool] = False  # whether pairs just within the support radius have a part in its forces
     places: ClassVar[tuple[str, ...]] = ()  # its parameters that are places in the scene [m]
     virial: ClassVar[str] = ""  # why its forces between particles at rest need no `PairCohesion`, which every other has
     scales: ClassVar[tuple[str, ...]] = ()  # with all of these at zero, or off, it is no part of the scene (`acts`)

@@ -14,7 +14,6 @@ from refsim.core.capabilities import (
     FollowsGrid,
     HasErrata,
     HasPlanes,
-    HasTension,
     KnowsParticleMass,
     LimitsMassRatio,
     effects_with,
@@ -45,11 +44,11 @@ APART = 3e-5  # of the support radius: 15 roundings of a place 100 spacings off,
 LONGEST_FIXED = 1.6  # stable steps that a fixed step may span; longer ones gained energy without diverging in tests
 
 
-def _support_radius(scene: Scene) -> float:
+def _support_radius(scene: Scene, effects: Mapping[str, Effect]) -> float:
     """The support radius [m], less a part of `APART` where roundings would say which of a lattice's pairs act."""
     squared = (scene.support_radius / scene.spacing) ** 2  # an integer for distances of the lattice
     tied = abs(squared - round(squared)) < APART * squared
-    abrupt = any(isinstance(effect, HasTension) and effect.ends_abruptly for effect in scene.effects)
+    abrupt = any(effect.ends_abruptly and effect.acts() for effect in effects.values())
     return scene.support_radius * (1 - APART * (tied and abrupt))
 
 
@@ -59,11 +58,12 @@ def checked(scene: Scene) -> tuple[Discretisation, dict[str, Effect]]:
     Raises InputError for numbers, effects, gauges and motions that are not possible, or not together.
     """
     _check_numbers(scene)
+    listed = _effects(scene)
     grid = Discretisation(
-        scene.dim, scene.dtype, scene.spacing, _support_radius(scene), 0, scene.step, None, scene.period,
+        scene.dim, scene.dtype, scene.spacing, _support_radius(scene, listed), 0, scene.step, None, scene.period,
         scene.period_lower,
     )  # fmt: skip
-    given = {name: effect.in_scene(grid) for name, effect in _effects(scene).items()}
+    given = {name: effect.in_scene(grid) for name, effect in listed.items()}
     if moves_tank(scene.motion) and "gravity" not in given:
         given["gravity"] = EFFECTS["gravity"](acceleration=(0.0, 0.0, 0.0))
     effects = with_scene_defaults(effect for effect in given.values() if not _is_open(effect, grid))

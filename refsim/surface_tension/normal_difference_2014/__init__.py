@@ -40,6 +40,7 @@ class NormalDifference2014(Effect, HasErrata, PullsParticles, frozen=True, kw_on
     """
 
     name: ClassVar[str] = "normal_difference_2014"
+    ends_abruptly: ClassVar[bool] = True
     scales: ClassVar[tuple[str, ...]] = ("area_acceleration",)
     source: ClassVar[str] = "patent"
     errata: ClassVar[tuple[str, ...]] = ("P7",)
