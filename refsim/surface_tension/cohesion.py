@@ -49,10 +49,7 @@ BECAME_DROPS = "cubes became drops (beyond it they fly apart, and a shorter step
 # the bulk, positive compresses, 3D -(2 pi/3) rho0^2 int r^3 C dr, 2D -(pi/2) rho0^2 int r^2 C dr.
 TENSION = {2: (3, -1 / 3), 3: (4, -math.pi / 8)}
 PRESSURE = {2: (2, -math.pi / 2), 3: (3, -2 * math.pi / 3)}
-# Rate [c/h] of that return over (h/d)^3 S^(5/4) in free drops: below it a large drop swings faster than its jump tells,
-# since its density returns as slowly as it swings; at several times it a small drop swings more slowly. Waves in a
-# container would be damped.
-RETURN = 0.5
+FASTEST_RETURN = 0.3  # rate [c/h] beyond which the density of no free drop returns
 Table = Mapping[int, Any]
 PairForce = Callable[[NDArray], NDArray]  # C(r) [N/kg^2] of distances r [m]
 
@@ -112,13 +109,14 @@ def _between(table: Any, support: float, place: float) -> float:
 class Drops(NamedTuple):
     """Drops with which the tension of a model was measured, in containers or `free`: a table of drops.toml."""
 
-    free: bool  # the density returns by RETURN
+    free: bool  # the density returns by `rate`
     measured: Table  # where it has nothing, sigma is nominal
     by_radius: Table
     radii: Table
     held: float = 0.0
     beyond: str = ""
     on_walls: str = ""
+    rate: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @functools.cache
@@ -190,10 +188,10 @@ class MeasuredByDrops(ReturnsDensity):
 
     def return_rate(self, grid: Discretisation, others: Others) -> float:
         """That of the measured drops, which follows S and h/d."""
-        stiffness = self._measured_at(grid, others)
-        if stiffness is None or not self._drops(grid, others).free:
+        stiffness, (factor, of_support, power) = self._measured_at(grid, others), self._drops(grid, others).rate
+        if stiffness is None:
             return 0.0
-        return RETURN * (grid.support_radius / grid.spacing) ** 3 * stiffness**1.25
+        return min(FASTEST_RETURN, factor * (grid.support_radius / grid.spacing) ** of_support * stiffness**power)
 
     def beyond_measured(self, grid: Discretisation, others: Others) -> Iterator[str]:
         """Notes on a tension that no drop of the liquid has shown, and on one in a setting of no such drop.

@@ -31,27 +31,22 @@ RADII = {2: (11.0, 16.0, 24.0), 3: (8.5, 10.0, 12.0)}  # in spacings
 SUPPORTS = (2.3, 3.0)  # h in spacings, beside 2.6
 STIFFNESS = 0.001  # S of water in a scene of one's own, 0.072 N/m, d = 1 mm, c = 8.5 m/s; beside 0.01
 # Where sigma is that of measured drops, others judge it, by model, dimension and whether containers' coefficients are
-# meant: radii; h and S. Seeds of Akinci's are 41 to 45, in containers 53 to 57, others' 31 and, between the radii, 32
+# meant: radii; h and S. By SEEDS, or 31 and, between the radii, 32
 JUDGED: dict[tuple[str, int, bool], tuple[tuple[float, ...], tuple[tuple[float, float], ...]]] = {
     ("akinci", 2, False): ((6.0, 8.0, 11.0, 16.0, 20.0), ((2.6, 0.0015), (2.6, 0.006), (3.0, 0.003), (3.0, 0.009))),
-    ("akinci", 3, False): (
-        (6.0, 8.5, 12.0, 14.0, 20.0),
-        ((2.6, 0.0007), (2.6, 0.002), (2.6, 0.006), (2.6, 0.015), (2.8, 0.005), (3.0, 0.003), (3.0, 0.009)),
-    ),
-    ("akinci", 3, True): (
-        (6.0, 8.5, 12.0, 14.0),
-        ((2.6, 0.0007), (2.6, 0.0015), (2.6, 0.004), (2.6, 0.007), (2.6, 0.015), (2.6, 0.025), (2.8, 0.008),
-         (3.0, 0.002), (3.0, 0.008)),
-    ),
-    ("csf", 2, False): (
-        (6.0, 11.0, 16.0, 20.0), ((2.3, 0.003), (2.6, 0.0005), (2.6, 0.006), (3.0, 0.002), (3.0, 0.008)),
-    ),
+    ("akinci", 3, False): ((6.0, 8.5, 12.0, 14.0, 20.0), ((2.6, 7e-4), (2.6, 2e-3), (2.6, 6e-3), (2.6, 0.015),
+                                                          (2.8, 5e-3), (3.0, 3e-3), (3.0, 9e-3))),
+    ("akinci", 3, True): ((6.0, 8.5, 12.0, 14.0), ((2.6, 7e-4), (2.6, 1.5e-3), (2.6, 4e-3), (2.6, 7e-3), (2.6, 0.015),
+                                                   (2.6, 0.025), (2.8, 8e-3), (3.0, 2e-3), (3.0, 8e-3))),
+    ("csf", 2, False): ((6.0, 11.0, 16.0, 20.0), ((2.3, 3e-3), (2.6, 5e-4), (2.6, 6e-3), (3.0, 2e-3), (3.0, 8e-3))),
     ("csf", 3, False): ((6.0, 8.5, 12.0, 14.0), ((2.6, 0.0015), (2.6, 0.006), (2.8, 0.003), (3.0, 0.008))),
-    ("dong", 2, False): (
-        (8.0, 11.0, 16.0, 20.0), ((3.8, 0.007), (3.8, 0.011), (3.9, 0.009), (4.0, 0.008), (4.0, 0.012)),
-    ),
-    ("dong", 3, False): ((6.0, 7.0, 12.0, 14.0), ((3.0, 0.002), (3.0, 0.006))),
+    ("dong", 2, False): ((8.0, 11.0, 16.0, 20.0), ((3.8, 7e-3), (3.8, 0.011), (3.9, 9e-3), (4.0, 8e-3), (4.0, 0.012))),
+    ("dong", 3, False): ((6.0, 8.5, 12.0, 14.0), ((3.0, 0.002), (3.0, 0.0045), (3.0, 0.008))),
+    ("dong", 3, True): ((6.0, 7.0, 12.0, 14.0), ((3.0, 0.002), (3.0, 0.006))),
 }  # fmt: skip
+SEEDS = {("akinci", 2, False): range(41, 46), ("akinci", 3, False): range(41, 46), ("akinci", 3, True): range(53, 58),
+         ("dong", 3, False): range(61, 63)}  # fmt: skip
+OWN = {"akinci": ("gamma", "area_acceleration"), "dong": ("stiffness", "correction")}  # coefficients of a model
 
 
 @dataclass(frozen=True)
@@ -73,8 +68,9 @@ class Point(drops.Point):
         shifted = self.model in SPH and not drops.summed(asdict(self))
         made = MODELS[self.model](surface_tension=1.0)
         if self.standing:
-            area = self.share("area_coefficient")
-            made = MODELS[self.model](gamma=self.share("coefficient"), area_acceleration=area)
+            own, further = OWN[self.model]
+            beside = self.share(f"{further.split('_')[0]}_coefficient")
+            made = MODELS[self.model](**{own: self.share("coefficient"), further: beside})
         return made, *((ParticleShifting(),) if shifted else ())
 
     def share(self, of: str = "share_of_nominal") -> float:
@@ -82,7 +78,8 @@ class Point(drops.Point):
         fluid = refsim.WeaklyCompressible(sound_speed=self.stiffness**-0.5, rest_density=1.0, density=self.liquid)
         beside = (fluid, ParticleShifting(), refsim.Gravity(), refsim.BoxWalls(lower=(0.0,) * 3, upper=(1.0,) * 3))
         grid = Discretisation(self.dim, "float64", 1.0, self.support, 0, drop_radius=self.radius)
-        return getattr(MODELS[self.model](surface_tension=1.0), of)(grid, with_scene_defaults(beside))
+        effects = with_scene_defaults((*beside, MODELS[self.model](surface_tension=1.0)))
+        return getattr(effects[MODELS[self.model].name], of)(grid, effects)
 
 
 def points(models: tuple[str, ...] = tuple(MODELS), dims: tuple[int, ...] = (2, 3)) -> Iterator[Point]:
@@ -100,7 +97,7 @@ def points(models: tuple[str, ...] = tuple(MODELS), dims: tuple[int, ...] = (2, 
             yield Point(model, dim, radius=radius, stiffness=stiffness, liquid="summation")
         judged = [(standing, *JUDGED[of]) for standing in (False, True) if (of := (model, dim, standing)) in JUDGED]
         for standing, radii, places in judged:
-            seeds = range(53, 58) if standing else range(41, 46) if model == "akinci" else (31, 32)
+            seeds = SEEDS.get((model, dim, standing), (31, 32))
             for (support, stiffness), radius, seed in itertools.product(places, radii, seeds):
                 if radius in radii[1:-1] or seed != 32:
                     yield Point(model, dim, support, radius, stiffness, seed=seed, standing=standing)
