@@ -170,14 +170,12 @@ def project(query, triangles, distance_field):
     for i, point in enumerate(points - sampled.origin):
         near = sampled.node(np.floor(point / h).astype(int) + ref.CORNERS)
         near_triangles = sorted({int(distance_field.closest[n]) for n in near if n >= 0} - {-1})
-        around = []
-        for move in moves if near_triangles else ():
-            _, offset, t, feature = ref.walked(point + move, near_triangles, corners, np.asarray(triangles.across))
-            around.append((point + move - offset, normals[t, feature]))
         if near_triangles:
-            place[i], normal[i] = points[i] + around[0][0] - point, around[0][1]
-            spread = np.ptp(np.array(around), axis=0).max(1)
-            undecided[i] = spread[0] > 1e-3 * h, spread[1] > 0
+            around = point + moves
+            offset, t, feature = ref.walked(around, near_triangles, corners, np.asarray(triangles.across))
+            closest, normals_there = around - offset, normals[t, feature]
+            place[i], normal[i] = points[i] + closest[0] - point, normals_there[0]
+            undecided[i] = np.ptp(closest, axis=0).max() > 1e-3 * h, np.ptp(normals_there, axis=0).max() > 0
     span = np.abs(points).max(1, initial=0.0) + extent(triangles) + h
     return {
         "projected": (place, np.where(undecided[:, 0], np.inf, span)[:, None] * np.ones(3)),

@@ -127,17 +127,20 @@ def trilinear(corner, u, h):
     return phi, slope
 
 
-def walked(point, triangles, corners, across):
-    """|x - c| = min over `triangles`, then over neighbours as long as one is nearer.
+def walked(points, triangles, corners, across):
+    """|x - c| = min over `triangles`, then over neighbours as long as one is nearer, for points (m, 3).
 
-    (distance [m], x - c [m], triangle, feature).
+    (x - c (m, 3) [m], triangle, feature).
     """
-    best = np.inf, None, None, None
+    rows, near = np.arange(len(points)), np.tile(triangles, (len(points), 1))
+    least, offset, triangle, feature = np.inf + rows, 0 * points, 0 * rows, 0 * rows
     while True:
-        offset, feature = triangle_offset(point[None], corners[triangles])
-        distance = np.linalg.norm(offset, axis=1)
-        k = int(distance.argmin())
-        if distance[k] >= best[0]:
-            return best
-        best = float(distance[k]), offset[k], int(triangles[k]), int(feature[k])
-        triangles = across[best[2]].tolist()
+        apart, part = triangle_offset(points[:, None], corners[near])
+        distance = np.linalg.norm(apart, axis=2)
+        nearest = rows, distance.argmin(1)
+        nearer = distance[nearest] < least
+        if not nearer.any():
+            return offset, triangle, feature
+        for kept, found in ((least, distance), (offset, apart), (triangle, near), (feature, part)):
+            kept[nearer] = found[nearest][nearer]
+        near = across[triangle]
