@@ -109,7 +109,7 @@ def test_example_writes_the_lessons(tmp_path, capsys):
 
 FIGURES = pictures.ROOT / "figures"
 LARGEST = 120_000  # bytes of a schematic
-SLOW = {"level_set.png": pytest.mark.slow}  # half of the time of all
+SLOW = dict.fromkeys(("level_set.png", "marching_cases.png"), pytest.mark.slow)  # two thirds of the time of all
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=SLOW.get(n, ())) for n in schematics.SCHEMATICS])
