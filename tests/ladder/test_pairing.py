@@ -19,7 +19,8 @@ from tests import pairs
 from tests.running import python
 
 FUSED = "cpu:fused", "cpu:central"  # by one program, for which he_2014.tension stands by day
-EVERY_SHAPE = "sph.density", "sph.momentum"  # W and its slope: no other formula knows the smoothing kernel's shape
+EVERY_SHAPE = "sph.density", "sph.momentum"  # W and its slope: no other formula knows the smoothing kernel's shape.
+# An operation with two kernels keeps every shape: with one shape for both, each could stand in the other's place.
 
 
 def trials():
