@@ -45,22 +45,14 @@ BACKGROUNDS = {"paper": "white", "water": "#e9eef2", "particles": "white"}
 
 @dataclass(frozen=True)
 class Look:
-    """How a run is drawn.
+    """How a run is drawn."""
 
-    style    "paper" (opaque surfaces), "water" (clear ones) or "particles"
-    colour   a quantity of the run that colours liquid and solids; the parts' own colours where it is None
-    limits   of the colour bar; where None, 0.5 % of a frame's particles may lie beyond either
-    camera   "azimuth,elevation[,zoom]" [degrees]
-    cut      "x=0" leaves away the viewer's side of that plane [m]
-    size     of a picture in pixels, width and height
-    """
-
-    style: str = "paper"
-    colour: str | None = None
-    limits: tuple[float, float] | None = None
-    camera: str | None = None
-    cut: str | None = None
-    size: tuple[int, int] = SIZE
+    style: str = "paper"  # opaque surfaces; "water", clear ones; or "particles"
+    colour: str | None = None  # quantity of the run that colours liquid and solids; None: the parts' own colours
+    limits: tuple[float, float] | None = None  # of the colour bar; None: 0.5 % of a frame may lie beyond either
+    camera: str | None = None  # "azimuth,elevation[,zoom]" [degrees]
+    cut: str | None = None  # "x=0" leaves away the viewer's side of that plane [m]
+    size: tuple[int, int] = SIZE  # of a picture in pixels, width and height
 
     def check(self) -> None:
         """Raise InputError for a look that does not exist."""
@@ -86,7 +78,7 @@ class Series:
         self.camera = looks.camera_of(look.camera)
         towards = self.camera.axes(run.up)[2]
         self.cut = looks.cut_of(look.cut, towards, run.dim, run.plan.grid.origin)
-        self.low, self.high = run.seen(*run.framed(self.chosen))
+        self.low, self.high = run.seen(self.chosen)
         self.wall = run.wall_distance()
         self.fields = () if look.colour in (None, "part") else (look.colour or "",)
         self.limits = look.limits
@@ -211,8 +203,7 @@ class Series:
         """The image with time, scale bar and colour bar on it."""
         figure, time = self.labels
         time.set_text(self._time(frame))
-        figure.canvas.draw()
-        over = np.asarray(figure.canvas.buffer_rgba())
+        over = _drawn(figure)
         at = over[..., 3] > 0
         share = over[at][:, 3:] / 255.0
         result = image.copy()
@@ -254,7 +245,7 @@ class Series:
             self._tank(axes, pixels)
         axes.set(xlim=(0, width), ylim=(0, height))
         self._labels(figure, axes, metres).set_text(self._time(frame))
-        return _drawn(figure)
+        return _drawn(figure)[..., :3].copy()
 
     def _area(
         self, axes: Any, x: NDArray, paint: NDArray, liquid: bool, pixels: Callable[[NDArray], NDArray], radius: float
@@ -366,8 +357,9 @@ def _metric(length: float) -> str:
 
 
 def _drawn(figure: Any) -> NDArray[np.uint8]:
+    """(height, width, 4) pixels of a figure."""
     figure.canvas.draw()
-    return np.array(figure.canvas.buffer_rgba())[..., :3].copy()
+    return np.asarray(figure.canvas.buffer_rgba())
 
 
 def _from_particles(places: NDArray, position: NDArray, values: NDArray, spacing: float) -> NDArray[np.float64]:

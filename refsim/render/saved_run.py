@@ -1,7 +1,7 @@
 """A finished run read back: its frames, and what its scene says about its particles."""
 
 import os
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from refsim.boundary.one_way_coupling.placing import PlacedSolid
 from refsim.core.errors import InputError
 from refsim.io.frames import Frame
 from refsim.io.results import PARTICLES, Run
-from refsim.render.surfaces import depth
+from refsim.render.surfaces import Distance, depth
 from refsim.scene.plan import Plan, make_plan
 from refsim.sph import acceleration_of
 
@@ -69,8 +69,9 @@ class SavedRun:
                     end[axis] = far
         return box
 
-    def seen(self, low: NDArray, high: NDArray) -> tuple[NDArray, NDArray]:
-        """Corners of what is seen of particles between `low` and `high`: with the tank as high as they reach."""
+    def seen(self, chosen: Sequence[int]) -> tuple[NDArray, NDArray]:
+        """Corners of what is seen in the chosen frames: no strays, and the tank as high as the particles reach."""
+        low, high = self.bounds(chosen, strays=False)
         if self.box is None:
             return low, high
         floor, top = self.box
@@ -83,19 +84,13 @@ class SavedRun:
             floor[up] = low[up]
         return np.minimum(floor, low), np.maximum(top, high)
 
-    def wall_distance(self) -> Callable[[NDArray], NDArray] | None:
+    def wall_distance(self) -> Distance | None:
         """Signed distance (k,) [m] of points (k, 3) [m] from walls and solid at rest, negative in them; else None."""
         mesh, box = self.mesh, self.closed_box
-
-        def distance(points: NDArray) -> NDArray[np.float64]:
-            nearest = np.full(len(points), np.inf)
-            if mesh is not None:
-                nearest = mesh.distance(points)
-            if box is not None:
-                nearest = np.minimum(nearest, depth(points, *box))
-            return nearest
-
-        return None if mesh is None and box is None else distance
+        parts: list[Distance] = [] if mesh is None else [mesh.distance]
+        if box is not None:
+            parts.append(lambda points: depth(points, *box))
+        return (lambda points: np.minimum.reduce([part(points) for part in parts])) if parts else None
 
     @property
     def mesh(self) -> PlacedSolid | None:
@@ -161,21 +156,15 @@ class SavedRun:
         for frame in map(self.files.__getitem__, chosen):
             yield Frame(frame.time, self.plan.grid.local(frame.position), {name: frame[name] for name in names})
 
-    def bounds(self, chosen: Sequence[int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Corners (3,), (3,) [m] of the box that holds all particles of the chosen frames, and the solid at rest."""
-        return self._box(chosen, lambda x: x)
+    def bounds(self, chosen: Sequence[int], strays: bool = True) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Corners (3,), (3,) [m] of the box that holds the particles of the chosen frames, and the solid at rest.
 
-    def framed(self, chosen: Sequence[int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The same without stray particles: those far beside the box of 99 % of a frame's particles."""
-        return self._box(chosen, without_strays)
-
-    def _box(
-        self, chosen: Sequence[int], kept: Callable[[NDArray], NDArray]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        strays  whether it also holds those far beside the box of 99 % of a frame's particles
+        """
         low, high = np.full(3, np.inf), np.full(3, -np.inf)
         for frame in self.frames(chosen, ()):
             if len(frame.position):
-                x = kept(frame.position)
+                x = frame.position if strays else without_strays(frame.position)
                 low, high = np.minimum(low, x.min(0)), np.maximum(high, x.max(0))
         if self.mesh is not None:
             place = self.mesh.mesh.vertices + self.mesh.mesh.origin

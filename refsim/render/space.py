@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -51,33 +51,21 @@ class Body:
 
 @dataclass
 class Stage:
-    """What all pictures of a series share.
+    """What all pictures of a series share."""
 
-    low, high  corners (3,) [m] of what is seen
-    up         (3,) unit vector
-    camera     where the viewer stands
-    size       of a picture in pixels
-    ground     place of the ground along `up` [m]; None for none
-    box        corners of a tank whose edges are drawn
-    softness   of shadows [m]
-    half_height  half of what the picture shows from top to bottom [m]; if None, all that is seen, and space for labels
-    finer      pixels along a pixel's edge that are drawn and averaged; 1 is faster, with edges smoothed in the picture
-    window     PyVista's, within `kept`
-    """
-
-    low: NDArray
+    low: NDArray  # corner (3,) [m] of what is seen
     high: NDArray
-    up: NDArray
+    up: NDArray  # (3,) unit vector
     camera: Camera
-    size: tuple[int, int] = (1280, 960)
-    ground: float | None = None
-    box: tuple[NDArray, NDArray] | None = None
-    softness: float = 0.0
+    size: tuple[int, int]  # of a picture in pixels
+    ground: float | None = None  # place of the ground along `up` [m]; None for none
+    box: tuple[NDArray, NDArray] | None = None  # corners of a tank whose edges are drawn
+    softness: float = 0.0  # of shadows [m]
     background: str = "white"
-    half_height: float | None = None
-    finer: int = SUPERSAMPLING
-    window: Any = None
-    floor: Any = field(default=None, repr=False)
+    half_height: float | None = None  # of what is shown [m]; if None, all that is seen, and space for labels
+    finer: int = SUPERSAMPLING  # pixels along a pixel's edge that are averaged; 1 is faster, with smoothed edges
+    window: Any = None  # PyVista's, within `kept`
+    floor: Any = None  # the ground's colours there
 
     def frame(self) -> tuple[NDArray[np.float64], float]:
         """Middle of the picture [m] and half of its height [m]."""
@@ -241,15 +229,21 @@ class Stage:
 
     def _add(self, pv: Any, plotter: Any, body: Body) -> Any:
         """The actor of a body, which the window shows from now on."""
-        colours = np.broadcast_to(np.asarray(body.colour, dtype=float), (len(body.points), 3))
-        if body.facets is None:
+        shares = np.broadcast_to(np.asarray(body.colour, dtype=float), (len(body.points), 3))
+        colours = (255 * shares).round().astype(np.uint8)
+        facets = body.facets
+        if facets is None:
             return self._add_balls(pv, plotter, body, colours)
         if body.water:  # farther facets first: depth peeling takes 30 MB more and several renders
-            near = body.points[body.facets].mean(1) @ self.camera.axes(self.up)[2]
-            body = replace(body, facets=body.facets[np.argsort(near, kind="stable")])
+            near = body.points[facets].mean(1) @ self.camera.axes(self.up)[2]
+            facets = facets[np.argsort(near, kind="stable")]
+        mesh = _polygons(pv, body.points, facets)
+        mesh.point_data["colour"] = colours
+        with_normals = mesh.compute_normals(
+            cell_normals=False, split_vertices=body.edges, consistent_normals=False, auto_orient_normals=False
+        )
         return plotter.add_mesh(
-            _with_normals(pv, body),
-            scalars="colour", rgb=True, smooth_shading=True, ambient=body.light[0], diffuse=body.light[1],
+            with_normals, scalars="colour", rgb=True, smooth_shading=True, ambient=body.light[0], diffuse=body.light[1],
             specular=body.gloss, specular_power=35.0, show_scalar_bar=False,
             opacity=OPACITY if body.water else 1.0, culling="back" if body.water else None, render=False,
         )  # fmt: skip
@@ -259,7 +253,7 @@ class Stage:
         from vtkmodules.vtkRenderingOpenGL2 import vtkOpenGLSphereMapper
 
         cloud = pv.PolyData(np.asarray(body.points, dtype=np.float32))
-        cloud.point_data["colour"] = (255 * colours).round().astype(np.uint8)
+        cloud.point_data["colour"] = colours
         cloud.set_active_scalars("colour")
         mapper = vtkOpenGLSphereMapper()
         mapper.SetRadius(body.radius)
@@ -282,18 +276,6 @@ def _window(at: NDArray[np.int64], around: int, cells: int) -> tuple[slice, slic
     low, high = at.min(1) - around, at.max(1) + around + 1
     rows, columns = (slice(max(a, 0), min(b, cells)) for a, b in zip(low.tolist(), high.tolist()))
     return rows, columns
-
-
-def _with_normals(pv: Any, body: Body) -> Any:
-    """The surface of a body with colours and normals at its vertices."""
-    assert body.facets is not None
-    colours = np.broadcast_to(np.asarray(body.colour, dtype=float), (len(body.points), 3))
-    mesh = _polygons(pv, body.points, body.facets)
-    mesh.point_data["colour"] = (255 * colours).round().astype(np.uint8)
-    return mesh.compute_normals(
-        point_normals=True, cell_normals=False, split_vertices=body.edges, consistent_normals=False,
-        auto_orient_normals=False,
-    )  # fmt: skip
 
 
 def _polygons(pv: Any, points: NDArray, facets: NDArray) -> Any:

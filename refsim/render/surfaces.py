@@ -7,7 +7,8 @@ line in the plane.
 
 import importlib.util
 import itertools
-from typing import NamedTuple, Protocol
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +29,7 @@ MIRRORED = 3.0  # spacings from a plane up to which particles are mirrored in it
 SUNK = 0.08  # spacings by which it reaches into the solid, so that no gap is seen
 MOST_NODES = 300_000_000
 AT_ONCE = 50_000  # nodes whose distance from a solid is computed
+Distance = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # signed, (k,) [m], of points (k, 3) [m]
 
 
 class SurfaceMesh(NamedTuple):
@@ -36,14 +38,6 @@ class SurfaceMesh(NamedTuple):
 
     vertices: NDArray
     facets: NDArray
-
-
-class Distance(Protocol):
-    """Signed distance of points from a solid."""
-
-    def __call__(self, points: NDArray[np.float64], /) -> NDArray[np.float64]:
-        """(k,) distances [m] of points (k, 3) [m]."""
-        ...
 
 
 def surface_around(

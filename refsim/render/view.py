@@ -54,37 +54,35 @@ def view(run: str | os.PathLike[str], frames: str | None = None, fields: Sequenc
     Raises InputError where there is no such run, frame or field.
     """
     saved = open_run(run)
-    return make_view(saved, chosen_frames(frames or "all", len(saved.files)), fields)
-
-
-def make_view(run: SavedRun, chosen: Sequence[int], fields: Sequence[str] | None = None) -> View:
-    """The page of chosen frames of a run that was read back. Raises InputError for a field that it does not have."""
-    names, left_out = _fields(run, fields)
-    loaded = [_in_order(frame) for frame in run.frames(chosen, [name for name in names if name != "part"])]
+    chosen = chosen_frames(frames or "all", len(saved.files))
+    names, left_out = _fields(saved, fields)
+    loaded = [_in_order(frame) for frame in saved.frames(chosen, [name for name in names if name != "part"])]
     counts = {len(frame.position) for frame in loaded}
     if len(counts) > 1 or counts == {0}:
-        raise InputError(f"{run.files.folder} has frames of {sorted(counts)} particles; show frames of one number.")
-    low, high = run.bounds(chosen)
-    if run.dim == 2:
-        low[2], high[2] = -0.5 * run.spacing, 0.5 * run.spacing
+        raise InputError(f"{saved.files.folder} has frames of {sorted(counts)} particles; show frames of one number.")
+    low, high = saved.bounds(chosen)
+    if saved.dim == 2:
+        low[2], high[2] = -0.5 * saved.spacing, 0.5 * saved.spacing
     blobs = {"places": _packed_places([frame.position for frame in loaded], low, high)}
     shown: list[dict[str, Any]] = []
     for name in names:
-        values = np.array([run.values(frame, name) for frame in loaded])
+        values = np.array([saved.values(frame, name) for frame in loaded])
         ends = _ends(values, name)
         if ends is None and fields is None:
             continue  # one value everywhere
         ends = ends or (float(values.flat[0]), float(values.flat[0]))
         blobs[f"field{len(shown)}"] = _packed_values(values, *ends)
-        shown.append({"name": name, "label": run.label(name), "unit": run.unit(name), "low": ends[0], "high": ends[1]})
-    head = _head(run, chosen, len(loaded[0].position), low, high) | {"fields": shown}
-    if run.mesh is not None:
+        words = {"name": name, "label": saved.label(name), "unit": saved.unit(name)}
+        shown.append(words | {"low": ends[0], "high": ends[1]})
+    head = _head(saved, chosen, len(loaded[0].position), low, high) | {"fields": shown}
+    if saved.mesh is not None:
         import trimesh
 
-        corners = (run.mesh.mesh.vertices + run.mesh.mesh.origin)[run.mesh.mesh.faces]
-        normals = trimesh.Trimesh(run.mesh.mesh.vertices, run.mesh.mesh.faces, process=False).vertex_normals
-        blobs["mesh"] = np.stack([corners, normals[run.mesh.mesh.faces]]).astype("<f4").tobytes()
-    return View(_page(run.plan.scene.name, head, blobs), left_out)
+        mesh = saved.mesh.mesh
+        normals = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).vertex_normals
+        corners = (mesh.vertices + mesh.origin)[mesh.faces]
+        blobs["mesh"] = np.stack([corners, normals[mesh.faces]]).astype("<f4").tobytes()
+    return View(_page(saved.plan.scene.name, head, blobs), left_out)
 
 
 def _page(title: str, head: dict[str, Any], blobs: dict[str, bytes]) -> str:
@@ -163,7 +161,7 @@ def _head(run: SavedRun, chosen: Sequence[int], count: int, low: NDArray, high: 
         else:
             box[0][axis] = max(box[0][axis], low[axis])
     places = {"low": low, "extent": high - low, "up": run.up, "east": east, "north": north, "box": box}
-    places |= {"seen": run.seen(*run.framed(chosen)), "tint": OBSTACLE}
+    places |= {"seen": run.seen(chosen), "tint": OBSTACLE}
     head = {name: None if place is None else np.array(place).tolist() for name, place in places.items()}
     head |= {"title": run.plan.scene.name, "particles": count, "times": run.files.times[chosen].tolist()}
     head |= {"spacing": run.spacing, "flat": run.dim == 2, "mesh": run.mesh is not None}

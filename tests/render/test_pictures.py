@@ -213,7 +213,7 @@ def test_a_stray_particle_does_not_shrink_the_liquid(tmp_path):
     assert blue(pictures[1]) > 0.9 * blue(pictures[0]) > 1000
     run = open_run(tmp_path / "1")
     assert np.ptp(run.bounds([0]), axis=0)[0] > 60
-    assert np.ptp(run.framed([0]), axis=0) == pytest.approx(0.6)
+    assert np.ptp(run.bounds([0], strays=False), axis=0) == pytest.approx(0.6)
 
 
 @needs_pyvista
