@@ -5,7 +5,7 @@ import io
 import math
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -95,11 +95,6 @@ def output_path(given: str | os.PathLike[str], what: str, *endings: str) -> Path
     return path
 
 
-def temporary_path(path: Path) -> Path:
-    """A hidden name beside `path`, which `remove_stale_temporaries` finds again after a kill."""
-    return path.with_name(f".{path.name}.{os.getpid()}.tmp")
-
-
 def remove_stale_temporaries(folder: Path, name: str = "") -> None:
     """Remove what killed writers of a file of this name, or of any, left in a folder, if it is there and writable."""
     prefix = f".{name}." if name else "."
@@ -123,55 +118,60 @@ def _is_written(temporary: str) -> bool:
     return True
 
 
-def replace_file(path: Path, content: Content, tidy: bool = True, put: Callable[[Path], None] | None = None) -> None:
+Renaming = Callable[[Path, Path], object]  # of a whole new file, beside its place, to that place
+
+
+def replace_file(path: Path, content: Content, tidy: bool = True, put: Renaming | None = None) -> None:
     """Write `content` to `path`, which names the old file or the whole new one at every instant.
 
     tidy  whether to remove what killed writers left, for which the folder is listed
-    put   renames the whole new file, whose path it is given, to `path`
+    put   by default `os.replace`
 
     Raises OSError.
     """
     if tidy:
         remove_stale_temporaries(path.parent, path.name)
-    with _written_beside({path: content}) as (temporary,):
-        if put is None:
-            os.replace(temporary, path)
-        else:
-            put(temporary)
-    sync_folder(path.parent)
+    replace_files({path: content}, put=put)
 
 
-def put_in_place(temporary: Path, path: Path) -> None:
-    """Give a file that another program has written beside `path` that name, as `replace_file` does. Raises OSError."""
-    with open(temporary, "rb") as file:
-        os.fsync(file.fileno())
-    os.replace(temporary, path)
-    sync_folder(path.parent)
-
-
-def replace_files(files: Mapping[Path, Content], before: Callable[[], object] = lambda: None) -> None:
+def replace_files(
+    files: Mapping[Path, Content], before: Callable[[], object] = lambda: None, put: Renaming | None = None
+) -> None:
     """Write files of one folder as `replace_file` does; none is changed before all are on the disk.
 
     before  is called then, before the first gets its name
 
     Raises OSError.
     """
-    with _written_beside(files) as temporaries:
-        before()
-        for temporary, path in zip(temporaries, files):
-            os.replace(temporary, path)
-    sync_folder(next(iter(files)).parent)
-
-
-@contextmanager
-def _written_beside(files: Mapping[Path, Content]) -> Iterator[list[Path]]:
-    """Files on the disk beside those that they will replace; what is still there at the end is removed."""
-    temporaries = [temporary_path(path) for path in files]
-    try:
+    with _beside(files) as temporaries:
         for temporary, content in zip(temporaries, files.values()):
             with open(temporary, "xb", buffering=0) as file:
                 write_all(file, content)
                 os.fsync(file.fileno())
+        before()
+        for temporary, path in zip(temporaries, files):
+            (put or os.replace)(temporary, path)
+    sync_folder(next(iter(files)).parent)
+
+
+@contextmanager
+def replaced_at_the_end(path: Path) -> Iterator[Path]:
+    """A new file that another program writes in the block; then `path` names it, as of `replace_file`."""
+    remove_stale_temporaries(path.parent, path.name)
+    with _beside([path]) as (temporary,):
+        temporary.touch(exist_ok=False)
+        yield temporary
+        with open(temporary, "rb") as file:
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    sync_folder(path.parent)
+
+
+@contextmanager
+def _beside(paths: Iterable[Path]) -> Iterator[list[Path]]:
+    """Hidden names beside files to be replaced, found again after a kill; what is there at the end is removed."""
+    temporaries = [path.with_name(f".{path.name}.{os.getpid()}.tmp") for path in paths]
+    try:
         yield temporaries
     finally:
         for temporary in temporaries:

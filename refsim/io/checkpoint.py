@@ -12,6 +12,7 @@ group `arrays` and the attributes as JSON text in the dataset `attributes`. Othe
 """
 
 import dataclasses
+import functools
 import hashlib
 import io
 import json
@@ -80,7 +81,7 @@ def write_checkpoint(
         before = _written_ns(path, what)
     content = checkpoint_bytes(path, arrays, attributes, what, before)
     with writing(what, path, KEPT):
-        replace_file(path, content, put=lambda new: _put_in_place(new, path, keep))
+        replace_file(path, content, put=functools.partial(_put_in_place, keep=keep))
 
 
 def checkpoint_bytes(

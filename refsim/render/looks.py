@@ -42,15 +42,11 @@ def melt_colour(number: int) -> Colour:
 
 @dataclass(frozen=True)
 class Camera:
-    """A parallel projection.
+    """A parallel projection."""
 
-    azimuth, elevation  where the viewer stands [degrees]: about the upward axis, and above the ground
-    zoom                1 shows all of the run but far strays
-    """
-
-    azimuth: float = -60.0
-    elevation: float = 20.0
-    zoom: float = 1.0
+    azimuth: float = -60.0  # where the viewer stands [degrees]: about the upward axis,
+    elevation: float = 20.0  # and above the ground
+    zoom: float = 1.0  # 1 shows all of the run but far strays
 
     def axes(self, up: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Unit vectors to the right, upwards in the picture, and towards the viewer."""

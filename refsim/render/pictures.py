@@ -5,7 +5,7 @@ import logging
 import os
 import shutil
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, nullcontext, suppress
+from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -17,15 +17,7 @@ from numpy.typing import NDArray
 from refsim.core.errors import InputError
 from refsim.core.stopping import held_back
 from refsim.core.terminal import Bar, wanted
-from refsim.core.writing import (
-    made_by,
-    output_path,
-    put_in_place,
-    remove_stale_temporaries,
-    temporary_path,
-    write_file,
-    writing,
-)
+from refsim.core.writing import made_by, output_path, replaced_at_the_end, write_file, writing
 from refsim.io.frames import Frame
 from refsim.render import looks, space
 from refsim.render.plane import add_area, add_discs, add_line
@@ -167,7 +159,9 @@ class Series:
                     clear, gloss = self.look.style == "water" and number < 0, 0.45 if number < 0 else 0.15
                     yield space.Body(points, facets, shade, water=clear, gloss=gloss, edges=self.cut is not None)
                     continue
-                on_cut = self._on_cut(points, facets)
+                on_cut = np.zeros(len(facets), bool)
+                if self.cut is not None:
+                    on_cut = (np.abs(self.cut(points)) < 1e-3 * self.run.spacing)[facets].all(1)
                 for part, its in ((facets[~on_cut], space.MILD), (facets[on_cut], space.FLAT)):
                     if len(part):
                         yield space.Body(points, part, shade, gloss=0.0, light=its)
@@ -175,12 +169,6 @@ class Series:
         if solid is not None:
             points, facets = self._cut(solid.mesh.vertices + solid.mesh.origin, solid.mesh.faces)
             yield space.Body(points, facets, looks.OBSTACLE, gloss=0.1, edges=True)
-
-    def _on_cut(self, points: NDArray, facets: NDArray) -> NDArray[np.bool_]:
-        """(f,) facets that lie in the plane of the cut."""
-        if self.cut is None:
-            return np.zeros(len(facets), bool)
-        return (np.abs(self.cut(points)) < 1e-3 * self.run.spacing)[facets].all(1)
 
     def _cut(self, points: NDArray, facets: NDArray) -> tuple[NDArray, NDArray]:
         if self.cut is None or not (self.cut(points) > 0).any():
@@ -268,15 +256,10 @@ class Series:
 
     def _cover(self, axes: Any, place: float) -> None:
         """Hide what lies on the side of the cut, at `place` in pixels, that is left away."""
-        from matplotlib.patches import Rectangle
-
         assert self.cut is not None
-        ends = [(0.0, float(n)) for n in self.look.size]
-        ends[self.cut.axis] = (place, ends[self.cut.axis][1]) if self.cut.side > 0 else (0.0, place)
-        (left, right), (low, high) = ends
-        axes.add_patch(
-            Rectangle((left, low), right - left, high - low, facecolor=axes.figure.get_facecolor(), zorder=2)
-        )
+        span, end = (axes.axvspan, axes.axhspan)[self.cut.axis], float(self.look.size[self.cut.axis])
+        low, high = (place, end) if self.cut.side > 0 else (0.0, place)
+        span(low, high, facecolor=axes.figure.get_facecolor(), zorder=2)
 
     def _tank(self, axes: Any, pixels: Callable[[NDArray], NDArray]) -> None:
         box = np.asarray(self.run.box)
@@ -417,11 +400,8 @@ def write_film(
     width, height = (n - n % 2 for n in look.size)
     every = chosen_frames(frames or "all", len(saved.files))
     series = Series(saved, look, every if frames else moving(saved, every), per_second)
-    remove_stale_temporaries(path.parent, path.name)
-    beside = temporary_path(path)
-    with writing("film", path, "what was there is untouched"), ExitStack() as at_the_end:
-        at_the_end.callback(_remove, beside)
-        beside.touch(exist_ok=False)
+    kept = writing("film", path, "what was there is untouched")
+    with kept, replaced_at_the_end(path) as beside, ExitStack() as at_the_end:
         logging.getLogger("imageio_ffmpeg").setLevel(logging.ERROR)  # it warns of a film that is stopped
         film = imageio_ffmpeg.write_frames(
             str(beside), (width, height), fps=per_second, codec="libx264", quality=None, macro_block_size=2,
@@ -449,13 +429,7 @@ def write_film(
             frames_written = 0
         if frames_written != len(series.chosen):
             raise _refused_by_ffmpeg(path)
-        put_in_place(beside, path)
     return path
-
-
-def _remove(path: Path) -> None:
-    with suppress(OSError):
-        path.unlink(missing_ok=True)
 
 
 def _refused_by_ffmpeg(path: Path) -> OSError:

@@ -62,12 +62,7 @@ class SavedRun:
     @property
     def closed_box(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         """The same with open faces at infinity."""
-        box = self.box
-        for end, sign, far in zip(box or (), "-+", (-np.inf, np.inf)):
-            for axis, letter in enumerate(COMPONENTS):
-                if sign + letter in self.walls.open_faces or axis >= self.dim:
-                    end[axis] = far
-        return box
+        return None if self.walls is None else self.walls.domain(self.plan.grid)
 
     def seen(self, chosen: Sequence[int]) -> tuple[NDArray, NDArray]:
         """Corners of what is seen in the chosen frames: no strays, and the tank as high as the particles reach."""
