@@ -27,21 +27,17 @@ REST_DENSITY = 1000.0
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One hard input. Lengths in metres; 2D cases have z = 0.
-
-    wall_position  (m, 3) wall particles; none by default
-    kernels, state, clamp, literal  settings of the effects whose parameter groups are taken
-    """
+    """One hard input. Lengths in metres; 2D cases have z = 0."""
 
     name: str
     dim: int
     position: np.ndarray  # (n, 3) particle positions
     spacing: float = 0.1
     support_radius: float = 0.2
-    wall_position: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    wall_position: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))  # (m, 3)
     masses: tuple[float, float] = (0.4, 2.5)  # least and greatest mass, in units of rho0 d^dim
     skin: float = 0.1  # share of the support radius by which the neighbour list reaches further
-    kernels: str = "wendland"
+    kernels: str = "wendland"  # here and below settings of the effects whose parameter groups are taken
     state: str = "linear"
     clamp: bool = False
     literal: bool = False
@@ -80,13 +76,7 @@ Made = TypeVar("Made", bound=Callable)
 PARTICLES: dict[str, Maker] = {}
 GROUPS: dict[str, GroupMaker] = {}
 DERIVED: dict[str, Callable[[Any, str], Any]] = {}
-EFFECTS_OF_CASES: list[Callable[[Case], Effect]] = []
-
-
-def effect_of_cases(maker: Callable[[Case], Effect]) -> Callable[[Case], Effect]:
-    """Mark a function that makes an effect which every case has."""
-    EFFECTS_OF_CASES.append(maker)
-    return maker
+EFFECTS_OF_CASES: list[Callable[[Case], Effect]] = []  # they make the effects that every case has
 
 
 def _claim(names: tuple[str, ...], maker: Callable, table: dict[str, Any]) -> None:
@@ -149,18 +139,14 @@ Members = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Variation:
-    """How the contract changes the members of one type of parameter group, one at a time.
+    """How the contract changes the members of one type of parameter group, one at a time."""
 
-    follow  (group, inputs, smoothing kernel) -> values of the members that follow from others, here or there
-    other   another legal value of a member, from its own; by default 0.9 of a number, and of an integer 1 for 0 and one
-            less for every other
-    usual   members that act in an operation which does not say what it takes; by default all
-    """
-
+    # (group, inputs, smoothing kernel) -> values of the members that follow from others, here or there
     follow: Callable[[Any, Any, Any], Members] = lambda group, inputs, kernel: {}
     held: Mapping[str, str] = field(default_factory=dict)  # members that are never changed alone, each with its reason
+    # another legal value of a member, from its own; by default 0.9 of a number, of an integer 1 for 0, else one less
     other: Mapping[str, Callable[[Any], Any]] = field(default_factory=dict)
-    usual: tuple[str, ...] | None = None
+    usual: tuple[str, ...] | None = None  # members that act in an operation which does not say what it takes; None: all
 
 
 VARIATIONS: dict[type, Variation] = {}
@@ -193,14 +179,7 @@ def readings(**members: str) -> None:
     READINGS.update({group: tuple(names.split()) for group, names in members.items()})
 
 
-STAND_INS: dict[str, tuple[str, ...]] = {}
-
-
-def stand_in(argument: str, *names: str) -> None:
-    """Say which arguments other programs are given in place of an object of refsim: `stand_in("grid", "nodes")`."""
-    STAND_INS[argument] = names
-
-
+STAND_INS: dict[str, tuple[str, ...]] = {}  # arguments that other programs get in place of an object of refsim
 CODES: dict[tuple[type, str], Mapping[str, int]] = {}
 
 

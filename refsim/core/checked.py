@@ -43,15 +43,9 @@ class _Named(msgspec.StructMeta):
         try:
             return super().__call__(*given, **named)
         except TypeError:
-            made: Any = cls
-            fields = {f.name: f.required for f in msgspec.structs.fields(made)}
-            if given:
-                said = f" takes no value without a name; its names are {', '.join(fields)}."
-            elif unknown := [name for name in named if name not in fields]:
-                said = f": there is no {unknown[0]!r}; {suggestion(unknown[0], fields)}"
-            elif missing := [name for name, required in fields.items() if required and name not in named]:
-                said = f": {missing[0]} is missing; give {missing[0]} = a value."
-            else:
+            words = f" takes no value without a name; its names are {', '.join(cls.__struct_fields__)}."
+            said = words if given else _misfit(inspect.signature(cls), (), named)
+            if not said:
                 raise
         raise InputError(f"{_called(cls)}{said}")
 
@@ -169,7 +163,7 @@ def _misfit(signature: inspect.Signature, given: tuple[Any, ...], named: Mapping
     if twice := [name for name in unnamed[: len(given)] if name in named]:
         return f": {twice[0]} is given twice; give it once."
     missing = [p.name for p in parameters[len(given) :] if p.default is p.empty and p.name not in named]
-    return f": {missing[0]} is missing; give {missing[0]} = a value."
+    return f": {missing[0]} is missing; give {missing[0]} = a value." if missing else ""
 
 
 def _is_of(value: Any, kind: Any) -> bool:

@@ -20,11 +20,7 @@ from refsim.core.period import Lengths
 
 @dataclass(frozen=True)
 class Field:
-    """A named particle array.
-
-    rows        number of rows where it is not that of the particles, or "solids", "walls" or "bodies" until the plan
-                has counted the nodes of the scene's solids, its wall particles or its bodies: never reordered
-    """
+    """A named particle array."""
 
     name: str
     unit: str
@@ -32,6 +28,8 @@ class Field:
     components: int = 1  # 1 for a scalar (n,), 3 for a vector (n, 3)
     dtype: str = "real"  # "real" (the run's dtype) or a NumPy dtype name
     state: bool = False  # True where the value outlives the step: it is reordered with the particles and checkpointed
+    # number of rows where it is not that of the particles, which are never reordered; until the plan has counted the
+    # nodes of the scene's solids, its wall particles or its bodies "solids", "walls" or "bodies"
     rows: int | str | None = None
 
     def shape(self, count: int) -> tuple[int, ...]:
@@ -66,7 +64,6 @@ BASE = (POSITION, VELOCITY, ACCELERATION, MASS, IDENTITY)
 class Pass:
     """One launch of one operation; `names` says what its arguments are called here where names differ.
 
-    reads  where it names none, the plan takes the fields among the arguments of the operation's reference
     stage  "start": once, when a simulation is made or resumed, for tables that follow from its state. "begin": at the
            beginning of every step, in the effects' order; not when `evaluate` is called. "forces": before the
            step's length is known, ordered by what passes touch. "motion": once it is known, in the effects' order,
@@ -76,7 +73,7 @@ class Pass:
     """
 
     operation: str
-    reads: tuple[str, ...] = ()
+    reads: tuple[str, ...] = ()  # where it names none, those among the arguments of the operation's reference
     writes: tuple[str, ...] = ()
     updates: tuple[str, ...] = ()  # changed in place: after every writer, before every reader
     on_demand: bool = False  # run by `Simulation.evaluate`, not in every step
@@ -185,25 +182,9 @@ class StepLimit(NamedTuple):
         return cls(seconds, 1.0)
 
     @classmethod
-    def friction(cls, grid: Discretisation, viscosity: float, density: float) -> StepLimit:
-        """0.125 (h/2)^2 rho/mu, that of a dynamic viscosity [Pa s] in a liquid of this density [kg/m^dim]."""
-        half = 0.5 * grid.support_radius
-        return cls.constant(0.125 * half**2 * density / viscosity)
-
-    @classmethod
     def crossing(cls, length: float, speed: float = 0.0) -> StepLimit:
         """The time in which the fastest particle, with `speed` [m/s] added, crosses `length` [m]."""
         return cls(length, speed, 1.0)
-
-    @classmethod
-    def falling(cls, length: float) -> StepLimit:
-        """sqrt(length/|a|max): in which the largest acceleration moves a particle by half of `length` [m]."""
-        return cls(length, 0.0, 0.0, 1.0)
-
-    @classmethod
-    def exchanging(cls, largest_sum: float) -> StepLimit:
-        """The step in which no particle's sum of exchanges s = dt rate exceeds `largest_sum`."""
-        return cls(largest_sum, 0.0, 0.0, 0.0, 1.0)
 
     def at(self, extremes: Extremes) -> float:
         """The step [s]; infinite where nothing limits it."""

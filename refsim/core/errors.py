@@ -44,16 +44,11 @@ class InputError(RefsimError):
 
 
 class RunStopped(RefsimError):
-    """The run cannot go on as it is (exit code 3).
-
-    reason  a name of REASONS, for programs; the message is one sentence
-    report  of the run that stopped, where there was one (`refsim.engine.driver.RunReport`)
-    advice  lines that say what can be done next, added where the error is caught
-    """
+    """The run cannot go on as it is (exit code 3); `reason`, for programs, is a name of REASONS."""
 
     exit_code = 3
-    report: Any = None
-    advice: tuple[str, ...] = ()
+    report: Any = None  # of the run that stopped, where there was one (`refsim.engine.driver.RunReport`)
+    advice: tuple[str, ...] = ()  # lines that say what can be done next, added where the error is caught
 
     def __init__(self, reason: str, message: str) -> None:
         if reason not in REASONS:
@@ -78,11 +73,7 @@ def refused(error: OSError, what: str = "") -> RefsimError:
     return InputError(f"{at}the system refuses it ({why}); give another path, or correct its rights.")
 
 
-EXTRAS = {  # module: (package that brings it, the extra of refsim that has it)
-    "distributed": ("distributed", "cluster"),
-    "pandas": ("pandas", "results"),
-    "pyvista": ("pyvista", "view"),
-}
+EXTRAS = {"distributed": "cluster", "pandas": "results", "pyvista": "view"}  # package: extra of refsim that has it
 
 
 def extra(module: str, use: str) -> Any:
@@ -92,8 +83,7 @@ def extra(module: str, use: str) -> Any:
     except ModuleNotFoundError as error:
         if error.name != module:
             raise
-        package, name = EXTRAS[module]
         raise InputError(
-            f"{use} needs the package {package}, which is not installed; run pip install {package} (it is one of"
-            f" refsim's extra {name!r})."
+            f"{use} needs the package {module}, which is not installed; run pip install {module} (it is one of"
+            f" refsim's extra {EXTRAS[module]!r})."
         ) from None

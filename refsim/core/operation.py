@@ -36,8 +36,6 @@ class Program:
                it in place of the passes of all of them, so that each neighbour is read once
     names      what an argument of the operations' references is called in such a program, where names differ; of one
                operation's alone by "operation.argument"
-    variants   argument overrides under which it is tested; None for those of the operation
-    folder     package of the module where it is not the operation's: a later method's program of an earlier operation
     """
 
     module: str  # of the operation's folder, or of `folder`
@@ -46,9 +44,9 @@ class Program:
     names: Mapping[str, str] = field(default_factory=dict)
     tolerance: float | None = None  # c of its own bound, with the reason in `reason`; None for that of the operation
     reason: str = ""
-    variants: tuple[Any, ...] | None = None
+    variants: tuple[Any, ...] | None = None  # argument overrides under which it is tested; None for the operation's
     work: tuple[str, ...] = ()  # arguments beside the operation's that serve as work space
-    folder: str = ""
+    folder: str = ""  # package of the module; by default the operation's, which may be of an earlier method
     packed: str = ""  # pair function of the module, whose neighbours' fields the function then reads packed
 
     def called(self, part: "Operation", argument: str) -> str:
@@ -63,14 +61,11 @@ PLAIN = {"numpy": Program("operations"), "cpu": Program("kernels"), "cuda": Prog
 class Operation:
     """One equation of one paper and where its programs stand.
 
-    programs    programs that stand elsewhere, or beside the plain ones, by name: "cpu", "cuda" or "backend:algorithm"
     work        arguments, or members of groups ("group.member"), that serve as work space: the contract lets a program
                 change them, and no other input
-    entrywise   outputs of the whole set with a bound for each entry, whose scale counts the terms itself
     variants    argument overrides under which the operation is tested: None drops an optional term, a mapping gives
                 members of a parameter group, a function of (case, grid) makes the value; the first is the plain one,
                 without what is optional, or with what `refsim.core.cases.plain_keeps` names
-    broken      those that a variant does not keep, by the variant's number
     """
 
     name: str  # "folder.operation", unique
@@ -83,7 +78,7 @@ class Operation:
     adds: tuple[str, ...] = ()  # outputs to which the kernel adds instead of assigning
     halo_depth: int = 1  # how many neighbourhoods away one particle's values act; 0 where they may act on all
     work: tuple[str, ...] = ()
-    entrywise: tuple[str, ...] = ()
+    entrywise: tuple[str, ...] = ()  # outputs of the whole set with a bound for each entry; its scale counts the terms
     optional: tuple[str, ...] = ()  # arguments that are None where the scene has no such thing
     tolerance: float = 4.0  # c in the bound c * neighbours * eps * sum|terms|, with its reason in `tolerance_reason`
     tolerance_reason: str = (
@@ -91,9 +86,9 @@ class Operation:
     )
     variants: tuple[Mapping[str, Any], ...] = field(default_factory=lambda: ({},))
     invariants: tuple[str, ...] = ()  # names of the contract's conservation and symmetry checks that hold
-    broken: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
+    broken: Mapping[int, tuple[str, ...]] = field(default_factory=dict)  # invariants that a variant, by number, breaks
     cases: tuple[str, ...] = ()  # names of hard inputs beside the common ones
-    programs: Mapping[str, Program] = field(default_factory=dict)
+    programs: Mapping[str, Program] = field(default_factory=dict)  # elsewhere, or beside the plain ones, by name
 
     def names(self) -> tuple[str, ...]:
         """Names of all its programs: the backends, and backend and algorithm where there are more."""
@@ -234,7 +229,7 @@ class LiveAttribute:
 
 
 def live_value(value: Any) -> Any:
-    """What a Current stands for at present; any other value as it is."""
+    """What a LiveAttribute stands for at present; any other value as it is."""
     return getattr(value.owner, value.name) if isinstance(value, LiveAttribute) else value
 
 
@@ -255,14 +250,6 @@ class RebindingCall:
 
 
 REGISTRY: dict[str, Operation] = {}
-
-
-def register(operation: Operation) -> Operation:
-    """Enter an operation; a name is entered once."""
-    if operation.name in REGISTRY:
-        raise ValueError(f"operation {operation.name!r} is registered twice")
-    REGISTRY[operation.name] = operation
-    return operation
 
 
 def operation(
@@ -302,25 +289,26 @@ def operation(
         written, flags, left_out = _names(outputs or adds), _names(exact), _names(optional)
         made = {**(programs or {}), **({"cuda:packed": Program("kernels", packed=packed)} if packed else {})}
         chosen = variants or ((dict.fromkeys(left_out), {}) if left_out else ({},))
-        register(
-            Operation(
-                name=name or f"{folder.rpartition('.')[2]}.{reference.__name__}",
-                folder=folder,
-                paper=paper,
-                equation=equation,
-                function=reference.__name__,
-                outputs=written,
-                exact=flags,
-                adds=_names(adds),
-                entrywise=tuple(n for n in written if n not in flags) if entrywise is True else _names(entrywise or ""),
-                optional=left_out,
-                variants=tuple(_overrides(variant, folder) for variant in chosen),
-                invariants=_names(invariants),
-                broken={number: _names(names) for number, names in (broken or {}).items()},
-                cases=_names(cases),
-                programs={key: _entry(program, folder) for key, program in made.items()},
-                **(more | ({"tolerance_reason": reason} if reason else {})),
-            )
+        entered = name or f"{folder.rpartition('.')[2]}.{reference.__name__}"
+        if entered in REGISTRY:
+            raise ValueError(f"operation {entered!r} is registered twice")
+        REGISTRY[entered] = Operation(
+            name=entered,
+            folder=folder,
+            paper=paper,
+            equation=equation,
+            function=reference.__name__,
+            outputs=written,
+            exact=flags,
+            adds=_names(adds),
+            entrywise=tuple(n for n in written if n not in flags) if entrywise is True else _names(entrywise or ""),
+            optional=left_out,
+            variants=tuple(_overrides(variant, folder) for variant in chosen),
+            invariants=_names(invariants),
+            broken={number: _names(names) for number, names in (broken or {}).items()},
+            cases=_names(cases),
+            programs={key: _entry(program, folder) for key, program in made.items()},
+            **(more | ({"tolerance_reason": reason} if reason else {})),
         )
         return reference
 
@@ -369,12 +357,11 @@ class Procedure:
 PROCEDURES: dict[str, Procedure] = {}
 
 
-def enter(procedure: Procedure) -> Procedure:
+def enter(procedure: Procedure) -> None:
     """Enter a procedure; no operation may have its name."""
     if procedure.name in PROCEDURES or procedure.name in REGISTRY:
         raise ValueError(f"procedure {procedure.name!r} has a name that is taken")
     PROCEDURES[procedure.name] = procedure
-    return procedure
 
 
 @dataclass(frozen=True)
@@ -438,9 +425,7 @@ def _program(module: str, function: str, backend: str, packed: str) -> Callable:
     program = getattr(place, function)
     if packed:
         return getattr(place, packed).packed(program)
-    return _ungrouped(
-        program.program(backend) if hasattr(program, "program") else program
-    )  # of a body, what is made of it
+    return _ungrouped(program.program(backend) if hasattr(program, "program") else program)  # what a body makes
 
 
 def _ungrouped(function: Callable) -> Callable:

@@ -36,14 +36,10 @@ def fitted(text: str, width: float) -> str:
     """Lines that are wider are wrapped between words; what goes on stands four letters further in."""
     lines = []
     for line in text.split("\n"):
-        wide = len(line) > width
         inner = " " * (len(line) - len(line.lstrip()) + 4)
-        lines += _wrap(line, int(width), inner) if wide else [line]
+        whole: dict[str, Any] = {"subsequent_indent": inner, "break_long_words": False, "break_on_hyphens": False}
+        lines += (textwrap.wrap(line, int(width), **whole) or [""]) if len(line) > width else [line]
     return "\n".join(lines)
-
-
-def _wrap(line: str, width: int, inner: str) -> list[str]:
-    return textwrap.wrap(line, width, subsequent_indent=inner, break_long_words=False, break_on_hyphens=False) or [""]
 
 
 def table(
@@ -142,10 +138,7 @@ class Shown:
 
 
 class Table(Mapping[str, Any]):
-    """Rows under columns; the first column names the rows.
-
-    columns  their names
-    rows     one tuple a row
+    """Rows, a tuple each, under named columns; the first column names the rows.
 
     `table["mass"]` is the value of the row named mass, or, with several columns of values, the values by column;
     `table["search"]` is the table of the rows named "search.rebuilds" and the like. Raises UnknownRow (an InputError

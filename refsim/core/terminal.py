@@ -50,11 +50,7 @@ def say(text: str, style: str = "") -> None:
 
 
 class Bar:
-    """What is done of a whole: on a terminal and in Jupyter one line that is renewed, in a pipe one in ten seconds.
-
-    whole, done  what is counted, at the end and now
-    shown        False shows nothing
-    """
+    """What is done of a whole: on a terminal and in Jupyter one line that is renewed, in a pipe one in ten seconds."""
 
     line: ClassVar[Any] = None  # that is renewed, by one bar at a time
 

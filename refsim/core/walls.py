@@ -91,13 +91,9 @@ class LiquidColumns(NamedTuple):
 
 def liquid_with_list(position: Any, neighbours: Any) -> LiquidRows | LiquidColumns:
     """The liquid's positions together with a list of wall particles, whichever of the two forms it has."""
-    if hasattr(neighbours, "start"):
-        return LiquidRows(position, neighbours.start, neighbours.count, neighbours.entries)
-    return LiquidColumns(position, neighbours.count, neighbours.entries)
+    return (LiquidRows if hasattr(neighbours, "start") else LiquidColumns)(position, *neighbours)
 
 
 def with_list(position: Any, volume: Any, neighbours: Any) -> WallRows | WallColumns:
     """Wall particles together with their list, whichever of the two forms it has."""
-    if hasattr(neighbours, "start"):
-        return WallRows(position, volume, neighbours.start, neighbours.count, neighbours.entries)
-    return WallColumns(position, volume, neighbours.count, neighbours.entries)
+    return (WallRows if hasattr(neighbours, "start") else WallColumns)(position, volume, *neighbours)

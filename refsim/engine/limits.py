@@ -29,7 +29,7 @@ def step_limits(plan: Plan) -> dict[str, StepLimit]:
     Some limit sees the particles' speed, and particles at rest have one: the run's time, and that of what moves them.
     """
     grid, effects = plan.grid, plan.effects
-    limits = {"force": StepLimit.falling(grid.support_radius / 32)}  # 0.25 sqrt((h/2)/|a|)
+    limits = {"force": StepLimit(grid.support_radius / 32, acceleration_share=1.0)}  # 0.25 sqrt((h/2)/|a|)
     for effect in effects.values():
         limits |= effect.step_limits(grid, effects)
     if not any(limit.speed_share > 0 for limit in limits.values()):

@@ -355,7 +355,7 @@ class HeatConduction(
             each = shapes.lattice_sum(self.conduction(grid), grid)
             share = 1 / each if self.scheme == "explicit" else KEEPS_RANGE
             number = share if self.scheme == "explicit" else min(number, share)
-            limits["exchange"] = StepLimit.exchanging(share * each)
+            limits["exchange"] = StepLimit(share * each, rate_share=1.0)
         return {"conduction": StepLimit.constant(number * grid.spacing**2 / diffusivity), **limits}
 
     def _limited_by_sums(self) -> bool:

@@ -151,7 +151,7 @@ def _grid(inputs, name):
 
 
 derived(nodes=lambda inputs, name: node_table(inputs["grid"].blocks).astype(np.int32))
-cases.stand_in("grid", "background", "nodes")
+cases.STAND_INS["grid"] = "background", "nodes"
 
 
 @derived("node_mass", "node_momentum", "node_pull", "node_velocity", "carrier_moment")

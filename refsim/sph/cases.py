@@ -18,14 +18,12 @@ cases.example(sph.Gravity(acceleration=(1.0, -9.81, 0.0)))
 FLUID = sph.LIQUID
 
 
-@cases.effect_of_cases
-def _liquid(case):
-    return sph.WeaklyCompressible(
+cases.EFFECTS_OF_CASES.append(
+    lambda case: sph.WeaklyCompressible(
         rest_density=cases.REST_DENSITY, sound_speed=20.0, dynamic_viscosity=0.5, state=case.state,
         clamp_pressure=case.clamp, kernels=case.kernels, literal=("all",) if case.literal else (),
-    )  # fmt: skip
-
-
+    )
+)  # fmt: skip
 cases.particles(
     # within a tenth of the rest density
     density=lambda case, random: cases.REST_DENSITY * random.uniform(0.9, 1.1, case.count),

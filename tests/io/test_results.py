@@ -129,7 +129,7 @@ def test_a_missing_extra_is_named(folder, monkeypatch):
     with pytest.raises(rs.InputError, match="needs the package pandas, which is not installed; run pip install pandas"):
         open_run(folder).ledger.to_pandas()
     listed = (pathlib.Path(__file__).parents[2] / "setup.cfg").read_text().partition("[options.extras_require]")[2]
-    for package, name in EXTRAS.values():
+    for package, name in EXTRAS.items():
         section = listed.partition(f"\n{name} =\n")[2].partition(" =\n")[0]
         assert f"    {package}>=" in section
 

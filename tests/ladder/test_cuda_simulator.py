@@ -454,8 +454,8 @@ def test_device_chooses_the_step_as_the_host_does(cuda):
     from refsim.engine.limits import stable_steps
 
     limits = {
-        "a": StepLimit.constant(0.5), "b": StepLimit.crossing(2.0, speed=3.0), "c": StepLimit.falling(1.0),
-        "d": StepLimit.exchanging(3.0),
+        "a": StepLimit.constant(0.5), "b": StepLimit.crossing(2.0, speed=3.0),
+        "c": StepLimit(1.0, acceleration_share=1.0), "d": StepLimit(3.0, rate_share=1.0),
     }  # fmt: skip
     table = cuda.asarray(np.array(list(limits.values())))
 

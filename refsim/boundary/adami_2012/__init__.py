@@ -111,7 +111,8 @@ class ParticleWalls(Effect, BringsWalls, FollowsScene, SumsDensity, frozen=True,
             return {}
         density = liquid_of(others).rest_density
         if not self.no_slip:
-            return {"wall friction": StepLimit.friction(grid, self.viscosity, density)}
+            half = 0.5 * grid.support_radius
+            return {"wall friction": StepLimit.constant(0.125 * half**2 * density / self.viscosity)}
         central, volumes = liquid_of(others).central(), self.layer_volumes(grid, others)
         rate = holding_rate(grid.support_radius / grid.spacing, grid.dim, central, volumes)
         seconds = RESOLVED * density * grid.spacing**2 / (self._holding(grid, others) * rate)
