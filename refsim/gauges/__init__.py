@@ -25,7 +25,6 @@ from refsim.gauges import operations as operations
 FILL = Field("fill", "-", "share of the space around a point that the liquid fills", rows="walls")
 FLOW = Field("flow", "m/s", "volume of liquid that passes a point, per time and area", 3, rows="walls")
 
-
 Vector = tuple[float, float, float]
 Places = tuple[Vector | None, Vector | None, Vector | None]  # `at`, `lower` and `upper` of a gauge
 FINER = 4  # points of a level in a spacing
@@ -295,10 +294,8 @@ class GaugeSeries:
 
 def due(every: float, time: float, last: float | None) -> bool:
     """Whether a gauge measures at `time`, after its last value at `last` [s]: once on each multiple of `every`."""
-    if last is None:
-        return True
-    if every == 0:
-        return time > last
+    if last is None or every == 0:
+        return last is None or time > last
     return number(every, time) > number(every, last)
 
 

@@ -42,15 +42,11 @@ def _check_body(gauge: Gauge, solids: int, grid: Discretisation, effects: Others
     """Raise InputError where the scene lacks what a force acts on."""
     bodies = [f"solid {k}" for k in range(1, solids + 1)]
     known = [effect.name for effect in effects_with(effects, BringsWalls) if isinstance(effect, Effect)]
-    box: Any = effects.get("box_walls")
-    faces = [] if box is None else walled_faces(box, grid)
+    faces = walled_faces(effects["box_walls"], grid) if "box_walls" in effects else []
     choices = (*faces, *known, *bodies)
-    if gauge.on in choices:
-        return
-    lacks = f"gauge {gauge.name}: the scene has no {gauge.on!r} on which a force could act"
-    if not choices:
-        raise InputError(f"{lacks}: it has neither walls nor solids.")
-    raise InputError(f"{lacks}; {suggestion(gauge.on, choices)}")
+    if gauge.on not in choices:
+        what = f"; {suggestion(gauge.on, choices)}" if choices else ": it has neither walls nor solids."
+        raise InputError(f"gauge {gauge.name}: the scene has no {gauge.on!r} on which a force could act{what}")
 
 
 def walled_faces(box: Any, grid: Discretisation) -> list[str]:

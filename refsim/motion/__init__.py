@@ -87,12 +87,12 @@ def _path(motion: Motion) -> Callable[[float], Moved]:
 
 
 def _sway(motion: Motion, time: float) -> Moved:
-    t, ramp = Jet.of_time(time), motion.ramp or 0.0
-    x = Jet.constant(motion.amplitude or 0.0) * FUNCTIONS["sin"](t * Jet.constant(2 * math.pi / (motion.period or 1.0)))
+    t, ramp = Jet(time, 1.0), motion.ramp or 0.0
+    x = Jet(motion.amplitude or 0.0) * FUNCTIONS["sin"](t * Jet(2 * math.pi / (motion.period or 1.0)))
     if 0 <= time < ramp:
-        share = t * Jet.constant(1 / ramp)  # 10 s^3 - 15 s^4 + 6 s^5, at rest at both ends
+        share = t * Jet(1 / ramp)  # 10 s^3 - 15 s^4 + 6 s^5, at rest at both ends
         cube = share * share * share
-        x = x * cube * (Jet.constant(10.0) - share * (Jet.constant(15.0) - share * Jet.constant(6.0)))
+        x = x * cube * (Jet(10.0) - share * (Jet(15.0) - share * Jet(6.0)))
     return Moved(*x)
 
 
@@ -112,7 +112,7 @@ def _spline(motion: Motion) -> Callable[[float], Moved]:
 
 def _formula(motion: Motion) -> Callable[[float], Moved]:
     tree = parsed(motion.formula or "", "motion")
-    return lambda time: Moved(*tree(Jet.of_time(time)))
+    return lambda time: Moved(*tree(Jet(time, 1.0)))
 
 
 def _check_table(motion: Motion, owner: str) -> None:
@@ -195,22 +195,21 @@ def check_motions(motions: Sequence[Motion], end: float, grid: Discretisation, e
                     )
         elif grid.dim == 2 and motion.direction[2] != 0:
             raise InputError(f"{owner}: direction has a z part in a 2D scene; set it to 0.")
-        _check_target(motion, owner, effects)
+        if motion.of == "moving_faces":
+            _check_faces(motion, owner, effects.get("box_walls"))
         _check_path(motion, owner, end, effects)
 
 
-def _check_target(motion: Motion, owner: str, effects: Others) -> None:
-    """Raise InputError where the scene lacks what moves."""
-    box: Any = effects.get("box_walls")
-    if motion.of == "moving_faces":
-        if box is None or not box.moving_faces:
-            raise InputError(f"{owner}: no face moves; name it in moving_faces of box_walls.")
-        for face in box.moving_faces:
-            if motion.direction["xyz".index(face[1])] != 0:
-                raise InputError(
-                    f"{owner}: direction {list(motion.direction)} has a part across the face {face}, and faces move in"
-                    " their own plane only; set that part to 0."
-                )
+def _check_faces(motion: Motion, owner: str, box: Any) -> None:
+    """Raise InputError where no face of `box_walls` moves, or one across its plane."""
+    if box is None or not box.moving_faces:
+        raise InputError(f"{owner}: no face moves; name it in moving_faces of box_walls.")
+    for face in box.moving_faces:
+        if motion.direction["xyz".index(face[1])] != 0:
+            raise InputError(
+                f"{owner}: direction {list(motion.direction)} has a part across the face {face}, and faces move in"
+                " their own plane only; set that part to 0."
+            )
 
 
 def _check_path(motion: Motion, owner: str, end: float, effects: Others) -> None:

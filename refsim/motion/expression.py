@@ -18,21 +18,11 @@ NUMBERS = {"pi": math.pi}
 
 
 class Jet(NamedTuple):
-    """A function of time at one time: its value, first and second derivative."""
+    """A function of time at one time: its value, first and second derivative; of a number alone, these are 0."""
 
     value: float
-    first: float
-    second: float
-
-    @classmethod
-    def constant(cls, value: float) -> Jet:
-        """A number."""
-        return cls(float(value), 0.0, 0.0)
-
-    @classmethod
-    def of_time(cls, time: float) -> Jet:
-        """t itself."""
-        return cls(float(time), 1.0, 0.0)
+    first: float = 0.0
+    second: float = 0.0
 
     def __add__(self, other: Jet) -> Jet:  # type: ignore[override]
         return Jet(*(a + b for a, b in zip(tuple(self), tuple(other))))
@@ -98,13 +88,13 @@ def parsed(text: str, owner: str) -> Callable[[Jet], Jet]:
 
 def _function(node: ast.expr, owner: str) -> Callable[[Jet], Jet]:
     if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool):
-        number = Jet.constant(node.value)
+        number = Jet(float(node.value))
         return lambda t: number
     if isinstance(node, ast.Name):
         if node.id == "t":
             return lambda t: t
         if node.id in NUMBERS:
-            named = Jet.constant(NUMBERS[node.id])
+            named = Jet(NUMBERS[node.id])
             return lambda t: named
         raise InputError(f"{owner}: formula has the unknown name {node.id!r}; {suggestion(node.id, ('t', 'pi'))}")
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):

@@ -104,14 +104,9 @@ class Swept:
         """
         rows = []
         for k, (point, reading) in enumerate(zip(self.points, self.readings)):
-            row = dict(point.values)
-            if reading is None:
-                row |= {"value": None, "seconds": None, "particles": None, "steps": None, "reason": self.missing[k]}
-            else:
-                value = None if reading.failed else reading.value
-                row |= {"value": value, "seconds": reading.seconds, "particles": reading.particles}
-                row |= {"steps": reading.steps, "reason": reading.failed}
-            rows.append(row)
+            reason = self.missing[k] if reading is None else reading.failed
+            found = {name: getattr(reading, name, None) for name in ("value", "seconds", "particles", "steps")}
+            rows.append({**point.values, **found, **({"value": None} if reason else {}), "reason": reason})
         return rows
 
     def csv(self) -> str:
@@ -135,13 +130,11 @@ class Swept:
                 reasons.append(f"{', '.join(f'{n} = {row[n]}' for n in names if n in row)}: {row['reason']}")
         head = (*names, f"{self.observable.name}{unit}", "seconds")
         failed = sum(1 for reading in self.readings if reading is not None and reading.failed)
-        parts = [f"{len(self.points)} runs, {self.computed} of them computed now"]
-        if failed:
-            parts.append(f"{failed} without a value")
-        if self.missing:
-            parts.append(f"{len(self.missing)} not computed")
+        sums = f"{len(self.points)} runs, {self.computed} of them computed now"
+        sums += f", {failed} without a value" if failed else ""
+        sums += f", {len(self.missing)} not computed" if self.missing else ""
         notes = (f"note: {note}" for note in self.notes)
-        lines = [table(rows, head, right=range(len(head))), "", *reasons, *notes, ", ".join(parts)]
+        lines = [table(rows, head, right=range(len(head))), "", *reasons, *notes, sums]
         if self.computed:
             lines.append(
                 f"{in_time(self.task_seconds)} of {self.workers} workers in {in_time(self.wall)}: efficiency"
@@ -235,8 +228,9 @@ def sweep(
     if batch.tasks:
         _writable(place)
         tidy(place)
+    progress = Progress(batch.tasks, bar, say)
     with (
-        closing(Progress(batch.tasks, bar, say)) as progress,
+        closing(progress.bar),
         closing(batch.perform(jobs=jobs, scheduler=scheduler, watch=progress.watch, say=say)) as outcomes,
     ):
         for outcome, reading in outcomes:
@@ -287,13 +281,9 @@ class Progress:
         least = max((task.weight for task in tasks), default=1.0) / 1000 or 1.0
         self.weights = {task.key: max(task.weight, least) for task in tasks}
         self.total, self.say = sum(self.weights.values()), say
-        self.done = self.count = 0.0
+        self.done, self.count = 0.0, 0
         self.task_seconds, self.workers, self.began = 0.0, 0, time.perf_counter()
         self.bar = Bar(1.0, shown=shown and bool(tasks))
-
-    def close(self) -> None:
-        """Close the bar."""
-        self.bar.close()
 
     def watch(self, shares: Mapping[str, float], workers: int) -> None:
         """The shares done of tasks under way."""
@@ -309,11 +299,8 @@ class Progress:
         self.task_seconds += outcome.seconds
         gone = time.perf_counter() - self.began
         left = gone * (self.total - self.done) / self.done
-        if outcome.error is not None:
-            outcome_text = f"not computed: {outcome.error}"
-        elif reading.failed:
-            outcome_text = reading.failed
-        else:
-            outcome_text = f"{reading.value:.6g} in {in_time(outcome.seconds)}"
+        said = f"not computed: {outcome.error}"
+        if outcome.error is None:
+            said = reading.failed or f"{reading.value:.6g} in {in_time(outcome.seconds)}"
         rest = f"; about {in_time(left)} left" if self.count < len(self.weights) else ""
-        self.say(f"{self.count:.0f} of {len(self.weights)}, {task.name}: {outcome_text}{rest}")
+        self.say(f"{self.count} of {len(self.weights)}, {task.name}: {said}{rest}")
