@@ -33,6 +33,7 @@ from refsim.engine.launching import refresh
 from refsim.engine.postmortem import AFTER_THESE, POSTMORTEM, POSTMORTEM_FIELDS, write_postmortem
 from refsim.engine.simulation import Simulation
 from refsim.engine.state import State
+from refsim.gauges import number
 from refsim.io.checkpoint import KEPT, previous_path
 from refsim.io.frames import OLDER, Frame, ParticleWriter, origin_of
 from refsim.io.results import GAUGES, PARTICLES, REPORT, write_series
@@ -195,22 +196,22 @@ class _Run:
         self.flushed = -math.inf  # clock when frames were last written
         self.folder = None if output is None else Path(output)
         if self.folder is not None:
-            self._open_folder(overwrite)
+            self._open(self.folder, overwrite)
 
-    def _open_folder(self, overwrite: bool) -> None:
-        assert self.folder is not None
-        source, checkpoint = self.simulation.source, self.folder / CHECKPOINT
-        same = source is None or (self.folder.exists() and source.parent.samefile(self.folder))
+    def _open(self, folder: Path, overwrite: bool) -> None:
+        """Make or enter the folder, and hold its frames against other writers."""
+        source, checkpoint = self.simulation.source, folder / CHECKPOINT
+        same = source is None or (folder.exists() and source.parent.samefile(folder))
         goes_on = self.resumed_at is not None and same
-        if not goes_on and not overwrite and any(map(os.path.lexists, (self.folder / REPORT, checkpoint))):
+        if not goes_on and not overwrite and any(map(os.path.lexists, (folder / REPORT, checkpoint))):
             raise InputError(
-                f"folder {self.folder} holds an earlier run; resume that one (--resume), give another folder (--output)"
+                f"folder {folder} holds an earlier run; resume that one (--resume), give another folder (--output)"
                 " or allow it to be overwritten (--overwrite)."
             )
-        if os.path.exists(self.folder) and not os.path.isdir(self.folder):
-            raise InputError(f"{self.folder} is a file; give a folder for the output.")
-        with writing("folder", self.folder, "nothing was changed"):
-            self.folder.mkdir(parents=True, exist_ok=True)
+        if os.path.exists(folder) and not os.path.isdir(folder):
+            raise InputError(f"{folder} is a file; give a folder for the output.")
+        with writing("folder", folder, "nothing was changed"):
+            folder.mkdir(parents=True, exist_ok=True)
         fields = {}
         for name, f in self.simulation.plan.particle_fields.items():
             if name not in ("position", POSITION_RESIDUAL.name):
@@ -218,15 +219,15 @@ class _Run:
                 fields[name] = (f.components, "uint8" if dtype.kind == "b" else dtype)
         time = self.simulation.time if goes_on else None
         origin = origin_of(self.simulation.plan)
-        self.writer = ParticleWriter(self.folder / PARTICLES, fields, resume_time=time, origin=origin)
-        self.files["particles"] = str(self.folder / PARTICLES)
+        self.writer = ParticleWriter(folder / PARTICLES, fields, resume_time=time, origin=origin)
+        self.files["particles"] = str(folder / PARTICLES)
         if goes_on:
             self.last_checkpoint = source
             return
-        others = (self.folder / name for name in (GAUGES, POSTMORTEM, POSTMORTEM_FIELDS, OLDER))
+        others = (folder / name for name in (GAUGES, POSTMORTEM, POSTMORTEM_FIELDS, OLDER))
         try:
             for path in (checkpoint, previous_path(checkpoint), *others):
-                with writing("folder", self.folder, f"{path.name} is still there"):
+                with writing("folder", folder, f"{path.name} is still there"):
                     path.unlink(missing_ok=True)  # only under the writer's lock: another run may still need them
         except BaseException:
             self.close()
@@ -287,7 +288,7 @@ class _Run:
 
     def _frame_after(self, time: float) -> float:
         """The first time of the frames' grid after `time` [s]; the step that reaches it ends with a frame."""
-        return (math.floor(min(time / self.every * (1 + 1e-12), 2.0**53)) + 1) * self.every
+        return (number(self.every, time) + 1) * self.every
 
     def _begins_with_frame(self) -> bool:
         """Whether the state at the start is a frame that the file lacks: the first one, or one on the grid of times."""
@@ -331,22 +332,21 @@ class _Run:
         check_particles(self.simulation)
         with self.simulation.timings.of_host("checkpoints"):
             self.simulation.checkpoint(path)
-            self._write_gauges()
+            self._write_gauges(self.folder)
         self.checkpoints += 1
         log().debug("checkpoint at %.6g s: %s", self.simulation.time, path)
         self.last_checkpoint = path
         self.files["checkpoint"] = str(path)
-        self._write_report()
+        self._write_report(self.folder)
 
-    def _write_gauges(self) -> None:
-        assert self.folder is not None
-        if self.simulation.gauges is not None:
-            write_series(self.folder / GAUGES, self.simulation.gauges.all_series())
-            self.files["gauges"] = str(self.folder / GAUGES)
+    def _write_gauges(self, folder: Path) -> None:
+        gauges, path = self.simulation.gauges, folder / GAUGES
+        if gauges is not None:
+            write_series(path, (gauges.series(gauge.name) for gauge in gauges.gauges))
+            self.files["gauges"] = str(path)
 
-    def _write_report(self) -> None:
-        assert self.folder is not None
-        path = self.folder / REPORT
+    def _write_report(self, folder: Path) -> None:
+        path = folder / REPORT
         self.files["report"] = str(path)
         write_file(path, json.dumps(plain(asdict(self.report())), indent=1) + "\n", "report", KEPT)
 
@@ -358,11 +358,11 @@ class _Run:
             self._flush()
         with suppress(InputError, RunStopped, OSError, MemoryError):
             if self.folder is not None:
-                self._write_gauges()
+                self._write_gauges(self.folder)
                 if stop.reason in AFTER_THESE:
                     path = write_postmortem(self.simulation, stop, self.folder, self._replay(), self.last_checkpoint)
                     self.files["postmortem"] = str(path)
-                self._write_report()
+                self._write_report(self.folder)
             stop.report = self.report()
         return stop
 

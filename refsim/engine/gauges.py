@@ -31,6 +31,8 @@ from refsim.smoothing.reference import kernel_value
 from refsim.sph import WallFrameGravity, acceleration_of, gravity_of, liquid_of
 
 LEAST_OPEN = 0.1  # of the space around a point that walls leave to the liquid, below which it counts as wall
+OF_LIQUID = ("one_way_coupling.wall_pressure",)  # forces of walls whose own pressure is a sum over the liquid
+FRICTION = ("one_way_coupling.wall_viscosity", "adami_2012.hold")
 
 
 class Share(NamedTuple):
@@ -42,7 +44,11 @@ class Share(NamedTuple):
 
 
 class Gauges:
-    """The gauges of a run and what they have measured."""
+    """The gauges of a run and what they have measured.
+
+    wall_passes  those by which walls push the liquid, with their effects
+    shares       of each gauge that measures the force on a wall, by its number
+    """
 
     def __init__(self, run: State) -> None:
         plan = run.plan
@@ -53,9 +59,11 @@ class Gauges:
         ends = np.cumsum([len(points.place) for points in self.points])
         self.slices = [slice(end - len(points.place), end) for points, end in zip(self.points, ends)]
         self.places = np.concatenate([points.place for points in self.points])
-        self.shares: dict[int, tuple[Share, ...]] = {}
-        self._listed_at = -1
-        self.walls = WallForces(run)
+        self.wall_passes: tuple[tuple[Effect, Pass], ...] = tuple(part for part in plan.passes if _of_walls(part[1]))
+        on_walls = [k for k, g in enumerate(self.gauges) if g.does.needs == "force" and not g.on.startswith("solid")]
+        self.shares = {k: tuple(self._split(run, self.gauges[k])) for k in on_walls}
+        self._rows: Any = None
+        self._rows_of = self._listed_at = -1
         self._static: Any = None
         self._open: NDArray[np.float64] | None = None
         self._of_one: dict[str, Any] = {}  # substance
@@ -82,12 +90,12 @@ class Gauges:
 
     def _measure(self, run: State, wanted: list[int]) -> None:
         needs = {self.gauges[k].does.needs for k in wanted}
-        forces = [k for k in wanted if self.gauges[k].does.needs == "force"]
-        bodies = [k for k in forces if self.gauges[k].on.startswith("solid")]
         fields = {"position", *(("density", "pressure") if "pressure" in needs else ())}
-        fields |= {"acceleration"} if bodies else set()
-        for k in set(forces) - set(bodies):
-            fields |= {name for share in self._shares(run, k) for _, p in share.passes for name in p.reads}
+        for k in wanted:
+            if k in self.shares:
+                fields |= {name for share in self.shares[k] for _, p in share.passes for name in p.reads}
+            elif self.gauges[k].does.needs == "force":
+                fields.add("acceleration")
         ready(run)
         bring(run, fields)
         pressure = self._pressure(run) if "pressure" in needs else np.zeros(0)
@@ -96,8 +104,10 @@ class Gauges:
             pressure = np.where(fill < SURFACE, np.maximum(pressure, 0), pressure)
         for k in wanted:
             gauge, part = self.gauges[k], self.slices[k]
-            if k in forces:
-                values = self._body(run, gauge) if k in bodies else self._wall(run, k)
+            if k in self.shares:
+                values = self._wall(run, k)
+            elif gauge.does.needs == "force":
+                values = self._body(run, gauge)
             else:
                 values = gauge.does.read(self.points[k], Sampled(pressure[part], fill[part], flow[part]))
                 if gauge.does.needs == "pressure":
@@ -203,17 +213,12 @@ class Gauges:
 
     # On walls and solids
 
-    def _shares(self, run: State, k: int) -> tuple[Share, ...]:
-        if k not in self.shares:
-            self.shares[k] = tuple(self._split(run, self.gauges[k]))
-        return self.shares[k]
-
     def _split(self, run: State, gauge: Gauge) -> Iterable[Share]:
         """The launches that make a force: equal shares of components together."""
         plan = run.plan
         grid, dim = plan.grid, plan.grid.dim
-        of_friction = tuple(part for part in self.walls.passes if part[1].operation in FRICTION)
-        of_pressure = tuple(part for part in self.walls.passes if part[1].operation not in FRICTION)
+        of_friction = tuple(part for part in self.wall_passes if part[1].operation in FRICTION)
+        of_pressure = tuple(part for part in self.wall_passes if part[1].operation not in FRICTION)
         owner = gauge.on if gauge.on in plan.wall_rows else "box_walls"
         first, last = plan.wall_rows[owner]
         whole = np.ones((last - first, dim))
@@ -230,20 +235,32 @@ class Gauges:
                 if passes and share[:, axes[0]].any():
                     volume = np.zeros(len(plan.walls.volume))
                     volume[first:last] = plan.walls.volume[first:last] * share[:, axes[0]]
-                    yield Share(self.walls.volumes(run, volume), tuple(axes), passes)
+                    listed = run.lists.in_list_order(volume).astype(grid.dtype)
+                    yield Share(run.backend.asarray(listed), tuple(axes), passes)
 
     def _wall(self, run: State, k: int) -> list[float]:
         """Force and torque of the liquid on a wall: the reaction to the forces of the wall on the liquid."""
-        gauge, forces = self.gauges[k], self.walls
-        rows = forces.rows(run)
-        mass, place = (taken(run, run.fields[name], rows) for name in ("mass", "position"))
+        rows = self._near_walls(run)
+        mass, place = (run.backend.taken(run.fields[name], rows).astype(float) for name in ("mass", "position"))
         place = run.plan.grid.absolute(place)
         push = np.zeros((len(mass), 3))
-        for share in self._shares(run, k):
+        for share in self.shares[k]:
             axes = list(share.components)
-            push[:, axes] -= mass[:, None] * forces.acceleration(run, share.passes, share.volume, rows)[:, axes]
-        about = np.array(gauge.about or (0.0, 0.0, 0.0))
+            acceleration = _pushed(run, share.passes, share.volume, rows)
+            if run.backend.name == "numpy":  # the oracles sum over the liquid, too
+                acceleration -= _pushed(run, share.passes, np.zeros_like(share.volume), rows)
+            push[:, axes] -= mass[:, None] * acceleration[:, axes]
+        about = np.array(self.gauges[k].about or (0.0, 0.0, 0.0))
         return _row(push, place - about, run.plan.grid.dim)
+
+    def _near_walls(self, run: State) -> Any:
+        """Rows (m,) of the particles that have wall particles within reach, on the backend."""
+        search = run.search
+        if self._rows is None or (search is not None and self._rows_of != search.log.rebuilds):
+            near = np.ones(run.plan.grid.count) if search is None else run.backend.host(run.shared["walls"].count)
+            self._rows = run.backend.asarray(np.flatnonzero(near).astype(np.int32))
+            self._rows_of = 0 if search is None else search.log.rebuilds
+        return self._rows
 
     def _body(self, run: State, gauge: Gauge) -> list[float]:
         """Force and torque on a solid of all that acts on its particles but the frame and the solid itself."""
@@ -284,10 +301,6 @@ class Gauges:
         columns, units = zip(*gauge.columns(self.dim))
         return GaugeSeries(name, gauge.kind, table[:, 0], table[:, 1:], columns, units)
 
-    def all_series(self) -> list[GaugeSeries]:
-        """The series of all gauges."""
-        return [self.series(gauge.name) for gauge in self.gauges]
-
     def table(self, k: int) -> NDArray[np.float64]:
         """Times and values at which gauge `k` was read, (rows, 1 + columns)."""
         width = 1 + len(self.gauges[k].does.columns(self.dim))
@@ -315,69 +328,16 @@ def _row(push: NDArray[np.float64], arm: NDArray[np.float64], dim: int) -> list[
     return [*map(float, force), *map(float, torque)]
 
 
-# Forces of wall particles on the liquid, launched for a choice of them alone
-
-
-OF_LIQUID = ("one_way_coupling.wall_pressure",)  # forces of walls whose own pressure is a sum over the liquid
-FRICTION = ("one_way_coupling.wall_viscosity", "adami_2012.hold")
-
-
-class WallForces:
-    """The passes by which the walls of a run push its liquid.
-
-    passes  of the forces, with their effects
-    """
-
-    def __init__(self, run: State) -> None:
-        self.passes: tuple[tuple[Effect, Pass], ...] = tuple(part for part in run.plan.passes if _of_walls(part[1]))
-        self._rows_of = -1
-        self._rows: Any = None
-
-    def volumes(self, run: State, values: NDArray[np.float64]) -> Any:
-        """Volumes (m,) [m^dim] of wall particles in the order of the plan, as `acceleration` takes them."""
-        return run.backend.asarray(run.lists.in_list_order(values).astype(run.plan.grid.dtype))
-
-    def rows(self, run: State) -> Any:
-        """Rows (m,) of the particles that have wall particles within reach, on the backend."""
-        search = run.search
-        if self._rows is None or (search is not None and self._rows_of != search.log.rebuilds):
-            near = np.ones(run.plan.grid.count) if search is None else run.backend.host(run.shared["walls"].count)
-            self._rows = run.backend.asarray(np.flatnonzero(near).astype(np.int32))
-            self._rows_of = 0 if search is None else search.log.rebuilds
-        return self._rows
-
-    def acceleration(
-        self, run: State, passes: Iterable[tuple[Effect, Pass]], volume: Any, rows: Any, **given: Any
-    ) -> NDArray[np.float64]:
-        """Acceleration (m, 3) [m/s^2] of these rows of the liquid by wall particles of these volumes.
-
-        given  arrays by which fields are replaced
-        """
-        summed = run.backend.zeros((run.plan.grid.count, 3), run.plan.grid.dtype)
-        walls = run.shared["walls"]
-        _push(run, passes, summed, walls._replace(volume=volume), given)
-        total = taken(run, summed, rows)
-        if run.backend.name != "numpy":
-            return total
-        run.backend.assign(summed, 0.0)  # the oracles sum over the liquid, too
-        _push(run, passes, summed, walls._replace(volume=np.zeros_like(volume)), given)
-        return total - summed
-
-
-def taken(run: State, array: Any, rows: Any) -> NDArray[np.float64]:
-    """Rows of an array of the backend, on the host in float64."""
-    return run.backend.taken(array, rows).astype(float)
-
-
-def _push(
-    run: State, passes: Iterable[tuple[Effect, Pass]], acceleration: Any, walls: Any, given: dict[str, Any]
-) -> None:
+def _pushed(run: State, passes: Iterable[tuple[Effect, Pass]], volume: Any, rows: Any) -> NDArray[np.float64]:
+    """Acceleration (m, 3) [m/s^2] of these rows of the liquid by wall particles of these volumes [m^dim]."""
+    summed = run.backend.zeros((run.plan.grid.count, 3), run.plan.grid.dtype)
+    near = run.shared["neighbours"]
     for effect, p in passes:
-        arguments: dict[str, Any] = {"acceleration": acceleration, "walls": walls, **given}
-        near = run.shared["neighbours"]
+        arguments: dict[str, Any] = {"acceleration": summed, "walls": run.shared["walls"]._replace(volume=volume)}
         if near is not None and p.operation not in OF_LIQUID:
             arguments["neighbours"] = near._replace(count=run.backend.zeros(near.count.shape, near.count.dtype))
         launch_pass(run, dataclasses.replace(p, algorithm="plain"), arguments, run.parameters[effect.name])
+    return run.backend.taken(summed, rows).astype(float)
 
 
 def _of_walls(p: Pass) -> bool:

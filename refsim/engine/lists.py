@@ -74,7 +74,7 @@ class Lists:
                 shared["walls"] = WallParticles(position.astype(dtype), plan.walls.volume.astype(dtype))
             else:
                 self.static = self.search.static_set(position)
-                volume = backend.asarray(plan.walls.volume[self.static.order].astype(dtype))
+                volume = backend.asarray(self.in_list_order(plan.walls.volume).astype(dtype))
                 self.walls = self.static.position, volume
 
     @property

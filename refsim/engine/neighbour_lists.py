@@ -70,18 +70,12 @@ def rebuild(state: State) -> None:
     state.outdate()
     new = (near, at_walls, around)
     if lists.latest is None or any(list_ is not old for list_, old in zip(new, lists.latest)):
-        lists.latest = new
-        _share(state, *new)
-        state.bound = False
-
-
-def _share(state: State, near: Any, at_walls: Any, around: Any) -> None:
-    """Have passes take these lists."""
-    state.shared["neighbours"] = near
-    if around is not None:
-        state.shared["liquid_near_walls"] = liquid_with_list(state.fields["position"], around)
-    if state.lists.walls is not None:
-        state.shared["walls"] = with_list(*state.lists.walls, at_walls)
+        lists.latest, state.bound = new, False
+        state.shared["neighbours"] = near
+        if around is not None:
+            state.shared["liquid_near_walls"] = liquid_with_list(state.fields["position"], around)
+        if lists.walls is not None:
+            state.shared["walls"] = with_list(*lists.walls, at_walls)
 
 
 # The order of the particles in memory: cell by cell, so that neighbouring threads read contiguous memory

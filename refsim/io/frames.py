@@ -195,9 +195,11 @@ class ParticleWriter:
         self._heads = [read_head(file) for file in frame_files(self.path)]
         if not self._heads:
             return
-        if self._heads[0].fields != self._fields:
+        there = {name: (count, dtype) for name, (count, dtype, _) in self._heads[0].arrays.items()}
+        del there["position"]
+        if there != self._fields:
             raise InputError(
-                f"frames of {self.path} hold the fields {_field_list(self._heads[0].fields)}, but this run writes"
+                f"frames of {self.path} hold the fields {_field_list(there)}, but this run writes"
                 f" {_field_list(self._fields)}; give another path."
             )
         self._afresh = False
@@ -298,9 +300,7 @@ class Head:
     path: Path
     time: float  # [s]; NaN where the file states none
     count: int  # particles
-    dtype: np.dtype
-    fields: dict[str, tuple[int, np.dtype]]  # components and dtype by name, without "position"
-    places: dict[str, int]  # of the arrays in the file, in bytes, by name
+    arrays: dict[str, tuple[int, np.dtype, int]]  # components, dtype and place in the file [bytes]; "position" first
 
 
 def read_head(path: Path) -> Head:
@@ -338,11 +338,9 @@ def head_of(path: Path, text: bytes | bytearray, size: int) -> Head:
             raise ValueError
     except (ValueError, IndexError, KeyError):
         raise InputError(f"frame {path} is cut short or damaged; {ADVICE}.") from None
-    fields = arrays[3:]  # behind the positions and the two arrays of vertices
-    return Head(
-        path, float(time[1]) if time else np.nan, count, arrays[0][2], {name: (c, t) for name, c, t, _ in fields},
-        {"position": arrays[0][3]} | {name: place for name, _, _, place in fields},
-    )  # fmt: skip
+    # Behind the positions stand two arrays of vertices.
+    stored = {"position": arrays[0][1:]} | {name: (c, t, place) for name, c, t, place in arrays[3:]}
+    return Head(path, float(time[1]) if time else np.nan, count, stored)
 
 
 def read_arrays(head: Head, names: Collection[str], check: bool = False) -> dict[str, np.ndarray]:
@@ -353,7 +351,6 @@ def read_arrays(head: Head, names: Collection[str], check: bool = False) -> dict
     Raises InputError where the file is damaged or has changed.
     """
     arrays = {}
-    kinds = {"position": (3, head.dtype), **head.fields}
     try:
         with open_regular(head.path) as file:
             if check:
@@ -362,8 +359,8 @@ def read_arrays(head: Head, names: Collection[str], check: bool = False) -> dict
                 if stated is None or hashlib.file_digest(file, "sha256").hexdigest() != stated[2].decode():
                     raise InputError(f"frame {head.path} is damaged (it does not match its digest); {ADVICE}.")
             for name in names:
-                components, dtype = kinds[name]
-                file.seek(head.places[name] + 8)
+                components, dtype, place = head.arrays[name]
+                file.seek(place + 8)
                 values = np.frombuffer(file.read(head.count * components * dtype.itemsize), dtype)
                 values = values.astype(dtype.newbyteorder("="))
                 arrays[name] = values if components == 1 else values.reshape(head.count, components)

@@ -98,10 +98,9 @@ class Run(Shown):
 
         self._heads, self._origin = heads_of(self._file), read_origin(self._file)
         self._unchecked = set(range(len(self._heads) if check else 0))  # frames whose digest is still to be compared
-        first = self._heads[0]
         self.fields = {
             name: Field(name, self._origin.units.get(name, ""), self._origin.meanings.get(name, ""), count, dtype.name)
-            for name, (count, dtype) in {"position": (3, first.dtype), **first.fields}.items()
+            for name, (count, dtype, _) in self._heads[0].arrays.items()
         }
         self.times: NDArray[np.float64] = np.array([head.time for head in self._heads])
 

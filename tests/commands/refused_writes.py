@@ -183,7 +183,7 @@ def check_whole(path: pathlib.Path) -> None:
         assert data.rstrip().endswith(b"</html>"), "cut"
     elif path.suffix == ".vtp":
         head = read_head(path)
-        read_arrays(head, ["position", *head.fields], check=True)
+        read_arrays(head, list(head.arrays), check=True)
     elif path.suffix == ".npz":
         with np.load(io.BytesIO(data)) as read:
             assert all(read[name] is not None for name in read)

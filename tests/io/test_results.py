@@ -55,7 +55,7 @@ def test_frames_by_number_and_time_are_those_of_the_file(folder):
     assert len(run) == len(heads) == 6
     assert run.times.tolist() == [head.time for head in heads]
     for found, head in zip(run, heads):
-        expected = read_arrays(head, ["position", *head.fields])
+        expected = read_arrays(head, list(head.arrays))
         assert (found.time, len(found)) == (head.time, len(expected["position"]))
         assert found.fields.keys() == expected.keys()
         for name, values in expected.items():
