@@ -13,7 +13,7 @@ from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from refsim.cluster.tasks import Outcome, Report, Task, Watch, killed
+from refsim.cluster.tasks import Outcome, Task, Watch, killed
 from refsim.core.errors import InputError, RefsimError, RunStopped, extra
 from refsim.core.tables import in_bytes
 
@@ -185,12 +185,11 @@ def _there(key: str, function: Any, arguments: tuple[Any, ...]) -> tuple[Any, fl
     worker, began = get_worker(), time.perf_counter()
     told = 0.0
 
-    def tell(share: float) -> None:
+    def report(share: float) -> None:
         nonlocal told
         if time.monotonic() - told > BETWEEN_REPORTS:
             told = time.monotonic()
             worker.log_event(TOPIC, (key, min(max(share, 0.0), 1.0)))
 
-    report: Report = tell
     report(0.0)
     return function(report, *arguments), time.perf_counter() - began, str(worker.name)

@@ -141,10 +141,7 @@ def simulate(
     then untouched, and the folder has a post-mortem.
     """
     shown = progress is True or (progress is None and wanted())
-    if isinstance(scene, Simulation):
-        simulation = scene
-    else:
-        simulation = Simulation(scene, backend, threads, profile)
+    simulation = scene if isinstance(scene, Simulation) else Simulation(scene, backend, threads, profile)
     run = _Run(simulation, until, output, every, checkpoint_every, overwrite, threads)
     bar = Progress(run.until, run.folder) if shown else None
     try:

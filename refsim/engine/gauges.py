@@ -39,7 +39,7 @@ class Share(NamedTuple):
     """Wall particles on whose force a gauge counts, with their volumes, for some components and passes."""
 
     volume: Any  # (m,) [m^dim] on the backend
-    components: tuple[int, ...]
+    components: list[int]
     passes: tuple[tuple[Effect, Pass], ...]
 
 
@@ -82,7 +82,7 @@ class Gauges:
         """Measure what is due."""
         wanted = [
             k for k, gauge in enumerate(self.gauges)
-            if due(gauge.read_every, run.time, self.rows[k][-1][0] if self.rows[k] else None)
+            if due(gauge.every / max(1, gauge.instants), run.time, self.rows[k][-1][0] if self.rows[k] else None)
         ]  # fmt: skip
         if wanted:
             with run.timings.of_host("gauges"):
@@ -236,7 +236,7 @@ class Gauges:
                     volume = np.zeros(len(plan.walls.volume))
                     volume[first:last] = plan.walls.volume[first:last] * share[:, axes[0]]
                     listed = run.lists.in_list_order(volume).astype(grid.dtype)
-                    yield Share(run.backend.asarray(listed), tuple(axes), passes)
+                    yield Share(run.backend.asarray(listed), axes, passes)
 
     def _wall(self, run: State, k: int) -> list[float]:
         """Force and torque of the liquid on a wall: the reaction to the forces of the wall on the liquid."""
@@ -245,11 +245,10 @@ class Gauges:
         place = run.plan.grid.absolute(place)
         push = np.zeros((len(mass), 3))
         for share in self.shares[k]:
-            axes = list(share.components)
             acceleration = _pushed(run, share.passes, share.volume, rows)
             if run.backend.name == "numpy":  # the oracles sum over the liquid, too
                 acceleration -= _pushed(run, share.passes, np.zeros_like(share.volume), rows)
-            push[:, axes] -= mass[:, None] * acceleration[:, axes]
+            push[:, share.components] -= mass[:, None] * acceleration[:, share.components]
         about = np.array(self.gauges[k].about or (0.0, 0.0, 0.0))
         return _row(push, place - about, run.plan.grid.dim)
 

@@ -28,8 +28,7 @@ class Motions:
     ) -> None:
         self.plan, self.backend = plan, backend
         self.moving = plan.scene.motion
-        self.rest = np.array(acceleration_of(plan.effects))
-        self.gravity = self.rest
+        self.gravity = self.rest = np.array(acceleration_of(plan.effects))
         self.pulls: list[Any] = []
         self.faces: Any = None
         kinds = {motion.of for motion in self.moving}

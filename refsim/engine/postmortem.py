@@ -64,10 +64,8 @@ def examine(simulation: State, stop: RunStopped) -> tuple[dict[str, Any], dict[s
 def _cause(simulation: State, stop: RunStopped) -> tuple[str, int | None, int]:
     """(pass and field that broke first, row of the first bad particle, number of bad particles)."""
     for name in ("position", "velocity", "mass"):
-        bad = _not_finite(_host(simulation, name))
-        if len(bad):
-            what = f"sph.kick_drift wrote {name}" if name != "mass" else "mass of the scene"
-            return what, _first(simulation, bad), len(bad)
+        if bad := _bad(simulation, name):
+            return f"sph.kick_drift wrote {name}" if name != "mass" else "mass of the scene", *bad
     if stop.reason == "collapsed":
         return "neighbours.build", *_most_crowded(simulation)
     if stop.reason == "temperature_out_of_range":
@@ -86,18 +84,17 @@ def _cause(simulation: State, stop: RunStopped) -> tuple[str, int | None, int]:
         with contextlib.closing(replay(simulation)) as passes:
             for operation, written in passes:
                 for name in written:
-                    if name in simulation.fields:
-                        bad = _not_finite(_host(simulation, name))
-                        if len(bad):
-                            return f"{operation} wrote {name}", _first(simulation, bad), len(bad)
+                    if name in simulation.fields and (bad := _bad(simulation, name)):
+                        return f"{operation} wrote {name}", *bad
     except RunStopped as again:
         return f"the passes stop again: {again.reason}", None, 0
     return "no pass writes a value that is not finite", None, 0
 
 
-def _first(simulation: State, rows: np.ndarray) -> int:
-    """Of these rows, that of the particle with the lowest number: the same one whatever the order."""
-    return int(rows[_host(simulation, "identity")[rows].argmin()])
+def _bad(simulation: State, name: str) -> tuple[int, int] | None:
+    """Of a field's rows that are not finite that of the lowest identity, whatever the order, and how many they are."""
+    rows = _not_finite(simulation.host(name))
+    return (int(rows[simulation.host("identity")[rows].argmin()]), len(rows)) if len(rows) else None
 
 
 def _most_crowded(simulation: State) -> tuple[int, int]:

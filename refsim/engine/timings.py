@@ -4,6 +4,7 @@ A stage is a pass, or a part of the loop: "neighbours", "sorting", "frames" (the
 "checkpoints".
 """
 
+import functools
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
@@ -68,10 +69,7 @@ class Timings:
         }
 
     def _parted(self) -> Seconds:
-        whole = Seconds()
-        for seconds in self.parts.values():
-            whole = whole.plus(seconds)
-        return whole
+        return functools.reduce(Seconds.plus, self.parts.values(), Seconds())
 
     def add(self, stage: str, seconds: float, compiling: float = 0.0) -> None:
         """Count a call of a program; the first one of a stage is kept apart, and what later ones compile."""

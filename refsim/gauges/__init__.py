@@ -165,11 +165,6 @@ class Gauge(Checked, frozen=True, kw_only=True):
         kinds = ("", "_mean", "_scatter") if self.instants else ("",)
         return tuple((f"{name}{kind}", unit) for kind in kinds for name, unit in read)
 
-    @property
-    def read_every(self) -> float:
-        """Time between two instants at which it is read [s]."""
-        return self.every / max(1, self.instants)
-
     def values(self, table: NDArray[np.float64]) -> NDArray[np.float64]:
         """(k, 1 + columns) times and values of what was read, (m, 1 + read): with instants those, and their mean and
         standard deviation since the value before."""

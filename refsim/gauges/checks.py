@@ -86,15 +86,13 @@ def shares_of_faces(
     """
     walled = walled_faces(box, grid)
     count, dim = len(position), grid.dim
-    pressure = {face: np.zeros((count, dim)) for face in walled}
-    friction = {face: np.zeros((count, dim)) for face in walled}
     beyond = {}
     for face in walled:
         axis = "xyz".index(face[1])
         beyond[face] = position[:, axis] > box.upper[axis] if face[0] == "+" else position[:, axis] < box.lower[axis]
     faces_of = np.maximum(sum((b.astype(float) for b in beyond.values()), np.zeros(count)), 1.0)
-    for face in walled:
-        friction[face] += (beyond[face] / faces_of)[:, None]
+    friction = {face: np.repeat((beyond[face] / faces_of)[:, None], dim, axis=1) for face in walled}
+    pressure = {face: np.zeros((count, dim)) for face in walled}
     for axis in range(dim):
         faces = [face for face in walled if "xyz".index(face[1]) == axis]
         none = ~np.logical_or.reduce([beyond[face] for face in faces]) if faces else np.ones(count, bool)

@@ -91,8 +91,15 @@ def checkpoint_bytes(
 
     Raises RunStopped("non_finite"), whose sentence names the path.
     """
-    finite = {name: _finite(path, name, array) for name, array in arrays.items()}
-    file = _in_hdf5(finite, json.dumps(dict(attributes)))
+    import h5py
+
+    file, text = io.BytesIO(), json.dumps(dict(attributes))
+    # HDF5 passes over the block; in this format it checksums its own structures.
+    with h5py.File(file, "w", libver=("v110", "v110"), userblock_size=BLOCK) as root:
+        group = root.create_group("arrays")
+        for name, array in arrays.items():
+            group.create_dataset(name, data=_finite(path, name, array))
+        root.create_dataset("attributes", data=text, dtype=h5py.string_dtype("utf-8", len(text)))
     # From 3.12 on Python must not collect a BytesIO that still has a view.
     with file.getbuffer() as content, content[BLOCK:] as body:
         now = max(time.time_ns(), before + 1)
@@ -162,20 +169,6 @@ def _finite(path: Path, name: str, array: np.ndarray) -> np.ndarray:
     return array
 
 
-def _in_hdf5(arrays: Mapping[str, np.ndarray], text: str) -> io.BytesIO:
-    """An HDF5 file behind an empty block that HDF5 passes over; in memory."""
-    import h5py
-
-    content = io.BytesIO()
-    # In this format HDF5 checksums its own structures.
-    with h5py.File(content, "w", libver=("v110", "v110"), userblock_size=BLOCK) as file:
-        group = file.create_group("arrays")
-        for name, array in arrays.items():
-            group.create_dataset(name, data=array)
-        file.create_dataset("attributes", data=text, dtype=h5py.string_dtype("utf-8", len(text)))
-    return content
-
-
 HEAD = re.compile(
     rb"(refsim ([a-z ]+)\nversion (\d{1,9})\nwritten_ns (\d{1,19})\nbytes (\d{1,19})\n)sha256 ([0-9a-f]{64})\n\0*"
 )  # the lines that the digest covers, too; kind, version, clock, size; the digest
@@ -241,22 +234,20 @@ def _opened(path: str | os.PathLike[str], what: str) -> Iterator[tuple[BufferedR
     """A file that stands behind its first block, and that block as `HEAD` divides it."""
     try:
         with open_regular(path) as file:
-            yield file, _head(file.read(BLOCK), path, what)
+            block = file.read(BLOCK)
+            head = HEAD.match(block)
+            if not block.startswith(f"refsim {what}\n".encode()):
+                raise Unreadable(what, path, f"is not a {what} (it does not begin as one)")
+            if head is not None and int(head[3]) != VERSION:
+                has = f"has format version {int(head[3])}"
+                raise Unreadable(what, path, f"{has}, and this refsim reads version {VERSION}")
+            if head is None or head.end() != BLOCK:
+                raise Unreadable(what, path, f"is cut short or damaged (its first lines are not those of a {what})")
+            yield file, head
     except FileNotFoundError:
         raise Unreadable(what, path, "does not exist") from None
     except OSError as error:
         raise Unreadable(what, path, f"cannot be read ({error.strerror})") from error
-
-
-def _head(block: bytes, path: str | os.PathLike[str], what: str) -> re.Match[bytes]:
-    match = HEAD.match(block)
-    if not block.startswith(f"refsim {what}\n".encode()):
-        raise Unreadable(what, path, f"is not a {what} (it does not begin as one)")
-    if match is not None and int(match[3]) != VERSION:
-        raise Unreadable(what, path, f"has format version {int(match[3])}, and this refsim reads version {VERSION}")
-    if match is None or match.end() != BLOCK:
-        raise Unreadable(what, path, f"is cut short or damaged (its first lines are not those of a {what})")
-    return match
 
 
 def _written_ns(path: Path, what: str = "checkpoint") -> int:

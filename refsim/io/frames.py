@@ -91,10 +91,8 @@ def read_origin(path: Path) -> Origin:
     if not os.path.lexists(file):
         return Origin()
     saved = read_checkpoint(file, ORIGIN)
-    attributes = {name: str(saved.attributes[name]) for name in ("scene", "units", "meanings")}
-    return Origin(
-        attributes["scene"], saved.arrays, json.loads(attributes["units"]), json.loads(attributes["meanings"])
-    )
+    scene, units, meanings = (str(saved.attributes[name]) for name in ("scene", "units", "meanings"))
+    return Origin(scene, saved.arrays, json.loads(units), json.loads(meanings))
 
 
 class ParticleWriter:

@@ -14,7 +14,6 @@ from refsim.core.checked import suggestion
 from refsim.core.errors import InputError
 
 LONGEST = 1000  # characters of a formula
-NUMBERS = {"pi": math.pi}
 
 
 class Jet(NamedTuple):
@@ -93,9 +92,8 @@ def _function(node: ast.expr, owner: str) -> Callable[[Jet], Jet]:
     if isinstance(node, ast.Name):
         if node.id == "t":
             return lambda t: t
-        if node.id in NUMBERS:
-            named = Jet(NUMBERS[node.id])
-            return lambda t: named
+        if node.id == "pi":
+            return lambda t: Jet(math.pi)
         raise InputError(f"{owner}: formula has the unknown name {node.id!r}; {suggestion(node.id, ('t', 'pi'))}")
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
         inner, negative = _function(node.operand, owner), isinstance(node.op, ast.USub)

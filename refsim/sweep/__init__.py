@@ -157,8 +157,7 @@ def read_sweep(path: str | os.PathLike[str]) -> Sweep:
 
 def points_of(given: Sweep, folder: Path, source: str) -> list[Point]:
     """All runs of a sweep. Raises InputError for a parameter or a value that its scene does not have."""
-    path = folder / given.scene
-    base = scene_to_dict(load_scene(os.path.realpath(path)))
+    base = scene_to_dict(load_scene(os.path.realpath(folder / given.scene)))
     for name, values in given.grid.items():
         if not values:
             raise InputError(f"{source}: [grid] gives no value for {name!r}; give at least one.")
