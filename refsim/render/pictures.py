@@ -73,9 +73,7 @@ class Series:
         self.low, self.high = run.seen(self.chosen)
         self.wall = run.wall_distance()
         self.fields = () if look.colour in (None, "part") else (look.colour or "",)
-        self.limits = look.limits
-        if look.colour is not None and look.limits is None:
-            self.limits = self._limits(look.colour)
+        self.limits = self._limits(look.colour) if look.colour is not None and look.limits is None else look.limits
         apart = np.diff(run.files.times[self.chosen])
         self.pace = "" if per_second is None or not len(apart) else pace(per_second * float(np.median(apart)))
         self.stage = self._stage(space.SUPERSAMPLING if per_second is None else 1)
@@ -216,9 +214,7 @@ class Series:
         at = middle[:2] - 0.5 * metres * np.array([width, height * (1 + space.BOTTOM - space.TOP)])
 
         def pixels(points: NDArray) -> NDArray[np.float64]:
-            result = np.zeros((len(points), 3))
-            result[:, :2] = (np.asarray(points, dtype=float)[:, :2] - at) / metres
-            return result
+            return np.pad((np.asarray(points, dtype=float)[:, :2] - at) / metres, ((0, 0), (0, 1)))
 
         seen, radius = self._seen(frame.position), 0.5 * self.run.spacing / metres
         x, paint, body = frame.position[seen], self._paint(frame)[seen], self.run.solid_body(frame)[seen]

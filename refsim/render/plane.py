@@ -11,8 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 from refsim.core.writing import made_by, output_path, write_file
 from refsim.io.results import GAUGES, read_series
 
-Paint = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # colours (k, 3) at places (k, 3)
-
 
 def loops(facets: NDArray) -> list[NDArray[np.int64]]:
     """Vertices of the closed lines that segments (f, 2) make, each in order."""
@@ -41,7 +39,7 @@ def add_discs(axes: Any, position: NDArray, radius: float, colour: NDArray) -> N
     )  # fmt: skip
 
 
-def add_area(axes: Any, points: NDArray, facets: NDArray, colour: NDArray | Paint, size: float) -> None:
+def add_area(axes: Any, points: NDArray, facets: NDArray, colour: NDArray | Callable, size: float) -> None:
     """The area inside of a surface in one colour (3,), or with a cell each `size` in the colours of its places."""
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path
@@ -72,10 +70,7 @@ def add_line(axes: Any, points: NDArray, facets: NDArray, colour: ArrayLike, wid
     axes.add_artist(LineCollection(ends, colors=[colour], linewidths=width, capstyle="round"))
 
 
-# Series of gauges
-
-
-DOTS = 150  # pixels an inch
+DOTS = 150  # pixels an inch of a picture of gauges
 
 
 def plot_gauges(run: str | os.PathLike[str], output: str | os.PathLike[str], size: tuple[int, int]) -> Path:

@@ -55,9 +55,9 @@ class SavedRun:
 
     @property
     def box(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        """Corners (3,), (3,) [m] of that box; None without walls."""
-        walls = self.walls
-        return None if walls is None else (np.array(walls.lower, dtype=float), np.array(walls.upper, dtype=float))
+        """Corners (3,), (3,) [m] of that box, flat in the plane; None without walls."""
+        walls, axes = self.walls, np.arange(3) < self.dim
+        return None if walls is None else (np.where(axes, walls.lower, 0.0), np.where(axes, walls.upper, 0.0))
 
     @property
     def closed_box(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
@@ -70,8 +70,6 @@ class SavedRun:
         if self.box is None:
             return low, high
         floor, top = self.box
-        if self.dim == 2:
-            floor[2] = top[2] = 0.0
         up = int(np.abs(self.up).argmax())
         if self.up[up] > 0:
             top[up] = high[up]

@@ -108,21 +108,17 @@ class Stage:
         try:
             self._lights(pyvista(), self.window)
             self._surroundings(pyvista(), self.window)
-            self._aim(self.window)
+            middle, half = self.frame()
+            _, upward, towards = self.camera.axes(self.up)
+            away = 4.0 * float(np.linalg.norm(self.high - self.low)) + 4.0 * half
+            camera = self.window.camera
+            camera.position, camera.focal_point, camera.up = middle + away * towards, middle, upward
+            self.window.enable_parallel_projection()
+            camera.parallel_scale = half
             yield self
         finally:
             self.window.close()
             self.window = self.floor = None
-
-    def _aim(self, plotter: Any) -> None:
-        middle, half = self.frame()
-        _, upward, towards = self.camera.axes(self.up)
-        away = 4.0 * float(np.linalg.norm(self.high - self.low)) + 4.0 * half
-        plotter.camera.position = middle + away * towards
-        plotter.camera.focal_point = middle
-        plotter.camera.up = upward
-        plotter.enable_parallel_projection()
-        plotter.camera.parallel_scale = half
 
     def _images(self, bodies: Sequence[Body], *backgrounds: str) -> list[NDArray[np.uint8]]:
         """The picture (height, width, 3) of the bodies on each background."""
@@ -138,8 +134,7 @@ class Stage:
             for background in backgrounds:
                 plotter.set_background(background)
                 plotter.render_window.Render()
-                drawn = Image.fromarray(_pixels(plotter.render_window))
-                images.append(np.asarray(drawn.reduce(self.finer)))
+                images.append(np.asarray(Image.fromarray(_pixels(plotter.render_window)).reduce(self.finer)))
             for actor in actors:
                 plotter.remove_actor(actor, render=False)
             return images

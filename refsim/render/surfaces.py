@@ -64,10 +64,10 @@ def surface_around(
         return SurfaceMesh(np.zeros((0, 3), np.float32), np.zeros((0, dim), np.int32))
     first, phi, held = distances(points, spacing, size, box)
 
+    in_space = (0, 0), (0, 3 - dim)  # zeros that make places of `dim` coordinates places of three
+
     def place(nodes: NDArray) -> NDArray[np.float64]:
-        corner = np.zeros((len(nodes), 3))
-        corner[:, :dim] = (nodes + first) * size
-        return corner
+        return np.pad((nodes + first) * size, in_space)
 
     if solid is not None:
         for near in _parts(np.abs(phi) < 1.5 * spacing):
@@ -85,10 +85,12 @@ def surface_around(
             np.maximum(phi, beyond.astype(np.float32), out=phi)
     if dim == 3 and importlib.util.find_spec("pyvista") is not None:  # validation draws without it, too
         return _in_space(phi, first, size)
-    nodes = _band(phi < 0)
-    coordinates = np.zeros((len(nodes), 3), np.int64)
-    coordinates[:, :dim] = nodes + first
-    mesh = extract(Backend("cpu"), coordinates, phi[tuple(nodes.T)].astype(np.float32), size, dim)
+    from scipy.ndimage import binary_dilation
+
+    within, beside = phi < 0, np.ones((3,) * dim, bool)
+    crossed = binary_dilation(within, beside) & binary_dilation(~within, beside)
+    nodes = np.argwhere(binary_dilation(crossed, beside))  # of cells that the surface crosses, and those beside them
+    mesh = extract(Backend("cpu"), np.pad(nodes + first, in_space), phi[tuple(nodes.T)].astype(np.float32), size, dim)
     return SurfaceMesh(mesh.vertices, mesh.facets)
 
 
@@ -168,12 +170,3 @@ def _parts(chosen: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
     """(k, dim) nodes that are chosen, some at a time."""
     nodes = np.argwhere(chosen)
     return np.array_split(nodes, 1 + len(nodes) // AT_ONCE)
-
-
-def _band(inside: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """(k, dim) nodes of all cells that the surface crosses, and those next to them."""
-    from scipy.ndimage import binary_dilation
-
-    beside = np.ones((3,) * inside.ndim, bool)
-    crossed = binary_dilation(inside, beside) & binary_dilation(~inside, beside)
-    return np.argwhere(binary_dilation(crossed, beside))

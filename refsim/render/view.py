@@ -153,8 +153,6 @@ def _head(run: SavedRun, chosen: Sequence[int], count: int, low: NDArray, high: 
     ramp = (255 * matplotlib.colormaps[MAP](np.linspace(0, 1, LEVELS + 1))[:, :3]).round().astype(int).tolist()
     box = run.box
     if box is not None:
-        if run.dim == 2:
-            box[0][2] = box[1][2] = 0.0
         axis = int(np.abs(run.up).argmax())
         if run.up[axis] > 0:
             box[1][axis] = min(box[1][axis], high[axis])
