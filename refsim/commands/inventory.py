@@ -44,7 +44,7 @@ def execute(options: argparse.Namespace) -> CommandResult:
     """List the registry and the effects: by method, or in full those that the words name."""
     operations: dict[str, dict[str, Any]] = {
         o.name: {"paper": o.paper, "equation": o.equation, "programs": o.names()}
-        | {"roundings": o.tolerance, "counts": o.tolerance_reason}
+        | {"roundings": o.tolerance, "counts": o.reason}
         for o in REGISTRY.values()
     }
     effects: dict[str, dict[str, Any]] = {

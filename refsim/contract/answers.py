@@ -141,7 +141,7 @@ def hard_inputs(target: Target) -> Iterator[Trial]:
     cases.discover()
     names = [*cases.COMMON, *target.operation.cases]
     if target.loader and 2 in target.dims:
-        names += cases.in_plane()
+        names += cases.IN_PLANE
     if takes_neighbours(target.operation):
         names.append(DENSE)
     for name in names:

@@ -208,7 +208,7 @@ def _vectors(target: Target) -> Iterator[_Vector]:
     for name, exact, inputs in exact_forms(operation, operation.variants[target.variant], target.dtype):
         yield _Vector(name, "T1", inputs, {name: (value, None) for name, value in exact.expected.items()})
     dense = [DENSE] if takes_neighbours(operation) else []
-    hard = [(name, name, "") for name in (*cases.COMMON, *cases.in_plane(), *dense, *operation.cases)]
+    hard = [(name, name, "") for name in (*cases.COMMON, *cases.IN_PLANE, *dense, *operation.cases)]
     kernels = itertools.product(SHAPES if shape_acts(operation) else (), CLOUDS.values())
     for name, case, kernel in (*hard, *((f"{case}_{kernel}", case, kernel) for kernel, case in kernels)):
         inputs = target.varied(Inputs(cases.CASES[case](), target.dtype))

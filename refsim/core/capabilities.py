@@ -1,7 +1,7 @@
 """What some effects do beside the hooks of `Effect`: each class here is one capability.
 
 An effect names its capabilities among its bases, `class BoxWalls(Effect, BringsWalls, ...)`, and defines their methods.
-`having` finds the effects of a scene with a capability.
+`effects_with` finds the effects of a scene with a capability.
 """
 
 import math
@@ -66,7 +66,6 @@ class FollowsScene:
     in_papers: ClassVar[Mapping[str, Any]] = {}  # what the papers have for them
 
     def with_scene_defaults(self, others: Mapping[str, Effect]) -> Effect:
-        """This effect with those of its parameters that are None as the scene has them."""
         raise NotImplementedError  # an effect with this capability defines it
 
 
@@ -91,11 +90,10 @@ class FollowsStart:
 
 
 class Joins:
-    """May act in a scene that does not name it."""
+    """May act in a scene that does not name it, with its usual parameters."""
 
     @classmethod
     def joins(cls, others: Mapping[str, Effect]) -> bool:
-        """Whether it does so beside these effects; with its usual parameters."""
         raise NotImplementedError  # an effect with this capability defines it
 
 
@@ -256,10 +254,9 @@ class CorrectsPositions:
 
 
 class BalancesCohesion:
-    """Has cohesion whose pressure the equation of state is to balance."""
+    """Has cohesion whose pressure [Pa] in the undisturbed bulk the equation of state is to balance."""
 
     def balanced_pressure(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
-        """Cohesive pressure [Pa] of the undisturbed bulk that the equation of state is to balance."""
         raise NotImplementedError  # an effect with this capability defines it
 
 
@@ -282,18 +279,16 @@ class KnowsParticleMass:
 
 
 class LimitsSpeed:
-    """Has equations that hold up to some speed of the particles."""
+    """Has equations that hold up to some speed [m/s] of the particles: a faster one ends the run."""
 
     def greatest_speed(self, grid: Discretisation) -> float:
-        """Speed [m/s] above which its equations do not hold: a faster particle ends the run."""
         raise NotImplementedError  # an effect with this capability defines it
 
 
 class LimitsMassRatio:
-    """Has forces that were measured to gain no energy up to some ratio of the particles' masses."""
+    """Has forces that were measured to gain no energy up to some ratio of the largest to the smallest mass."""
 
     def largest_mass_ratio(self, others: Mapping[str, Effect]) -> float:
-        """That ratio of the largest to the smallest mass."""
         raise NotImplementedError  # an effect with this capability defines it
 
 
@@ -328,10 +323,9 @@ class KnowsLimits:
 
 
 class NeedsCellOrder:
-    """Needs the particles sorted by cell at intervals, also without a neighbour list."""
+    """Needs the particles sorted by cells of a size [m] at intervals, also without a neighbour list."""
 
     def sorting_cell(self, grid: Discretisation) -> float:
-        """Size of those cells [m]."""
         raise NotImplementedError  # an effect with this capability defines it
 
 
@@ -428,11 +422,7 @@ def effects_with(effects: Mapping[str, Effect] | Iterable[Effect], capability: t
 
 
 def with_scene_defaults(effects: Iterable[Effect]) -> dict[str, Effect]:
-    """Effects by name that act, with parameters that follow the scene as it has them; those that they need are among
-    them.
-
-    Effects that join the scene are, too.
-    """
+    """Effects by name that act or join the scene, with parameters that follow it; what they need is among them."""
     given = {effect.name: effect for effect in effects}
     acting = {name: effect for name, effect in given.items() if effect.acts()}
     absent = [kind for name, kind in EFFECTS.items() if name not in given and issubclass(kind, Joins)]

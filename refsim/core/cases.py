@@ -79,17 +79,15 @@ DERIVED: dict[str, Callable[[Any, str], Any]] = {}
 EFFECTS_OF_CASES: list[Callable[[Case], Effect]] = []  # they make the effects that every case has
 
 
-def _claim(names: tuple[str, ...], maker: Callable, table: dict[str, Any]) -> None:
-    """Put a maker's names into their table. Raises ValueError for a name that another function makes already.
+def _claim(name: str, maker: Callable, table: dict[str, Any]) -> None:
+    """Put a maker into its table. Raises ValueError for a name that another function makes already.
 
     Two methods that call different arrays by one name would get each other's, with another number of rows.
     """
-    for name in names:
-        for known in (PARTICLES, GROUPS, DERIVED):
-            other = known.get(name)
-            if other is not None and (other.__module__, other.__qualname__) != (maker.__module__, maker.__qualname__):
-                raise ValueError(f"{name!r} is made twice, in {other.__module__} and in {maker.__module__}; rename one")
-        table[name] = maker
+    for other in (known[name] for known in (PARTICLES, GROUPS, DERIVED) if name in known):
+        if (other.__module__, other.__qualname__) != (maker.__module__, maker.__qualname__):
+            raise ValueError(f"{name!r} is made twice, in {other.__module__} and in {maker.__module__}; rename one")
+    table[name] = maker
 
 
 def _makers_in(table: dict[str, Any], named: bool = False) -> Callable[..., Callable[[Made], Made]]:
@@ -101,10 +99,11 @@ def _makers_in(table: dict[str, Any], named: bool = False) -> Callable[..., Call
     def claim(*names: str, **made: Callable) -> Callable[[Made], Made]:
         for name, maker in made.items():
             by_name = functools.wraps(maker)(lambda *given, name=name, maker=maker: {name: maker(*given)})
-            _claim((name,), by_name if named else maker, table)
+            _claim(name, by_name if named else maker, table)
 
         def mark(maker: Made) -> Made:
-            _claim(names, maker, table)
+            for name in names:
+                _claim(name, maker, table)
             return maker
 
         return mark
@@ -357,8 +356,7 @@ def hard_input(
         walls = {"wall_position": floor_below(places, dim, spacing)} if floor else {}
         return Case(name, dim, places, **walls, **more)
 
-    made.__name__ = name
-    case(made)
+    CASES[name] = functools.cache(made)
     COMMON.extend([name] * common)
 
 
@@ -411,26 +409,20 @@ hard_input("thousand", 3, 1000, floor=True)
 hard_input("dense_cluster", 3, lambda: 0.19 * cloud("dense_cluster", 310, 3))
 
 
-def in_plane() -> list[str]:
-    """Names of spatial hard inputs brought into the plane, entered with the suffix _2d."""
-    for name in _SPATIAL:
-        CASES.setdefault(f"{name}_2d", functools.partial(_flattened, name))
-    return [f"{name}_2d" for name in _SPATIAL]
-
-
-_SPATIAL = (
-    "no_particles", "one_particle", "three_particles", "coincident_pair", "nearly_coincident", "far_away",
-    "tiny_lengths", "huge_lengths", "unequal_masses", "filament", "flung_particle", "negative_coordinates",
-)  # fmt: skip
-
-
-@functools.cache
 def _flattened(name: str) -> Case:
     """A spatial case with z = 0, on a floor of its own where it stands on one."""
     spatial = CASES[name]()
     position = spatial.position * [1.0, 1.0, 0.0]
     floor = floor_below(position, 2, spatial.spacing) if len(spatial.wall_position) else spatial.wall_position
     return replace(spatial, name=f"{name}_2d", dim=2, position=position, wall_position=floor)
+
+
+_SPATIAL = (
+    "no_particles", "one_particle", "three_particles", "coincident_pair", "nearly_coincident", "far_away",
+    "tiny_lengths", "huge_lengths", "unequal_masses", "filament", "flung_particle", "negative_coordinates",
+)  # fmt: skip
+IN_PLANE = {f"{name}_2d": functools.cache(functools.partial(_flattened, name)) for name in _SPATIAL}
+CASES |= IN_PLANE
 
 
 # What every method may name.

@@ -27,12 +27,9 @@ class Seconds(NamedTuple):
 
 
 class Compiling:
-    """What this process took so far to compile kernels and to load them: Numba tells when it begins and ends.
+    """What this process took so far to compile kernels and to load them: Numba tells when it begins and ends."""
 
-    taken  of the calls that have ended
-    """
-
-    taken = Seconds()
+    taken = Seconds()  # of the calls that have ended
     _depth, _began = 0, Seconds()
 
     @classmethod

@@ -3,6 +3,7 @@
 import os
 import sys
 import warnings
+from contextlib import suppress
 from importlib.machinery import PathFinder
 
 GROUPS = ("refsim.effects", "refsim.operations")
@@ -43,11 +44,8 @@ def _named() -> bool:
             return True
         for name in names:
             if name.lower().endswith(METADATA):
-                try:
-                    with open(os.path.join(folder, name, "entry_points.txt"), "rb") as file:
-                        text = file.read()
-                except OSError:
-                    continue
-                if any(f"[{group}]".encode() in text for group in GROUPS):
-                    return True
+                with suppress(OSError), open(os.path.join(folder, name, "entry_points.txt"), "rb") as file:
+                    text = file.read()
+                    if any(f"[{group}]".encode() in text for group in GROUPS):
+                        return True
     return False

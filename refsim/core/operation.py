@@ -26,6 +26,7 @@ BACKENDS = ("numpy", "cpu", "cuda")
 SYMMETRY = "translation rotation reordering"  # invariants of what depends on separations
 Reference = TypeVar("Reference", bound=Callable)
 Names = str | tuple[str, ...]  # a string holds them with spaces between
+LISTS = ("adds", "exact", "optional", "invariants", "cases")  # fields of Operation that hold names
 
 
 @dataclass(frozen=True)
@@ -80,10 +81,8 @@ class Operation:
     work: tuple[str, ...] = ()
     entrywise: tuple[str, ...] = ()  # outputs of the whole set with a bound for each entry; its scale counts the terms
     optional: tuple[str, ...] = ()  # arguments that are None where the scene has no such thing
-    tolerance: float = 4.0  # c in the bound c * neighbours * eps * sum|terms|, with its reason in `tolerance_reason`
-    tolerance_reason: str = (
-        "one rounding in each of distance, kernel, product and sum, and a few in the kernel's polynomial"
-    )
+    tolerance: float = 4.0  # c in the bound c * neighbours * eps * sum|terms|, with its reason in `reason`
+    reason: str = "one rounding in each of distance, kernel, product and sum, and a few in the kernel's polynomial"
     variants: tuple[Mapping[str, Any], ...] = field(default_factory=lambda: ({},))
     invariants: tuple[str, ...] = ()  # names of the contract's conservation and symmetry checks that hold
     broken: Mapping[int, tuple[str, ...]] = field(default_factory=dict)  # invariants that a variant, by number, breaks
@@ -121,7 +120,7 @@ class Operation:
         entry = self.entry(name)
         changed: dict[str, Any] = {"work": tuple(dict.fromkeys((*self.work, *entry.work)))}
         if entry.tolerance is not None:
-            changed |= {"tolerance": entry.tolerance, "tolerance_reason": entry.reason}
+            changed |= {"tolerance": entry.tolerance, "reason": entry.reason}
         if entry.variants is not None:
             changed |= {"variants": entry.variants, "broken": {}}
         if not entry.also:
@@ -256,18 +255,11 @@ def operation(
     equation: str,
     name: str = "",
     *,
-    paper: str,
     outputs: Names = "",
-    adds: Names = "",
-    exact: Names = "",
     entrywise: Names | bool = "",
-    optional: Names = "",
     variants: tuple[str | Mapping[str, Any], ...] = (),
-    invariants: Names = "",
     broken: Mapping[int, Names] | None = None,
-    cases: Names = "",
     programs: Mapping[str, str | Program] | None = None,
-    reason: str = "",
     packed: str = "",
     **more: Any,
 ) -> Callable[[Reference], Reference]:
@@ -279,14 +271,15 @@ def operation(
     variants   of each the names of what is left out, or the overrides (`without`), where a string names a function of
                (case, grid) in the folder's cases.py; by default one without all that is optional, and one with it
     programs   by name; of one that differs by its module alone, the module
-    reason     `tolerance_reason`
     packed     pair function of the kernel, of which a program "cuda:packed" is made
-    more       other fields of Operation
+    more       other fields of Operation; of those in LISTS the names
     """
 
     def enter_on(reference: Reference) -> Reference:
         folder = reference.__module__.rpartition(".")[0]
-        written, flags, left_out = _names(outputs or adds), _names(exact), _names(optional)
+        given: dict[str, Any] = {key: _names(value) if key in LISTS else value for key, value in more.items()}
+        written, flags, left_out = (given.get(key, ()) for key in ("adds", "exact", "optional"))
+        written = _names(outputs) or written
         made = {**(programs or {}), **({"cuda:packed": Program("kernels", packed=packed)} if packed else {})}
         chosen = variants or ((dict.fromkeys(left_out), {}) if left_out else ({},))
         entered = name or f"{folder.rpartition('.')[2]}.{reference.__name__}"
@@ -295,20 +288,14 @@ def operation(
         REGISTRY[entered] = Operation(
             name=entered,
             folder=folder,
-            paper=paper,
             equation=equation,
             function=reference.__name__,
             outputs=written,
-            exact=flags,
-            adds=_names(adds),
             entrywise=tuple(n for n in written if n not in flags) if entrywise is True else _names(entrywise or ""),
-            optional=left_out,
             variants=tuple(_overrides(variant, folder) for variant in chosen),
-            invariants=_names(invariants),
             broken={number: _names(names) for number, names in (broken or {}).items()},
-            cases=_names(cases),
             programs={key: _entry(program, folder) for key, program in made.items()},
-            **(more | ({"tolerance_reason": reason} if reason else {})),
+            **given,
         )
         return reference
 

@@ -31,8 +31,7 @@ def period_group(lengths: Lengths, dtype: str) -> Period:
 def wrapped(position: np.ndarray, lengths: Lengths, lower: Lengths) -> np.ndarray:
     """Positions (n, 3) [m] of the images inside a periodic box; as they are along axes of length 0."""
     inside = np.array(position)
-    for axis, (length, low) in enumerate(zip(lengths, lower)):
-        if length > 0:
-            x = inside[:, axis].astype(float)
-            inside[:, axis] = x - length * np.floor((x - low) / length)
+    for axis in np.flatnonzero(lengths):
+        x = inside[:, axis].astype(float)
+        inside[:, axis] = x - lengths[axis] * np.floor((x - lower[axis]) / lengths[axis])
     return inside

@@ -161,7 +161,7 @@ def wordless(operations, root):
             elif body and not UNIT.search(words):
                 yield f"{path}: the docstring of {name} has no unit"
     for operation in operations:
-        if not (operation.paper and operation.equation and operation.tolerance_reason):
+        if not (operation.paper and operation.equation and operation.reason):
             yield f"{operation.name} does not give its paper, its equation and the reason for its tolerance"
 
 
