@@ -142,31 +142,10 @@ class SolidMesh(Solid, tag="mesh", frozen=True, kw_only=True):
 
     @np.errstate(over="warn", divide="warn", invalid="warn")
     def inside(self, points: np.ndarray) -> np.ndarray:
-        """Odd number of crossings above, by one ray for each column of the lattice: a ray for each point is slow."""
-        import trimesh
-
+        """Where the winding number exceeds 1/2."""
         surface = self.mesh()
-        points = points + TIED * np.array([1.0, 0.7, 0.9]) * np.ptp(surface.vertices, axis=0)
-        unit = 2.0 ** min(0, round(math.log2(np.ptp(surface.vertices, axis=0).max())))  # [m]; roundings stay
-        mesh = trimesh.Trimesh((surface.vertices + surface.origin) / unit, surface.faces, process=False)
-        column, column_of = np.unique(points[:, :2] / unit, axis=0, return_inverse=True)
-        column_of = column_of.reshape(-1)
-        below = np.column_stack([column, np.full(len(column), mesh.bounds[0, 2] - 1.0)])
-        up = np.broadcast_to([0.0, 0.0, 1.0], below.shape)
-        place, ray, _ = mesh.ray.intersects_location(below, up, multiple_hits=True)
-        # A ray through an edge meets both of its triangles in one place, which is one crossing.
-        hits = np.unique(np.column_stack([ray, np.round(np.reshape(place, (-1, 3))[:, 2], 9)]), axis=0)
-        crossings = np.bincount(hits[:, 0].astype(int), minlength=len(column))
-        first = np.cumsum(crossings) - crossings
-        above = np.zeros(len(points), int)
-        for number in range(crossings.max(initial=0)):
-            there = crossings[column_of] > number
-            above[there] += hits[first[column_of[there]] + number, 1] > points[there, 2] / unit
-        result = above % 2 == 1
-        doubtful = crossings[column_of] % 2 == 1
-        if doubtful.any():
-            result[doubtful] = winding(points[doubtful] - surface.origin, surface.corners) > 0.5
-        return result
+        points = points + TIED * np.array([1.0, 0.7, 0.9]) * surface.extent
+        return winding(points - surface.origin, surface.corners) > 0.5
 
     def extent(self) -> tuple[np.ndarray, np.ndarray]:
         mesh = self.mesh()
