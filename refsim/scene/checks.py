@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import itertools
 import math
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -283,23 +284,24 @@ def crowded(
     )
     if filling[first] > TWICE:
         raise InputError(f"scene: {message}: parts of it fill one place twice; move them apart, or leave one out.")
-    ends, alone = np.cumsum(state.sizes).tolist(), dataclasses.replace(grid, period=(0.0, 0.0, 0.0))
-    for part, begin, end in zip(scene.fluid, [0, *ends][-len(scene.fluid) - 1 :], ends[-len(scene.fluid) :]):
-        if isinstance(part, Cloud) and end > begin:
-            cells = Cells(state.position[begin:end], alone)
-            if cells.at_particles(cells.filled(volume[begin:end]), end - begin).max() > LATTICE:
-                return
+    for part in _parts(scene, state, of_cloud=True):
+        cells = Cells(state.position[part], dataclasses.replace(grid, period=(0.0, 0.0, 0.0)))
+        if cells.at_particles(cells.filled(volume[part]), part.stop - part.start).max() > LATTICE:
+            return
     yield f"{message}: parts that overlap press each other apart; leave a spacing between their particles"
+
+
+def _parts(scene: Scene, state: InitialState, of_cloud: bool) -> Iterator[slice]:
+    """The particles of each part of the fluid that has some and is a cloud, or is none."""
+    ends = np.cumsum([0, *state.sizes])[-len(scene.fluid) - 1 :].tolist()
+    for part, (begin, end) in zip(scene.fluid, itertools.pairwise(ends)):
+        if end > begin and isinstance(part, Cloud) == of_cloud:
+            yield slice(begin, end)
 
 
 def overlapping(grid: Discretisation, state: InitialState, scene: Scene) -> Iterator[str]:
     """A note where parts of the liquid share an edge or a corner, which the wide splines of `crowded` do not see."""
-    ends = np.cumsum(state.sizes).tolist()
-    parts = [
-        slice(begin, end)
-        for part, begin, end in zip(scene.fluid, [0, *ends][-len(scene.fluid) - 1 :], ends[-len(scene.fluid) :])
-        if end > begin and not isinstance(part, Cloud)
-    ]
+    parts = list(_parts(scene, state, of_cloud=False))
     if len(parts) < 2:
         return
     cells, whole = Cells(state.position, grid, 1.0), np.full(len(state.position), grid.spacing**grid.dim)

@@ -108,8 +108,7 @@ def scene_from_dict(tables: Mapping[str, Any], source: str, folder: pathlib.Path
     if type(version) is not int or version != VERSION:
         raise InputError(f"{source}: version = {version!r} is not known; this refsim reads version {VERSION}.")
     for name, kind in LISTED.items():
-        listed = _listed(name, values.get(name, []), source)
-        values[name] = tuple(_beside(_part(kind, part, source, place), folder) for place, part in listed)
+        values[name] = tuple(_beside(part, folder) for part in _parts(name, kind, values.get(name, []), source))
     values["effects"] = tuple(_beside(effect, folder) for effect in _effects(values.get("effects", {}), source))
     return struct_of(Scene, values, source, ready=(*LISTED, "effects"))
 
@@ -161,21 +160,13 @@ def _place(tables: Mapping[str, Any], name: str, source: str) -> tuple[Any, str]
 def scene_to_toml(scene: Scene) -> str:
     """The scene as TOML text, every value written out; numbers come back bit for bit."""
     tables = scene_to_dict(scene)
-    apart = {name: tables.pop(name) for name in (*LISTED, "effects") if name in tables}
-    headed: list[tuple[str, dict[str, Any]]] = []
-    for name, inside in apart.items():
-        if name == "effects":
-            headed += [(f"[effects.{_key(effect)}]", values) for effect, values in inside.items()]
-        else:
-            headed += [(f"[[{name}]]", part) for part in inside]
-    lines = _entries(tables)
-    for head, values in headed:
-        lines += ["", head, *_entries(values)]
+    effects = tables.pop("effects")
+    headed = [(f"[[{name}]]", part) for name in LISTED for part in tables.pop(name, ())]
+    headed += [(f"[effects.{_key(name)}]", values) for name, values in effects.items()]
+    lines = []
+    for head, values in [("", tables), *headed]:
+        lines += ["", head] * bool(head) + [f"{_key(name)} = {_toml(value)}" for name, value in values.items()]
     return "\n".join(lines) + "\n"
-
-
-def _entries(values: Mapping[str, Any]) -> list[str]:
-    return [f"{_key(name)} = {_toml(value)}" for name, value in values.items()]
 
 
 def describe(owner: type) -> dict[str, str]:
@@ -244,28 +235,24 @@ def scene_schema(effects: Mapping[str, type[Effect]] = EFFECTS) -> dict[str, Any
 # Reading
 
 
-def _listed(kind: str, tables: Any, source: str) -> Iterator[tuple[str, dict[str, Any]]]:
-    """(place in words, values) of each of the tables [[kind]]."""
+def _parts(kind: str, shapes: Any, tables: Any, source: str) -> Iterator[Any]:
+    """Each of the tables [[kind]]: a part of the fluid, a solid, or what is of one class."""
     if not isinstance(tables, list):
         raise InputError(f"{source}: {kind} must be a list of tables; begin each with [[{kind}]].")
     for number, values in enumerate(tables, 1):
         place = f"[[{kind}]] number {number}"
         if not isinstance(values, dict):
             raise InputError(f"{source}: {place} must be a table, not {word_for(values)}; begin it with [[{kind}]].")
-        yield place, dict(values)
-
-
-def _part(shapes: Any, values: dict[str, Any], source: str, place: str) -> Any:
-    """A part of the fluid, a solid, or what is of one class."""
-    if isinstance(shapes, type):
-        return struct_of(shapes, values, source, place)
-    shape = values.pop("shape", None)
-    if shape is None:
-        *some, last = (f'"{name}"' for name in shapes)
-        raise InputError(f"{source}: {place} has no shape; add shape = {', '.join(some)} or {last}.")
-    if not isinstance(shape, str) or shape not in shapes:
-        raise InputError(f"{source}: {place} has the unknown shape {shape!r}; {suggestion(shape, shapes)}")
-    return struct_of(shapes[shape], values, source, place)
+        if isinstance(shapes, type):
+            yield struct_of(shapes, values, source, place)
+            continue
+        shape = values.get("shape")
+        if shape is None:
+            *some, last = (f'"{name}"' for name in shapes)
+            raise InputError(f"{source}: {place} has no shape; add shape = {', '.join(some)} or {last}.")
+        if not isinstance(shape, str) or shape not in shapes:
+            raise InputError(f"{source}: {place} has the unknown shape {shape!r}; {suggestion(shape, shapes)}")
+        yield struct_of(shapes[shape], {k: v for k, v in values.items() if k != "shape"}, source, place)
 
 
 def _effects(tables: Any, source: str) -> Iterator[Effect]:
@@ -274,7 +261,10 @@ def _effects(tables: Any, source: str) -> Iterator[Effect]:
     for name, values in tables.items():
         if name not in EFFECTS:
             raise InputError(f"{source}: effect {name!r} is unknown; {suggestion(name, sorted(EFFECTS))}")
-        yield _table(EFFECTS[name], values, source, f"[effects.{name}]")
+        if not isinstance(values, dict):
+            given = word_for(values)
+            raise InputError(f"{source}: effects.{name} must be a table, not {given}; write [effects.{name}].")
+        yield struct_of(EFFECTS[name], values, source, f"[effects.{name}]")
 
 
 def _beside(part: Any, folder: pathlib.Path | None) -> Any:
@@ -282,13 +272,6 @@ def _beside(part: Any, folder: pathlib.Path | None) -> Any:
     if folder is None or not getattr(part, "file", None):
         return part
     return msgspec.structs.replace(part, file=str(folder / part.file))
-
-
-def _table(owner: type, values: Any, source: str, place: str) -> Any:
-    """An instance of `owner` from what should be a table."""
-    if not isinstance(values, dict):
-        raise InputError(f"{source}: {place[1:-1]} must be a table, not {word_for(values)}; write {place}.")
-    return struct_of(owner, values, source, place)
 
 
 def struct_of(

@@ -138,7 +138,8 @@ def _planned(scene: Scene, grid: Discretisation, given: Mapping[str, Effect], ab
     bodies = max(grid.bodies, default=0) + 1
     rows = {"solids": solids, "walls": sum(len(w.volume) for w in walls), "bodies": bodies}
     for name, effect in effects.items():
-        fields |= {f.name: _counted(f, rows) for f in effect.fields(effects)}
+        for f in effect.fields(effects):
+            fields[f.name] = dataclasses.replace(f, rows=rows[f.rows]) if isinstance(f.rows, str) else f
         shared |= effect.shares(grid, effects)
         parameters[name] = effect.prepare(grid, effects)
     list_radius = max((e.list_radius(grid) for e in effects.values()), default=0.0)
@@ -191,11 +192,6 @@ def _replaced(effects: Mapping[str, Effect]) -> frozenset[str]:
                 raise InputError(f"Effects {both} take the place of {operation!r}; keep one.")
             owner[operation] = name
     return frozenset(owner)
-
-
-def _counted(f: Field, rows: Mapping[str, int]) -> Field:
-    """A field whose rows are counted, where it is a table of nodes, wall particles or bodies."""
-    return dataclasses.replace(f, rows=rows[f.rows]) if isinstance(f.rows, str) else f
 
 
 def _initial_values(
@@ -304,21 +300,12 @@ def ordered_passes(passes: Sequence[tuple[Owner, Pass]]) -> tuple[tuple[Owner, P
     for _, p in passes:
         if p.operation not in REGISTRY and p.operation not in PROCEDURES:
             raise InputError(f"A pass names operation {p.operation!r}, which is not registered.")
-    writers: dict[str, list[int]] = {}
-    updaters: dict[str, list[int]] = {}
-    for k, (_, p) in enumerate(passes):
-        for name in p.writes:
-            writers.setdefault(name, []).append(k)
-        for name in p.updates:
-            updaters.setdefault(name, []).append(k)
     after: list[set[int]] = [set() for _ in passes]
     for k, (_, p) in enumerate(passes):
-        for name in p.reads:
-            after[k].update(w for w in writers.get(name, []) if w != k)
-            if name not in p.updates:
-                after[k].update(u for u in updaters.get(name, []) if u != k)
-        for name in p.updates:
-            after[k].update(w for w in writers.get(name, []) if w != k)
+        for j, (_, q) in enumerate(passes):
+            written_first = {*p.reads, *p.updates} & {*q.writes}
+            if j != k and (written_first or ({*p.reads} - {*p.updates}) & {*q.updates}):
+                after[k].add(j)
     done: list[int] = []
     waiting = list(range(len(passes)))
     while waiting:
