@@ -91,9 +91,13 @@ class LiquidColumns(NamedTuple):
 
 def liquid_with_list(position: Any, neighbours: Any) -> LiquidRows | LiquidColumns:
     """The liquid's positions together with a list of wall particles, whichever of the two forms it has."""
-    return (LiquidRows if hasattr(neighbours, "start") else LiquidColumns)(position, *neighbours)
+    if hasattr(neighbours, "start"):
+        return LiquidRows(position, *neighbours)
+    return LiquidColumns(position, neighbours.count, neighbours.entries)
 
 
 def with_list(position: Any, volume: Any, neighbours: Any) -> WallRows | WallColumns:
     """Wall particles together with their list, whichever of the two forms it has."""
-    return (WallRows if hasattr(neighbours, "start") else WallColumns)(position, volume, *neighbours)
+    if hasattr(neighbours, "start"):
+        return WallRows(position, volume, *neighbours)
+    return WallColumns(position, volume, neighbours.count, neighbours.entries)
