@@ -249,14 +249,16 @@ class DeviceStepper:
         """All that a step launches, in order, and what each launch touches."""
         s, plan, backend = self.state, self.state.plan, self.state.backend.name
         forces = [(name, call, p) for (name, rare, call), (_, p) in zip(s.force_calls, s.force_passes) if not rare]
-        fields = frozenset({"acceleration", *(call.func.into for call in self._reductions())})  # type: ignore[attr-defined]
+        fields = frozenset({"acceleration", *_reduced([s.extremes_call])})
         motion = [(name, _cleared(call)) for name, call in s.motion_calls]
+        in_motion = frozenset(_reduced([call for _, call in s.motion_calls]))
         steps: list[tuple[str, Callable[[], None], Accesses | None]] = [
             *((*call, accesses(p, backend)) for call, (_, p) in zip(s.begin_calls, plan.begin)),
             ("", self._clear, Accesses(fields, fields)),
             *((name, call, accesses(p, backend)) for name, call, p in forces),
             ("sph.extremes", _cleared(s.extremes_call), accesses(Pass("sph.extremes"), backend)),
             ("choose_step", self._choose, Accesses(frozenset({"extremes", "timestep"}), frozenset({"timestep"}))),
+            *([("", self._clear_motion, Accesses(in_motion, in_motion))] if in_motion else []),
             *((*call, accesses(p, backend)) for call, (_, p) in zip(motion, plan.motion)),
             ("send_clock", self._send, None),
         ]
@@ -267,13 +269,15 @@ class DeviceStepper:
         s.scratch.unchanged(True)  # in what is launched behind this, up to the motion
         if self.pushed:
             self.device.fill(s.fields["acceleration"], 0)
-        for call in self._reductions():
-            self.device.fill(call.args[-1], call.func.least)  # type: ignore[attr-defined]
+        self._fill_least([s.extremes_call])
 
-    def _reductions(self) -> list[Callable[[], None]]:
-        """The calls that need the least numbers in what they reduce into, their last argument."""
-        calls = (self.state.extremes_call, *(call for _, call in self.state.motion_calls))
-        return [call for call in calls if _cleared(call) is not call]
+    def _clear_motion(self) -> None:
+        """Not with `_clear`, which may be launched for the next step: what this one reduced could not be read then."""
+        self._fill_least([call for _, call in self.state.motion_calls])
+
+    def _fill_least(self, calls: list[Callable[[], None]]) -> None:
+        for into in _reduced(calls).values():
+            self.device.fill(*into)
 
     def _choose(self) -> None:
         s, scene = self.state, self.state.plan.scene
@@ -286,6 +290,11 @@ class DeviceStepper:
         self.device.send_clock(self.state.displacement, self.clock, self.mirror.there)
         for mirror in self.mirrors.values():
             mirror.send()
+
+
+def _reduced(calls: list[Callable[[], None]]) -> dict[str, tuple[Any, float]]:
+    """What the calls reduce into, by name, with the least number that must stand there before."""
+    return {c.func.into: (c.args[-1], c.func.least) for c in calls if _cleared(c) is not c}  # type: ignore[attr-defined]
 
 
 def _cleared(call: Callable[[], None]) -> Callable[[], None]:
