@@ -19,6 +19,7 @@ from refsim.core.operation import REGISTRY
 from refsim.isosurface import operations as operations
 from refsim.isosurface.table import CaseTable, case_table
 from refsim.sparse_grid import Blocks, SparseGrid, nodes
+from refsim.sparse_grid.tables import OFFSET
 
 __all__ = ["CaseTable", "Cells", "Contour", "Mesh", "case_table", "edges_and_facets", "extract"]
 
@@ -103,10 +104,10 @@ def extract(
         )
     if not (np.isfinite(cell_size) and cell_size > 0):
         raise InputError(f"extract: cell_size = {cell_size} is not possible; give a positive number.")
-    grid = SparseGrid(Backend("cpu"), dim, values.dtype.name, cell_size)
-    host = grid.holding(coordinates)
-    node = grid.programs.node_of(coordinates.astype(np.int64), host)
-    if len(np.unique(node)) < len(node) or (node < 0).any():
+    place, grid = coordinates.astype(float), SparseGrid(Backend("cpu"), dim, "float64", 1.0)
+    host = grid.cover(place, 1, 1)
+    node = grid.cells_alone(place, host).cell
+    if len(np.unique(node)) < len(node) or (np.abs(place) > OFFSET).any():
         raise InputError("extract: some coordinates are given twice, or lie beyond 2^20 cells; give each node once.")
     count = nodes(host)
     node_value, node_state = np.full(count, np.nan, values.dtype), np.full(count, 2, np.uint8)

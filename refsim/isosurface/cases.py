@@ -27,21 +27,17 @@ def covered(name: str, dtype: str):
     return position, SparseGrid(Backend("cpu"), case.dim, dtype, cell_size(case)).cover(position, *REACH)
 
 
-def distance_to_nearest(points: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """Distance [m] from each point to the nearest particle."""
-    from scipy.spatial import cKDTree
-
-    return cKDTree(position.astype(float)).query(points)[0]
-
-
 @functools.cache
 def extraction(name: str, dtype: str) -> dict:
     """All intermediate arrays of the extraction, by the references."""
+    from scipy.spatial import cKDTree
+
     case = CASES[name]()
     position, blocks = covered(name, dtype)
     h = cell_size(case)
     place = np.dtype(dtype).type(h).astype(float) * node_table(blocks)
-    value = (distance_to_nearest(place, position) - case.dim**0.5 * h if case.count else np.zeros(0)).astype(dtype)
+    nearest = cKDTree(position.astype(float)).query(place)[0] if case.count else np.zeros(0)
+    value = (nearest - case.dim**0.5 * h).astype(dtype)
     state = (value < 0).astype(np.uint8)
     if name == "narrow_band":
         state[abs(value) > 0.9 * h] = 2
@@ -84,13 +80,16 @@ hard_input("all_states", 3, lambda: cloud("all_states", 60, 3, 0.45))
 
 
 def octahedron(dim: int) -> tuple[Case, dict]:
-    """One node inside at the origin, -1 against 3 around it: a quarter of the way along every edge; h = 2 m."""
+    """One node inside at the origin, -1 against 3 around it: a quarter of the way along every edge; h = 2 m.
+
+    With the later arguments of the extraction.
+    """
     name = f"octahedron_{dim}d"
-    blocks = SparseGrid(Backend("cpu"), dim, "float64", 2.0).holding(np.zeros((1, 3), int))
+    blocks = SparseGrid(Backend("cpu"), dim, "float64", 2.0).cover(np.zeros((1, 3)), 1, 1)
     value = np.where((node_table(blocks) == 0).all(1), -1.0, 3.0)
     inputs = {"blocks": blocks, "node_value": value, "node_state": (value < 0).astype(np.uint8)}
     inputs |= {"table": case_table(dim), "contour": Contour(2.0, 0.0)}
-    return at(name, [0, 0, 0], dim=dim), inputs
+    return at(name, [0, 0, 0], dim=dim), inputs | follow(inputs)
 
 
 def octahedron_counts(blocks, dim: int) -> tuple[np.ndarray, np.ndarray]:
@@ -109,14 +108,13 @@ def octahedron_counts(blocks, dim: int) -> tuple[np.ndarray, np.ndarray]:
 def octahedron_counted(dim):
     case, inputs = octahedron(dim)
     crossings, cell_case = octahedron_counts(inputs["blocks"], dim)
-    return Exact(case, inputs | follow(inputs), {"crossings": crossings, "cell_case": cell_case})
+    return Exact(case, inputs, {"crossings": crossings, "cell_case": cell_case})
 
 
 @closed_form("isosurface.edge_points", over=(2, 3))
 def octahedron_quarters(dim):
     """Vertices in the order of their edges: nodes by number, and at the origin x, y, z."""
     case, inputs = octahedron(dim)
-    inputs |= follow(inputs)
     coordinates = node_table(inputs["blocks"])
     edge = inputs["vertex_edge"]
     start, axis = coordinates[edge // 3], edge % 3
@@ -128,7 +126,6 @@ def octahedron_quarters(dim):
 def octahedron_closed(dim):
     """Each orthant has one facet, whose corners lie on its three (two) half axes, ordered by its handedness."""
     case, inputs = octahedron(dim)
-    inputs |= follow(inputs)
     coordinates = node_table(inputs["blocks"])
     on = {}
     for v, edge in enumerate(inputs["vertex_edge"]):

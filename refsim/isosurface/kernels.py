@@ -7,29 +7,22 @@ from refsim.sparse_grid.formulas import block_bits, node_coordinates, step_node
 
 @kernel
 def classify(i, blocks, node_state, crossings, cell_case):
-    """Cut edges of node i and states of the corners of cell i, both as bits; dimensionless."""
-    bits, case = cell_states(i, blocks, node_state)
-    crossings[i] = bits
-    cell_case[i] = case
-
-
-@formula
-def cell_states(i, blocks, node_state):
-    """(bit a set where the edge from node i along axis a is cut, states of the corners of cell i); dimensionless.
+    """Cut edges of node i, bit a for axis a, and states of the corners of cell i, as bits; dimensionless.
 
     A cell with a corner of unknown state counts as outside.
     """
     state = int(node_state[i])
-    crossings, case = 0, state if state < 2 else -1
+    bits, case = 0, state if state < 2 else -1
     for c in range(1, 8 if block_bits(blocks) == 2 else 4):
         other = state_at(blocks, node_state, i, c & 1, (c >> 1) & 1, c >> 2)
-        crossings, case = with_corner(c, state, other, crossings, case)
-    return crossings, max(case, 0)
+        bits, case = with_corner(c, state, other, bits, case)
+    crossings[i] = bits
+    cell_case[i] = max(case, 0)
 
 
 @formula
 def with_corner(c, state, other, crossings, case):
-    """The two of `cell_states` with corner c, whose state is `other`; the case is -1 where a state is unknown."""
+    """The two of `classify` with corner c, whose state is `other`; the case is -1 where a state is unknown."""
     if other > 1:
         return crossings, -1
     if (c == 1 or c == 2 or c == 4) and state + other == 1:

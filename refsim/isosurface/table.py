@@ -89,15 +89,11 @@ def triangulated(loop: Loop) -> tuple[Facet, ...]:
     one; of several that with the least sum of squares of the diagonals between midpoints of edges; then the first."""
     ends = [{c, c | 1 << a} for c, a in edges(3)]
     middle = [[sum(c >> b & 1 for c in pair) for b in range(3)] for pair in ends]  # in halves of the cell size
-
-    def in_one_face(e: int, f: int) -> bool:
-        return any(ends[e] | ends[f] <= set(ring) for ring in faces(3))
-
     best = None
     sides = {frozenset(pair) for pair in zip(loop, loop[1:] + loop[:1], strict=True)}
     for way in triangulations(loop):
         diagonals = {frozenset(p) for t in way for p in itertools.combinations(t, 2)} - sides
-        if any(in_one_face(*d) for d in diagonals):
+        if any(ends[e] | ends[f] <= set(ring) for e, f in diagonals for ring in faces(3)):
             continue
         cost = sum(sum((x - y) ** 2 for x, y in zip(*(middle[e] for e in d), strict=True)) for d in diagonals)
         turned = sorted(t[t.index(min(t)) :] + t[: t.index(min(t))] for t in way)

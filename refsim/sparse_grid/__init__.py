@@ -37,10 +37,6 @@ class SparseGrid:
         """Blocks that hold every node from `below` under to `above` over the cell of each position (n, 3) [m]."""
         return self.programs.cover(position, below, above)
 
-    def holding(self, coordinates: Any) -> Blocks:
-        """Blocks on the CPU that hold the nodes with integer `coordinates` (n, 3) and the nodes next to them."""
-        return self.programs.holding(coordinates)
-
     def by_cell(self, position: Any, blocks: Blocks, shift: float = 0.0) -> PointList:
         """The points (n, 3) [m] of each cell j = floor(x/h - shift); those outside all blocks are left out."""
         return self.programs.by_cell(position, blocks, shift)

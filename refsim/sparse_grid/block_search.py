@@ -6,7 +6,7 @@ import numpy as np
 
 from refsim.backends.compile import formula, kernel
 from refsim.sparse_grid.formulas import BLOCK, FARTHEST, block_key, find_node_near
-from refsim.sparse_grid.tables import PointList, blocks_of, keys_at, reached
+from refsim.sparse_grid.tables import PointList, blocks_of, reached
 
 CHUNKS, LEAST_CHUNK = 64, 2048  # of points that one thread takes in their order
 
@@ -149,14 +149,6 @@ class BlockSearch:
 
     def __init__(self, dim, inverse_cell):
         self.dim, self.inverse_cell = dim, inverse_cell
-        self.bits = 2 if dim == 3 else 3
-        self.width = 1 << self.bits
-
-    def block_of(self, coordinates):
-        block = coordinates >> self.bits
-        if self.dim == 2:
-            block[..., 2] = coordinates[..., 2]
-        return block
 
     def cover(self, position, below, above):
         count = len(position)
@@ -164,26 +156,9 @@ class BlockSearch:
         write_runs(position, self.inverse_cell, self.dim, keys, held)
         begin = np.arange(len(held)) * count // len(held)
         runs = [keys[b : b + h] for b, h in zip(begin, held, strict=True)]
-        return self._blocks(np.concatenate(runs), below, above)
-
-    def holding(self, coordinates):
-        return self._blocks(keys_at(self.block_of(np.asarray(coordinates, np.int64))), 1, 1)
-
-    def _blocks(self, occupied, below, above):
-        keys = reached(occupied, self.dim, (-below) >> self.bits, (self.width - 1 + above) >> self.bits)
-        return blocks_of(keys, self.dim)
-
-    def node_of(self, coordinates, blocks):
-        """Number of the node (n,) int64 with integer coordinates (n, 3), -1 where no block holds it."""
-        key = keys_at(self.block_of(coordinates))
-        if not len(blocks.keys):
-            return np.full(len(key), -1)
-        place = np.minimum(np.searchsorted(blocks.keys, key), len(blocks.keys) - 1)
-        rest = coordinates & (self.width - 1)
-        local = (rest[:, 1] << self.bits) | rest[:, 0]
-        if self.dim == 3:
-            local |= rest[:, 2] << 4
-        return np.where(blocks.keys[place] == key, place * BLOCK + local, -1)
+        bits = 2 if self.dim == 3 else 3
+        occupied = reached(np.concatenate(runs), self.dim, -below >> bits, ((1 << bits) - 1 + above) >> bits)
+        return blocks_of(occupied, self.dim)
 
     def cell_of(self, position, blocks, shift):
         node, chunks = np.empty(len(position), np.int32), np.empty(chunks_for(len(position)), np.uint8)

@@ -112,36 +112,28 @@ class BlockSearch:
         self.width = 1 << self.bits
 
     def cover(self, position, below, above):
-        return self.with_margin(position, below, above, 0)[0]
+        keys = device.empty(position.shape[0], np.int64)
+        block_keys(position, self.inverse_cell, self.dim, keys)
+        axis = self._axis(below, above)
+        entries = [lambda *table: enter_keys(*table, keys)]
+        return make_table(keys.shape[0], entries, self.dim, axis[0], axis[-1])[0]
 
     def with_margin(self, position, below, above, margin):
         """(blocks that reach `margin` nodes farther than `cover`, whether all in reach of each exist (blocks,) uint8).
 
         They suffice until a particle has moved as far.
         """
-        keys = device.empty(position.shape[0], np.int64)
-        block_keys(position, self.inverse_cell, self.dim, keys)
-        blocks = self._blocks(keys, below + margin, above + margin)
-        return blocks, self._sure(blocks, below, above)
-
-    def _sure(self, blocks, below, above):
-        """Whether all blocks in reach of each exist (blocks,) uint8."""
-        xp = device.cupy_or_numpy()
-        made = device.as_cupy(blocks.keys)
+        blocks = self.cover(position, below + margin, above + margin)
+        xp, made = device.cupy_or_numpy(), device.as_cupy(blocks.keys)
         if not len(made):
-            return device.empty(0, np.uint8)
+            return blocks, device.empty(0, np.uint8)
         wanted = made[:, None] + xp.asarray(key_steps(self.dim, self._axis(below, above)))[None, :]
         place = xp.minimum(xp.searchsorted(made, wanted.ravel()).reshape(wanted.shape), len(made) - 1)
-        return device.as_numba((made[place] == wanted).all(1).astype(np.uint8))
+        return blocks, device.as_numba((made[place] == wanted).all(1).astype(np.uint8))
 
     def _axis(self, below, above):
         """Blocks along an axis in reach of a point's, from `below` nodes under to `above` over its cell."""
         return range((-below) >> self.bits, ((self.width - 1 + above) >> self.bits) + 1)
-
-    def _blocks(self, keys, below, above):
-        axis = self._axis(below, above)
-        entries = [lambda *table: enter_keys(*table, keys)]
-        return make_table(keys.shape[0], entries, self.dim, axis[0], axis[-1])[0]
 
     def by_cell(self, position, blocks, shift):
         cell = self.cell_of(position, blocks, shift)
