@@ -40,14 +40,6 @@ class AtHalf(NamedTuple):
     pair: Case
 
 
-def at_half(kernel: str, dim: int) -> AtHalf:
-    """The kernel of this name in 2D or 3D."""
-    share, slope, *scales = AT_HALF[kernel]
-    value = scales[dim - 2] / RADIUS**dim
-    pair = at(f"pair_{dim}d", PLACES[dim], dim=dim)
-    return AtHalf(value, share, value * slope / RADIUS, smoothing(kernel, RADIUS, dim), pair)
-
-
 def for_each_kernel(
     *operations: str, dims: tuple[int, ...] = (3,), across: float = 0.0, **named: Callable[[AtHalf], Exact]
 ) -> Callable[[Callable[[AtHalf], Exact]], Callable[[AtHalf], Exact]]:
@@ -60,9 +52,9 @@ def for_each_kernel(
     def mark(maker: Callable[[AtHalf], Exact], name: str = "") -> Callable[[AtHalf], Exact]:
         name = name or maker.__name__
         for kernel, dim in itertools.product(AT_HALF, dims):
-            made = [_form(name, maker, kernel, dim)] + [_form(name, maker, kernel, 3, across)] * (
-                across > 0 and dim == 3
-            )
+            made = [_form(name, maker, kernel, dim)]
+            if across > 0 and dim == 3:
+                made.append(_form(name, maker, kernel, 3, across))
             for operation in operations:
                 CLOSED_FORMS.setdefault(operation, []).extend(made)
         return maker
@@ -76,7 +68,10 @@ def _form(
     name: str, maker: Callable[[AtHalf], Exact], kernel: str, dim: int, across: float = 0.0
 ) -> Callable[[], Exact]:
     def form() -> Exact:
-        w = at_half(kernel, dim)
+        share, slope, *scales = AT_HALF[kernel]
+        value = scales[dim - 2] / RADIUS**dim
+        pair = at(f"pair_{dim}d", PLACES[dim], dim=dim)
+        w = AtHalf(value, share, value * slope / RADIUS, smoothing(kernel, RADIUS, dim), pair)
         exact = across_a_border(maker(w), across) if across else maker(w)
         return replace(exact, inputs={"smoothing": w.smoothing, "gradient_smoothing": w.smoothing, **exact.inputs})
 

@@ -10,17 +10,9 @@ import numpy as np
 from refsim.core.effect import int32
 from refsim.core.errors import InputError
 
-POLY6, SPIKY, CUBIC_SPLINE, WENDLAND_C2, WENDLAND_C4, WENDLAND_C6, QUINTIC_SPLINE, GAUSSIAN = range(8)
-SHAPES = {
-    "poly6": POLY6,
-    "spiky": SPIKY,
-    "cubic_spline": CUBIC_SPLINE,
-    "wendland_c2": WENDLAND_C2,
-    "wendland_c4": WENDLAND_C4,
-    "wendland_c6": WENDLAND_C6,
-    "quintic_spline": QUINTIC_SPLINE,
-    "gaussian": GAUSSIAN,
-}
+NAMES = "poly6 spiky cubic_spline wendland_c2 wendland_c4 wendland_c6 quintic_spline gaussian"
+SHAPES = {name: number for number, name in enumerate(NAMES.split())}
+POLY6, SPIKY, CUBIC_SPLINE, WENDLAND_C2, WENDLAND_C4, WENDLAND_C6, QUINTIC_SPLINE, GAUSSIAN = SHAPES.values()
 
 # Coefficient of 1/h^dim for which the integral of W is one, by dimension.
 NORMALISATION = {
@@ -94,12 +86,7 @@ def smoothing(shape: str, support_radius: float, dim: int, dtype: str = "float64
             f" 1/h^{dim + 2}; check the unit (metres), or take float64."
         )
     norm = NORMALISATION[SHAPES[shape]][dim] / h**dim
+    laplacian = VISCOSITY_LAPLACIAN[dim] / h ** (dim + 2)
     return Smoothing(
-        real(h),
-        real(1 / h),
-        real(norm),
-        real(norm / h),
-        real(VISCOSITY_LAPLACIAN[dim] / h ** (dim + 2)),
-        int32(SHAPES[shape]),
-        int32(dim),
+        real(h), real(1 / h), real(norm), real(norm / h), real(laplacian), int32(SHAPES[shape]), int32(dim)
     )

@@ -32,7 +32,7 @@ SURFACE = Field("surface", "-", "1 in the surface set S", dtype="uint8")
 
 THRESHOLD = 0.98  # the paper's lambda of J(12)
 SPARSE = 0.9  # lambda of the first step where asymmetry stands beside it; the lower end of the paper's range
-NORMALS = {"color": SURFACE_NORMAL, "corrected": CORRECTED_NORMAL}
+NORMALS = {"color": (SURFACE_NORMAL, color_gradient_pass), "corrected": (CORRECTED_NORMAL, corrected_pass)}
 # Support radii [spacings] at which at least 97 % of the surface of liquid is found whose particles stand a tenth of a
 # spacing off a lattice, in 2D and 3D (`tests/surface_detection/test_detection.py`)
 RIGHT = 2.0, 6.0
@@ -163,7 +163,7 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
         elif self.method == "two_step":
             fields.append(NEAR_SURFACE)
         if self.method != "number_density":
-            fields.append(NORMALS[self.scan_normal])
+            fields.append(NORMALS[self.scan_normal][0])
         if self.method != "fan_scan" or self.scan_normal == "corrected":
             fields.append(NUMBER_DENSITY)
         if self.release_pressure:
@@ -189,21 +189,17 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
         """Passes that end with field `surface`, in every step or on demand."""
         if self.method == "number_density":
             return (near_surface_pass(on_demand, output="surface"),)
-        candidates = self.candidates()
-        normals = {"color": color_gradient_pass, "corrected": corrected_pass}[self.scan_normal]
-        names = {"surface_normal": NORMALS[self.scan_normal].name, "candidates": candidates}
-        scan = Pass("surface_detection.fan_scan", writes=("surface",), on_demand=on_demand, names=names)
-        first = [near_surface_pass(on_demand)] if candidates == "near_surface" else []
-        if candidates == "scan_candidates":
-            names = {"near_surface": candidates, "near_surface_limit": "candidate_limit"}
+        first, candidates = [], None  # the field that marks the particles to scan; None: all are scanned
+        if self._lopsided():
+            candidates = "scan_candidates"
+            names: dict[str, str | None] = {"near_surface": candidates, "near_surface_limit": "candidate_limit"}
             first = [Pass("surface_detection.candidates", writes=(candidates,), on_demand=on_demand, names=names)]
-        return (*first, normals(candidates, on_demand), scan)
-
-    def candidates(self) -> str | None:
-        """Name of the field that marks the particles to scan; None if all are scanned, or none."""
-        if self.method != "two_step":
-            return None
-        return "scan_candidates" if self._lopsided() else "near_surface"
+        elif self.method == "two_step":
+            first, candidates = [near_surface_pass(on_demand)], "near_surface"
+        normal, normal_pass = NORMALS[self.scan_normal]
+        names = {"surface_normal": normal.name, "candidates": candidates}
+        scan = Pass("surface_detection.fan_scan", writes=("surface",), on_demand=on_demand, names=names)
+        return (*first, normal_pass(candidates, on_demand), scan)
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         """Where the detector is not right: supports beyond those measured, and limits that fail on the lattice."""

@@ -24,8 +24,7 @@ def fan_scan(i, position, surface_normal, candidates, neighbours, walls, fan_sca
     """J(13); a flag, zero for a particle that is no candidate."""
     near, occupied = ENOUGH, True
     if candidates is None or candidates[i] != 0:
-        nx, ny, nz, directed = unit(surface_normal, i, fan_scan.smallest_normal)
-        normal = (nx, ny, nz)
+        normal, directed = unit(surface_normal, i, fan_scan.smallest_normal)
         near, occupied = scan(i, position, neighbours, position, normal, fan_scan, 0, not directed)
         if walls is not None:
             near, occupied = scan(i, position, walls, walls.position, normal, fan_scan, near, occupied)
@@ -39,8 +38,8 @@ def unit(vector, i, smallest):
     length = math.sqrt(x * x + y * y + z * z)
     if length < smallest:
         zero = type(length)(0)
-        return zero, zero, zero, False
-    return x / length, y / length, z / length, True
+        return (zero, zero, zero), False
+    return (x / length, y / length, z / length), True
 
 
 @formula
