@@ -51,9 +51,16 @@ def append_marked(mark, candidates, names, index, at):
     return at
 
 
-@formula
-def build_chunk(chunk, queries, sources, radius, dim, exclude_self, period, periodic, listed):
-    """One chunk of `build_list` with its own buffers; the capacity of the list and of the buffers that it needs."""
+@kernel
+def build_list(chunk, queries, sources, radius, dim, exclude_self, period, periodic, listed, needed):
+    """Write the sources within `radius` [m] of each query of a chunk into the list's entries, row after row.
+
+    queries  positions and keys
+    sources  positions, sorted keys of the occupied cells, and the first source of each (cells + 1)
+    listed   the list, and for each chunk positions, numbers and marks of the sources around a query, and rows of cells
+    With a `period` distances are those to the nearest image, and `periodic` are the cells of its box.
+    `needed[chunk]` is the capacity of the list and of the buffers that the chunk needs; nothing is written beyond.
+    """
     query, query_keys = queries
     source, cells, first = sources
     start, count, index, near, names, mark, low_cell = listed
@@ -80,13 +87,8 @@ def build_chunk(chunk, queries, sources, radius, dim, exclude_self, period, peri
             current = query_keys[i]
             candidates = 0
             for k in range(rows_around):
-                if periodic is None:
-                    middle = current + (np.int64(k % 3 - 1) << formulas.BITS)
-                    if layers == 3:
-                        middle += np.int64(k // 3 - 1) << (2 * formulas.BITS)
-                    least, most = middle - 1, middle + 1
-                else:
-                    least, most = formulas.periodic_row(current, k, layers, periodic)
+                least, most = formulas.row_around(current, k, layers, periodic)
+                if periodic is not None:
                     backward = True  # rows come from both sides of the box
                 a = formulas.lower_bound(cells, least) if backward else low_cell[k]
                 while a < cells.shape[0] and cells[a] < least:
@@ -126,22 +128,7 @@ def build_chunk(chunk, queries, sources, radius, dim, exclude_self, period, peri
                         index[at] = names[m]
                     at += 1
         count[i] = at - start[i]
-    return at - share * chunk, widest
-
-
-@kernel
-def build_list(chunk, queries, sources, radius, dim, exclude_self, period, periodic, listed, needed):
-    """Write the sources within `radius` [m] of each query of a chunk into the list's entries, row after row.
-
-    queries  positions and keys
-    sources  positions, sorted keys of the occupied cells, and the first source of each (cells + 1)
-    listed   the list, and for each chunk positions, numbers and marks of the sources around a query, and rows of cells
-    With a `period` distances are those to the nearest image, and `periodic` are the cells of its box.
-    `needed[chunk]` is the capacity of the list and of the buffers that the chunk needs; nothing is written beyond.
-    """
-    needed[chunk, 0], needed[chunk, 1] = build_chunk(
-        chunk, queries, sources, radius, dim, exclude_self, period, periodic, listed
-    )
+    needed[chunk, 0], needed[chunk, 1] = at - share * chunk, widest
 
 
 @kernel(rows_of="order")
@@ -166,18 +153,6 @@ def near_before(i, j, position, velocity, shift, drift, bounds, period, limit):
     return near
 
 
-@formula
-def audited_row(i, listed, position, velocity, shift, drift, bounds, period):
-    """Neighbours of i within the radius that its row of the list lacks."""
-    start, count, index, radius = listed
-    limit, missed = radius * radius, 0
-    for j in range(position.shape[0]):
-        missed += near_before(i, j, position, velocity, shift, drift, bounds, period, limit)
-    for k in range(start[i], start[i] + count[i]):
-        missed -= near_before(i, index[k], position, velocity, shift, drift, bounds, period, limit)
-    return missed
-
-
 @kernel(rows_of="rows")
 def count_missed(k, position, velocity, shift, drift, bounds, period, listed, rows, missed):
     """Neighbours nearer than the radius [m] of `listed` that this list lacks, for a sampled row, by all pairs.
@@ -185,7 +160,13 @@ def count_missed(k, position, velocity, shift, drift, bounds, period, listed, ro
     The list was last used at position - drift * velocity - shift, before the latest step; where that is not known,
     because a plane of `bounds` stopped the particle, its pairs are left out.
     """
-    missed[k] = audited_row(rows[k], listed, position, velocity, shift, drift, bounds, period)
+    start, count, index, radius = listed
+    i, limit, found = rows[k], radius * radius, 0
+    for j in range(position.shape[0]):
+        found += near_before(i, j, position, velocity, shift, drift, bounds, period, limit)
+    for at in range(start[i], start[i] + count[i]):
+        found -= near_before(i, index[at], position, velocity, shift, drift, bounds, period, limit)
+    missed[k] = found
 
 
 @kernel
@@ -216,34 +197,12 @@ def block_displacements(b, blocks, low, high, layers, displacements):
     """Largest squared relative displacement [m^2] of particles of a block (key) and of one that touches it, or it."""
     largest = formulas.squared_between(low, high, b, b, 0)
     for k in range(3 * layers):  # rows of x; the half of them that lies before this one is seen from there
-        row = blocks[b] + (np.int64(k % 3 - 1) << formulas.BITS)
-        if layers == 3:
-            row += np.int64(k // 3 - 1) << (2 * formulas.BITS)
-        a = formulas.lower_bound(blocks, row - 1)
-        while a < b and blocks[a] <= row + 1:
+        least, most = formulas.row_around(blocks[b], k, layers, None)
+        a = formulas.lower_bound(blocks, least)
+        while a < b and blocks[a] <= most:
             largest = max(largest, formulas.squared_between(low, high, a, b, 0))
             a += 1
     displacements[b] = largest
-
-
-class CellBlocks:
-    """Blocks of two cells along each axis: particles of blocks that do not touch are two cells apart at least."""
-
-    def __init__(self, cells, first, dim):
-        keys = np.empty(len(cells), np.int64)
-        block_keys(cells, keys)
-        self.first, self.layers = first, 1 if dim == 2 else 3
-        self.order = np.argsort(keys, kind="stable")
-        self.keys, self.begin = _occupied(keys[self.order])
-
-    def squared_displacements(self, position, build_position):
-        """Bounds of the squared relative displacement [m^2] of two particles: in touching blocks, and anywhere."""
-        low, high = np.empty((2, len(self.keys), 3), position.dtype)
-        displacements = np.empty(len(self.keys), position.dtype)
-        block_boxes(position, build_position, self.first, self.order, self.begin, low, high)
-        block_displacements(self.keys, low, high, self.layers, displacements)
-        anywhere = ((high.max(0) - low.min(0)) ** 2).sum()
-        return float(displacements.max()), float(anywhere)
 
 
 def _occupied(keys):
@@ -298,9 +257,20 @@ class CellSearch:
         return self._build("own", position, keys, position, *self.cells, exclude_self=True)
 
     def relative_displacements(self, position, build_position, velocity, timestep):
+        """Bounds [m] of two particles of touching blocks, which others are two cells apart from, and of any two."""
+        cells, first = self.cells
         if self.blocks is None:  # only where the particles move far enough to ask
-            self.blocks = CellBlocks(*self.cells, self.dim)
-        return (tuple(map(math.sqrt, self.blocks.squared_displacements(position, build_position))),)
+            keys = np.empty(len(cells), np.int64)
+            block_keys(cells, keys)
+            order = np.argsort(keys, kind="stable")
+            self.blocks = order, *_occupied(keys[order])
+        order, keys, begin = self.blocks
+        low, high = np.empty((2, len(keys), 3), position.dtype)
+        displacements = np.empty(len(keys), position.dtype)
+        block_boxes(position, build_position, first, order, begin, low, high)
+        block_displacements(keys, low, high, 1 if self.dim == 2 else 3, displacements)
+        anywhere = ((high.max(0) - low.min(0)) ** 2).sum()
+        return ((math.sqrt(float(displacements.max())), math.sqrt(float(anywhere))),)
 
     def build_against(self, position, prepared):
         return self._build("static", position, self.keys(position), *prepared, exclude_self=False)

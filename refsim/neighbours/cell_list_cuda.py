@@ -80,8 +80,9 @@ class CellSearch:
         moved = self.reorder(position, order)
         table = CellTable(self.backend, 1.0 / self.reach, moved, self.periodic)
         table.fill()
-        if not table.fits():
-            table.set_capacity(int(self.backend.host(table.report)[0]))
+        cells = int(self.backend.host(table.report)[0])
+        if cells > table.cells.shape[0]:
+            table.set_capacity(cells)
             table.fill()
         return (moved, table), self.backend.host(order), moved
 
@@ -93,12 +94,11 @@ class CellSearch:
             static.ready = True
         else:
             self._build(fluid)
-        result, table = fluid.result, fluid.queries
         if self.boxes is not None:
             self.boxes.near_known = self.boxes.launched = False
-            if self.boxes.boxes[0][0].shape[0] != table.cells.shape[0]:
+            if self.boxes.boxes[0][0].shape[0] != fluid.queries.cells.shape[0]:
                 self.boxes = None
-        return result
+        return fluid.listed, fluid.most
 
     def look_ahead(self, particles, wanted):
         if self.boxes is not None:
@@ -120,7 +120,7 @@ class CellSearch:
         if not static.ready:
             self._build(static)
         static.ready = False
-        return static.result
+        return static.listed, static.most
 
     def build_around(self, position, prepared, name):
         around, table = prepared
@@ -132,7 +132,7 @@ class CellSearch:
             held.launch()
             held.mirror.read()
             if held.fits():
-                return held.result
+                return held.listed, held.most
 
     def reorder(self, array, order):
         moved = self.backend.empty(array.shape, array.dtype)

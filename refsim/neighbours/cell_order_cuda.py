@@ -3,7 +3,7 @@
 import numpy as np
 
 from refsim.backends import device
-from refsim.backends.compile import cuda, cuda_kernel, formula, row_kernel
+from refsim.backends.compile import cuda, cuda_kernel, row_kernel
 from refsim.neighbours.cell_list import cell_keys
 from refsim.neighbours.formulas import BITS
 from refsim.neighbours.limits import MOST_NEIGHBOURS
@@ -41,18 +41,9 @@ def box_of_cells(keys, report):
         cuda.atomic.max(report, t, most[t])
 
 
-@formula
-def place_in_box(key, report):
-    """Number of a cell, given by its key, among those of the box, in the order of the keys."""
-    mask = (1 << BITS) - 1
-    wide, deep = np.int64(report[3]) + report[0] + 1, np.int64(report[4]) + report[1] + 1
-    plane = (key >> (2 * BITS)) + report[2]
-    return (plane * deep + ((key >> BITS) & mask) + report[1]) * wide + (key & mask) + report[0]
-
-
 @row_kernel(rows_of="keys")
 def count_cells(i, keys, report, count, cell, slot):
-    """The cell of each particle among those of the box, and which of its particles it is, in whatever order they come.
+    """Each particle's cell, by its number in the box, and which of its particles it is, in whatever order they come.
 
     report[6] becomes 1 if the cells exceed the capacity of `count`, or a cell has too many particles to be ordered.
     """
@@ -63,7 +54,10 @@ def count_cells(i, keys, report, count, cell, slot):
     if wide > count.shape[0] or wide * deep > count.shape[0] or wide * deep * high > count.shape[0]:
         report[6] = 1
     else:
-        place = place_in_box(keys[i], report)
+        mask = (1 << BITS) - 1
+        plane = (keys[i] >> (2 * BITS)) + report[2]
+        row = plane * deep + ((keys[i] >> BITS) & mask) + report[1]
+        place = row * wide + (keys[i] & mask) + report[0]  # in the order of the keys
         cell[i] = place
         slot[i] = cuda.atomic.add(count, place, 1)
         if slot[i] >= MOST_NEIGHBOURS:
@@ -92,75 +86,60 @@ def order_buckets(i, cell, count, run, report, bucket, order):
         order[i] = i
 
 
-class CellOrder:
-    """The particles' order by cell, and within a cell by number, as launches that can be recorded.
+class Sorter:
+    """Puts arrays into cell order, in place, and within a cell by number, by launches that are recorded.
 
     Counts the particles of each cell in the box of cells around all of them. If the cells exceed the capacity, or a
     cell has more particles than MOST_NEIGHBOURS, the particles keep their order and report[6] is 1.
     """
 
-    def __init__(self, backend, keys, order):
-        n = keys.shape[0]
-        self.keys, self.order = keys, order
+    def __init__(self, search, position, arrays, sorted_position, behind):
+        backend, n = search.backend, position.shape[0]
+        self.search, self.position, self.sorted_position = search, position, sorted_position
+        self.keys, self.order = backend.empty(n, np.int64), backend.empty(n, np.int64)
+        self.rows = device.Rows(arrays, self.order)
         self.cell, self.slot, self.bucket = (backend.empty(n, np.int32) for _ in range(3))
         self.count, self.run = backend.empty(n + 64, np.int32), backend.empty(n + 64, np.int32)
         # Greatest of -x, -y, -z, x, y, z of the cells; whether a capacity is short
         self.report = backend.zeros(7, np.int32)
+        self.mirror = device.PinnedCopy(self.report)
         self.add_up = device.RunningSum(self.count, self.run)
+        self.all, self.move = device.CudaGraph(self._sort), device.CudaGraph(self._move)
+        # Whether the host has yet to see whether counting gave an order, and whether it did the last time
+        self.open, self.suffices = False, True
+        self.beside, self.behind = None, behind
 
-    def launch(self):
+    def _find_order(self):
+        cell_keys(self.position, 1.0 / self.search.reach, self.search.periodic, self.keys, None)
         clear_counts(self.report, self.count)
         box_of_cells(self.keys, self.report)
         count_cells(self.keys, self.report, self.count, self.cell, self.slot)
         self.add_up()
         fill_buckets(self.cell, self.slot, self.count, self.run, self.report, self.bucket)
         order_buckets(self.cell, self.count, self.run, self.report, self.bucket, self.order)
+        self.mirror.send()
 
-    @property
-    def nbytes(self):
-        return sum(a.nbytes for a in (self.cell, self.slot, self.bucket, self.count, self.run))
+    def _sort(self):
+        device.side_by_side(self._find_order, *(() if self.beside is None else (self.beside,)))
+        self._move()
 
-
-class Sorter:
-    """Puts arrays into cell order, in place."""
-
-    def __init__(self, search, position, arrays, sorted_position, behind):
-        backend, n = search.backend, position.shape[0]
-        self.keys, self.order = backend.empty(n, np.int64), backend.empty(n, np.int64)
-        self.rows = device.Rows(arrays, self.order)
-        self.by_count = CellOrder(backend, self.keys, self.order) if n else None
-        self.mirror = None if self.by_count is None else device.PinnedCopy(self.by_count.report)
-        self.all = device.CudaGraph(lambda: self._sort(position, 1.0 / search.reach, search.periodic, sorted_position))
-        self.move = device.CudaGraph(lambda: self._move(position, sorted_position))
-        # Whether the host has yet to see whether counting gave an order, and whether it did the last time
-        self.open, self.suffices = False, True
-        self.beside, self.behind = None, behind
-
-    def _sort(self, position, inverse_cell, periodic, sorted_position):
-        def find_order():
-            cell_keys(position, inverse_cell, periodic, self.keys, None)
-            self.by_count.launch()
-            self.mirror.send()
-
-        device.side_by_side(find_order, *(() if self.beside is None else (self.beside,)))
-        self._move(position, sorted_position)
-
-    def _move(self, position, sorted_position):
+    def _move(self):
         self.rows.launch()
-        device.copy(position, sorted_position)
+        device.copy(self.position, self.sorted_position)
         if self.behind is not None:
             self.behind()
 
     def __call__(self, beside):
         """Sort; `beside` is launched before the particles are moved, unless None."""
-        if self.by_count is not None:
-            if beside is not self.beside:
-                self.beside, self.all = beside, self.all.renewed()
-            self.all()
-            self.open = True
-            if not self.suffices:
-                self.mirror.read()
-                self.ended()
+        if not self.keys.shape[0]:
+            return
+        if beside is not self.beside:
+            self.beside, self.all = beside, self.all.renewed()
+        self.all()
+        self.open = True
+        if not self.suffices:
+            self.mirror.read()
+            self.ended()
 
     def ended(self):
         """Whether the particles are in order, once the host has waited for the sorting; else they are put into it."""
@@ -175,5 +154,5 @@ class Sorter:
 
     @property
     def nbytes(self):
-        counted = 0 if self.by_count is None else self.by_count.nbytes
-        return counted + self.keys.nbytes + self.order.nbytes + self.rows.nbytes
+        counted = (self.cell, self.slot, self.bucket, self.count, self.run, self.keys, self.order)
+        return sum(array.nbytes for array in counted) + self.rows.nbytes

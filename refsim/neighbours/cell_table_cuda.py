@@ -58,9 +58,6 @@ class CellTable:
         self.add_up()
         occupied_cells(self.keys, self.cells, self.first, self.report, self.run)
 
-    def fits(self):
-        return int(self.backend.host(self.report)[0]) <= self.cells.shape[0]
-
     @property
     def nbytes(self):
         return sum(a.nbytes for a in (self.keys, self.begins, self.run, self.cells, self.first))

@@ -8,7 +8,7 @@ from refsim.backends.primitives import four_of, set_four, sum_before_lane
 from refsim.backends.runtime import simulated
 from refsim.core.errors import RunStopped
 from refsim.neighbours.cell_table_cuda import CellTable
-from refsim.neighbours.formulas import BITS, lower_bound, periodic_row, to_nearest_image
+from refsim.neighbours.formulas import lower_bound, row_around, to_nearest_image
 from refsim.neighbours.limits import MOST_NEIGHBOURS, with_margin
 from refsim.neighbours.rows import NeighbourColumns, cuda_lane
 
@@ -32,13 +32,7 @@ def cell_ranges(cells, first, query_cells, query_report, periodic, low, high):
     pieces = 1 if periodic is None else 2
     if i < high.shape[0] and i < query_report[0] and pieces * k < low.shape[1]:
         for piece in range(pieces * k, pieces * (k + 1)):
-            if periodic is not None:
-                least, most = periodic_row(query_cells[i], piece, low.shape[1] // 6, periodic)
-            else:
-                middle = query_cells[i] + ((k % 3 - 1) << BITS)
-                if low.shape[1] == 9:
-                    middle += (k // 3 - 1) << (2 * BITS)
-                least, most = middle - 1, middle + 1
+            least, most = row_around(query_cells[i], piece, low.shape[1] // (3 * pieces), periodic)
             a = lower_bound(cells, least)
             b = a
             while b < cells.shape[0] and cells[b] <= most:
@@ -171,30 +165,18 @@ class ListOf:
             self._make_ranges()
             return False
         if self.most * n > self.listed.entries.shape[0] and self.most <= MOST_NEIGHBOURS:
-            self.listed = self.listed._replace(entries=self._grown(n, self.most))
+            columns = with_margin(self.most)
+            self.listed = self.listed._replace(entries=self.backend.empty(1, np.uint32))  # frees the former
+            free = device.free_bytes()
+            if 4 * columns * n > free:
+                raise RunStopped(
+                    "out_of_memory",
+                    f"The neighbour list needs {columns} columns of {n} particles, {4e-9 * columns * n:.3g} GB, and the"
+                    f" device has {1e-9 * free:.3g} GB left; take fewer particles or a smaller support radius.",
+                )
+            self.listed = self.listed._replace(entries=self.backend.empty(columns * n, np.uint32))
             return False
         return True
-
-    @property
-    def result(self):
-        """(list, most neighbours of any list so far); the same list object while its arrays stay."""
-        return self.listed, self.most
-
-    def _grown(self, n, most):
-        """Allocate a list of capacity `most`, with a margin, for each of `n` particles.
-
-        Raises RunStopped if memory is exhausted.
-        """
-        columns = with_margin(most)
-        self.listed = self.listed._replace(entries=self.backend.empty(1, np.uint32))
-        free = device.free_bytes()
-        if 4 * columns * n > free:
-            raise RunStopped(
-                "out_of_memory",
-                f"The neighbour list needs {columns} columns of {n} particles, {4e-9 * columns * n:.3g} GB, and the"
-                f" device has {1e-9 * free:.3g} GB left; take fewer particles or a smaller support radius.",
-            )
-        return self.backend.empty(columns * n, np.uint32)
 
     @property
     def nbytes(self):

@@ -8,6 +8,8 @@ it only makes the far cells fuller.
 import math
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from refsim.backends.compile import formula
 from refsim.core.effect import int32
 
@@ -136,6 +138,20 @@ def periodic_row(key, k, layers, cells):
     if cy < 0 or cz < 0:
         low, high, cy, cz = 1, 0, 0, 0
     return cell_key(low, cy, cz), cell_key(high, cy, cz)
+
+
+@formula
+def row_around(key, k, layers, cells):
+    """(first, last) key = 2^42 c_z + 2^21 c_y + c_x (dimensionless) of row k of the 3 `layers` rows around a cell.
+
+    With the `cells` of a periodic box k counts pieces of rows, as in `periodic_row`.
+    """
+    if cells is not None:
+        return periodic_row(key, k, layers, cells)
+    middle = key + (np.int64(k % 3 - 1) << BITS)
+    if layers == 3:
+        middle += np.int64(k // 3 - 1) << (2 * BITS)
+    return middle - 1, middle + 1
 
 
 @formula

@@ -200,8 +200,10 @@ def loop_source(
     loop, more = NEAR + NEAR_LOOP if near else LOOP, {}
     parts: dict[str, str] = {}
     if near and "rows" in listed:
+        from refsim.backends.primitives import four_of  # loads numba.cuda, which a CPU does without
+
         lines |= _packed_lines(pair, given)
-        loop, more = NEAR + PACKED_LOOP, _packed_names()
+        loop, more = NEAR + PACKED_LOOP, {"four_of": four_of, "np": np}
     elif near and "start" in listed and not held and not plain:
         staged, parts = _staged(pair, given, source)
         lines, loop, more = lines | staged, NEAR + STAGED_LOOP, {"staging": staging, "np": np}
@@ -230,12 +232,6 @@ def _staged(pair: Callable, given: Mapping[str, str | None], source: str) -> tup
     }
     named = (f"{part}, " for parts in buffers.values() for part in parts)
     return lines, {"arrays": "".join(f"{array}, " for array in buffers), "parts": "".join(named)}
-
-
-def _packed_names() -> dict[str, Any]:
-    from refsim.backends.primitives import four_of  # loads numba.cuda, which a CPU does without
-
-    return {"four_of": four_of, "np": np}
 
 
 def _packed_lines(pair: Callable, given: Mapping[str, str | None]) -> dict[str, list[str]]:

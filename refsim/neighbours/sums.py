@@ -20,7 +20,6 @@ from refsim.neighbours.reference import pair_blocks
 from refsim.smoothing.reference import kernel_slope, kernel_value, viscosity_laplacian
 
 CHUNK = 2**16  # pairs whose terms are computed at a time
-NOTHING = Terms(0.0)
 
 
 class Fields:
@@ -181,7 +180,7 @@ class NoPairs:
         return self
 
     def __call__(self, term, **given):
-        return NOTHING
+        return Terms(0.0)
 
     def any(self, decision, **given):
         return Decision(-np.inf)
