@@ -83,9 +83,9 @@ def execute(options: argparse.Namespace) -> CommandResult:
         return _whole_run(options)
     if options.export is not None:
         return _export(options)
-    for mode, text_of in PRINTED.items():
+    for mode in ("template", "header", "guide"):
         if getattr(options, mode):
-            text = text_of(options)
+            text = _printed(options)
             return CommandResult({mode: text}, text, verbatim=True)
     if options.arguments:
         return _arguments(options.names, options.backend or "cpu")
@@ -95,9 +95,12 @@ def execute(options: argparse.Namespace) -> CommandResult:
     if source in REGISTRY:
         raise InputError(f"{source} is an operation; name the programs before it: refsim contract mine.py {source}.")
     check_names(operations, options.dtype, options.variant, options.step)
+    if options.jobs is not None and options.jobs < 1:
+        raise InputError(f"--jobs = {options.jobs} is not possible; give a number of processes from 1 on.")
     request = apart.Request(
         source, tuple(operations), tuple(options.dtype), tuple(options.variant), tuple(options.step),
-        options.time_limit, options.allow_untried, seed=options.seed, processes=_jobs(source, options.jobs),
+        options.time_limit, options.allow_untried, seed=options.seed,
+        processes=options.jobs or (apart.PROCESSES if source in BACKENDS else 1),
     )  # fmt: skip
     if options.replay is not None:
         request = _replayed(request, options.replay)
@@ -131,15 +134,6 @@ def _judged(request: Any, options: argparse.Namespace) -> CommandResult:
         data, text = {"outcome": dataclasses.asdict(outcome), "inputs": REPLAYED}, f"{outcome}\nInputs: {REPLAYED}."
         return CommandResult(data, text, 0 if outcome.passed else 4)
     return CommandResult(data, text, 0 if data["holds"] else 4)
-
-
-def _jobs(source: str, wanted: int | None) -> int:
-    """The number of processes. Raises InputError for one that is not possible."""
-    from refsim.contract.apart import PROCESSES
-
-    if wanted is not None and wanted < 1:
-        raise InputError(f"--jobs = {wanted} is not possible; give a number of processes from 1 on.")
-    return wanted or (PROCESSES if source in BACKENDS else 1)
 
 
 def _excused(file: str, outcomes_of: dict[str, list[Any]]) -> list[str]:
@@ -238,27 +232,17 @@ def _arguments(names: Sequence[str], arrays: str) -> CommandResult:
     return CommandResult({"arrays": arrays, "operations": data}, "\n".join(lines).rstrip())
 
 
-def _template(options: argparse.Namespace) -> str:
-    """A stub for the operations, which runs and computes nothing."""
-    from refsim.contract import describe
+def _printed(options: argparse.Namespace) -> str:
+    """The guide, the operations' declarations in C or Fortran, or stubs of them, which run and compute nothing."""
+    from refsim.contract import describe, native
 
+    if options.guide:
+        return resources.files("refsim.contract").joinpath("guide.md").read_text(encoding="utf-8")
     arrays = options.backend or "cpu"
-    return describe.template([operation.name for operation in _known(options.names, arrays)], arrays)
-
-
-def _header(options: argparse.Namespace) -> str:
-    """The declarations of the operations' functions in C or Fortran."""
-    from refsim.contract import native
-
-    made = native.header if options.header == "c" else native.module
-    return "\n".join(map(made, _known(options.names, "cpu")))
-
-
-def _guide(options: argparse.Namespace) -> str:
-    return resources.files("refsim.contract").joinpath("guide.md").read_text(encoding="utf-8")
-
-
-PRINTED = {"template": _template, "header": _header, "guide": _guide}
+    operations = _known(options.names, arrays)
+    if options.template:
+        return describe.template([operation.name for operation in operations], arrays)
+    return "\n".join(map(native.header if options.header == "c" else native.module, operations))
 
 
 def _allowed(text: str) -> tuple[str, float]:
@@ -280,12 +264,10 @@ def _whole_run(options: argparse.Namespace) -> CommandResult:
         value = getattr(options, name)
         if value is not None and not 0 < value < math.inf:
             raise InputError(f"--{name} = {value:g} is not possible; give a positive number.")
-    within = WITHIN if options.within is None else options.within
+    within, backend = WITHIN if options.within is None else options.within, options.backend or "cpu"
     scene, folder = options.run, options.names[0]
-    compared = whole_runs.compare(
-        load_scene(scene), Path(folder), options.at, options.backend or "cpu", within,
-        dict(map(_allowed, options.allow)), options.chaos_only,
-    )  # fmt: skip
+    loaded, allowed = load_scene(scene), dict(map(_allowed, options.allow))
+    compared = whole_runs.compare(loaded, Path(folder), options.at, backend, within, allowed, options.chaos_only)
     time, compared_measures, coarser = compared[:3]
     rows = [
         (m.name, f"{m.time:.4g}", f"{m.theirs:.6g}", f"{whole_runs.midrange(m.ours):.6g}",
@@ -318,17 +300,13 @@ def _whole_run(options: argparse.Namespace) -> CommandResult:
     data = {"scene": scene, "time": time, "holds": holds, "within": within, "coarser": coarser}
     data["decides_until"] = min(decides, time)
     if not options.without_sensitivity:
-        noticed = list(whole_runs.sensitivities(load_scene(scene), compared, options.backend or "cpu"))
-        idle = whole_runs.untouched(load_scene(scene), compared, {s.parameter: s.error for s in noticed})
+        noticed = list(whole_runs.sensitivities(loaded, compared, backend))
+        idle = whole_runs.untouched(loaded, compared, {s.parameter: s.error for s in noticed})
         data |= {"sensitivity": {s.parameter: s.error if s.by else None for s in noticed}, "untouched": idle}
         rows = [(s.parameter, f"{s.error:.2g}" if s.by else "none", s.by or "-") for s in noticed]
-        lines += [
-            "",
-            table(rows, ("parameter", "least error noticed", "by"), (1,)),
-            "Errors are shares of the parameter.",
-        ]
-        acted = "Every wall, gauge and effect acted."
-        lines.append(f"Never touched up to {time:g} s: {', '.join(idle)}." if idle else acted)
+        lines += ["", table(rows, ("parameter", "least error noticed", "by"), (1,))]
+        acted = f"Never touched up to {time:g} s: {', '.join(idle)}." if idle else "Every wall, gauge and effect acted."
+        lines += ["Errors are shares of the parameter.", acted]
     data["measures"] = whole_runs.report(compared_measures)
     return CommandResult(data, "\n".join(lines), 0 if data["holds"] else 4)
 

@@ -4,7 +4,6 @@ import argparse
 import importlib.resources
 import os
 from pathlib import Path
-from typing import Any
 
 from refsim.commands import CommandResult, command, table, takes, write_new
 from refsim.core.checked import suggestion
@@ -88,14 +87,10 @@ def _written(wanted: dict[str, bytes], folder: Path, option: str, overwrite: boo
 
 
 def _listed(known: dict[str, str], alone: dict[str, str]) -> CommandResult:
-    entries: list[dict[str, Any]] = []
-    for name, text in known.items():
-        effects = [effect.name for effect in parse_scene(text, name).effects]
-        entries.append({"name": name, "summary": text.partition("\n")[0].lstrip("# "), "effects": effects})
-    for name, text in alone.items():
-        entries.append({"name": name, "summary": text.partition("\n")[0].strip('"'), "effects": []})
-    rows = [(e["name"], e["summary"]) for e in entries]
+    summaries = {name: text.partition("\n")[0].strip('# "') for name, text in (known | alone).items()}
+    effects = {name: [effect.name for effect in parse_scene(text, name).effects] for name, text in known.items()}
+    entries = [{"name": n, "summary": summary, "effects": effects.get(n, [])} for n, summary in summaries.items()]
     how = (
-        f"Write one with: refsim example {entries[0]['name']}\nWrite the lessons with: refsim example --lessons lessons"
+        f"Write one with: refsim example {next(iter(known))}\nWrite the lessons with: refsim example --lessons lessons"
     )
-    return CommandResult({"examples": entries}, f"{table(rows)}\n\n{how}")
+    return CommandResult({"examples": entries}, f"{table(list(summaries.items()))}\n\n{how}")

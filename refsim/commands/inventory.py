@@ -18,23 +18,13 @@ WIDTH = 100  # of a line at most, in a pipe, too
 
 
 def _parameters(effect: type[Effect]) -> list[dict[str, Any]]:
-    meanings = describe(effect)
-    given = [
-        (f, f.default if f.default_factory is msgspec.NODEFAULT else f.default_factory())
-        for f in msgspec.structs.fields(effect)
-    ]
-    return [
-        {"name": f.name, "default": None if default is msgspec.NODEFAULT else default, "required": f.required}
-        | {"meaning": meanings.get(f.name, "")}
-        for f, default in given
-    ]
-
-
-def _paper(effect: type[Effect]) -> dict[str, Any] | None:
-    """What literal = "paper" takes."""
-    if not issubclass(effect, HasErrata):
-        return None
-    return {"source": effect.source, "errata": list(effect.improvements), "parameters": dict(effect.paper)}
+    meanings, listed = describe(effect), []
+    for f in msgspec.structs.fields(effect):
+        made = f.default if f.default_factory is msgspec.NODEFAULT else f.default_factory()
+        default = None if f.required else made
+        meaning = meanings.get(f.name, "")
+        listed.append({"name": f.name, "default": default, "required": f.required, "meaning": meaning})
+    return listed
 
 
 @command("list", "list operations and effects")
@@ -51,7 +41,9 @@ def execute(options: argparse.Namespace) -> CommandResult:
         name: {
             "summary": (inspect.getdoc(effect) or "").split("\n")[0],
             "parameters": _parameters(effect),
-            "paper": _paper(effect),
+            "paper": {"source": effect.source, "errata": list(effect.improvements), "parameters": dict(effect.paper)}
+            if issubclass(effect, HasErrata)
+            else None,  # what literal = "paper" takes
         }
         for name, effect in sorted(EFFECTS.items())
     }

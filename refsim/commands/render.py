@@ -34,22 +34,20 @@ def execute(options: argparse.Namespace) -> CommandResult:
     from refsim.render.pictures import Look, write_film, write_pictures
 
     limits = None if options.limits is None else _numbers("limits", options.limits, ",", float)
-    look = Look(
-        options.style, options.color, limits, options.camera, options.cut, _numbers("size", options.size, "x", int)
-    )
+    size = _numbers("size", options.size, "x", int)
+    look = Look(options.style, options.color, limits, options.camera, options.cut, size)
     began = time.perf_counter()
     if options.film and options.output:
         raise InputError("--film and --output name two files; give one of them.")
+    name = os.path.basename(os.path.realpath(options.run))
     if options.gauges:
         from refsim.render.plane import plot_gauges
 
-        output = options.output or f"{os.path.basename(os.path.realpath(options.run))}_gauges.png"
-        written = [plot_gauges(options.run, output, _numbers("size", options.size, "x", int))]
+        written = [plot_gauges(options.run, options.output or f"{name}_gauges.png", size)]
     elif options.film:
         written = [write_film(options.run, look, options.frames, options.film, options.per_second)]
     else:
-        output = options.output or f"{os.path.basename(os.path.realpath(options.run))}.png"
-        written = write_pictures(options.run, look, options.frames, output)
+        written = write_pictures(options.run, look, options.frames, options.output or f"{name}.png")
     seconds = time.perf_counter() - began
     rows = [(path, in_bytes(path.stat().st_size)) for path in written]
     data = {"files": [str(path) for path in written], "seconds": seconds}
