@@ -39,16 +39,13 @@ def execute(options: argparse.Namespace) -> CommandResult:
     wrong = [name for name, test in tests.items() if test["verdict"] != "pass" and name not in stopped]
     working = [name for name in tests if name not in (*stopped, *wrong)]
     absent = [name for name, reason in backends.items() if reason is not None]
-    if stopped or wrong:
-        faults = [f"backend {name} stops with an error in the self-test: {tests[name]['why']}" for name in stopped]
-        if wrong:
-            faults.append(f"backend {' and '.join(wrong)} computes wrong numbers here; do not use it")
-        report["verdict"] = f"fail: {'; '.join(faults)}"
-    else:
-        report["verdict"] = f"pass: {', '.join(working)} {'work' if len(working) > 1 else 'works'}"
-        if absent:
-            report["verdict"] += f"; {' and '.join(absent)} cannot run here"
-    return CommandResult(report, _text(report), 4 if stopped or wrong else 0)
+    faults = [f"backend {name} stops with an error in the self-test: {tests[name]['why']}" for name in stopped]
+    if wrong:
+        faults.append(f"backend {' and '.join(wrong)} computes wrong numbers here; do not use it")
+    passed = f"pass: {', '.join(working)} {'work' if len(working) > 1 else 'works'}"
+    passed += f"; {' and '.join(absent)} cannot run here" if absent else ""
+    report["verdict"] = f"fail: {'; '.join(faults)}" if faults else passed
+    return CommandResult(report, _text(report), 4 if faults else 0)
 
 
 def _self_test(backend: str) -> dict[str, Any]:

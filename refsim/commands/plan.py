@@ -15,6 +15,7 @@ from refsim.core.capabilities import HoldsOtherMemory, effects_with
 from refsim.core.effect import BASE, Effect, Extremes
 from refsim.core.errors import InputError
 from refsim.core.operation import BACKENDS, PROCEDURES, REGISTRY
+from refsim.core.tables import vector
 from refsim.engine.limits import stable_steps, step_limits
 from refsim.scene.files import load_scene
 from refsim.scene.plan import Plan
@@ -217,7 +218,7 @@ def _text(summary: dict[str, Any]) -> str:
     walls = f" and {summary['wall_particles']:,} of walls" if summary["wall_particles"] else ""
     around = "".join(f", periodic along {axis} over {m:g} m" for axis, m in zip("xyz", summary["period"]) if m)
     if any(summary["origin"]):
-        around += f", positions relative to ({', '.join(f'{m:g}' for m in summary['origin'])}) m"
+        around += f", positions relative to {vector(summary['origin'])} m"
     fields = [
         (name, f["bytes_per_particle"], in_bytes(f["bytes"]), f["unit"], ", ".join(f["brought_by"]), f["meaning"])
         for name, f in summary["fields"].items()
@@ -235,37 +236,30 @@ def _text(summary: dict[str, Any]) -> str:
         f"{summary['scene']}: {summary['particles']:,} particles{walls} in {summary['dim']}D, {summary['dtype']},"
         f" backend {summary['backend']}",
         f"spacing {summary['spacing']:g} m, support radius {summary['support_radius']:.4g} m{around}",
-        "",
-        "Fields",
-        table(fields, ("field", "B/particle", "bytes", "unit", "brought by", "meaning"), right=(1, 2)),
-        "",
-        "Passes, in order",
-        table(passes, ("", "operation", "effect", "when", "kernel"), right=(0,)),
-        "",
-        "Effects",
-        table(effects, ("effect", "neighbours to", "wall particles", "step limits")),
-        *(f"As in {e['literal']['source']}: {name} with {_taken(e['literal'])}"
-          for name, e in summary["effects"].items() if e["literal"]),
-        "",
-    ]  # fmt: skip
-    tensions = [
-        {"effect": name, **{key: v if key == "of" else f"{v:.3g}" for key, v in e["tension"].items()}}
-        for name, e in summary["effects"].items()
-        if "tension" in e
+        f"\nFields\n{table(fields, ('field', 'B/particle', 'bytes', 'unit', 'brought by', 'meaning'), right=(1, 2))}",
+        f"\nPasses, in order\n{table(passes, ('', 'operation', 'effect', 'when', 'kernel'), right=(0,))}",
+        f"\nEffects\n{table(effects, ('effect', 'neighbours to', 'wall particles', 'step limits'))}",
     ]
+    tensions = []
+    for name, e in summary["effects"].items():
+        if e["literal"]:
+            lines.append(f"As in {e['literal']['source']}: {name} with {_taken(e['literal'])}")
+        if "tension" in e:
+            tensions.append({"effect": name, **{k: v if k == "of" else f"{v:.3g}" for k, v in e["tension"].items()}})
     tables = {"Surface tension, R of the smallest body of liquid": tensions}
-    for title, parts in (tables | {kind: summary[kind] for kind in ("gauges", "motions")}).items():
+    tables |= {"Gauges": summary["gauges"], "Motions": summary["motions"]}
+    for title, parts in tables.items():
         if parts:
-            keys = list(dict.fromkeys(key for part in parts for key in part))
+            keys = tuple(dict.fromkeys(key for part in parts for key in part))
             rows = [tuple(_short(part.get(key, "-")) for key in keys) for part in parts]
-            lines += [title[0].upper() + title[1:], table(rows, tuple(keys)), ""]
+            lines.append(f"\n{title}\n{table(rows, keys)}")
     listed = summary["neighbour_list"]
     lines.append(
-        f"Neighbour list: radius {listed['radius']:.4g} m, reaching to {listed['reach']:.4g} m,"
+        f"\nNeighbour list: radius {listed['radius']:.4g} m, reaching to {listed['reach']:.4g} m,"
         f" {listed['neighbours_on_a_lattice']} neighbours on the lattice, about {in_bytes(listed['bytes'])};"
         f" rebuilt when a particle has moved {listed['built_anew_after']:.3g} m"
         if listed
-        else "Neighbour list: none"
+        else "\nNeighbour list: none"
     )
     b = summary["bytes"]
     grid = f", background grid {in_bytes(b['background_grid'])}" if "background_grid" in b else ""

@@ -13,6 +13,7 @@ from typing import Any
 from refsim.commands import CommandResult, command, in_time, planned, table, takes
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.stopping import Interrupted, handling_signals
+from refsim.core.tables import vector
 from refsim.core.terminal import say
 from refsim.engine.driver import Progress, RunReport, simulate
 from refsim.engine.simulation import Simulation
@@ -142,7 +143,7 @@ def _text(report: RunReport) -> str:
     lines += [
         f"particles: {end['particles']:,} of {start['particles']:,}, mass {end['mass']:.9g} of {start['mass']:.9g}"
         f" {mass}, {end['outside_walls']} behind walls, stopped by a wall's plane {report.stopped_at_walls:,} times",
-        f"momentum: {_vector(start['momentum'])} -> {_vector(end['momentum'])} {momentum}",
+        f"momentum: {vector(start['momentum'], '.3')} -> {vector(end['momentum'], '.3')} {momentum}",
         f"kinetic energy: {start['kinetic_energy']:.4g} -> {end['kinetic_energy']:.4g} {energy}",
     ]
     if "potential_energy" in end:
@@ -189,7 +190,3 @@ def _profile(profile: dict[str, Any]) -> str:
 
 def _beside(difference: float) -> str:
     return f"{abs(difference):.2%} {'above' if difference > 0 else 'below'}"
-
-
-def _vector(values: list[float]) -> str:
-    return "(" + ", ".join(f"{v:.3g}" for v in values) + ")"

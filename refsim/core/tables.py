@@ -104,6 +104,11 @@ def html_table(title: str, rows: Iterable[Sequence[Any]], head: Sequence[str] = 
     return f"<p><b>{html.escape(title)}</b></p><table>{''.join(lines)}</table>"
 
 
+def vector(numbers: Iterable[float], digits: str = "") -> str:
+    """Numbers in parentheses, of six digits or as `digits` has them, such as ".3"."""
+    return f"({', '.join(f'{x:{digits}g}' for x in numbers)})"
+
+
 def in_bytes(count: float) -> str:
     """A number of bytes as text with its unit."""
     for unit in ("B", "KiB", "MiB", "GiB"):

@@ -23,6 +23,7 @@ from refsim.core.capabilities import (
 from refsim.core.effect import EFFECTS, Discretisation, Effect, Extremes, InitialState, Nodes
 from refsim.core.errors import InputError
 from refsim.core.reading import GREATEST, LONGEST
+from refsim.core.tables import vector
 from refsim.core.walls import WallParticles
 from refsim.gauges.checks import check_gauges
 from refsim.motion import check_motions, moves_tank
@@ -277,9 +278,9 @@ def crowded(
     if filling[first] <= CROWDED:
         yield from overlapping(grid, state, scene)
         return
-    where = ", ".join(f"{x:.4g}" for x in grid.absolute(state.position[first])[: grid.dim])
+    where = vector(grid.absolute(state.position[first])[: grid.dim], ".4")
     message = (
-        f"{filling[first]:.3g} times the particles of a lattice of the spacing are counted at ({where}) m, those of"
+        f"{filling[first]:.3g} times the particles of a lattice of the spacing are counted at {where} m, those of"
         " walls and solids among them"
     )
     if filling[first] > TWICE:
@@ -312,11 +313,11 @@ def overlapping(grid: Discretisation, state: InitialState, scene: Scene) -> Iter
         most = np.maximum(most, filled)
     filled = np.where(total - most > SHARED, total, 0.0)
     if filled.max() > 1 + SHARED:
-        where = state.position[cells.at_particles(filled, len(whole)).argmax()]
+        place = state.position[cells.at_particles(filled, len(whole)).argmax()]
+        where = vector(grid.absolute(place)[: grid.dim], ".4")
         yield (
-            f"parts of the liquid fill the edge or the corner that they share {filled.max():.3g} times at"
-            f" ({', '.join(f'{x:.4g}' for x in grid.absolute(where)[: grid.dim])}) m and press each other apart there;"
-            " leave a spacing between their particles"
+            f"parts of the liquid fill the edge or the corner that they share {filled.max():.3g} times at {where} m and"
+            " press each other apart there; leave a spacing between their particles"
         )
 
 

@@ -122,24 +122,16 @@ def scene_to_dict(scene: Scene) -> dict[str, Any]:
 
 
 def set_parameter(tables: Mapping[str, Any], name: str, value: Any, source: str) -> None:
-    """Set a parameter in a scene's tables, such as effects.gravity.acceleration or fluid.1.cells; parts count from 1.
-
-    Raises InputError, beginning with `source`, where the scene lacks the table or the part.
-    """
-    place, last = _place(tables, name, source)
+    """Set a parameter in a scene's tables. Raises InputError as `place_of` does."""
+    place, last = place_of(tables, name, source)
     place[last] = value
 
 
-def lookup(tables: Mapping[str, Any], name: str, source: str) -> Any:
-    """The value of such a parameter. Raises InputError where the scene does not have it."""
-    place, last = _place(tables, name, source)
-    if last not in place:
-        raise InputError(f"{source}: the scene has no parameter {name!r}; {suggestion(last, list(place))}")
-    return place[last]
+def place_of(tables: Mapping[str, Any], name: str, source: str) -> tuple[Any, str]:
+    """The table that holds a parameter, such as effects.gravity.acceleration or fluid.1.cells, and its own name there.
 
-
-def _place(tables: Mapping[str, Any], name: str, source: str) -> tuple[Any, str]:
-    """The table that holds a parameter, and the parameter's own name."""
+    Parts count from 1. Raises InputError, beginning with `source`, where the scene lacks the table or the part.
+    """
     *parents, last = name.split(".")
     place: Any = tables
     for word in parents:

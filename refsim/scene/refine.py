@@ -7,9 +7,10 @@ from typing import Any
 import msgspec
 
 from refsim.core.capabilities import with_scene_defaults
+from refsim.core.checked import suggestion
 from refsim.core.effect import Discretisation, Effect, Extremes
 from refsim.core.errors import InputError
-from refsim.scene.files import lookup, scene_from_dict, scene_to_dict, set_parameter
+from refsim.scene.files import place_of, scene_from_dict, scene_to_dict
 from refsim.scene.particles import lattice_mass, solid_volume
 from refsim.scene.scene import Scene
 from refsim.scene.shapes import Ball, Box, Cloud
@@ -61,10 +62,12 @@ def _scaled(scene: Scene, factor: float, names: Sequence[str]) -> Scene:
     """The scene with these parameters divided by `factor`."""
     tables = scene_to_dict(scene)
     for name in names:
-        value = lookup(tables, name, scene.name)
-        if not isinstance(value, float | int):
+        place, last = place_of(tables, name, scene.name)
+        if last not in place:
+            raise InputError(f"{scene.name}: the scene has no parameter {name!r}; {suggestion(last, list(place))}")
+        if not isinstance(place[last], float | int):
             raise InputError(f"{scene.name}: {name!r} is no number that could be in proportion to the spacing.")
-        set_parameter(tables, name, value / factor, scene.name)
+        place[last] /= factor
     return scene_from_dict(tables, scene.name)
 
 
@@ -135,7 +138,14 @@ def spaced(scene: Scene, count: int, finer: int, ratio: float = RATIO) -> tuple[
     factors: dict[int, float] = {0: 1.0}
     for k in (*range(1, finer + 1), *range(-1, finer - count, -1)):
         wanted = factors[k - 1 if k > 0 else k + 1] * ratio ** math.copysign(1, k)
-        factors[k] = _nearest(scene, wanted)
+        factors[k] = best = fitting(scene, wanted)
+        if misfit(scene, best) > LARGEST_MISFIT:
+            raise InputError(
+                f"{scene.name}: its boxes have no spacing near {scene.spacing / wanted:.3g} m at which they keep their"
+                f" edges within {100 * LARGEST_MISFIT:g} % (the best, {scene.spacing / best:.3g} m, changes one by"
+                f" {100 * misfit(scene, best):.2g} %); give the boxes numbers of cells with a common divisor, or"
+                " another ratio of the spacings."
+            )
     return tuple(factors[k] for k in sorted(factors))
 
 
@@ -151,19 +161,6 @@ def fitting(scene: Scene, wanted: float) -> float:
         return 0.0 if off < EXACT else round(off, 3), abs(math.log(factor / wanted))
 
     return min(candidates, key=worse)
-
-
-def _nearest(scene: Scene, wanted: float) -> float:
-    """The factor near `wanted` of a level. Raises InputError where the boxes have none."""
-    best = fitting(scene, wanted)
-    if misfit(scene, best) > LARGEST_MISFIT:
-        raise InputError(
-            f"{scene.name}: its boxes have no spacing near {scene.spacing / wanted:.3g} m at which they keep their"
-            f" edges within {100 * LARGEST_MISFIT:g} % (the best, {scene.spacing / best:.3g} m, changes one by"
-            f" {100 * misfit(scene, best):.2g} %); give the boxes numbers of cells with a common divisor, or another"
-            " ratio of the spacings."
-        )
-    return best
 
 
 def misfit(scene: Scene, factor: float) -> float:

@@ -16,6 +16,7 @@ from refsim.backends.arrays import host_memory
 from refsim.core.checked import Checked, NotNegative, Positive
 from refsim.core.effect import Discretisation, Lattice, Nodes
 from refsim.core.errors import InputError
+from refsim.core.tables import vector
 from refsim.scene.overlaps import winding
 from refsim.scene.surface_mesh import SurfaceMesh, placed_mesh
 from refsim.sparse_grid.tables import OFFSET, keys_at
@@ -245,12 +246,12 @@ def body_cells(body: Solid, place: str, spacing: float) -> np.ndarray:
         return _given_cells(body, place)
     lower, upper = body.extent()
     if not (np.isfinite([lower, upper]).all() and (lower < upper).all()):
-        raise InputError(f"{place}: its extent from {_words(lower)} to {_words(upper)} m is empty; give it a size.")
+        raise InputError(f"{place}: its extent from {vector(lower)} to {vector(upper)} m is empty; give it a size.")
     countable(f"{place}: its extent at a spacing of {spacing} m", np.ceil((upper - lower) / spacing), CELL)
     if not (np.abs([lower, upper]) < OFFSET * spacing).all():
         raise InputError(
-            f"{place}: it reaches farther than {OFFSET:,} cells of {spacing:g} m from the origin, from {_words(lower)}"
-            f" to {_words(upper)} m; move it there or make it smaller."
+            f"{place}: it reaches farther than {OFFSET:,} cells of {spacing:g} m from the origin, from {vector(lower)}"
+            f" to {vector(upper)} m; move it there or make it smaller."
         )
     low, high = np.floor(lower / spacing).astype(int), np.ceil(upper / spacing).astype(int)
     axes = [np.arange(a, b) for a, b in zip(low, high)]
@@ -277,7 +278,3 @@ def _given_cells(body: SolidCells, place: str) -> np.ndarray:
     if len(np.unique(cells, axis=0)) < len(cells):
         raise InputError(f"{place}: a cell is listed twice; keep one.")
     return cells
-
-
-def _words(point: np.ndarray) -> str:
-    return f"({', '.join(f'{x:g}' for x in point)})"

@@ -15,6 +15,7 @@ import numpy as np
 
 from refsim.core.checked import plainly
 from refsim.core.errors import InputError
+from refsim.core.tables import vector
 from refsim.scene.meshes import check_triangles, read_mesh, while_unchanged
 from refsim.scene.overlaps import (
     BESIDE,
@@ -192,7 +193,7 @@ def _counted(number: int, one: str, many: str = "") -> str:
 
 
 def _at(point: np.ndarray) -> str:
-    return f"({', '.join(f'{x:.4g}' for x in np.round(point, 12) + 0.0)})"
+    return vector(np.round(point, 12) + 0.0, ".4")
 
 
 def _once(faces: np.ndarray, said: list[str]) -> np.ndarray:
