@@ -111,22 +111,25 @@ def calibrate(
     check_given("calibrate", **given, support_radius=support_radius, sound_speed=sound_speed, radius=radius)
     if model not in SETTINGS:
         raise InputError(f"calibrate: there is no model {model!r}; choose from {', '.join(SETTINGS)}.")
-    place = {"model": model, "dim": dim, "kernels": kernels, "liquid": density}
-    chosen = [e for e in entries if all(e.get(name, "summation") == value for name, value in place.items())]
+    chosen = _entries(entries, model=model, dim=dim, kernels=kernels, liquid=density)
     if not chosen:
         raise InputError(
             f"calibrate: the map has no drops of {model} in {dim}D with {kernels} kernels and density = {density!r}."
         )
-    support = float(BASE["support"]) if support_radius is None else support_radius / spacing
+    support = BASE["support"] if support_radius is None else support_radius / spacing
     line = [_judged(entry, None if radius is None else radius / spacing) for entry in chosen]
     if sound_speed is None:
-        measured = _at(line, support, float(BASE["stiffness"]), model)
+        measured = _at(line, support, BASE["stiffness"], model)
     else:
         measured = _at_sound_speed(line, support, sigma / (rest_density * sound_speed**2 * spacing), model)
     if measured["uncertainty"] > MOST_UNCERTAIN:
+        why = "no drop both stayed whole and oscillated"
+        if math.isfinite(measured["ratio"]):
+            of = {name: f"{measured[name]:.3g}" for name in ("laplace", "rayleigh")}
+            why = f"Laplace's law gives {of['laplace']} and Rayleigh's {of['rayleigh']} of the nominal one"
         raise InputError(
             f"calibrate: {model} has no one surface tension at h = {support:.3g} d and S = {measured['stiffness']:.3g}:"
-            f" {_disagreement(measured)}; choose another model or setting."
+            f" {why}; choose another model or setting."
         )
     ratio, nominal = measured["ratio"], sigma / measured["ratio"]
     speed = sound_speed or math.sqrt(nominal / (rest_density * spacing * measured["stiffness"]))
@@ -135,11 +138,8 @@ def calibrate(
     liquid = WeaklyCompressible(rest_density=rest_density, sound_speed=speed, **options)
     effect: Any = SETTINGS[model][1](nominal)
     if isinstance(effect, PairCohesion) and effect.coefficient_name:  # which means the same in every scene
-        named: dict[str, Any] = {
-            "surface_tension": None,
-            effect.coefficient_name: effect.coefficient(grid, {LIQUID: liquid}),
-        }
-        effect = msgspec.structs.replace(effect, **named)
+        coefficient = {effect.coefficient_name: effect.coefficient(grid, {LIQUID: liquid})}
+        effect = msgspec.structs.replace(effect, surface_tension=None, **coefficient)
     return Calibration(
         effect=effect, nominal=nominal, nominal_error=nominal * measured["uncertainty"], ratio=ratio,
         laplace=measured["laplace"], rayleigh=measured["rayleigh"], uncertainty=measured["uncertainty"],
@@ -147,38 +147,33 @@ def calibrate(
     )  # fmt: skip
 
 
-def _disagreement(measured: Mapping[str, Any]) -> str:
-    if not math.isfinite(measured["ratio"]):
-        return "no drop both stayed whole and oscillated"
-    return f"Laplace's law gives {measured['laplace']:.3g} and Rayleigh's {measured['rayleigh']:.3g} of the nominal one"
+def _entries(entries: Sequence[Mapping[str, Any]], **place: Any) -> list[Mapping[str, Any]]:
+    """Those of a map with these values; an entry without a name has a summed density."""
+    return [e for e in entries if all(e.get(name, "summation") == value for name, value in place.items())]
 
 
 def _judged(entry: Mapping[str, Any], radius: float | None) -> dict[str, Any]:
     """One measured setting at a radius [d]: both tensions, their mean, its relative uncertainty."""
     drops = entry["drops_by_radius"]
-    made = {name: entry[name] for name in ("support", "stiffness")}
+    made = {"support": entry["support"], "stiffness": entry["stiffness"], "uncertainty": math.inf, "reach": ""}
+    nothing = {**made, **dict.fromkeys(("ratio", "laplace", "rayleigh"), math.nan)}
     if not drops:
-        nothing = dict.fromkeys(("ratio", "laplace", "rayleigh"), math.nan)
-        return {**made, **nothing, "uncertainty": math.inf, "reach": ""}
-    low, high = drops[0]["radius"], drops[-1]["radius"]
+        return nothing
     if radius is not None:
+        low, high = drops[0]["radius"], drops[-1]["radius"]
         if not low * (1 - SAME) <= radius <= high * (1 + SAME):
-            reach = f"{low:g}" if low == high else f"{low:g} to {high:g}"
-            nothing = dict.fromkeys(("ratio", "laplace", "rayleigh"), math.nan)
-            return {**made, **nothing, "uncertainty": math.inf, "reach": reach}
+            return {**nothing, "reach": f"{low:g}" if low == high else f"{low:g} to {high:g}"}
         nearest = sorted(drops, key=lambda d: abs(d["radius"] - radius))[:2]
         drops = nearest[:1] if same(nearest[0]["radius"], radius) else nearest
     laplace, rayleigh = (sum(d[name] for d in drops) / len(drops) for name in ("laplace", "rayleigh"))
     ratio = 0.5 * (laplace + rayleigh)
-    result = {**made, "ratio": ratio, "laplace": laplace, "rayleigh": rayleigh, "reach": ""}
+    result = {**made, "ratio": ratio, "laplace": laplace, "rayleigh": rayleigh}
     if min(laplace, rayleigh) <= 0:
-        return {**result, "uncertainty": math.inf}
+        return result
     parts = [0.5 * (laplace - rayleigh)]
     for d in drops:  # each drop's distance from the mean of all, and its deviation over the seeds
-        errors = [0.5 * (d["laplace"] + d["rayleigh"]) - ratio]
-        errors.append(
-            0.5 * math.hypot(d["laplace_spread"], d["rayleigh_spread"]) if d["seeds"] > 1 else ONE_SEED * ratio
-        )
+        spread = 0.5 * math.hypot(d["laplace_spread"], d["rayleigh_spread"]) if d["seeds"] > 1 else ONE_SEED * ratio
+        errors = 0.5 * (d["laplace"] + d["rayleigh"]) - ratio, spread
         parts += [part / math.sqrt(len(drops)) for part in errors]
     return {**result, "uncertainty": math.sqrt(sum(part**2 for part in parts)) / ratio}
 
@@ -197,15 +192,15 @@ def same(value: float, other: float) -> bool:
 
 def _at(measured: Sequence[Mapping[str, Any]], support: float, stiffness: float, model: str) -> dict[str, Any]:
     """The map at (h/d, S), one of which is the base's."""
-    based = same(stiffness, float(BASE["stiffness"]))
-    if not based and not same(support, float(BASE["support"])):
+    based = same(stiffness, BASE["stiffness"])
+    if not based and not same(support, BASE["support"]):
         raise InputError(
             f"calibrate: the map has S = {stiffness:.3g} at h = {BASE['support']:g} d only; for h = {support:.3g} d"
             " leave sound_speed out."
         )
     axis, place = ("support", support) if based else ("stiffness", stiffness)
     fixed = "stiffness" if based else "support"
-    line = sorted((e for e in measured if same(e[fixed], float(BASE[fixed]))), key=lambda e: e[axis])
+    line = sorted((e for e in measured if same(e[fixed], BASE[fixed])), key=lambda e: e[axis])
     quantity, unit = ("h", " d") if based else ("S", "")
     if not line:
         raise InputError(f"calibrate: the map has no drops of {model} with {quantity} = {place:.3g}{unit}.")
@@ -235,9 +230,9 @@ def _at(measured: Sequence[Mapping[str, Any]], support: float, stiffness: float,
 def _at_sound_speed(measured: Sequence[Mapping[str, Any]], support: float, wanted: float, model: str) -> dict[str, Any]:
     """The map where S of the nominal tension times the ratio is `wanted` = sigma/(rho0 c^2 d)."""
     measured = [e for e in measured if not e["reach"] and math.isfinite(e["ratio"])]
-    line = sorted({e["stiffness"] for e in measured if same(e["support"], support)})
-    if not same(support, float(BASE["support"])):
-        line = [float(BASE["stiffness"])]
+    line = [BASE["stiffness"]]
+    if same(support, BASE["support"]):
+        line = sorted({e["stiffness"] for e in measured if same(e["support"], support)})
     reached = [(s, s * _at(measured, support, s, model)["ratio"]) for s in line]
     for stiffness, product in reached:
         if same(product, wanted):
@@ -303,16 +298,9 @@ def calibrate_contact_angle(
     this = "calibrate_contact_angle"
     given = {"angle": angle, "sigma": sigma, "spacing": spacing, "rest_density": rest_density}
     check_given(this, **given, support_radius=support_radius)
-    support = float(BASE["support"]) if support_radius is None else support_radius / spacing
-    stiffness = float(BASE["stiffness"])
-    measured = [
-        entry
-        for entry in (wetting_map() if settings is None else settings)
-        if entry["dim"] == dim
-        and entry["kernels"] == kernels
-        and same(entry["stiffness"], stiffness)
-        and entry.get("liquid", "summation") == density
-    ]
+    support = BASE["support"] if support_radius is None else support_radius / spacing
+    entries = _entries(wetting_map() if settings is None else settings, dim=dim, kernels=kernels, liquid=density)
+    measured = [entry for entry in entries if same(entry["stiffness"], BASE["stiffness"])]
     there = [entry for entry in measured if same(entry["support"], support)]
     if not there:
         known = ", ".join(f"{entry['support']:g}" for entry in measured) or "none"
@@ -323,13 +311,8 @@ def calibrate_contact_angle(
     share, uncertainty = _share_of(angle, there[0], this, support)
     lengths = {"spacing": spacing, "rest_density": rest_density, "dim": dim, "kernels": kernels, "density": density}
     tension = calibrate(sigma, "akinci", support_radius=support * spacing, **lengths)  # type: ignore[arg-type]
-    fluid = WeaklyCompressible(
-        rest_density=rest_density, sound_speed=tension.sound_speed, density=density,  # type: ignore[arg-type]
-        kernels=kernels,  # type: ignore[arg-type]
-    )  # fmt: skip
-    grid = Discretisation(dim, "float64", spacing, support * spacing, 0)
     effect: Any = tension.effect
-    adhesion = share * effect.coefficient(grid, {LIQUID: fluid})
+    adhesion = share * effect.gamma
     return ContactAngle(
         effect=msgspec.structs.replace(effect, adhesion=adhesion), adhesion=adhesion, share=share,
         uncertainty=uncertainty, tension=tension,
