@@ -17,7 +17,6 @@ cases.example(sph.Gravity(acceleration=(1.0, -9.81, 0.0)))
 
 FLUID = sph.LIQUID
 
-
 cases.EFFECTS_OF_CASES.append(
     lambda case: sph.WeaklyCompressible(
         rest_density=cases.REST_DENSITY, sound_speed=20.0, dynamic_viscosity=0.5, state=case.state,
@@ -59,7 +58,6 @@ cases.particles(
     pressure=lambda case, random: 4e4 * random.uniform(-0.5, 1.0, case.count),
 )
 
-
 cases.groups("smoothing", "gradient_smoothing", "fluid")(
     lambda case, grid: case.effects[FLUID].shares(grid, case.effects)
 )
@@ -76,11 +74,8 @@ cases.groups(
 )
 cases.prepared("viscosity", lambda case: case.effects[FLUID])
 
-
-@cases.groups("central_viscosity")
-def _central_viscosity(case, grid):
-    liquid = sph.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=0.5, viscosity="central")
-    return {"central_viscosity": liquid.prepare(grid, {liquid.name: liquid})["central_viscosity"]}
+CENTRAL = sph.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=0.5, viscosity="central")
+cases.prepared("central_viscosity", lambda case: CENTRAL)
 
 
 def short_steps(case, grid):
@@ -109,12 +104,15 @@ cases.takes("sph.central_momentum", "sph.corrected_pressure", fluid="gradient_sh
 cases.takes("sph.continuity", fluid="rest_density")
 cases.takes("sph.viscosity", "sph.central_viscosity", smoothing="support_radius dim")
 
-
 # Closed forms: h = 2 m
 
 PAIR = cases.at("pair", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 FLAT_PAIR = cases.at("flat_pair", [[0.0, 0.0, 0.0], [0.6, 0.8, 0.0]], dim=2)
 WATER = sph.Fluid(1000.0, 4e5, 1, 0)
+AT_REST = {
+    "mass": [2.0, 3.0], "density": np.full(2, 1000.0), "pressure": np.zeros(2), "velocity": np.zeros((2, 3)),
+    "fluid": WATER,
+}  # fmt: skip
 
 
 @for_each_kernel("sph.density")
@@ -302,11 +300,7 @@ def clamped_tait():
 def pressed_pair(w):
     """Equal pressures p push two particles apart with 2 (m_j p/rho^2) |W'(h/2)|, here 6 p/rho^2 on the first."""
     push = 2 * 200.0 / 1000.0**2 * w.slope * (w.pair.position[1] - w.pair.position[0])
-    inputs = {
-        "mass": [2.0, 3.0], "density": np.full(2, 1000.0), "pressure": np.full(2, 200.0), "velocity": np.zeros((2, 3)),
-        "fluid": WATER,
-    }  # fmt: skip
-    return cases.Exact(w.pair, inputs, {"acceleration": [-3 * push, 2 * push]})
+    return cases.Exact(w.pair, AT_REST | {"pressure": np.full(2, 200.0)}, {"acceleration": [-3 * push, 2 * push]})
 
 
 @for_each_kernel("sph.pressure")
@@ -326,10 +320,7 @@ def pressed_against_a_wall(w):
 def sheared_pair():
     """Viscosity mu m_j/(rho_i rho_j) 45/(pi h^6) (h - r) (v_j - v_i) reduces the difference of velocities."""
     factor = 0.5 / 1000.0**2 * 45 / (math.pi * 64)
-    inputs = {
-        "mass": [2.0, 3.0], "density": np.full(2, 1000.0), "pressure": np.zeros(2),
-        "velocity": [[1.0, 0.0, 0.0], [-1.0, 0.0, 4.0]], "fluid": WATER, "viscosity": sph.ViscosityTerm(0.5),
-    }  # fmt: skip
+    inputs = AT_REST | {"velocity": [[1.0, 0.0, 0.0], [-1.0, 0.0, 4.0]], "viscosity": sph.ViscosityTerm(0.5)}
     return cases.Exact(PAIR, inputs, {"acceleration": factor * np.array([[-6.0, 0.0, 12.0], [4.0, 0.0, -8.0]])})
 
 
@@ -372,10 +363,8 @@ def pushed_askew(w):
 def braked_along_the_line():
     """Of v_2 - v_1 = (1, 4, 0) the part along y counts: a_1 = 2 k V_2 F/rho_1 (0, 4, 0), F = 45/(2 pi h^5) (1 - q)."""
     factor = 2 * 2.5 / 1000.0**2 * 45 / (2 * math.pi * 32) * 0.5
-    inputs = {
-        "mass": [2.0, 3.0], "density": np.full(2, 1000.0), "velocity": [[1.0, -1.0, 0.0], [2.0, 3.0, 0.0]],
-        "central_viscosity": sph.CentralViscosity(2.5), "pressure": np.zeros(2), "fluid": WATER,
-    }  # fmt: skip
+    friction = {"central_viscosity": sph.CentralViscosity(2.5)}
+    inputs = AT_REST | friction | {"velocity": [[1.0, -1.0, 0.0], [2.0, 3.0, 0.0]]}
     return cases.Exact(PAIR, inputs, {"acceleration": factor * np.array([[0.0, 12.0, 0.0], [0.0, -8.0, 0.0]])})
 
 
@@ -383,10 +372,8 @@ def braked_along_the_line():
 def braked_in_the_plane():
     """Oblique in 2D: e_21 = (0.6, 0.8), e.(v_2 - v_1) = 5, F = 20/(pi h^4) (1 - q)."""
     factor = 2 * 2.0 / (1000.0 * 500.0) * 20 / (math.pi * 16) * 0.5
-    inputs = {
-        "mass": [2.0, 3.0], "density": [1000.0, 500.0], "velocity": [[0.0, 0.0, 0.0], [3.0, 4.0, 0.0]],
-        "central_viscosity": sph.CentralViscosity(2.0),
-    }  # fmt: skip
+    friction = {"central_viscosity": sph.CentralViscosity(2.0)}
+    inputs = AT_REST | friction | {"density": [1000.0, 500.0], "velocity": [[0.0, 0.0, 0.0], [3.0, 4.0, 0.0]]}
     return cases.Exact(FLAT_PAIR, inputs, {"acceleration": factor * 5 * np.array([[1.8, 2.4, 0.0], [-1.2, -1.6, 0.0]])})
 
 
@@ -450,9 +437,7 @@ def _leapt(position, after, displacement, **given):
         "bounds": None,
     }  # fmt: skip
     expected = {"velocity": [after, [0.0] * 3], "position": position, "displacement": displacement}
-    return cases.Exact(
-        PAIR, inputs | {name: np.array(v) if isinstance(v, list) else v for name, v in given.items()}, expected
-    )
+    return cases.Exact(PAIR, inputs | given, expected)
 
 
 @cases.closed_form("sph.kick_drift")

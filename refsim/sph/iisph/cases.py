@@ -15,7 +15,6 @@ cases.example(
 
 KICK, DRIFT = 0.011, 0.012  # per spacing, as in the steps of refsim.core.cases
 
-
 # of the size that the case's pressures cause in one of its steps
 cases.particles("own_displacement", "pair_displacement")(
     lambda case, random: KICK * DRIFT * case.spacing**2 * 1e-2 / case.support_radius * cases.vectors(case, random)
@@ -38,12 +37,12 @@ cases.VARIATIONS[Implicit] = cases.Variation(other={"least_diagonal": lambda lea
 cases.takes("iisph.relax", implicit="relaxation least_diagonal")
 cases.takes("iisph.solve", implicit="relaxation most least_diagonal")  # always two iterations, whatever the compression
 
-
 PAIR = cases.at("implicit_pair", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 MASS, DENSITY = np.array([2.0, 3.0]), np.array([1000.0, 500.0])
 WATER = Fluid(1000.0, 4e5, 1, 0)
 STEP = np.array([0.5, 0.25])
 GIVEN = {"mass": MASS, "density": DENSITY, "timestep": STEP, "fluid": WATER}
+RESTING = GIVEN | {"velocity": np.zeros((2, 3)), "acceleration": np.zeros((2, 3))}
 UP = np.array([0.0, 1.0, 0.0])
 IMPLICIT = Implicit(0.5, 1e-3, 2, 2, 1e-9)
 
@@ -115,10 +114,7 @@ cases.closed_form("iisph.keep", kept=lambda: cases.Exact(PAIR, {"new_pressure": 
 @for_each_kernel("iisph.solve")
 def pair_at_rest(w):
     """Two particles at half the rest density need no pressure."""
-    inputs = GIVEN | {
-        "density": np.full(2, 500.0), "velocity": np.zeros((2, 3)), "acceleration": np.zeros((2, 3)),
-        "pressure": np.zeros(2), "implicit": IMPLICIT,
-    }  # fmt: skip
+    inputs = RESTING | {"density": np.full(2, 500.0), "pressure": np.zeros(2), "implicit": IMPLICIT}
     expected = {"pressure": np.zeros(2), "acceleration": np.zeros((2, 3)), "advected_density": np.full(2, 500.0)}
     return cases.Exact(PAIR, inputs, expected)
 
@@ -140,9 +136,6 @@ def squeezed_pair(w):
     assert errors[-1] < min(errors[:-1])
     tolerance = math.sqrt(errors[-1] * errors[-2]) / 1000
     push = (p / rho**2).sum() * w.slope
-    inputs = GIVEN | {
-        "density": rho, "velocity": np.zeros((2, 3)), "acceleration": np.zeros((2, 3)), "pressure": pressure,
-        "implicit": Implicit(0.5, tolerance, 2, 100, 1e-15),
-    }  # fmt: skip
+    inputs = RESTING | {"density": rho, "pressure": pressure, "implicit": Implicit(0.5, tolerance, 2, 100, 1e-15)}
     push = push * MASS[::-1, None] * np.array([-UP, UP])
     return cases.Exact(PAIR, inputs, {"pressure": p, "acceleration": push})

@@ -5,20 +5,15 @@ import math
 import numpy as np
 
 from refsim.core import cases
-from refsim.core.cases import VARIATIONS, Exact, Variation, at, closed_form, following, groups, pair_case, plain_keeps
+from refsim.core.cases import VARIATIONS, Exact, Variation, at, closed_form, following, pair_case, plain_keeps, prepared
 from refsim.core.walls import WallParticles
 from refsim.surface_normal import AxialPart
 from refsim.surface_tension.akinci_2013 import Adhesion, Akinci2013, AreaMinimisation, CohesionSpline
 
 cases.example(Akinci2013(surface_tension=0.5, adhesion=0.1), brings="surface_normal")
 
-
-@groups("spline", "area_term", "adhesion")
-def _tension(case, grid):
-    """Area term and cohesion of similar size, so that an error in either is visible."""
-    effect = Akinci2013(gamma=2.0, area_acceleration=5.0, adhesion=3.0)
-    return effect.prepare(grid, case.effects)
-
+# area term and cohesion of similar size, so that an error in either is visible
+prepared("spline area_term adhesion", lambda case: Akinci2013(gamma=2.0, area_acceleration=5.0, adhesion=3.0))
 
 VARIATIONS[CohesionSpline] = Variation(
     following(amplitude=lambda group, h, dim: 32 * float(group.gamma) / (math.pi * h**dim))
@@ -27,13 +22,11 @@ VARIATIONS[Adhesion] = Variation(following(amplitude=lambda group, h, dim: 0.007
 cases.takes("akinci_2013.tension", "akinci_2013.adhesion", smoothing="support_radius dim")
 plain_keeps("akinci_2013.tension", spline="the equation sums cohesion and area term; cohesion needs no normals")
 
-
 # h = 2 m in 3D at r = h/2: C = 32/(pi h^3) (1/64) = 1/(16 pi), the spline's greatest attraction.
 PAIR = pair_case("akinci_pair")
 NEAR = at("akinci_near_pair", [[0.0, 0.0, 0.0], [0.0, 0.0, 0.5]])
 MASS, DENSITY = np.array([2.0, 3.0]), np.array([1000.0, 600.0])  # K_12 = 2 1000/1600 = 5/4
 SPLINE = CohesionSpline(0.5, 0.5 * 4 / math.pi)
-
 
 PULL = 5 / 4 * 0.5 / (16 * math.pi)  # K gamma C(h/2)
 PUSH = 5 / 4 * 0.5 * 4 / math.pi * 5 / 2048  # at r = h/4 the core repels: 2 (3/4)^3 (1/4)^3 - 1/64 = -5/2048

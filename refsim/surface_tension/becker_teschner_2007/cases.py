@@ -9,9 +9,7 @@ from refsim.surface_tension.becker_teschner_2007 import Attraction, BeckerTeschn
 
 example(BeckerTeschner2007(surface_tension=0.5))
 
-
 prepared("attraction", lambda case: BeckerTeschner2007(kappa=3.0, clamp_distance=case.literal))
-
 
 # kappa W(0) of the cubic spline
 VARIATIONS[Attraction] = Variation(

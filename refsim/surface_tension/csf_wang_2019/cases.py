@@ -25,18 +25,14 @@ particles(curvature=lambda case, random: random.uniform(-1, 1, case.count) / cas
 
 @groups("continuum", "marangoni")
 def _continuum(case, grid):
-    effect = CsfWang2019(
-        surface_tension=0.5,
-        tension_gradient=tuple(c / case.support_radius for c in (0.3, -0.2, 0.25 if case.dim == 3 else 0.0)),
-        literal=("all",) if case.literal else (),
-    )
-    return effect.prepare(grid, case.effects)
+    slope = tuple(c / case.support_radius for c in (0.3, -0.2, 0.25 if case.dim == 3 else 0.0))
+    literal = ("all",) if case.literal else ()
+    return CsfWang2019(surface_tension=0.5, tension_gradient=slope, literal=literal).prepare(grid, case.effects)
 
 
 readings(continuum="plain")
 takes("csf_wang_2019.curvature", continuum="threshold factor plain")
 takes("csf_wang_2019.force", continuum="tension threshold share")
-
 
 PAIR = pair_case("interface_pair")
 VOLUME = np.array([2 / 1000, 3 / 600])
@@ -58,23 +54,18 @@ def two_curvatures(w):
     From particle 2 the pair's direction has the cosine 0.6: the share is 1 - 0.99 0.36.
     """
     normal = np.array([[3.0, 0.0, 0.0], [4.0, 3.0, 0.0]])
-    value = np.array([-2 * 0.6, -2 * 0.6 / (1 - 0.99 * 0.36)])
     inputs = GIVEN | {"interface_normal": normal, "continuum": CONTINUUM}
-    return Exact(PAIR, inputs, {"curvature": value})
+    return Exact(PAIR, inputs, {"curvature": [-2 * 0.6, -2 * 0.6 / (1 - 0.99 * 0.36)]})
 
 
 @for_each_kernel("csf_wang_2019.curvature")
 def two_plain_curvatures(w):
     """The same with the factor dim over the whole distance; the threshold puts a third particle out."""
-    three = at("interface_three", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])  # fmt: skip
+    three = at("interface_three", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
     normal = np.array([[3.0, 0.0, 0.0], [4.0, 3.0, 0.0], [0.05, 0.0, 0.0]])
-    inputs = {
-        "mass": [2.0, 3.0, 1.0],
-        "density": [1000.0, 600.0, 900.0],
-        "interface_normal": normal,
-        "continuum": CONTINUUM._replace(factor=3.0, plain=1),
-    }
-    return Exact(three, inputs, {"curvature": [-1.8, -1.8, 0.0]})
+    inputs = {"mass": [2.0, 3.0, 1.0], "density": [1000.0, 600.0, 900.0], "interface_normal": normal}
+    plain = {"continuum": CONTINUUM._replace(factor=3.0, plain=1)}
+    return Exact(three, inputs | plain, {"curvature": [-1.8, -1.8, 0.0]})
 
 
 @for_each_kernel("csf_wang_2019.force")
@@ -86,10 +77,5 @@ def bulging_and_drawn(w):
     normal = np.array([[0.0, 0.0, 2.0], [0.0, 0.0, 0.05]])
     gradient = VOLUME[1] * 0.25 * w.slope
     value = 2 / 1000 * np.array([0.0, 2 * gradient, 0.5 * 4.0 * 2.0])
-    inputs = GIVEN | {
-        "interface_normal": normal,
-        "curvature": [4.0, 4.0],
-        "continuum": CONTINUUM,
-        "marangoni": Marangoni(0.0, 0.25, 0.0),
-    }
-    return Exact(PAIR, inputs, {"acceleration": [value, np.zeros(3)]})
+    inputs = GIVEN | {"interface_normal": normal, "curvature": [4.0, 4.0], "continuum": CONTINUUM}
+    return Exact(PAIR, inputs | {"marangoni": Marangoni(0.0, 0.25, 0.0)}, {"acceleration": [value, np.zeros(3)]})

@@ -30,7 +30,6 @@ cases.plain_keeps(
     molecular_force="the equation is the sum of molecular force and normal correction; the force needs no normals",
 )
 
-
 # h = 2 m, d0 = h/2: L(h/4)/k = (81/256 - 9/64)/(1/2 3/2) = 15/64, L(h/2) = 0, L(3 h/4)/k = (1/256 - 1/64)/(3/4) =
 # -1/64.
 FORCE = MolecularForce(2.0, 1.0, 0.25, 4 / 3)

@@ -8,7 +8,6 @@ from refsim.surface_tension.he_2014 import AirPressure, GradientEnergy, He2014
 
 example(He2014(surface_tension=0.1, air_pressure=1.0), brings="color color_gradient_squared")
 
-
 # from a corner of the liquid to slightly crowded
 particles(color=lambda case, random: random.uniform(0.2, 1.1, case.count))
 
@@ -24,18 +23,15 @@ def _squares(case, random):
 # both terms of like size
 prepared("gradient_energy air_pressure", lambda case: He2014(kappa=3.0 * case.support_radius**2, air_pressure=2.0))
 
-
 VARIATIONS[GradientEnergy] = Variation(lambda group, inputs, kernel: {"quarter": float(group.kappa) / 4})
 plain_keeps(
     "he_2014.tension",
     air_pressure="the equation is the sum of gradient energy and air pressure; the pressure needs no color",
 )
 
-
 PAIR = at("energetic_pair", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 GIVEN = {"mass": [2.0, 3.0], "density": [1000.0, 600.0]}
 VOLUME = np.array([2 / 1000, 3 / 600])
-
 
 # c_1 = V_1 W(0) + V_2 W(h/2)
 for_each_kernel(

@@ -15,7 +15,6 @@ cases.example(
     brings="corrected_density corrected_normal near_surface number_density surface_normal surface_weight",
 )
 
-
 cases.particles(
     # from the bulk to the surface; some exactly 0 and some exactly 1
     surface_weight=lambda case, random: np.clip(random.uniform(-0.3, 1.3, case.count), 0, 1),
@@ -25,13 +24,8 @@ cases.particles(
 
 @cases.groups("pairs", "soft", "cohesion", "area")
 def _tension(case, grid):
-    effect = JiangZhu2023(
-        surface_tension=0.07,
-        area_term="color" if case.literal else "corrected",
-        area_ratio=0.2,
-        literal=("all",) if case.literal else (),
-    )
-    return effect.prepare(grid, case.effects)
+    read = {"area_term": "color", "literal": ("all",)} if case.literal else {}
+    return JiangZhu2023(surface_tension=0.07, area_ratio=0.2, **read).prepare(grid, case.effects)
 
 
 # gamma W(0, h) of poly6, and W(0, 0.8 h) over it
@@ -57,7 +51,6 @@ cases.plain_keeps(
 cases.plain_keeps(
     "jiang_zhu_2023.area", area="the area term is the whole equation", area_normal="the area term compares normals"
 )
-
 
 # h = 2 m in 3D: poly6 W(0, h) = 315/(512 pi) and W(h/2, h) = 27/64 of it; W(h/2, 0.8 h) = (1 - 25/64)^3/0.512 of it.
 PAIR = cases.pair_case("tension_pair")

@@ -7,9 +7,7 @@ from refsim.surface_tension.normal_difference_2014 import NormalDifference, Norm
 
 example(NormalDifference2014(area_acceleration=0.5), brings="surface_normal")
 
-
 prepared("normal_tension", lambda case: NormalDifference2014(area_acceleration=5.0))
-
 
 as_printed = other("normal_tension", printed_mass=1)
 readings(normal_tension="printed_mass")

@@ -7,9 +7,7 @@ from refsim.surface_tension.tartakovsky_meakin_2005 import CosineForce, Tartakov
 
 example(TartakovskyMeakin2005(surface_tension=0.5))
 
-
 prepared("cosine_force", lambda case: TartakovskyMeakin2005(strength=3.0))
-
 
 VARIATIONS[CosineForce] = Variation(following(wave_number=lambda group, h, dim: 1.5 * math.pi / h))
 takes("tartakovsky_meakin_2005.cohesion", smoothing="support_radius")
