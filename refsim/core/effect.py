@@ -227,6 +227,7 @@ class Effect(Checked, frozen=True, kw_only=True):
     places: ClassVar[tuple[str, ...]] = ()  # its parameters that are places in the scene [m]
     virial: ClassVar[str] = ""  # why its forces between particles at rest need no `PairCohesion`, which every other has
     scales: ClassVar[tuple[str, ...]] = ()  # with all of these at zero, or off, it is no part of the scene (`acts`)
+    sums: ClassVar[bool] = False  # over the neighbours within the support radius
     needed: ClassVar[tuple[str, ...]] = ()  # `needs`, and below `replaces`, whatever its parameters are
     replaced: ClassVar[tuple[str, ...]] = ()
 
@@ -276,7 +277,7 @@ class Effect(Checked, frozen=True, kw_only=True):
 
     def list_radius(self, grid: Discretisation) -> float:
         """Distance [m] up to which it needs neighbours; 0 if it needs none."""
-        return 0.0
+        return grid.support_radius if self.sums else 0.0
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         """Parameter groups that its passes take by name, computed once on the host in float64."""

@@ -82,9 +82,8 @@ SLOW = 0.003
 CARRIED = 0.95  # share of the weight, below which a tank of an advanced density falls with 0.05 g and more
 CALM = 0.01  # most of `restoring` with which tanks rest: in 8 steps 6 % of the speed of a fall, with 0.03 16 %
 DIFFUSION = 0.1  # delta, by default
-MOST_DIFFUSIVE = (
-    0.17  # delta up to which the acoustic step 0.4 h/c resolves diffusion: its fastest rate is 28 delta c/h
-)
+# delta up to which the acoustic step 0.4 h/c resolves diffusion: its fastest rate is 28 delta c/h
+MOST_DIFFUSIVE = 0.17
 DENSE, CROWD = 1.1, 1e-3  # share of the particles that may be denser than DENSE rho0 without a note (docs/sph.md)
 SETS = {
     "wendland": ("wendland_c2", "wendland_c2"),
@@ -175,11 +174,6 @@ def cohesive_pressure(grid: Discretisation, others: Others) -> float:
     return sum(effect.balanced_pressure(grid, others) for effect in effects_with(others, BalancesCohesion))
 
 
-def least_wall_share(others: Others) -> float:
-    """How many times the particle's pressure wall particles push with: the least of all walls, 2 without any."""
-    return min((effect.wall_share for effect in effects_with(others, BringsWalls)), default=BringsWalls.wall_share)
-
-
 def pressure_is_replaced(others: Others) -> bool:
     """Whether another effect solves for the pressure in place of the equation of state."""
     return any("sph.state" in effect.replaces() for effect in others.values())
@@ -229,6 +223,7 @@ class WeaklyCompressible(
     improvements: ClassVar[tuple[str, ...]] = ("E24",)
     paper: ClassVar[Mapping[str, Any]] = {"clamp_pressure": False}  # Jiang & Zhu E32: J(9) has no clamp
     in_papers: ClassVar[Mapping[str, str]] = {"density": "summation", "viscosity": "laplacian"}
+    sums: ClassVar[bool] = True
     of_liquid: ClassVar[bool] = True
     periodic: ClassVar[bool] = True
     virial: ClassVar[str] = "it is the pressure of the liquid, which balances"
@@ -419,11 +414,10 @@ class WeaklyCompressible(
 
     def with_own_force(self, operation: str, names: Mapping[str, str | None], own: str) -> Pass:
         """A pass of the pressure force with its correction and, as argument `own`, each particle's own pressure."""
-        names = dict(names)
-        names |= {} if self.corrects() else dict.fromkeys(CORRECTION)
+        left_out = {} if self.corrects() else dict.fromkeys(CORRECTION)
         pressure = "pressure" if self.tensile_control == "none" else "own_pressure"
-        names |= {} if own == pressure else {own: pressure}
-        return Pass(operation, updates=("acceleration",), names=names)
+        renamed = {} if own == pressure else {own: pressure}
+        return Pass(operation, updates=("acceleration",), names={**names, **left_out, **renamed})
 
     def _sums_wanted(self, others: Others) -> bool:
         """Whether an effect needs a sum of J(8), which an advanced density does without."""
@@ -460,7 +454,10 @@ class WeaklyCompressible(
                 f"{self.name}: with restoring = {self.restoring:g} liquid in a container does not stay at rest; give"
                 f" {CALM:g} or less"
             )
-        carried = self.carried(grid)
+        # the share of a pressure's even gradient, and so of the weight, that the sum over the lattice gives
+        r = lattice_distances(grid.support_radius, grid.spacing, grid.dim)
+        slope = kernel_slope(r, smoothing(SETS[self.kernels][1], grid.support_radius, grid.dim))
+        carried = -self.particle_volume(grid) * float((r * slope).sum()) / grid.dim
         if stands(others) and carried < CARRIED and self.gradient == "plain" and not pressure_is_replaced(others):
             yield (
                 f"{self.name}: in the lattice the sums of kernels = {self.kernels!r} at h ="
@@ -469,20 +466,11 @@ class WeaklyCompressible(
                 " support_radius"
             )
 
-    def carried(self, grid: Discretisation) -> float:
-        """Share of a pressure's even gradient, and so of the weight, that the sum over the lattice gives."""
-        r = lattice_distances(grid.support_radius, grid.spacing, grid.dim)
-        slope = kernel_slope(r, smoothing(SETS[self.kernels][1], grid.support_radius, grid.dim))
-        return -self.particle_volume(grid) * float((r * slope).sum()) / grid.dim
-
     def notes_on_start(
         self, grid: Discretisation, state: InitialState, walls: WallParticles | None, others: Others
     ) -> Iterator[str]:
-        def advice(sound: float) -> str:
-            return at_least("sound_speed", sound, "m/s")
-
         if "iisph" not in others:  # whose pressure follows from no sound speed
-            pull = acceleration_of(others)
+            pull, advice = acceleration_of(others), lambda sound: at_least("sound_speed", sound, "m/s")
             yield from fast_flow(self.name, self.sound_speed, advice, grid, state, walls, others, pull)
 
     def _braked(self, grid: Discretisation, others: Others) -> Iterator[str]:
@@ -556,9 +544,6 @@ class WeaklyCompressible(
         summed = not any("sph.density" in effect.replaces() for effect in others.values())
         return MASS_RATIO if summed else math.inf
 
-    def list_radius(self, grid: Discretisation) -> float:
-        return grid.support_radius
-
     def greatest_speed(self, grid: Discretisation) -> float:
         """Ten times the sound speed [m/s]; weak compressibility assumes at most a tenth of the sound speed."""
         return 10 * self.sound_speed
@@ -585,13 +570,15 @@ class WeaklyCompressible(
     def shares(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         sums, gradients = SETS[self.kernels]
         exponent = 7 if self.state == "tait" else 1
+        # how many times the particle's pressure wall particles push with: the least of all walls
+        share = min((e.wall_share for e in effects_with(others, BringsWalls)), default=BringsWalls.wall_share)
         return {
             "smoothing": smoothing(sums, grid.support_radius, grid.dim, grid.dtype),
             "gradient_smoothing": smoothing(gradients, grid.support_radius, grid.dim, grid.dtype),
             "fluid": Fluid(
                 grid.real(self.rest_density), grid.real(self.rest_density * self.sound_speed**2 / exponent),
                 int32(exponent), int32(self.clamps()), grid.real(cohesive_pressure(grid, others)),
-                grid.real(0.5 if "E24" in self.printed() else 1.0), grid.real(least_wall_share(others)),
+                grid.real(0.5 if "E24" in self.printed() else 1.0), grid.real(share),
             ),
             "density_bounds": DensityBounds(*map(grid.real, (self.rest_density, DENSE, self.density_bound))),
         }  # fmt: skip
@@ -663,16 +650,14 @@ def _covered(x: np.ndarray, solid: np.ndarray, grid: Discretisation, others: Oth
 
 def continuity_pass(others: Others, names: Mapping[str, str | None]) -> Pass:
     """The pass that advances the density; walls, where there are any, are those of `adami_2012`."""
-    shifts = any(SHIFT in effect.fields(others) for effect in others.values())
-    left_out = {} if effects_with(others, BringsWalls) else {"wall_strain": None}
-    left_out |= {} if shifts else {"shift": None}
-    left_out |= {} if liquid_of(others).leans(others) else {"borne": None}
-    left_out |= {} if finds_filling(others) else {"filling": None}
-    return Pass(
-        "sph.continuity",
-        writes=(*(("filling",) if finds_filling(others) else ()), "density_excess", "density"),
-        names={"smoothing": "gradient_smoothing", **names, **left_out},
-    )
+    filling = ("filling",) if finds_filling(others) else ()
+    there = {
+        "wall_strain": effects_with(others, BringsWalls), "borne": liquid_of(others).leans(others), "filling": filling,
+        "shift": any(SHIFT in effect.fields(others) for effect in others.values()),
+    }  # fmt: skip
+    left_out = {name: None for name, found in there.items() if not found}
+    names = {"smoothing": "gradient_smoothing", **names, **left_out}
+    return Pass("sph.continuity", writes=(*filling, "density_excess", "density"), names=names)
 
 
 def finds_filling(others: Others) -> bool:

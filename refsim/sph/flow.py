@@ -29,11 +29,10 @@ def fall_height(
     down = pull / size
     half = 0.5 * grid.spacing * np.abs(down).sum()  # to the farthest corner of a particle's cell
     depth = state.position @ down
-    floors = []
+    floor = math.inf
     for effect in effects_with(others, HasPlanes):
         lower, upper = effect.domain(grid)
-        floors.append(sum(d * (upper if d > 0 else lower)[axis] for axis, d in enumerate(down) if d != 0))
-    floor = min(floors, default=math.inf)
+        floor = min(floor, sum(d * (upper if d > 0 else lower)[axis] for axis, d in enumerate(down) if d != 0))
     if not math.isfinite(floor):
         floor = max(depth.max() + half, -math.inf if walls is None else (walls.position @ down).max())
     return max(0.0, float(floor - depth[solid:].min() + half))

@@ -5,7 +5,7 @@ import math
 from refsim.backends.compile import formula, kernel
 from refsim.backends.reductions import reduction
 from refsim.backends.tuples import added, difference, dot, scaled, three
-from refsim.neighbours.forces import force
+from refsim.neighbours.forces import force, together
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import first_lane, set_vector
 from refsim.smoothing.formulas import gradient_factor, kernel_slope, kernel_value, safe_distance, viscosity_laplacian
@@ -72,7 +72,7 @@ def put_sums(i, lane, sums, fields, walls, groups, period, number_density, asymm
         if asymmetry is None:
             filled = wall_sum(i, lane, position, walls, smoothing, period)
         else:
-            beside = wall_moment(i, lane, position, walls, smoothing, period)
+            beside = neighbour_sum(wall_moment_pair, i, lane, walls, position, period, walls.volume, smoothing)
             filled, moment = beside[0], added(moment, scaled(beside[1:4], fluid.rest_density / mass[i]))
         filled *= fluid.rest_density
         rho += filled
@@ -95,12 +95,6 @@ def own_share(smoothing):
 def wall_sum(i, lane, position, walls, smoothing, period):
     """Sum of V_b W_ib over the wall particles; dimensionless."""
     return neighbour_sum(wall_density_pair, i, lane, walls, position, period, walls.volume, smoothing)
-
-
-@formula
-def wall_moment(i, lane, position, walls, smoothing, period):
-    """Sums of V_b W_ib, dimensionless, and of V_b W_ib x_ib [m] over the wall particles."""
-    return neighbour_sum(wall_moment_pair, i, lane, walls, position, period, walls.volume, smoothing)
 
 
 @pair
@@ -397,6 +391,14 @@ def wall_pressure(i, lane, position, density, pressure, walls, smoothing, fluid,
 
 
 momentum = force(momentum_pair, divided="density", walled=wall_pressure, period=True)
+
+
+def with_momentum(tension, names=None, per_volume=False):
+    """Pair functions and kernels that sum a tension in one loop with `momentum`, and with `central_momentum`."""
+    return (
+        *together("tension_and_momentum", momentum_pair, tension, wall_pressure, names, per_volume),
+        *together("tension_and_central_momentum", central_momentum_pair, tension, None, names, per_volume),
+    )
 
 
 @pair

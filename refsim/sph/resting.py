@@ -53,6 +53,5 @@ class RestingColumn(NamedTuple):
 def column_of(effects: Others, load: float) -> RestingColumn:
     """The column of a scene's liquid, of `load` [kg/m^2; kg/m in 2D] over its floor."""
     liquid, pull = liquid_of(effects), math.hypot(*acceleration_of(effects))
-    return RestingColumn(
-        load, pull, liquid.rest_density, liquid.sound_speed, 7 if liquid.state == "tait" else 1
-    )  # fmt: skip
+    exponent = 7 if liquid.state == "tait" else 1
+    return RestingColumn(load, pull, liquid.rest_density, liquid.sound_speed, exponent)

@@ -60,10 +60,10 @@ def _quadrature() -> tuple[NDArray, NDArray]:
     return np.polynomial.legendre.leggauss(16)
 
 
-def force_moment(force: PairForce, power: int, support_radius: float, parts: int = 60) -> float:
-    """Integral of r^power C(r) dr from 0 to h, by Gauss quadrature in `parts` pieces."""
+def force_moment(force: PairForce, power: int, support_radius: float) -> float:
+    """Integral of r^power C(r) dr from 0 to h, by Gauss quadrature in 60 pieces."""
     node, weight = _quadrature()
-    edge = np.linspace(0.0, support_radius, parts + 1)
+    edge = np.linspace(0.0, support_radius, 61)
     half = 0.5 * np.diff(edge)[:, None]
     r = 0.5 * (edge[1:] + edge[:-1])[:, None] + half * node
     return float((half * weight * r**power * force(r)).sum())
@@ -81,12 +81,6 @@ def over_lattice(force: PairForce, power: int, grid: Discretisation) -> float:
     """sum_j r_j^power C(r_j) over a particle's neighbours on the infinite lattice within the support."""
     _, r = lattice_neighbours(grid.support_radius, grid.spacing, grid.dim)
     return float((r**power * force(r)).sum())
-
-
-def neighbours_in_support(grid: Discretisation) -> float:
-    """Volume of the support over that of a particle: 4 pi/3 (h/d)^3 in 3D, pi (h/d)^2 in 2D."""
-    share = grid.support_radius / grid.spacing
-    return 4 * math.pi / 3 * share**3 if grid.dim == 3 else math.pi * share**2
 
 
 def compression(number: float) -> float:
@@ -166,18 +160,15 @@ class MeasuredByDrops(ReturnsDensity):
     def _as_measured(self, others: Others) -> bool:
         """Whether model and kernels are those of the drops that were measured."""
         plain = self._plain()
-        plain = plain.with_scene_defaults(others) if isinstance(plain, FollowsScene) else plain
+        if isinstance(plain, FollowsScene):
+            plain = plain.with_scene_defaults(others)
         return self == plain and liquid_of(others).kernels == "wendland"
 
     def _measured_at(self, grid: Discretisation, others: Others) -> float | None:
         """S = sigma/(rho0 c^2 d), where the coefficient follows from measured drops."""
         liquid, sigma = liquid_of(others), getattr(self, SIGMA)
-        if not (
-            sigma
-            and density_complete_at_surface(others)
-            and grid.dim in self._drops(grid, others).measured
-            and self._as_measured(others)
-        ):
+        complete = density_complete_at_surface(others) and grid.dim in self._drops(grid, others).measured
+        if not (sigma and complete and self._as_measured(others)):
             return None
         return sigma / (liquid.rest_density * liquid.sound_speed**2 * grid.spacing)
 
@@ -223,10 +214,8 @@ class MeasuredByDrops(ReturnsDensity):
             yield (
                 f"{begin} a support_radius of {reach} spacings; with {support:.3g} another tension acts{whose.beyond}"
             )
-        radius, (small, large, others_have) = (
-            grid.drop_radius / grid.spacing,
-            whose.radii.get(grid.dim, (0, math.inf, "")),
-        )
+        radius = grid.drop_radius / grid.spacing
+        small, large, others_have = whose.radii.get(grid.dim, (0, math.inf, ""))
         if radius and not 0.95 * small <= radius <= 1.05 * large:
             yield f"{begin} a radius of {small:g} to {large:g} spacings, to 5 %; with {radius:.3g} {others_have}"
         least, most = (float(np.interp(support, supports, [d[k][0] for d in drops])) for k in (0, -1))
@@ -266,6 +255,7 @@ class PairCohesion(
     """
 
     lattice: ClassVar[bool] = False  # sums over lattice neighbours, for a force of short range
+    sums: ClassVar[bool] = True
     needed: ClassVar[tuple[str, ...]] = (LIQUID,)
 
     balance_pressure: bool = True
@@ -283,12 +273,14 @@ class PairCohesion(
         """The pass of the pair force, where it is all that the model has."""
         return (Pass(f"{self.name}.cohesion", updates=("acceleration",)),)
 
-    def list_radius(self, grid: Discretisation) -> float:
-        return grid.support_radius
-
     def check_coefficients(self) -> None:
         """Raise InputError unless either the tension or the model's own coefficient is given."""
-        one_of(self.name, **{name: getattr(self, name) for name in (SIGMA, self.coefficient_name)})
+        without = [getattr(self, name) is None for name in (SIGMA, self.coefficient_name)]
+        if without[0] == without[1]:
+            number = "neither" if all(without) else "both"
+            raise InputError(
+                f"{self.name}: {number} of {SIGMA} and {self.coefficient_name} given; give exactly one of them."
+            )
 
     def coheres(self) -> bool:
         """Whether the coefficient, given or from sigma, is not zero."""
@@ -464,12 +456,3 @@ def capillary_limit(sigma: float, grid: Discretisation, others: Others) -> dict[
     half = 0.5 * grid.support_radius
     seconds = 0.25 * math.sqrt(liquid_of(others).rest_density * half**3 / (2 * math.pi * sigma))
     return {"capillary": StepLimit.constant(seconds)}
-
-
-def one_of(owner: str, **given: float | None) -> None:
-    """Raise InputError unless exactly one of the coefficients is given."""
-    names = list(given)
-    chosen = [name for name, value in given.items() if value is not None]
-    if len(chosen) != 1:
-        number = {0: "neither", 2: "both"}.get(len(chosen), "several")
-        raise InputError(f"{owner}: {number} of {' and '.join(names)} given; give exactly one of them.")

@@ -133,6 +133,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
     source: ClassVar[str] = "Shao & Song"
     virial: ClassVar[str] = "it is the pressure of liquid and solids, which balances"
     errata: ClassVar[tuple[str, ...]] = ("M2", "M3", "M4")
+    sums: ClassVar[bool] = True
     needed: ClassVar[tuple[str, ...]] = (sph.LIQUID, "shape_matching")
     replaced: ClassVar[tuple[str, ...]] = (
         "sph.density", "sph.continuity", "sph.state", "sph.pressure", "sph.momentum",
@@ -242,9 +243,6 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
 
     def largest_mass_ratio(self, others: Others) -> float:
         return LIQUIDS_RATIO if "melting" in others else MASS_RATIO
-
-    def list_radius(self, grid: Discretisation) -> float:
-        return grid.support_radius
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         liquid = sph.liquid_of(others)

@@ -49,6 +49,7 @@ class ImplicitPressure(Effect, SumsDensity, frozen=True, kw_only=True):
     name: ClassVar[str] = "iisph"
     host_in_step: ClassVar[bool] = True
     virial: ClassVar[str] = "it is the pressure of the liquid, which balances"
+    sums: ClassVar[bool] = True
     needed: ClassVar[tuple[str, ...]] = (LIQUID,)
     replaced: ClassVar[tuple[str, ...]] = ("sph.state", "sph.pressure", "sph.momentum")
 
@@ -73,9 +74,6 @@ class ImplicitPressure(Effect, SumsDensity, frozen=True, kw_only=True):
         if liquid.dynamic_viscosity == 0 or liquid.central():  # weakly_compressible lists that pass
             return (solve,)
         return (Pass("sph.viscosity", updates=("acceleration",), names=names), solve)
-
-    def list_radius(self, grid: Discretisation) -> float:
-        return grid.support_radius
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         fluid = liquid_of(others)

@@ -158,7 +158,8 @@ class Akinci2013(cohesion.PairCohesion, HasErrata, frozen=True, kw_only=True):
         yield from super().margins(grid, others)
         if self._has_area() and self.coheres() and self._measured_at(grid, others) is None:
             unit = self.coefficient(grid, others) * liquid_of(others).rest_density
-            near, value = cohesion.neighbours_in_support(grid), self.area_coefficient(grid, others) / unit
+            value, share = self.area_coefficient(grid, others) / unit, grid.support_radius / grid.spacing
+            near = 4 * math.pi / 3 * share**3 if grid.dim == 3 else math.pi * share**2  # neighbours in the support
             largest, fate = LARGEST_AREA / near, "fly apart" if value * near >= SHATTERING_AREA else "boil"
             name = "area_acceleration/(gamma rho0)"
             consequence = (

@@ -2,11 +2,11 @@
 
 from refsim.backends.compile import kernel
 from refsim.backends.tuples import added, difference, scaled
-from refsim.neighbours.forces import force, together
+from refsim.neighbours.forces import force
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector
 from refsim.smoothing.formulas import safe_distance
-from refsim.sph.kernels import central_momentum_pair, momentum_pair, wall_pressure
+from refsim.sph.kernels import with_momentum
 from refsim.surface_normal.formulas import axial_part
 from refsim.surface_tension.akinci_2013 import formulas
 
@@ -35,12 +35,8 @@ def tension_pair(
 tension = force(tension_pair)
 
 
-NAMES = {"smoothing": "gradient_smoothing"}
-tension_and_momentum_pair, tension_and_momentum = together(
-    "tension_and_momentum", momentum_pair, tension_pair, wall_pressure, NAMES
-)
-tension_and_central_momentum_pair, tension_and_central_momentum = together(
-    "tension_and_central_momentum", central_momentum_pair, tension_pair, names=NAMES
+tension_and_momentum_pair, tension_and_momentum, tension_and_central_momentum_pair, tension_and_central_momentum = (
+    with_momentum(tension_pair, {"smoothing": "gradient_smoothing"})
 )
 
 

@@ -17,11 +17,12 @@ from refsim.core.checked import NotNegative, Positive, Printed
 from refsim.core.effect import Discretisation, Effect, Field, Others, Pass, StepLimit, int32
 from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value
-from refsim.sph import LIQUID, NUMBER_DENSITY, SETS, liquid_of
-from refsim.surface_detection import NEAR_SURFACE, detection_in, near_surface_pass
+from refsim.sph import LIQUID, SETS, liquid_of
+from refsim.surface_detection import detection_in
 from refsim.surface_tension import cohesion
+from refsim.surface_tension.cohesion import MeasuredByDrops
 from refsim.surface_tension.csf_wang_2019 import operations as operations
-from refsim.surface_tension.jiang_zhu_2023 import CORRECTED_DENSITY, corrected_density_passes
+from refsim.surface_tension.jiang_zhu_2023 import CORRECTED, corrected_density_passes
 
 INTERFACE_NORMAL = Field("interface_normal", "1/m", "normal n by the corrected kernel, inward", 3)
 CURVATURE = Field("curvature", "1/m", "curvature kappa of the surface, positive where liquid bulges")
@@ -68,15 +69,7 @@ LEAST_VISCOSITY = 0.45
 
 
 class CsfWang2019(
-    Effect,
-    cohesion.MeasuredByDrops,
-    HasTension,
-    KnowsLimits,
-    HasErrata,
-    FollowsScene,
-    PullsParticles,
-    frozen=True,
-    kw_only=True,
+    Effect, MeasuredByDrops, HasTension, KnowsLimits, HasErrata, FollowsScene, PullsParticles, frozen=True, kw_only=True
 ):
     """Surface tension of a free liquid surface as a force along its normal, by its curvature.
 
@@ -98,6 +91,7 @@ class CsfWang2019(
     source: ClassVar[str] = "Wang et al."
     errata: ClassVar[tuple[str, ...]] = ("shell",)
     virial: ClassVar[str] = "the force acts on the surface alone, and the capillary limit holds"
+    sums: ClassVar[bool] = True
     needed: ClassVar[tuple[str, ...]] = (LIQUID,)
     in_papers: ClassVar[Mapping[str, Any]] = {"density_correction": True}
 
@@ -109,12 +103,9 @@ class CsfWang2019(
     literal: Printed = ()
 
     def with_scene_defaults(self, others: Others) -> "CsfWang2019":
-        corrects = (
-            not cohesion.density_complete_at_surface(others)
-            if self.density_correction is None
-            else self.density_correction
-        )
-        return msgspec.structs.replace(self, density_correction=corrects)
+        if self.density_correction is not None:
+            return self
+        return msgspec.structs.replace(self, density_correction=not cohesion.density_complete_at_surface(others))
 
     def keeps_drops(self) -> bool:
         return self == self._plain()
@@ -147,20 +138,15 @@ class CsfWang2019(
         return self.surface_tension
 
     def fields(self, others: Others) -> tuple[Field, ...]:
-        corrected = (NUMBER_DENSITY, NEAR_SURFACE, CORRECTED_DENSITY) if self.density_correction is not False else ()
-        return (*corrected, INTERFACE_NORMAL, CURVATURE)
+        return (*(CORRECTED if self.density_correction is not False else ()), INTERFACE_NORMAL, CURVATURE)
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
-        corrected = (near_surface_pass(), *corrected_density_passes()) if self.density_correction is not False else ()
         return (
-            *corrected,
+            *(corrected_density_passes() if self.density_correction is not False else ()),
             Pass("csf_wang_2019.normal", writes=("interface_normal",)),
             Pass("csf_wang_2019.curvature", writes=("curvature",)),
             Pass("csf_wang_2019.force", updates=("acceleration",)),
         )
-
-    def list_radius(self, grid: Discretisation) -> float:
-        return grid.support_radius
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         real, h = grid.real, grid.support_radius

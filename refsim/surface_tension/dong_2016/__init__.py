@@ -87,10 +87,9 @@ class Dong2016(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, kw_o
     literal: Printed = ()
 
     def with_scene_defaults(self, others: Others) -> "Dong2016":
-        filters = (
-            not cohesion.density_complete_at_surface(others) if self.filter_density is None else self.filter_density
-        )
-        return msgspec.structs.replace(self, filter_density=filters)
+        if self.filter_density is not None:
+            return self
+        return msgspec.structs.replace(self, filter_density=not cohesion.density_complete_at_surface(others))
 
     def check(self, grid: Discretisation, others: Others) -> None:
         self.check_coefficients()
@@ -121,12 +120,8 @@ class Dong2016(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, kw_o
         return coefficient * force_function(np.maximum(h - r, 0), h, self._rest_distance(grid))
 
     def fields(self, others: Others) -> tuple[Field, ...]:
-        fields: list[Field] = []
-        if self._filters():
-            fields.append(CORRECTED_DENSITY)
-        if self._corrects():
-            fields.append(SURFACE_NORMAL)
-        return tuple(fields)
+        filtered = (CORRECTED_DENSITY,) if self._filters() else ()
+        return (*filtered, SURFACE_NORMAL) if self._corrects() else filtered
 
     def replaces(self) -> tuple[str, ...]:
         return ("sph.density", "sph.pressure", "sph.momentum") if self.solver == "hu_adams" else ()

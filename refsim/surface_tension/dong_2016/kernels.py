@@ -2,12 +2,11 @@
 
 from refsim.backends.compile import kernel
 from refsim.backends.tuples import added, difference, scaled
-from refsim.neighbours.forces import force, together
+from refsim.neighbours.forces import force
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import first_lane
 from refsim.smoothing.formulas import kernel_slope, kernel_value, safe_distance
-from refsim.sph.kernels import central_momentum_pair, own_share, wall_pressure, wall_sum
-from refsim.sph.kernels import momentum_pair as plain_momentum_pair
+from refsim.sph.kernels import own_share, wall_pressure, wall_sum, with_momentum
 from refsim.surface_tension.dong_2016 import formulas
 
 
@@ -72,9 +71,6 @@ def tension_pair(
 tension = force(tension_pair)
 
 
-tension_and_momentum_pair, tension_and_momentum = together(
-    "tension_and_momentum", plain_momentum_pair, tension_pair, wall_pressure
-)
-tension_and_central_momentum_pair, tension_and_central_momentum = together(
-    "tension_and_central_momentum", central_momentum_pair, tension_pair
+tension_and_momentum_pair, tension_and_momentum, tension_and_central_momentum_pair, tension_and_central_momentum = (
+    with_momentum(tension_pair)
 )

@@ -51,22 +51,16 @@ def flat_surface_tension(sums: str, gradients: str, support_radius: float, spaci
     itself = volume * float(kernel_value(0.0, smoothing(sums, support_radius, dim)))
     slope = volume * kernel_slope(distance, smoothing(gradients, support_radius, dim))
     up = np.rint(steps[:, -1] / spacing).astype(int)  # x_ij of a neighbour below is positive
-
-    def below(depth: Any) -> NDArray:
-        """Layer of each neighbour: negative above the surface, bulk below the last layer."""
-        return depth + up
-
-    color = np.array([itself + w[below(k) >= 0].sum() for k in layers])
+    below = layers[:, None] + up  # layer of each neighbour: negative above the surface, bulk below the last layer
+    color = np.array([itself + w[j >= 0].sum() for j in below])
     deep = len(layers) - 1
     squared = np.zeros(len(layers))
-    for k in layers:
-        j = below(k)
+    for k, j in zip(layers, below):
         there = j >= 0
         c = color[np.minimum(j[there], deep)]
         squared[k] = ((c * slope[there] * steps[there, -1] / distance[there]).sum() / color[k]) ** 2
     sigma = 0.0
-    for k in layers[: 3 * reach]:
-        j = below(k)
+    for k, j in zip(layers[: 3 * reach], below):
         there = j >= 0
         force = 0.25 * volume * (squared[k] + squared[np.minimum(j[there], deep)]) * slope[there] / distance[there]
         normal = steps[there, -1] ** 2

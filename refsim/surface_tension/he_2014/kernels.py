@@ -1,11 +1,11 @@
 """What one neighbour and one particle do in He et al. 2014."""
 
 from refsim.backends.compile import kernel
-from refsim.neighbours.forces import force, together
+from refsim.neighbours.forces import force
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import first_lane
 from refsim.smoothing.formulas import kernel_slope, kernel_value, safe_distance
-from refsim.sph.kernels import central_momentum_pair, momentum_pair, own_share, wall_pressure, wall_sum
+from refsim.sph.kernels import own_share, wall_sum, with_momentum
 
 
 @pair
@@ -68,9 +68,6 @@ def tension_pair(
 tension = force(tension_pair, divided="density")
 
 
-tension_and_momentum_pair, tension_and_momentum = together(
-    "tension_and_momentum", momentum_pair, tension_pair, wall_pressure, per_volume=True
-)
-tension_and_central_momentum_pair, tension_and_central_momentum = together(
-    "tension_and_central_momentum", central_momentum_pair, tension_pair, per_volume=True
+tension_and_momentum_pair, tension_and_momentum, tension_and_central_momentum_pair, tension_and_central_momentum = (
+    with_momentum(tension_pair, per_volume=True)
 )

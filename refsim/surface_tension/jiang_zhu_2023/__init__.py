@@ -29,6 +29,7 @@ from refsim.surface_tension.jiang_zhu_2023 import operations as operations
 from refsim.surface_tension.jiang_zhu_2023.modes import AREA_TERMS, PAIR_MODES
 
 CORRECTED_DENSITY = Field("corrected_density", "kg/m^3 (kg/m^2 in 2D)", "density rho* near the surface, J(14)")
+CORRECTED = (NUMBER_DENSITY, NEAR_SURFACE, CORRECTED_DENSITY)
 SURFACE_WEIGHT = Field("surface_weight", "-", "soft surface weight w, 0 in the bulk, 1 at the surface")
 
 ALPHA = {2: 0.75, 3: 0.6}  # of J(17); 0.6 in 2D is the printed reading (Jiang & Zhu E7)
@@ -82,9 +83,10 @@ class AreaTerm(NamedTuple):
     coefficient: float  # eps of J(21) [N/m^5; N/m^4 in 2D], or eps' of J(18) [m/s^2]
 
 
-def corrected_density_passes() -> tuple[Pass, Pass]:
-    """J(14) and J(15) near the surface; an update of `density`, which precedes every pass that reads it."""
+def corrected_density_passes() -> tuple[Pass, ...]:
+    """J(12), J(14) and J(15) near the surface; an update of `density`, which precedes every pass that reads it."""
     return (
+        near_surface_pass(),
         Pass("jiang_zhu_2023.corrected_density", writes=("corrected_density",), updates=("density",)),
         Pass("jiang_zhu_2023.replace_density", updates=("density",)),
     )
@@ -182,9 +184,7 @@ class JiangZhu2023(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, 
         return (-1 if "E4" in self.printed() else 1) * self.coefficient(grid, others)
 
     def fields(self, others: Others) -> tuple[Field, ...]:
-        fields: list[Field] = []
-        if self._corrects():
-            fields += [NUMBER_DENSITY, NEAR_SURFACE, CORRECTED_DENSITY]
+        fields = [*CORRECTED] if self._corrects() else []
         if self.coheres():
             if self.pair_mode == "soft":
                 fields += [surface_normal.SURFACE_NORMAL, SURFACE_WEIGHT]
@@ -197,12 +197,10 @@ class JiangZhu2023(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, 
         return tuple(fields)
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
-        passes: list[Pass] = []
-        if self._corrects():
-            passes += [near_surface_pass(), *corrected_density_passes()]
+        passes = [*corrected_density_passes()] if self._corrects() else []
         if not self.coheres():
             return tuple(passes)
-        names: dict[str, str | None] = {"surface_weight": None, "surface": None, "area_normal": None}
+        names: dict[str, str | None] = {"surface_weight": None, "surface": None}
         if self.pair_mode == "soft" or self._area() == "color":
             passes.append(surface_normal.color_gradient_pass())
         if self.pair_mode == "soft":
@@ -211,14 +209,10 @@ class JiangZhu2023(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, 
         if self._marked():
             passes += self._detection(others).detection_passes()
             names["surface"] = "surface"
-        operation = "jiang_zhu_2023.tension"
-        if self._area() == "none":
-            operation = "jiang_zhu_2023.cohesion"
-        elif self._area() == "corrected":
+        if self._area() == "corrected":
             passes.append(surface_normal.corrected_pass())
-            names["area_normal"] = "corrected_normal"
-        else:
-            names["area_normal"] = "surface_normal"
+        names["area_normal"] = {"corrected": "corrected_normal", "color": "surface_normal"}.get(self._area())
+        operation = "jiang_zhu_2023.cohesion" if self._area() == "none" else "jiang_zhu_2023.tension"
         passes.append(Pass(operation, updates=("acceleration",), names=names))
         return tuple(passes)
 

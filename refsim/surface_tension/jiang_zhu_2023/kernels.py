@@ -4,11 +4,10 @@ import math
 
 from refsim.backends.compile import formula, kernel
 from refsim.backends.tuples import added, difference, scaled
-from refsim.neighbours.forces import together
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, first_lane
 from refsim.smoothing.formulas import kernel_value, safe_distance
-from refsim.sph.kernels import central_momentum_pair, momentum_pair, own_share, wall_pressure, wall_sum
+from refsim.sph.kernels import own_share, wall_sum, with_momentum
 from refsim.surface_normal.formulas import axial_part
 from refsim.surface_tension.jiang_zhu_2023 import formulas
 
@@ -100,11 +99,8 @@ BETWEEN_ALL = {
     "smoothing": "gradient_smoothing", "surface_weight_j": "None", "surface_j": "None", "base": "type(r)(1)",
     "slope": "type(r)(0)",
 }  # fmt: skip
-tension_and_momentum_pair, tension_and_momentum = together(
-    "tension_and_momentum", momentum_pair, tension_pair, wall_pressure, BETWEEN_ALL
-)
-tension_and_central_momentum_pair, tension_and_central_momentum = together(
-    "tension_and_central_momentum", central_momentum_pair, tension_pair, names=BETWEEN_ALL
+tension_and_momentum_pair, tension_and_momentum, tension_and_central_momentum_pair, tension_and_central_momentum = (
+    with_momentum(tension_pair, BETWEEN_ALL)
 )
 
 

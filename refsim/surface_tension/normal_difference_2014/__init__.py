@@ -46,6 +46,7 @@ class NormalDifference2014(Effect, HasErrata, PullsParticles, frozen=True, kw_on
     errata: ClassVar[tuple[str, ...]] = ("P7",)
     improvements: ClassVar[tuple[str, ...]] = errata
     virial: ClassVar[str] = "normals vanish in the bulk, and the stiffest wave limits the step"
+    sums: ClassVar[bool] = True
     needed: ClassVar[tuple[str, ...]] = (LIQUID,)
 
     area_acceleration: NotNegative
@@ -59,9 +60,6 @@ class NormalDifference2014(Effect, HasErrata, PullsParticles, frozen=True, kw_on
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         return (color_gradient_pass(), Pass("normal_difference_2014.tension", updates=("acceleration",)))
-
-    def list_radius(self, grid: Discretisation) -> float:
-        return grid.support_radius
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         term = NormalDifference(grid.real(self.area_acceleration), int32("P7" in self.printed()))
