@@ -23,6 +23,7 @@ from refsim.core.effect import (
     Extremes,
     Field,
     InitialState,
+    Lattice,
     Nodes,
     Others,
     Pass,
@@ -72,12 +73,6 @@ class Matching(NamedTuple):
     eps: float = 2.220446049250313e-16  # of the positions
 
 
-def floors(dtype: str) -> tuple[Any, Any, Any, Any]:
-    """twist_floor, inertia_floor, precision and eps of Matching."""
-    real, eps = np.dtype(dtype).type, np.finfo(dtype).eps
-    return real(1e-6), real(1e-9 if dtype == "float64" else 1e-5), real(0.05 * eps), real(eps)
-
-
 def region_field(half_width: int) -> Field:
     """arrayR: the table of regions of this half-width."""
     return _table("region", "-", "arrayR: members of a node's region", (2 * half_width + 1) ** 3, "int32")
@@ -113,17 +108,14 @@ class ShapeMatching(Effect, HasErrata, Inspects, JudgesStart, frozen=True, kw_on
         return self.stiffness > 0 or self.damping > 0
 
     def fields(self, others: Others) -> tuple[Field, ...]:
+        found, regions = (PHASE, PLACE, DIRECT), (region_field(self.half_width), REGION_COUNT)
         if not self.holds():
-            regions = (region_field(self.half_width), REGION_COUNT) if "melting" in others else ()
-            return (PHASE, PLACE, DIRECT, *regions)
-        tables = (
-            PHASE, PLACE, DIRECT, region_field(self.half_width), REGION_COUNT, REGION_SHARE, SOLID_POSITION, ROTATION,
-            REGION_CENTER, REGION_ANCHOR, SOLID_VELOCITY,
-        )  # fmt: skip
-        return (*tables, REGION_VELOCITY, REGION_SPIN) if self.damping > 0 else tables
+            return (*found, *regions) if "melting" in others else found
+        matched = (REGION_SHARE, SOLID_POSITION, ROTATION, REGION_CENTER, REGION_ANCHOR, SOLID_VELOCITY)
+        return (*found, *regions, *matched, *((REGION_VELOCITY, REGION_SPIN) if self.damping > 0 else ()))
 
     def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
-        nodes = self._solids(grid)
+        nodes = len(self._lattice(grid).key)
         phase = np.full(grid.count, FLUID, np.int32)
         phase[:nodes] = SURFACE
         rotation = {"rotation": np.tile([1.0, 0.0, 0.0, 0.0], (nodes, 1))} if self.holds() else {}
@@ -163,7 +155,7 @@ class ShapeMatching(Effect, HasErrata, Inspects, JudgesStart, frozen=True, kw_on
         self, grid: Discretisation, state: InitialState, walls: WallParticles | None, others: Others
     ) -> Iterator[str]:
         """A note on a fixed step in which solids move farther than their spin allows."""
-        speed = float(np.linalg.norm(state.velocity[: self._solids(grid)], axis=1).max())
+        speed = float(np.linalg.norm(state.velocity[: len(self._lattice(grid).key)], axis=1).max())
         longest = min((limit.at(Extremes(speed, 0.0)) for limit in self.step_limits(grid, others).values()), default=0)
         if grid.step > longest > 0:
             yield (
@@ -183,7 +175,7 @@ class ShapeMatching(Effect, HasErrata, Inspects, JudgesStart, frozen=True, kw_on
         """(reason, sentence) where neighbours of a body's lattice are too near or too far; without reason, a note."""
         if self.stiffness == 0 or grid.solids is None:
             return None
-        place = field("place")[: self._solids(grid)]
+        place = field("place")[: len(grid.solids.lattice.key)]
         solid = field("phase")[place] != FLUID
         mean = apart(grid.solids, field("position")[place].astype(float), solid)
         worst = int(np.argmax(np.maximum(mean, 1 / np.maximum(mean, 1e-30))))
@@ -200,19 +192,20 @@ class ShapeMatching(Effect, HasErrata, Inspects, JudgesStart, frozen=True, kw_on
         return {} if grid.solids is None else {"lattice": grid.solids.lattice}
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
-        self._solids(grid)
-        real = grid.real
-        matching = Matching(
-            int32(self.half_width), real(grid.spacing), real(self.stiffness), real(self.damping), *floors(grid.dtype)
-        )
-        if grid.solids is None or self.summation != "fast" or not self.holds():
-            return {"matching": matching}
-        return {"matching": matching, "boxes": boxes_of(grid.solids.lattice, self.half_width)}
+        lattice, groups = self._lattice(grid), {"matching": self.matching(grid)}
+        by_boxes = self.summation == "fast" and self.holds()
+        return groups | ({"boxes": boxes_of(lattice, self.half_width)} if by_boxes else {})
 
-    def _solids(self, grid: Discretisation) -> int:
+    def matching(self, grid: Discretisation) -> Matching:
+        """Its numbers in the run's dtype."""
+        eps = float(np.finfo(grid.dtype).eps)
+        numbers = grid.spacing, self.stiffness, self.damping, 1e-6, 1e-9 if grid.dtype == "float64" else 1e-5
+        return Matching(int32(self.half_width), *map(grid.real, (*numbers, 0.05 * eps, eps)))
+
+    def _lattice(self, grid: Discretisation) -> Lattice:
         if grid.solids is None:
             raise InputError(f"{self.name}: the scene has no solids to hold together; add a [[solid]] or remove it.")
-        return len(grid.solids.lattice.key)
+        return grid.solids.lattice
 
 
 # Shapes of bodies that turn, and how far apart their particles stand, on the host

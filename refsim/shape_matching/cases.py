@@ -7,7 +7,7 @@ import numpy as np
 from refsim.core import cases
 from refsim.core.cases import VARIATIONS, Case, Exact, Variation, at, closed_form, groups, hard_input, particles, takes
 from refsim.scene.solids import lattice_of
-from refsim.shape_matching import Matching, ShapeMatching, floors, operations
+from refsim.shape_matching import Matching, ShapeMatching, operations
 from refsim.shape_matching.boxes import boxes_of
 
 cases.example(
@@ -25,6 +25,11 @@ def half_width(case):
     return case.dim - 1
 
 
+def box(side):
+    """Cells (side^3, 3) of a cube."""
+    return cases.lattice((side,) * 3, 1.0).astype(int)
+
+
 def bodies(case):
     """Lattice of the two bodies, and the random numbers that go on from there."""
     random = case.random("lattice")
@@ -32,8 +37,7 @@ def bodies(case):
     cells, shift = [], 0
     for size in (count - count // 3, count // 3):
         side = int(np.ceil((1.3 * size) ** (1 / 3)))
-        box = np.stack(np.meshgrid(*[np.arange(side)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-        cells.append(random.permutation(box)[:size] + [shift, -1, 0])
+        cells.append(random.permutation(box(side))[:size] + [shift, -1, 0])
         shift += side
     return lattice_of(cells), random
 
@@ -47,19 +51,13 @@ def tables(case):
     lattice, random = bodies(case)
     count = len(lattice.cell)
     place = np.arange(case.count)
-    phase = np.asarray(_phase(case))
+    phase = cases.PARTICLES["phase"](case, case.random("phase"))
     before = np.where(random.random(case.count) < 0.1, 0, 1)
     direct = operations.direct_neighbours(phase, place, lattice)["direct"][0].astype(np.int32)
     older = operations.direct_neighbours(before, place, lattice)["direct"][0]
     empty = np.full((count, (2 * half_width(case) + 1) ** 3), -1)
     regions = operations.regions(older, None, lattice, empty, np.zeros(count, int))
     return lattice, direct, regions["region"][0].astype(np.int32), regions["region_count"][0].astype(np.int32)
-
-
-def _phase(case):
-    from refsim.core.cases import PARTICLES
-
-    return PARTICLES["phase"](case, case.random("phase"))
 
 
 @groups("lattice", "direct", "region", "region_count", "rebuild")
@@ -96,13 +94,7 @@ def _nodes(case, grid):
 groups(boxes=lambda case, grid: boxes_of(tables(case)[0], half_width(case)))
 
 
-@groups("matching")
-def _matching(case, grid):
-    real = grid.real
-    numbers = real(grid.spacing), real(0.8), real(0.1)
-    return {"matching": Matching(np.int32(half_width(case)), *numbers, *floors(grid.dtype))}
-
-
+groups(matching=lambda case, grid: ShapeMatching(half_width=half_width(case), stiffness=0.8).matching(grid))
 _TABLES = "the case's tables are made for it"
 _ROUNDING = "it decides on collapsed regions only, which the cases members_* hold"
 _SOLVER = "how far a solver of eigenvectors goes; the reference's own goes to the end"
@@ -144,13 +136,20 @@ for _name, _shape, _size in (  # all members of many regions at one place, where
 # Closed forms
 
 
-BLOCK = cases.lattice((3, 3, 3), 1.0)
+BLOCK = box(3)
 CUBE = at("cube_of_27", BLOCK)
 PAIR = cases.pair_case("pair_of_nodes", 2.0)
 TWO = lattice_of([np.array([[0, 0, 0], [0, 0, 1]])])
 NONE = np.full((2, 27), -1, np.int32)
-DIRECT = NONE.copy()
+DIRECT, ALONE = NONE.copy(), NONE.copy()
 DIRECT[0, [13, 14]], DIRECT[1, [12, 13]] = [0, 1], [0, 1]
+ALONE[:, 13] = 0, 1
+
+
+def _around(lattice):
+    """Nodes in the 27 slots around each node of a lattice, -1 for none."""
+    number = {tuple(cell): s for s, cell in enumerate(lattice.cell.tolist())}
+    return [[number.get(tuple(near), -1) for near in (cell + BLOCK - 1).tolist()] for cell in lattice.cell]
 
 
 def _direct(case, lattice, phase, expected):
@@ -162,19 +161,14 @@ def _direct(case, lattice, phase, expected):
 @closed_form("shape_matching.direct_neighbours")
 def cube_of_27():
     """In a cube of 27 nodes each has those in its slots; nodes of a cell below, of another body, are no members."""
-    lattice = lattice_of([BLOCK.astype(int)])
-    number = {tuple(cell): s for s, cell in enumerate(lattice.cell.tolist())}
-    slots = [(a, b, e) for a in (-1, 0, 1) for b in (-1, 0, 1) for e in (-1, 0, 1)]
-    expected = [[number.get((x + a, y + b, z + e), -1) for a, b, e in slots] for x, y, z in lattice.cell.tolist()]
-    return _direct(CUBE, lattice, 2, expected)
+    lattice = lattice_of([BLOCK])
+    return _direct(CUBE, lattice, 2, _around(lattice))
 
 
 @closed_form("shape_matching.direct_neighbours")
 def touching_bodies():
     """Two bodies in adjacent cells are not welded (Shao & Song M19)."""
-    expected = NONE.copy()
-    expected[0, 13], expected[1, 13] = 0, 1
-    return _direct(PAIR, lattice_of([np.array([[0, 0, 0]]), np.array([[0, 0, 1]])]), 1, expected)
+    return _direct(PAIR, lattice_of([np.array([[0, 0, 0]]), np.array([[0, 0, 1]])]), 1, ALONE)
 
 
 @closed_form("shape_matching.regions")
@@ -217,32 +211,31 @@ def shares():
     return Exact(PAIR, inputs, {"region_share": [4.0, 2.0], "solid_position": PAIR.position[::-1]})
 
 
-def _matched(**changes):
-    return Matching(1, 1.0, 1.0, 0.1, 1e-9, 1e-9, 1e-17)._replace(**changes)
-
-
-def _counted(region):
-    return (region >= 0).sum(1).astype(np.int32)
+def _regions(region, lattice, half_width=1, **changes):
+    """Regions, how many members they have, their boxes, and shape matching."""
+    return {
+        "region": region,
+        "region_count": (region >= 0).sum(1).astype(np.int32),
+        "matching": Matching(half_width, 1.0, 1.0, 0.1, 1e-9, 1e-9, 1e-17)._replace(**changes),
+        "boxes": boxes_of(lattice, half_width),
+    }
 
 
 def _whole_region():
     """Nodes of a cube of 27 and the region of its middle; those of the other nodes are empty."""
-    lattice = lattice_of([BLOCK.astype(int)])
+    lattice = lattice_of([BLOCK])
     region = np.full((27, 27), -1, np.int32)
-    number = {tuple(cell): s for s, cell in enumerate(lattice.cell.tolist())}
-    region[13] = [number[1 + a, 1 + b, 1 + e] for a in (-1, 0, 1) for b in (-1, 0, 1) for e in (-1, 0, 1)]
-    return lattice, region
+    region[13] = _around(lattice)[13]
+    return region, lattice
 
 
 def _cube(position, rotation, turn, **expected):
     """A cube at `position` with the region of its middle, of which `rotation` becomes `turn`."""
-    lattice, region = _whole_region()
     turned = np.tile(rotation, (27, 1))
     turned[13] = turn
     inputs = {
-        "solid_position": position, "region_share": np.full(27, 0.5), "region": region,
-        "region_count": _counted(region), "matching": _matched(), "rotation": np.tile(rotation, (27, 1)),
-        "region_center": np.ones((27, 3)), "region_anchor": np.ones((27, 3)), "boxes": boxes_of(lattice, 1),
+        "solid_position": position, "region_share": np.full(27, 0.5), "rotation": np.tile(rotation, (27, 1)),
+        "region_center": np.ones((27, 3)), "region_anchor": np.ones((27, 3)), **_regions(*_whole_region()),
     }  # fmt: skip
     return Exact(CUBE, inputs, {"rotation": turned, **expected})
 
@@ -250,15 +243,10 @@ def _cube(position, rotation, turn, **expected):
 @closed_form("shape_matching.match")
 def quarter_turn():
     """A cube turned by 90 degrees about z around (5, 0, 0): x = 5 - y0, y = x0: its node is where it belongs."""
-    x0, y0, z0 = (_whole_region()[0].cell.astype(float) - 1).T
+    x0, y0, z0 = (_whole_region()[1].cell.astype(float) - 1).T
     turn, none = np.sqrt(0.5) * np.array([1.0, 0.0, 0.0, 1.0]), np.zeros((27, 3))
     position = np.stack([5 - y0, x0, z0], axis=1)
     return _cube(position, [1.0, 0.0, 0.0, 0.0], turn, region_center=none, region_anchor=none)
-
-
-def _cross(u):
-    """Matrix of u x."""
-    return np.array([[0.0, -u[2], u[1]], [u[2], 0.0, -u[0]], [-u[1], u[0], 0.0]])
 
 
 def _about(axis, angle):
@@ -290,8 +278,9 @@ def near_the_last_turn(number: int) -> Exact:
     w, u = turn[0], turn[1:]
     v, more = small[0], small[1:]
     before = np.concatenate([[w * v - u @ more], w * more + v * u + np.cross(u, more)])
-    matrix = np.eye(3) + 2 * w * _cross(u) + 2 * _cross(u) @ _cross(u)
-    rest = _whole_region()[0].cell.astype(float) - 1
+    cross = np.cross(np.eye(3), u)  # the matrix of u x
+    matrix = np.eye(3) + 2 * w * cross + 2 * cross @ cross
+    rest = _whole_region()[1].cell.astype(float) - 1
     return _cube(rest @ (matrix @ stretch).T + [3.0, -2.0, 5.0], before, turn * np.sign(turn @ before))
 
 
@@ -300,7 +289,7 @@ def _crowd(half_width=1, place=(0.123, 0.456, 0.789), away=0.0):
 
     Only the node in the middle of those members has a region; they stand `away` [m] from it on their side.
     """
-    lattice = lattice_of([np.stack(np.meshgrid(*[np.arange(7)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)])
+    lattice = lattice_of([box(7)])
     side = 2 * half_width + 1
     crowd = (lattice.cell < side).all(1)
     (middle,) = np.flatnonzero((lattice.cell == half_width).all(1))
@@ -309,19 +298,18 @@ def _crowd(half_width=1, place=(0.123, 0.456, 0.789), away=0.0):
     position = lattice.cell + 0.1 * np.sin(np.arange(343.0))[:, None] * [1.0, -2.0, 3.0]
     position[crowd] = place + away * np.sign(lattice.cell[crowd] - half_width)
     inputs = {
-        "solid_position": position, "region_share": 0.5 + np.arange(343) % 5, "region": region,
-        "region_count": _counted(region), "matching": _matched(half_width=half_width),
-        "boxes": boxes_of(lattice, half_width),
+        "solid_position": position, "region_share": 0.5 + np.arange(343) % 5,
+        **_regions(region, lattice, half_width),
     }  # fmt: skip
     return inputs, crowd, middle
 
 
-def _kept(inputs, crowd, middle, half_width, before=(0.48, 0.6, 0.0, 0.64)):
+def _kept(inputs, crowd, middle, before=(0.48, 0.6, 0.0, 0.64)):
     """The crowd's region keeps its rotation, however it was turned before."""
     rotation = np.tile(before, (343, 1))
     share, none = inputs["region_share"][crowd], np.zeros((343, 3))
-    reach = np.arange(-half_width, half_width + 1)
-    offset = np.stack(np.meshgrid(*[reach] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    half_width = inputs["matching"].half_width
+    offset = box(2 * half_width + 1) - half_width
     order = inputs["region"][middle]
     rest = (inputs["region_share"][order][:, None] * offset).sum(0) / share.sum()
     w, u = rotation[0, 0], rotation[0, 1:]
@@ -333,7 +321,7 @@ def _kept(inputs, crowd, middle, half_width, before=(0.48, 0.6, 0.0, 0.64)):
 
 
 # Members in one place, away from their body's middle, do not turn their region
-closed_form("shape_matching.match", members_in_one_place=lambda: _kept(*_crowd(), 1))
+closed_form("shape_matching.match", members_in_one_place=lambda: _kept(*_crowd()))
 
 
 @closed_form("shape_matching.match", over=range(3))
@@ -344,14 +332,14 @@ def rounded_off(axis: int) -> Exact:
     """
     place, away = np.full(3, 33.0), np.zeros(3)
     place[axis], away[axis] = 1025.0, np.spacing(1025.0)
-    return _kept(*_crowd(2, place, away), 2)
+    return _kept(*_crowd(2, place, away))
 
 
 @closed_form("shape_matching.match")
 def rounded_off_everywhere():
     """The same along all axes at 2^40 m, where the rotation before is near the one that the last digits would give."""
     far = 2.0**40 + 1
-    return _kept(*_crowd(2, np.full(3, far), np.spacing(far)), 2, _about([1, 2, 3], 0.1))
+    return _kept(*_crowd(2, np.full(3, far), np.spacing(far)), _about([1, 2, 3], 0.1))
 
 
 @closed_form("shape_matching.match", over=range(3))
@@ -362,7 +350,7 @@ def beside_their_node(axis: int) -> Exact:
     """
     place = np.array([0.1, 0.1, 0.1])
     place[axis] = 30.1
-    kept = _kept(*_melted(*_crowd(2, place)), 2)
+    kept = _kept(*_melted(*_crowd(2, place)))
     return Exact(kept.case, kept.inputs, {"rotation": kept.expected["rotation"]})
 
 
@@ -370,7 +358,8 @@ def _melted(inputs, crowd, middle):
     """The crowd without the node itself, which is at the origin."""
     inputs["solid_position"][middle] = 0.0
     inputs["region"][middle, 62] = -1
-    return inputs | {"region_count": _counted(inputs["region"])}, crowd, middle
+    inputs["region_count"][middle] -= 1
+    return inputs, crowd, middle
 
 
 def _at_the_bound(share, axes=0):
@@ -385,7 +374,7 @@ def _at_the_bound(share, axes=0):
     place, aside, about = (np.roll(part, axes) for part in ([0.0, 32.0, 0.0], [away, 0.0, away], [1, 0, 0]))
     inputs, crowd, middle = _melted(*_crowd(2, place, aside))
     inputs["region_share"] = np.ones(343)
-    exact = _kept(inputs, crowd, middle, 2, _about(about, 2 * alpha))
+    exact = _kept(inputs, crowd, middle, _about(about, 2 * alpha))
     bound = 2 * 2 * 125 * 2.0**-52 * (124 * 32 + 200 * away)
     if 150 * away > bound:
         f = 16 * bound / (150 * away)
@@ -408,13 +397,9 @@ closed_form(
 def lone_node():
     """A region of one node keeps its rotation and takes the node's place."""
     rotation = np.array([[0.6, 0.0, 0.8, 0.0], [0.6, 0.0, 0.8, 0.0]])
-    region = NONE.copy()
-    region[0, 13] = 0
-    region[1, 13] = 1
     inputs = {
-        "solid_position": PAIR.position, "region_share": [2.0, 3.0], "region": region, "region_count": _counted(region),
-        "matching": _matched(), "rotation": rotation, "region_center": np.ones((2, 3)),
-        "region_anchor": np.ones((2, 3)), "boxes": boxes_of(TWO, 1),
+        "solid_position": PAIR.position, "region_share": [2.0, 3.0], "rotation": rotation,
+        "region_center": np.ones((2, 3)), "region_anchor": np.ones((2, 3)), **_regions(ALONE, TWO),
     }  # fmt: skip
     expected = {"rotation": rotation, "region_center": np.zeros((2, 3)), "region_anchor": np.zeros((2, 3))}
     return Exact(PAIR, inputs, expected)
@@ -426,9 +411,8 @@ def stretched_pair():
     turn = np.tile([np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0], (2, 1))  # takes z to y
     anchor = np.array([[0.0, 0.5, 0.0], [0.0, -0.5, 0.0]])
     inputs = {
-        "velocity": [[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]], "solid_position": PAIR.position, "region": DIRECT,
-        "region_count": [2, 2], "region_anchor": anchor, "rotation": turn, "place": [1, 0],
-        "matching": _matched(stiffness=0.5), "timestep": [0.25, 0.5], "boxes": boxes_of(TWO, 1),
+        "velocity": [[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]], "solid_position": PAIR.position, "region_anchor": anchor,
+        "rotation": turn, "place": [1, 0], "timestep": [0.25, 0.5], **_regions(DIRECT, TWO, stiffness=0.5),
     }  # fmt: skip
     pulled = np.array([[0.0, -2.0, 0.0], [0.0, 2.0, 0.0]])
     after = np.array([[0.0, 0.5, 0.0], [1.0, -0.5, 0.0]])
@@ -438,14 +422,12 @@ def stretched_pair():
 @closed_form("shape_matching.region_motion")
 def spinning_block():
     """A cube of 27 nodes that moves with 2 m/s along x and turns with 3/s about z."""
-    lattice, region = _whole_region()
+    region, lattice = _whole_region()
     r = lattice.cell.astype(float) - 1
     velocity = np.array([2.0, 0.0, 0.0]) + np.cross([0.0, 0.0, 3.0], r)
-    center = np.zeros((27, 3))
     inputs = {
-        "solid_position": r, "solid_velocity": velocity, "region_share": np.full(27, 0.5), "region": region,
-        "region_count": _counted(region), "region_center": center, "matching": _matched(),
-        "boxes": boxes_of(lattice, 1),
+        "solid_position": r, "solid_velocity": velocity, "region_share": np.full(27, 0.5),
+        "region_center": np.zeros((27, 3)), **_regions(region, lattice),
     }  # fmt: skip
     expected_mean, expected_spin = velocity.copy(), np.zeros((27, 3))
     expected_mean[13], expected_spin[13] = [2.0, 0.0, 0.0], [0.0, 0.0, 3.0]
@@ -469,10 +451,9 @@ def crowd_in_one_place():
 def damped_pair():
     """Half the difference to the regions' velocity in t = 1/4 s: beta = 1/2, regions at rest but for a spin about x."""
     inputs = {
-        "solid_position": PAIR.position, "solid_velocity": [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]], "region": DIRECT,
-        "region_count": [2, 2], "region_center": [[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]],
-        "region_velocity": np.zeros((2, 3)), "region_spin": np.tile([4.0, 0.0, 0.0], (2, 1)), "place": [1, 0],
-        "matching": _matched(damping=0.5), "timestep": [0.25, 0.5], "acceleration": np.zeros((2, 3)),
-        "boxes": boxes_of(TWO, 1),
+        "solid_position": PAIR.position, "solid_velocity": [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]],
+        "region_center": [[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]], "region_velocity": np.zeros((2, 3)),
+        "region_spin": np.tile([4.0, 0.0, 0.0], (2, 1)), "place": [1, 0], "timestep": [0.25, 0.5],
+        "acceleration": np.zeros((2, 3)), **_regions(DIRECT, TWO, damping=0.5),
     }  # fmt: skip
     return Exact(PAIR, inputs, {"acceleration": [[2.0, 0.0, 8.0], [-2.0, 0.0, -8.0]]})

@@ -7,9 +7,10 @@ import pytest
 
 import refsim as rs
 from refsim import make_plan
+from refsim.core.effect import Discretisation
 from refsim.core.operation import REGISTRY
 from refsim.scene.solids import lattice_of
-from refsim.shape_matching import Matching, floors, operations, reference
+from refsim.shape_matching import ShapeMatching, operations, reference
 from refsim.shape_matching.boxes import boxes_of
 
 COLLAPSES = {  # members' places from their node [d], from their cells and a direction u and another v
@@ -39,8 +40,8 @@ def test_collapsed_regions_turn_as_the_reference_says(name):
     region, count = np.full((343, 27), -1, np.int32), np.zeros(343, np.int32)
     region[s, (made.cell[members]) @ [9, 3, 1]] = members
     count[s] = 27
-    real, boxes, operation = np.float32, boxes_of(made, 1), REGISTRY["shape_matching.match"]
-    matching = Matching(np.int32(1), real(1), real(1), real(0.1), *floors("float32"))
+    boxes, operation = boxes_of(made, 1), REGISTRY["shape_matching.match"]
+    matching = ShapeMatching(half_width=1).matching(Discretisation(3, "float32", 1.0, 2.0, 343))
     random = np.random.default_rng(zlib.crc32(name.encode()))
     for trial in range(20):
         q = random.normal(size=4)
