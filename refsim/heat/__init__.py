@@ -156,14 +156,11 @@ class HeatConduction(
         return "heat.chebyshev" if self.scheme == "implicit" else f"heat.{self.scheme}"
 
     def check(self, grid: Discretisation, others: Others) -> None:
-        rules = {
-            "temperature": (lambda v: v >= ABSOLUTE_ZERO, f"a temperature above {ABSOLUTE_ZERO} deg C"),
-            "conductivity": (lambda v: v >= 0, "zero or a positive number"),
-            "heat_capacity": (lambda v: v > 0, "a positive number"),
-            "latent_heat": (lambda v: v >= 0, "zero or a positive number"),
-            "melting_point": (lambda v: v >= ABSOLUTE_ZERO, f"a temperature above {ABSOLUTE_ZERO} deg C"),
-        }
-        for name, (test, expected) in rules.items():
+        warm = (lambda v: v >= ABSOLUTE_ZERO, f"a temperature above {ABSOLUTE_ZERO} deg C")
+        some = (lambda v: v >= 0, "zero or a positive number")
+        more = (lambda v: v > 0, "a positive number")
+        rules = {"temperature": warm, "conductivity": some, "heat_capacity": more, "latent_heat": some}
+        for name, (test, expected) in (rules | {"melting_point": warm}).items():
             given = getattr(self, name)
             if given is None:
                 continue
@@ -233,17 +230,14 @@ class HeatConduction(
         return grid.support_radius if self.conducts else 0.0
 
     def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
-        names = ("temperature", "heat_capacity", *(("conductivity",) if self.conducts else ()))
-        values = {name: self.of_particles(name, state) for name in names}
+        names = ["temperature", "heat_capacity", *["conductivity"] * self.conducts]
+        values = {n: self.of_particles(n, state) for n in (*names, *("melting_point", "latent_heat") * self.melts)}
         if self.melts:
-            t, c, point, latent = (
-                self.of_particles(name, state)
-                for name in ("temperature", "heat_capacity", "melting_point", "latent_heat")
-            )
-            values |= {"melting_point": point, "latent_heat": latent, "enthalpy": enthalpy_of(t, c, point, latent)}
+            of_enthalpy = ("temperature", "heat_capacity", "melting_point", "latent_heat")
+            values["enthalpy"] = enthalpy_of(*(values[n] for n in of_enthalpy))
         if self.conducts:
             values["temperature_range"] = np.array([-ANY_TEMPERATURE, ANY_TEMPERATURE])
-            if not self._heated_by(others):
+            if not {"temperature", "enthalpy"} & self._changed_by(others):
                 values["temperature_range"] = self._range(values.__getitem__, grid.dtype)
         if self.held:
             values["reservoir"] = self._reservoir(state)
@@ -251,10 +245,10 @@ class HeatConduction(
             values["volume"] = np.full(grid.count, grid.spacing**grid.dim)
         return values
 
-    def _heated_by(self, others: Others) -> bool:
-        """Whether another effect changes temperatures or enthalpies."""
-        passes = (p for effect in others.values() if effect.name != self.name for p in effect.passes(others))
-        return any({"temperature", "enthalpy"} & {*p.writes, *p.updates} for p in passes)
+    def _changed_by(self, others: Others) -> set[str]:
+        """Fields that other effects change."""
+        effects = (effect for effect in others.values() if effect.name != self.name)
+        return {name for effect in effects for p in effect.passes(others) for name in (*p.writes, *p.updates)}
 
     def after_setting(self, name: str, field: Callable[[str], np.ndarray]) -> Mapping[str, np.ndarray]:
         if name in ("position", "volume") and self.compensates:  # begin anew
@@ -272,10 +266,8 @@ class HeatConduction(
         """
         values = [np.asarray(field("temperature"), dtype=float)]
         if self.melts:
-            h, c, point, latent = (
-                np.asarray(field(k), dtype=float) for k in ("enthalpy", "heat_capacity", "melting_point", "latent_heat")
-            )
-            values.append(temperature_of(h, c, point, latent))
+            names = ("enthalpy", "heat_capacity", "melting_point", "latent_heat")
+            values.append(temperature_of(*(np.asarray(field(name), dtype=float) for name in names)))
         low, high = min(v.min() for v in values), max(v.max() for v in values)
         share = BEYOND.get(self.scheme, BEYOND_OTHERS)
         if self.printed() & {"M5", "M9"}:
@@ -302,24 +294,22 @@ class HeatConduction(
         )
 
     def _reservoir(self, state: InitialState) -> np.ndarray:
-        parts = np.zeros(len(state.sizes), np.uint8)
+        count = len(state.sizes)
         for number in self.held:
-            if not 0 <= number < len(parts):
+            if not 0 <= number < count:
                 raise InputError(
-                    f"{self.name}: held names part {number}, and the scene has {len(parts)}; give numbers from 0 to"
-                    f" {len(parts) - 1}."
+                    f"{self.name}: held names part {number}, and the scene has {count}; give numbers from 0 to"
+                    f" {count - 1}."
                 )
-            parts[number] = 1
-        return np.repeat(parts, state.sizes)
+        return np.repeat(np.isin(np.arange(count), self.held).astype(np.uint8), state.sizes)
 
     def conduction(self, grid: Discretisation) -> shapes.Conduction:
         """How pairs exchange heat, as the kernels take it."""
         printed = self.printed()
-        laplacian = shapes.MUELLER if self.laplacian == "mueller" else shapes.SPIKY
-        if "M5" in printed:
-            laplacian = shapes.POLY6
+        given = shapes.MUELLER if self.laplacian == "mueller" else shapes.SPIKY
+        laplacian = shapes.POLY6 if "M5" in printed else given
         factor = 1.0 if laplacian == shapes.SPIKY or "M6" in printed else 0.5
-        if self.calibrated and "M5" not in printed and "M6" not in printed:
+        if self.calibrated and not printed & {"M5", "M6"}:
             factor = 1 / shapes.lattice_moment(laplacian, grid.support_radius, grid.spacing, grid.dim)
         return shapes.conduction_group(
             grid, laplacian=laplacian, factor=factor, tolerance=self.tolerance, residual=self.residual,
@@ -363,24 +353,23 @@ class HeatConduction(
         return self.scheme == "explicit" or (self.scheme == "runge_kutta_legendre" and self.melts)
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
-        limits = self.step_limits(grid, others)
-        thin: tuple[str, ...] = ()
+        limits, made = self.step_limits(grid, others), []
         wide = grid.support_radius > MOST_MUELLER * grid.spacing
         if self.compensates and self.laplacian == "mueller" and grid.dim == 3 and wide:
-            thin = (
+            made.append(
                 f"{self.name}: with laplacian = 'mueller' rods of 2 x 2 and 3 x 2 particles conduct up to 21 % too"
-                f" strongly at h above {MOST_MUELLER:g} d; take 'spiky'",
+                f" strongly at h above {MOST_MUELLER:g} d; take 'spiky'"
             )
-        if "exchange" not in limits:
-            return thin
-        reason = (
-            f"{self.name}: scheme {self.scheme!r} keeps temperatures in their range while no particle's sum of"
-            f" exchanges s exceeds {limits['exchange'].length:.3g}, on the lattice up to a step of"
-            f" {limits['conduction'].length:.3g} s; where particles crowd or store less heat,"
-        )
-        if grid.step > 0:
-            return (*thin, f"{reason} the fixed step of {grid.step:.3g} s is not shortened, and the run may stop")
-        return (*thin, f"{reason} limit 'exchange' shortens the step")
+        if "exchange" in limits:
+            end = "limit 'exchange' shortens the step"
+            if grid.step > 0:
+                end = f"the fixed step of {grid.step:.3g} s is not shortened, and the run may stop"
+            made.append(
+                f"{self.name}: scheme {self.scheme!r} keeps temperatures in their range while no particle's sum of"
+                f" exchanges s exceeds {limits['exchange'].length:.3g}, on the lattice up to a step of"
+                f" {limits['conduction'].length:.3g} s; where particles crowd or store less heat, {end}"
+            )
+        return tuple(made)
 
     def greatest_diffusivity(self, grid: Discretisation, others: Others) -> float:
         """Largest k/(rho c) [m^2/s] that any of the materials could have; with Shao & Song M11 the largest k."""
@@ -418,9 +407,8 @@ class HeatConduction(
         if not self.conducts or self.held:
             return False
         stored = {"temperature", "enthalpy", "heat_capacity", "mass", *(("volume",) * ("M11" in self.printed()))}
-        passes = [p for effect in others.values() if effect.name != self.name for p in effect.passes(others)]
-        of_conduction = [p for p in self.passes(others) if p.stage != "motion"]
-        return not any(stored & {*p.writes, *p.updates} for p in (*passes, *of_conduction))
+        before = {name for p in self.passes(others) if p.stage != "motion" for name in p.written}
+        return not stored & (self._changed_by(others) | before)
 
     def balance(self, field: Callable[[str], np.ndarray]) -> Balance:
         """Heat [J]; that which can be exchanged is half of sum C |T - mean T|, or of sum m |H - mean H|."""

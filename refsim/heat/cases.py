@@ -262,22 +262,21 @@ def _compensated(along, over, weights):
     }
 
 
-def _compensating(velocity, **before):
-    inputs = {"volume": VOLUME, "conduction": _conduction_of(), "velocity": velocity, "reservoir": None}
-    return inputs | {name: np.array(value) for name, value in before.items()}
+def _compensating(**given):
+    """Of particles at rest and with A = 0, if nothing else is given."""
+    inputs = {name: np.zeros((2, 3)) for name in ("velocity", "compensation_x", "compensation_rest")}
+    return inputs | {"volume": VOLUME, "conduction": _conduction_of(), "reservoir": None} | given
 
 
 @closed_form("heat.compensation", across=5.0)
 def compensation_at_the_start():
     """From 0, at rest: P, and four rounds."""
-    inputs = _compensating(np.zeros((2, 3)), compensation_x=np.zeros((2, 3)), compensation_rest=np.zeros((2, 3)))
-    return Exact(PAIR, inputs, _compensated(1.05 / (SHARE * VOLUME[::-1] + 0.05), 21.0, STARTING))
+    return Exact(PAIR, _compensating(), _compensated(1.05 / (SHARE * VOLUME[::-1] + 0.05), 21.0, STARTING))
 
 
 @closed_form("heat.compensation")
 def compensation_beside_a_reservoir():
     """A = I for a reservoir in the first of the rounds; then f = (a_1 + 1)/2."""
-    inputs = _compensating(np.zeros((2, 3)), compensation_x=np.zeros((2, 3)), compensation_rest=np.zeros((2, 3)))
     m = SHARE * VOLUME[1]
     p = along = 1.05 / (m + 0.05)
     over = _compensated(np.ones(2), 21.0, STARTING)
@@ -285,15 +284,14 @@ def compensation_beside_a_reservoir():
         along += weight * (p * (1 - m * (along + 1) / 2) - (along - p) / 100)
     across = over["compensation_x"][0, 0]
     made = {"compensation_x": [[across, 0, 0], [1, 0, 0]], "compensation_rest": [[along, 0, across], [1, 0, 1]]}
-    return Exact(PAIR, inputs | {"reservoir": [0, 1]}, {name: np.array(value) for name, value in made.items()})
+    return Exact(PAIR, _compensating(reservoir=[0, 1]), {name: np.array(value) for name, value in made.items()})
 
 
 @closed_form("heat.compensation", over=(0.0, 1e-3))
 def compensation_later(speed):
     """One round with the weight 3/2 if the second particle moves, none at rest."""
-    velocity = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, speed]])
-    start = _compensated(np.array([2.0, 4.0]), 3.0, [])
-    return Exact(PAIR, _compensating(velocity, **start), _compensated(np.array([2.0, 4.0]), 3.0, [1.5] * (speed > 0)))
+    start, after = (_compensated(np.array([2.0, 4.0]), 3.0, rounds) for rounds in ([], [1.5] * (speed > 0)))
+    return Exact(PAIR, _compensating(velocity=np.outer([0.0, speed], [0.0, 0.0, 1.0]), **start), after)
 
 
 # The Laplacian of poly6 (Shao & Song M5): at q = 1/2 it is 315/(64 pi h^5) (24/4 3/4 - 18 9/16), below 0.

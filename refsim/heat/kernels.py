@@ -10,15 +10,7 @@ import numpy as np
 
 from refsim.backends.compile import formula, kernel
 from refsim.backends.tuples import difference, put, scaled, three
-from refsim.heat.formulas import (
-    compensated,
-    inverse_moment,
-    missing_factor,
-    moment_share,
-    pair_share,
-    pair_weight,
-    temperature_of,
-)
+from refsim.heat import formulas
 from refsim.heat.stages import chebyshev_omega, chebyshev_passes
 from refsim.neighbours.formulas import to_nearest_image
 from refsim.neighbours.pairs import neighbour_sum, pair
@@ -64,19 +56,17 @@ def weight_at(q, volume_i, volume_j, conductivity_i, conductivity_j, seconds, co
     real = type(q)
     if q >= real(1) or q <= real(0):
         return real(0)
-    return pair_weight(q, volume_i, volume_j, conductivity_i, conductivity_j, seconds, conduction)
+    return formulas.pair_weight(q, volume_i, volume_j, conductivity_i, conductivity_j, seconds, conduction)
 
 
 @formula
-def factor_of(i, j, position, compensation_x, compensation_rest, period):
+def factor_of(i, j, position, x, rest, period):
     """f_ij of particles i and j; 1 without a compensation."""
     value = position.dtype.type(1)
-    if compensation_x is not None:
+    if x is not None:
         dx, dy, dz = difference(three(position, i), three(position, j))
-        value = missing_factor(
-            to_nearest_image(dx, dy, dz, period), three(compensation_x, i), three(compensation_rest, i),
-            three(compensation_x, j), three(compensation_rest, j),
-        )  # fmt: skip
+        away = to_nearest_image(dx, dy, dz, period)
+        value = formulas.missing_factor(away, three(x, i), three(rest, i), three(x, j), three(rest, j))
     return value
 
 
@@ -93,7 +83,7 @@ def rate_pair(
 ):  # fmt: skip
     """|G_ij| [W/K]."""
     q = r * conduction.inverse_radius
-    f = missing_factor(x_ij, compensation_x_i, compensation_rest_i, compensation_x_j, compensation_rest_j)
+    f = formulas.missing_factor(x_ij, compensation_x_i, compensation_rest_i, compensation_x_j, compensation_rest_j)
     return f * abs(weight_at(q, volume_i, volume_j, conductivity_i, conductivity_j, type(q)(1), conduction))
 
 
@@ -117,8 +107,8 @@ def moment_pair(
 ):
     """V_j L_ij x_ij x_ij^T, and the same times f_ij, as (xx, xy, xz, yy, yz, zz); dimensionless."""
     x, y, z = scaled(x_ij, conduction.inverse_radius)
-    f = missing_factor(x_ij, compensation_x_i, compensation_rest_i, compensation_x_j, compensation_rest_j)
-    share = moment_share(r * conduction.inverse_radius, volume_j, conduction)
+    f = formulas.missing_factor(x_ij, compensation_x_i, compensation_rest_i, compensation_x_j, compensation_rest_j)
+    share = formulas.moment_share(r * conduction.inverse_radius, volume_j, conduction)
     xx, xy, xz, yy, yz, zz = share * x * x, share * x * y, share * x * z, share * y * y, share * y * z, share * z * z
     return xx, xy, xz, yy, yz, zz, f * xx, f * xy, f * xz, f * yy, f * yz, f * zz
 
@@ -142,7 +132,8 @@ def compensate_one(i, lane, weight, places, neighbours, old, compensation_x, com
         places.conduction,
     )  # fmt: skip
     if first_lane(lane):
-        a = compensated((*three(old.x, i), *three(old.rest, i)), inverse_moment(sums[0:6]), sums[6:12], weight)
+        before, inverse = (*three(old.x, i), *three(old.rest, i)), formulas.inverse_moment(sums[0:6])
+        a = formulas.compensated(before, inverse, sums[6:12], weight)
         if held(i, places.reservoir):
             one, zero = type(weight)(1), type(weight)(0)
             a = one, zero, zero, one, zero, one
@@ -187,7 +178,9 @@ def stage_change(y, start, change, flow, flow_start, rate, coefficients):
 @formula
 def at_enthalpy(i, enthalpy, substance):
     """T(H) of particle i [degrees C]."""
-    return temperature_of(enthalpy, substance.heat_capacity[i], substance.melting_point[i], substance.latent_heat[i])
+    return formulas.temperature_of(
+        enthalpy, substance.heat_capacity[i], substance.melting_point[i], substance.latent_heat[i]
+    )
 
 
 @kernel(lanes="exchanges")
@@ -264,7 +257,7 @@ def sweep(i, exchanges, inverse, conduction, backwards, old, temperature):
         k = count - np.uint64(1) - n if backwards else n
         at = first + k * stride
         j = exchanges.entries[at]
-        share = inverse[i] * pair_share(conduction.sweep_share * exchanges.weight[at], inverse[i], inverse[j])
+        share = inverse[i] * formulas.pair_share(conduction.sweep_share * exchanges.weight[at], inverse[i], inverse[j])
         if conduction.frozen:  # Shao & Song M9 as printed
             running += share * (old[j] - before)
         else:

@@ -18,25 +18,18 @@ from refsim.neighbours.reference import nearest_image, pair_blocks
 _STEEP = "steep_volumes steep_conductivities"
 _REASON = "the scale counts the temperatures once for each pass; the few roundings of one exchange"
 _MELTS, _MADE_UP = "melting_point latent_heat enthalpy", "compensation_x compensation_rest"
+_SOLID, _ALL = f"reservoir period {_MADE_UP}", f"reservoir period {_MELTS} {_MADE_UP}"
+_OTHERS = f"reservoir {_MELTS}", f"period {_MELTS} {_MADE_UP}", _SOLID
+_PROGRAMS = {"cpu": "schemes", "cuda": "schemes"}
 operation = operations(
-    paper="standard", cases=_STEEP, optional=f"reservoir period {_MADE_UP}",
-    variants=(f"reservoir period {_MADE_UP}", "reservoir", f"period {_MADE_UP}"), invariants=SYMMETRY,
-    broken={1: "rotation"},
+    paper="standard", cases=_STEEP, optional=_SOLID, variants=(_SOLID, "reservoir", f"period {_MADE_UP}"),
+    invariants=SYMMETRY, broken={1: "rotation"},
 )  # fmt: skip
 _scheme = operations(
-    paper="standard", cases=_STEEP, outputs="enthalpy temperature", halo_depth=0,
-    optional=f"reservoir period {_MELTS} {_MADE_UP}",
-    variants=(
-        f"reservoir period {_MELTS} {_MADE_UP}", f"reservoir {_MELTS}", f"period {_MELTS} {_MADE_UP}",
-        f"reservoir period {_MADE_UP}",
-    ),
-    tolerance=1.0, reason=_REASON, invariants=SYMMETRY, broken={1: "rotation"},
-    programs={"cpu": "schemes", "cuda": "schemes"},
+    paper="standard", cases=_STEEP, outputs="enthalpy temperature", halo_depth=0, optional=_ALL,
+    variants=(_ALL, *_OTHERS), tolerance=1.0, reason=_REASON, invariants=SYMMETRY, broken={1: "rotation"},
+    programs=_PROGRAMS,
 )  # fmt: skip
-_SOLID = {
-    "optional": f"reservoir period {_MADE_UP}",
-    "variants": (f"reservoir period {_MADE_UP}", "reservoir", f"period {_MADE_UP}"),
-}
 
 
 class Body(NamedTuple):
@@ -148,8 +141,7 @@ def tensors(x, rest):
 @operation(
     "S_i = sum_j V_j L_ij f_ij x_ij x_ij^T = I, f_ij = e.(A_i + A_j).e/2 (Shao & Song M26)",
     optional="reservoir period", outputs="compensation_x compensation_rest", variants=("reservoir period", ""),
-    halo_depth=0, broken={}, tolerance=4.0,
-    invariants="translation reordering", programs={"cpu": "schemes", "cuda": "schemes"},
+    halo_depth=0, broken={}, tolerance=4.0, invariants="translation reordering", programs=_PROGRAMS,
     reason="the scale counts the moments once for each round, over the square of the least eigenvalue that is inverted",
 )  # fmt: skip
 def compensation(position, velocity, volume, reservoir, conduction, period, compensation_x, compensation_rest):
@@ -219,9 +211,9 @@ def explicit(body: Body, melting: Melting, step: Step, enthalpy, temperature):
     return _after(pairs.change(start), start, pairs.size(start), enthalpy, body.heat_capacity, melting)
 
 
-@_scheme(
-    "(4) with Shao & Song M7 as printed (R1)", paper="Shao & Song 2017", outputs="temperature", halo_depth=2, **_SOLID,
-    invariants="translation",
+@operation(
+    "(4) with Shao & Song M7 as printed (R1)", paper="Shao & Song 2017", outputs="temperature", halo_depth=2,
+    tolerance=1.0, reason=_REASON, invariants="translation", programs=_PROGRAMS,
 )  # fmt: skip
 def one_sided(body: Body, step: Step, temperature):
     """M(4) as read literally (R1): T_i <- T_i + E_ij/C_i, neighbour by neighbour [degrees C].
@@ -253,11 +245,8 @@ def _side(rows, temperature, inverse):
 
 @_scheme(
     "backward Euler, of which (4) is one pair (CHEB)",
-    variants=(
-        without(f"reservoir period {_MELTS} {_MADE_UP}", conduction="planned"), f"reservoir {_MELTS}",
-        f"period {_MELTS} {_MADE_UP}", f"reservoir period {_MADE_UP}",
-    ),
-)  # fmt: skip
+    variants=(without(_ALL, conduction="planned"), *_OTHERS),
+)
 def chebyshev(body: Body, melting: Melting, step: Step, enthalpy, temperature):
     """CHEB: backward Euler (C + dt A) T = C T^n by n steps of Chebyshev's iteration [degrees C].
 

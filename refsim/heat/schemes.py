@@ -2,30 +2,23 @@
 
 import numpy as np
 
-from refsim.heat import kernels, reductions
+from refsim.heat import kernels, reductions, stages
 from refsim.heat.operations import Body, Melting, Step
 from refsim.heat.shapes import ONE_ROUND, ROUNDS, Places, StageState, Substance, Tensors
-from refsim.heat.stages import (
-    EXPLICIT,
-    MOST_CONJUGATE_PASSES,
-    chebyshev_passes,
-    first_legendre_stages,
-    legendre_stages,
-)
 
 
 def reduced(scratch):
-    """(weigh_exchanges, update_direction, update_solution) of `reductions`, on the backend of the scratch memory."""
+    """`reductions`, on the backend of the scratch memory."""
     if scratch.backend.name != "cuda":
-        return reductions.weigh_exchanges, reductions.update_direction, reductions.update_solution
+        return reductions
     from refsim.heat import reductions_cuda  # loads numba.cuda
 
-    return reductions_cuda.weigh_exchanges, reductions_cuda.update_direction, reductions_cuda.update_solution
+    return reductions_cuda
 
 
 def weighed(body, neighbours, step, scratch, temperature=None):
     """As `reductions.weigh_exchanges`, on the backend of the scratch memory."""
-    return reduced(scratch)[0](body, neighbours, step, scratch, temperature)
+    return reduced(scratch).weigh_exchanges(body, neighbours, step, scratch, temperature)
 
 
 def compensation(
@@ -46,9 +39,7 @@ def compensation(
     kernels.compensate(rounds, np.int32(0), weights[0], places, neighbours, given, *made)
     kernels.take_over(rounds, made, *given)
     if not host:
-        from refsim.heat import reductions_cuda
-
-        reductions_cuda.start_anew(rounds, weights[1:], places, neighbours, given, made)
+        reduced(scratch).start_anew(rounds, weights[1:], places, neighbours, given, made)
     elif rounds[1]:
         for k, weight in enumerate(weights[1:], 1):  # an even number: the last one writes where the first has read
             kernels.compensate(rounds, np.int32(k), weight, places, neighbours, given, *made)
@@ -65,12 +56,12 @@ def copied(values, name, scratch):
     return target
 
 
-def written(stages, scratch, real):
+def written(rows, scratch, real):
     """Coefficients of stages that the host has found, as (table (stages, 4), array (1,) of their number)."""
-    table = scratch.array(f"heat table {len(stages)}", (len(stages), 4), real)
+    table = scratch.array(f"heat table {len(rows)}", (len(rows), 4), real)
     number = scratch.array("heat number", 1, np.int32)
-    scratch.backend.assign(table, np.array(stages, real))
-    scratch.backend.assign(number, len(stages))
+    scratch.backend.assign(table, np.array(rows, real))
+    scratch.backend.assign(number, len(rows))
     return table, number
 
 
@@ -130,7 +121,7 @@ def known(largest, enthalpy, temperature, scratch):
 def explicit(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
     """Forward Euler."""
     exchanges, inverse, _, flow = weighed(body, neighbours, step, scratch, temperature)
-    plan = written([EXPLICIT], scratch, temperature.dtype)
+    plan = written([stages.EXPLICIT], scratch, temperature.dtype)
     run_stages(plan, exchanges, inverse, flow, substance_of(body, melting), scratch, enthalpy, temperature)
 
 
@@ -166,7 +157,7 @@ def backward_euler(body, melting, neighbours, step, scratch, enthalpy, temperatu
         most = known(largest, enthalpy, temperature, scratch)
         if most is None:
             return
-        passes = max(1, chebyshev_passes(most, float(step.conduction.tolerance)))
+        passes = max(1, stages.chebyshev_passes(most, float(step.conduction.tolerance)))
         if passes <= most_passes:
             table = np.empty((passes, 4))
             kernels.plan_chebyshev.body(0, [most], step.conduction, table, [None])
@@ -189,21 +180,21 @@ def solve(exchanges, inverse, residual, conduction, scratch, temperature):
     gradient, direction, next_direction, image, solution = (scratch.array(f"heat {k}", n, real) for k in names)
     dots = scratch.array("heat dots", 3, np.float64)
     every = 8 if scratch.backend.name == "cuda" else 1  # passes between looks at the residual, which a GPU waits for
-    _, update_direction, update_solution = reduced(scratch)
+    sums = reduced(scratch)
     for array in (direction, image, solution, dots):
         scratch.backend.assign(array, 0)
-    update_solution(inverse, direction, image, dots, solution, residual, gradient, scratch)
+    sums.update_solution(inverse, direction, image, dots, solution, residual, gradient, scratch)
     first, passes = None, 1
     while True:
-        update_direction(exchanges, inverse, gradient, dots, direction, next_direction, image, scratch)
+        sums.update_direction(exchanges, inverse, gradient, dots, direction, next_direction, image, scratch)
         direction, next_direction = next_direction, direction
-        update_solution(inverse, direction, image, dots, solution, residual, gradient, scratch)
+        sums.update_solution(inverse, direction, image, dots, solution, residual, gradient, scratch)
         passes += 1
         if first is None or passes % every == 0:
             now, _, before = (float(v) for v in scratch.host(dots))
             first = before if first is None else first
             enough = float(conduction.residual) ** 2 * first
-            if not now > enough or passes > MOST_CONJUGATE_PASSES:
+            if not now > enough or passes > stages.MOST_CONJUGATE_PASSES:
                 break
     kernels.add(solution, temperature)
 
@@ -214,6 +205,6 @@ def runge_kutta_legendre(body: Body, melting: Melting, neighbours, step: Step, s
     most = known(largest, enthalpy, temperature, scratch)
     if most is None:
         return
-    stages = list((legendre_stages if enthalpy is None else first_legendre_stages)(most))
-    plan = written(stages, scratch, temperature.dtype)
+    found = stages.legendre_stages(most) if enthalpy is None else stages.first_legendre_stages(most)
+    plan = written(list(found), scratch, temperature.dtype)
     run_stages(plan, exchanges, inverse, flow, substance_of(body, melting), scratch, enthalpy, temperature)
