@@ -202,9 +202,7 @@ class MpmLiquid(
             "step_extremes": np.array([self.initial_ratio, self.initial_ratio, 0.0, 0.0]),
         }
         if "M13" in self.printed():
-            flat = unit.copy()
-            flat[:, grid.dim * 4 :] = 0
-            start["affine"] = flat
+            start["affine"] = unit * (np.arange(9) < 4 * grid.dim)
         if self.volume != "ratio":
             start["deformation"] = unit * self.initial_ratio ** (1 / grid.dim)
             if grid.dim == 2:
@@ -246,12 +244,11 @@ class MpmLiquid(
 
     def background(self, grid: Discretisation) -> Background:
         """The background grid as kernels take it."""
-        real = np.dtype(grid.dtype).type
-        h = real(self.cell(grid))
-        deep = grid.dim == 3
+        h = grid.real(self.cell(grid))
+        layers, width = (3, 6) if grid.dim == 3 else (1, 10)
         return Background(
-            h, np.float64(1.0 / float(h)), real(4.0 / float(h) ** 2), np.int32(3 if deep else 1),
-            np.int32(6 if deep else 10), real(NEGLIGIBLE_MASS[grid.dtype] * self.particle_mass(grid)),
+            h, np.float64(1.0 / float(h)), grid.real(4.0 / float(h) ** 2), np.int32(layers), np.int32(width),
+            grid.real(NEGLIGIBLE_MASS[grid.dtype] * self.particle_mass(grid)),
         )  # fmt: skip
 
     def notes_on_start(
@@ -270,6 +267,7 @@ class MpmLiquid(
         idle = "M7" in printed  # (4.12) to (4.14) with v^n: what makes v^(n+1) of it reaches no particle
         share = 0.0 if idle else 1.0
         pull = any(acceleration) and not idle
+        planes = None if walls is None or idle or not walls.stand(grid) else walls.nodes(grid, self.cell(grid))
         return {
             "grid": MpmGrid(grid.dim, grid.dtype, self.cell(grid), reach=0 if surface is None else REACH),
             "background": self.background(grid),
@@ -279,9 +277,7 @@ class MpmLiquid(
                 np.int32(self.volume == "gradient"),
             ),
             "field": np.array(acceleration, dtype=grid.dtype) if pull else None,
-            "planes": walls.nodes(
-                grid, self.cell(grid),
-            ) if walls is not None and walls.stand(grid) and not idle else None,
+            "planes": planes,
             "embedding": Embedding(np.int32(0 if surface is None else READINGS.index(surface.embedding))),
             "kernel_gradient": KernelGradient(np.int32(1)) if "M6" in printed else None,
             "viscous_stress": ViscousStress(grid.real(self._viscous_factor(grid))),
@@ -294,14 +290,11 @@ class MpmLiquid(
 
     def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
         h = self.cell(grid)
-        limits = {
-            "acoustic": StepLimit.crossing(self.acoustic_number * h, self.sound_speed()),
-            "advection": StepLimit.crossing(0.3 * h),
-        }
+        acoustic = StepLimit.crossing(self.acoustic_number * h, self.sound_speed())
+        limits = {"acoustic": acoustic, "advection": StepLimit.crossing(0.3 * h)}
         if self.dynamic_viscosity > 0:  # half of the step in which a strain would vanish at once
             limits["viscous"] = StepLimit.constant(0.25 / self._viscous_factor(grid))
-        pull = math.hypot(*acceleration_of(others))
-        if pull > 0:
+        if (pull := math.hypot(*acceleration_of(others))) > 0:
             limits["gravity"] = StepLimit.constant(math.sqrt(0.3 * h / pull))
         return limits
 
@@ -408,14 +401,13 @@ class MpmWalls(Effect, HasPlanes, frozen=True, kw_only=True):
         """The nodes on and beyond each face, and its rule."""
         lower, upper, rules = np.full(3, -OPEN), np.full(3, OPEN), np.zeros(6)
         faces_of = {"sticky": self.sticky_faces, "slip": self.slip_faces, "separating": self.separating_faces}
-        faces_of["none"] = self.open_faces
+        rule_of = {face: name for name, faces in (faces_of | {"none": self.open_faces}).items() for face in faces}
         for axis in range(grid.dim):
             lower[axis] = math.floor(self.lower[axis] / cell_size + 1e-6)
             upper[axis] = math.ceil(self.upper[axis] / cell_size - 1e-6)
             for side in (2 * axis, 2 * axis + 1):
-                rule = next((name for name, faces in faces_of.items() if FACES[side] in faces), self.rule)
-                rules[side] = RULES[rule]
-        return WallNodes(lower.astype(np.int32), upper.astype(np.int32), rules.astype(np.int32))
+                rules[side] = RULES[rule_of.get(FACES[side], self.rule)]
+        return WallNodes(*(values.astype(np.int32) for values in (lower, upper, rules)))
 
 
 _ANY = Discretisation(3, "float64", 1.0, 2.0, 0)  # for methods whose result does not depend on it

@@ -6,22 +6,10 @@ The background grid of a case has cells of two spacings; samples are 1.3 cells f
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
 
 from refsim import mpm
 from refsim.core import cases
-from refsim.core.cases import (
-    VARIATIONS,
-    Case,
-    Exact,
-    Variation,
-    at,
-    closed_form,
-    derived,
-    groups,
-    hard_input,
-    particles,
-)
+from refsim.core.cases import Case, Exact, Variation, at, closed_form, derived, groups, hard_input, particles
 from refsim.mpm.grid import SLACK, Background, MpmGrid
 from refsim.sparse_grid.reference import node_table
 
@@ -39,25 +27,19 @@ def liquid_of(case: Case) -> mpm.MpmLiquid:
     return mpm.MpmLiquid(rest_density=density, bulk_modulus=400 * density, dynamic_viscosity=viscosity, literal=literal)
 
 
-@particles("affine")
-def _affine(case, random):
-    """Velocity gradients of about 0.3 m/s per spacing."""
-    values = random.normal(size=(case.count, 3, 3)) * 0.3 / case.spacing
+def _matrices(case, random, size):
+    """Matrices of so large entries, row by row; in the plane where the case is."""
+    values = random.normal(size=(case.count, 3, 3)) * size
     values[:, case.dim :, :] = 0
     values[:, :, case.dim :] = 0
     return values.reshape(-1, 9)
 
 
-@particles("deformation")
-def _deformation(case, random):
-    """Near the unit matrix."""
-    values = 0.1 * random.normal(size=(case.count, 3, 3))
-    values[:, case.dim :, :] = 0
-    values[:, :, case.dim :] = 0
-    return (values + np.eye(3)).reshape(-1, 9)
-
-
 particles(
+    # velocity gradients of about 0.3 m/s per spacing
+    affine=lambda case, random: _matrices(case, random, 0.3) / case.spacing,
+    # near the unit matrix
+    deformation=lambda case, random: _matrices(case, random, 0.1) + np.eye(3).ravel(),
     # up to a tenth from one
     volume_ratio=lambda case, random: random.uniform(0.9, 1.1, case.count),
     # from 0.2, below the density at rest, to twice that density
@@ -77,33 +59,32 @@ def wall_nodes(*values) -> mpm.WallNodes:
     return mpm.WallNodes(*(np.array(row, np.int32) for row in values))
 
 
-@groups("planes")
-def _planes(case, grid):
-    """Walls of every kind, each with a fifth to a quarter of the particles behind it."""
-    h = float(liquid_of(case).cell(grid))
-    lower, upper = np.full(3, -(2**30)), np.full(3, 2**30)
+def _walls_of(case, shares, rules, least=0):
+    """Walls with these rules at two quantiles of the particles' coordinates, `least` cells apart or more."""
+    lower, upper = np.full(3, -mpm.OPEN), np.full(3, mpm.OPEN)
     for axis in range(case.dim if case.count else 0):
-        lower[axis], upper[axis] = np.quantile(case.position[:, axis] / h, (0.25, 0.8)).round()
-    return {"planes": wall_nodes(lower, upper, [3, 1, 2, 3, 3, 2])}
+        low, high = np.quantile(case.position[:, axis] / (2 * case.spacing), shares).round()
+        lower[axis], upper[axis] = low, max(high, low + least)
+    return wall_nodes(lower, upper, rules)
+
+
+# walls of every kind, each with a fifth to a quarter of the particles behind it
+groups(planes=lambda case, grid: _walls_of(case, (0.25, 0.8), [3, 1, 2, 3, 3, 2]))
 
 
 def wide_domain(case, grid):
     """Walls of every kind, eight cells apart or more, the lower ones a little inside the particles."""
-    lower, upper = np.full(3, -mpm.OPEN), np.full(3, mpm.OPEN)
-    for axis in range(case.dim if case.count else 0):
-        ends = np.quantile(case.position[:, axis] / (2 * case.spacing), (0.1, 0.9)).round()
-        lower[axis], upper[axis] = ends[0], max(ends[1], ends[0] + 8)
-    return wall_nodes(lower, upper, [2, 1, 3, 2, 1, 3])
+    return _walls_of(case, (0.1, 0.9), [2, 1, 3, 2, 1, 3], 8)
 
 
 _OF_THE_GRID = "the case's grid is made for it"
-VARIATIONS[Background] = Variation(
+cases.VARIATIONS[Background] = Variation(
     held=dict.fromkeys(("cell_size", "inverse_cell", "inverse_moment", "layers", "width"), _OF_THE_GRID),
     other={"least_mass": lambda least: 0.2},  # [kg], that of a node at the edge of the liquid
     usual=(),
 )
-VARIATIONS[mpm.Embedding] = Variation(other={"reading": lambda reading: reading + 1})
-VARIATIONS[mpm.KernelGradient] = Variation(held={"on": "the group's presence is the reading"})
+cases.VARIATIONS[mpm.Embedding] = Variation(other={"reading": lambda reading: reading + 1})
+cases.VARIATIONS[mpm.KernelGradient] = Variation(held={"on": "the group's presence is the reading"})
 cases.codes(mpm.Embedding, reading={name: number for number, name in enumerate(mpm.READINGS)})
 cases.codes(mpm.WallNodes, rules=mpm.RULES)
 cases.readings(embedding="reading", liquid="linear_stress unit_volume timeless", kernel_gradient="")
@@ -112,21 +93,17 @@ cases.takes("mpm.particle_to_grid", "mpm.carriers_to_grid", liquid="rest_density
 cases.takes("mpm.grid_to_particle", liquid="timeless forgets_shear")
 
 
-def _shell(inputs):
-    """Positions of the samples (s, 3) [m], independent of the particles' order."""
+@derived("surface_sample", "sample_owner")
+def _samples(inputs, name):
+    """Samples (s, 3) [m] on spheres around half of the case's particles, whatever the order of the inputs'; the owner
+    of each is the nearest of all particles."""
     case, random = inputs.case, inputs.case.random("samples")
     count = (case.count + 1) // 2
     at = np.sort(random.choice(case.count, count, replace=False)) if count else np.zeros(0, int)
     directions = random.normal(size=(count, 3))
     directions[:, case.dim :] = 0
     directions /= np.sqrt((directions**2).sum(1, keepdims=True))
-    return case.position[at] + 2.6 * case.spacing * directions
-
-
-@derived("surface_sample", "sample_owner")
-def _samples(inputs, name):
-    """Samples on spheres around half of the particles; the owner of each is the nearest of all particles."""
-    position = _shell(inputs).astype(inputs.dtype)
+    position = (case.position[at] + 2.6 * case.spacing * directions).astype(inputs.dtype)
     if name == "surface_sample":
         return position
     x = inputs["position"].astype(float)
@@ -233,14 +210,18 @@ def weights_by_hand():
     return Exact(case, {"background": background}, expected)
 
 
+def _located(case, kind, cell):
+    """The cells of a case's particles in a grid of this kind."""
+    inputs = {"grid": kind(case.dim, "float64", 2.0), "carrier_position": None, "surface_sample": None}
+    mpm.operations.cells(case.position, None, None, inputs["grid"])
+    return Exact(case, inputs, {"cell": np.array(cell)})
+
+
 @closed_form("mpm.cells")
 def first_cells():
     """Base nodes (0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 3) of the first block have the numbers 0, 1, 4 and 48."""
     position = np.array([[2.0, 2.0, 2.0], [4.0, 2.0, 2.0], [2.0, 4.5, 2.0], [2.5, 1.5, 8.9]])
-    case = at("first_cells", position)
-    inputs = {"grid": MpmGrid(3, "float64", 2.0), "carrier_position": None, "surface_sample": None}
-    mpm.operations.cells(position, None, None, inputs["grid"])
-    return Exact(case, inputs, {"cell": [0, 1, 4, 48]})
+    return _located(at("first_cells", position), MpmGrid, [0, 1, 4, 48])
 
 
 class Outgrown(MpmGrid):
@@ -267,10 +248,7 @@ FIRST = (
 def first_blocks(dim: int, node: list, cell: list) -> Exact:
     """Points over the middle of the stencil of each base node."""
     position = 2.0 * (np.array(node) + 1.0) * (np.arange(3) < dim)
-    case = at(f"first_blocks_{dim}d", position, dim=dim)
-    inputs = {"grid": Outgrown(dim, "float64", 2.0), "carrier_position": None, "surface_sample": None}
-    mpm.operations.cells(position, None, None, inputs["grid"])
-    return Exact(case, inputs, {"cell": np.array(cell)})
+    return _located(at(f"first_blocks_{dim}d", position, dim=dim), Outgrown, cell)
 
 
 def _stencil(dim):
@@ -346,8 +324,8 @@ def two_carriers():
     return Exact(case, inputs, {"node_mass": 2 / 3 * weight, "node_momentum": weight[:, None] * field})
 
 
-def _walls(field, planes, samples=None):
-    case, grid, background = alone(3, samples=samples)
+def _walls(field, planes):
+    case, grid, background = alone(3)
     table = node_table(grid.blocks)
     mass = np.where(table[:, 2] == 1, 2.0, 0.0)
     momentum = np.broadcast_to([2.0, -4.0, 1.0], (grid.nodes, 3)).copy()
@@ -383,26 +361,18 @@ def walls_on_nodes():
 FACES_AND_RULES = tuple(itertools.product(range(6), (1, 2, 3)))
 
 
-def _one_wall(face: int, rule: int) -> tuple[mpm.WallNodes, int, NDArray]:
-    """(a wall on one face of -x, +x, -y, +y, -z, +z, its axis, each node's distance before it in nodes).
+@closed_form("mpm.grid_update", over=FACES_AND_RULES)
+def one_wall_on_nodes(face: int, rule: int) -> Exact:
+    """v = (1, -2, 1/2) m/s on all nodes. Behind a sticky wall it is 0; of a slip wall its component along the axis is,
+    and of a separating one if it points into the wall.
 
     Of nodes 0 to 7, a lower wall is at 5 and an upper one at 2; the other faces are at 0, 7 or where the wall is, and
     have no rule.
     """
-    axis = face // 2
-    rules = rule * np.eye(6, dtype=int)[face]
-    along = node_table(alone(3)[1].blocks)[:, axis]
-    lower, upper = (0, 2) if face % 2 else (5, 7)
-    planes = wall_nodes([lower] * 3, [upper] * 3, rules)
-    return planes, axis, 2 - along if face % 2 else along - 5
-
-
-@closed_form("mpm.grid_update", over=FACES_AND_RULES)
-def one_wall_on_nodes(face: int, rule: int) -> Exact:
-    """v = (1, -2, 1/2) m/s on all nodes. Behind a sticky wall it is 0; of a slip wall its component along the axis is,
-    and of a separating one if it points into the wall."""
-    planes, axis, side = _one_wall(face, rule)
-    case, inputs, _, _ = _walls(None, planes)
+    axis, (lower, upper) = face // 2, (0, 2) if face % 2 else (5, 7)
+    planes = wall_nodes([lower] * 3, [upper] * 3, rule * np.eye(6, dtype=int)[face])
+    case, inputs, table, _ = _walls(None, planes)
+    side = 2 - table[:, axis] if face % 2 else table[:, axis] - 5  # nodes before the wall
     inputs["node_mass"] = np.full(len(side), 2.0)
     v = np.broadcast_to([1.0, -2.0, 0.5], (len(side), 3)).copy()
     into = v[0, axis] * (1 if face % 2 else -1) > 0
@@ -413,26 +383,19 @@ def one_wall_on_nodes(face: int, rule: int) -> Exact:
     return Exact(case, inputs, {"node_velocity": v})
 
 
-def _moving(dim):
-    """Nodes with the velocity c + G x, from which APIC takes c + G x_p and G."""
+def _taken(dim, deformation):
+    """Of nodes with the velocity c + G x APIC takes c + G x_p and G."""
     case, grid, background = alone(dim)
     c = np.array([1.0, -2.0, 0.5]) * (np.arange(3) < dim)
     v = c + 2.0 * node_table(grid.blocks) @ velocity_gradient(dim).T
-    velocity = c + velocity_gradient(dim) @ case.position[0]
+    a, trace = velocity_gradient(dim), np.trace(velocity_gradient(dim))
+    velocity, ratio = c + a @ case.position[0], 1.5 * (1 + 0.25 * trace)
     inputs = {
         "grid": grid, "background": background, "liquid": WATER, "timestep": STEPS, "node_velocity": v,
         "volume_ratio": [1.5], "build_position": None, "cluster_share": None, "inverse_spread": None,
         "embedding": None, "carrier_first": None, "carrier_position": None, "carrier_moment": None,
-        "displacement": np.zeros(3), "step_extremes": np.zeros(4),
+        "displacement": np.zeros(3), "step_extremes": np.zeros(4), "deformation": deformation,
     }  # fmt: skip
-    return case, inputs, velocity
-
-
-def _taken(dim, deformation):
-    case, inputs, velocity = _moving(dim)
-    a, trace = velocity_gradient(dim), np.trace(velocity_gradient(dim))
-    ratio = 1.5 * (1 + 0.25 * trace)
-    inputs["deformation"] = deformation
     expected = {
         "velocity": velocity[None], "affine": a.reshape(1, 9), "position": case.position + 0.25 * velocity,
         "displacement": [(0.0625 * velocity**2).sum(), 0.0, 0.0],

@@ -78,11 +78,8 @@ def stencils(position, background, grid, centre=None):
     weight, slope = ref.spline_weight(b), ref.spline_slope(b, s, h)
     size, slope_size = ref.spline_weight(wide), ref.spline_slope(wide, steep, h)
     arm = arm if centre is None else arm + (x - _f(centre))[p]
-    return (
-        p,
-        j,
-        Fields(weight=Terms(weight, size), slope=Terms(slope, slope_size, 1), arm=Terms(arm, np.abs(arm) + h, 1)),
-    )
+    pj = Fields(weight=Terms(weight, size), slope=Terms(slope, slope_size, 1), arm=Terms(arm, np.abs(arm) + h, 1))
+    return p, j, pj
 
 
 def nodes_of(position, background, grid, nodes):
@@ -241,12 +238,6 @@ def carriers_to_grid(
 # On the nodes
 
 
-def _faces(planes):
-    """(axis, plane, +1 where the liquid lies above, rule) of each wall."""
-    sides = [(c, side) for c in range(3) for side in (0, 1) if planes.rules[2 * c + side]]
-    return [(c, int((planes.lower, planes.upper)[s][c]), 1 - 2 * s, int(planes.rules[2 * c + s])) for c, s in sides]
-
-
 @operation(
     "(4.11), (4.19), and the walls", outputs="node_velocity", optional="node_pull field planes",
     variants=("node_pull field planes", {"planes": "wide_domain"}),
@@ -267,7 +258,9 @@ def grid_update(node_mass, node_momentum, node_pull, field, planes, background, 
 def _hold(v, planes, j):
     """Set to zero what the walls stop of the velocities of their nodes."""
     stuck = np.zeros(len(j), dtype=bool)
-    for c, plane, inward, rule in _faces(planes):
+    for face in np.flatnonzero(planes.rules):
+        c, inward, rule = face // 2, 1 - 2 * (face % 2), int(planes.rules[face])  # the liquid lies above if inward = 1
+        plane = int((planes.lower if inward > 0 else planes.upper)[c])
         inside = ref.mirrored(j[:, c], plane, inward)[1] >= 0
         stuck |= inside & (rule == ref.STICKY)
         v[inside & ref.stopped(v[:, c], inward, rule), c] = 0.0

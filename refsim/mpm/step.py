@@ -6,12 +6,12 @@ Particles to grid, forces on the grid, update of the grid, grid to particles. Th
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 from refsim.core.effect import Pass
 
 STATE = ("position", "velocity", "mass", "affine", "volume_ratio")  # of a particle, as transfers read it
 CLUSTER = ("cluster_share", "inverse_spread")  # of a particle with embedded points
+Names = tuple[str, ...]
 SURFACE_PARTS = ("position", "area", "normal")  # of the samples that the tension's force takes
 
 
@@ -92,8 +92,5 @@ class Step:
         }  # fmt: skip
         return names | {name: None for name, lacks in lacking.items() if lacks}
 
-    def _pass(
-        self, operation: str, reads: tuple[str, ...], writes: tuple[str, ...] = (), updates: tuple[str, ...] = (),
-        stage: Literal["begin", "motion"] = "motion",
-    ) -> Pass:  # fmt: skip
-        return Pass(operation, reads, writes, updates, names=self._names(), stage=stage)
+    def _pass(self, operation: str, reads: Names, writes: Names = (), updates: Names = ()) -> Pass:
+        return Pass(operation, reads, writes, updates, names=self._names(), stage="motion")
