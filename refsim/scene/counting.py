@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from refsim.core.effect import Discretisation
+from refsim.sparse_grid.tables import distinct
 
 WIDTH = 2.0  # of a cell [spacings]
 REACH = 2  # cells around one inside the liquid that are full, too: its sums reach one and a half
 AT_ONCE = 1 << 18  # particles whose weights are held in one array
-MANY = 1 << 20  # cells of which a table is made, however few particles there are
 
 
 class Cells:
@@ -50,31 +50,15 @@ class Cells:
         def beside(key: np.ndarray, offset: tuple[int, ...]) -> np.ndarray:
             return np.sum([(key // s + o) % n * s for s, n, o in zip(stride, count, offset)], axis=0)
 
-        if math.prod(count) <= max(MANY, 2 * len(position)):  # a table of all cells in the box of the particles
-            table = np.zeros(math.prod(count), np.int32)
-            table[key] = 1
-            held = np.flatnonzero(table)
-            for offset in self.offsets:
-                table[beside(held, offset)] = 1
-            cells = np.flatnonzero(table)
-            table[:] = len(cells)
-            table[cells] = np.arange(len(cells))
+        held = distinct(key)
+        cells = distinct(np.concatenate([beside(held, offset) for offset in self.offsets]))
 
-            def at(key: np.ndarray) -> np.ndarray:
-                return table[key]
-
-        else:
-            held = np.unique(key)
-            cells = np.unique(np.concatenate([beside(held, offset) for offset in self.offsets]))
-
-            def at(key: np.ndarray) -> np.ndarray:
-                index = np.minimum(np.searchsorted(cells, key), len(cells) - 1)
-                return np.where(cells[index] == key, index, len(cells))
+        def at(key: np.ndarray) -> np.ndarray:
+            index = np.minimum(np.searchsorted(cells, key), len(cells) - 1)
+            return np.where(cells[index] == key, index, len(cells)).astype(np.int32)
 
         self.cell_of = at(key)
-        self.near = np.empty((len(self.offsets), len(cells)), np.int32)
-        for near, offset in zip(self.near, self.offsets):
-            near[:] = at(beside(cells, offset))
+        self.near = np.stack([at(beside(cells, offset)) for offset in self.offsets])
 
     def filled(self, volume: np.ndarray, first: int = 0) -> np.ndarray:
         """Share of each cell that the particles from `first` on fill, of these volumes [m^dim]; dimensionless."""
