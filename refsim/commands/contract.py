@@ -225,10 +225,9 @@ def _arguments(names: Sequence[str], arrays: str) -> CommandResult:
             optional = "or None" if a.optional else ""
             rows.append((f"  .{member}" if member else group, a.role, a.kind, optional, a.meaning))
         data[operation.name] = {"arguments": [dataclasses.asdict(a) for a in described], "variants": told}
-        lines += [f"{operation.name}: {operation.paper}, {operation.equation}", ""]
-        lines += [table(rows, ("argument", "", "type in a float32 run, n particles", "", "meaning")), ""]
-        lines += [f"variant {number}: {meaning}" for number, meaning in enumerate(told)]
-        lines.append("")
+        listed = table(rows, ("argument", "", "type in a float32 run, n particles", "", "meaning"))
+        lines += [f"{operation.name}: {operation.paper}, {operation.equation}", "", listed, ""]
+        lines += [*(f"variant {number}: {meaning}" for number, meaning in enumerate(told)), ""]
     return CommandResult({"arrays": arrays, "operations": data}, "\n".join(lines).rstrip())
 
 

@@ -27,14 +27,11 @@ from refsim.scene.solids import SolidBall, SolidBox, SolidCells, SolidMesh, Soli
 
 VERSION = 1  # of scene files; docs/public_names.md says when it grows
 LARGEST_FILE = 1 << 28  # bytes
-SHAPES: dict[str, type] = {"box": Box, "ball": Ball, "cloud": Cloud, "mesh": FluidMesh}
-SOLIDS: dict[str, type] = {
-    "box": SolidBox, "ball": SolidBall, "torus": SolidTorus, "mesh": SolidMesh, "cells": SolidCells,
-}  # fmt: skip
+SHAPES = {kind.__struct_config__.tag: kind for kind in (Box, Ball, Cloud, FluidMesh)}
+SOLIDS = {kind.__struct_config__.tag: kind for kind in (SolidBox, SolidBall, SolidTorus, SolidMesh, SolidCells)}
 DEEPEST = 50  # levels of tables and lists; a scene has four
-LISTED: dict[str, Any] = {  # what a scene lists: its class, or the shapes that it can have
-    "fluid": SHAPES, "solid": SOLIDS, "motion": Motion, "gauge": Gauge,
-}  # fmt: skip
+# What a scene lists: its class, or the shapes that it can have
+LISTED: dict[str, Any] = {"fluid": SHAPES, "solid": SOLIDS, "motion": Motion, "gauge": Gauge}
 
 
 @plainly

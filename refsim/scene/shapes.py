@@ -13,14 +13,11 @@ from refsim.core.checked import Checked, NotNegative, Positive
 from refsim.core.effect import Discretisation, Effect, Nodes
 from refsim.core.errors import InputError
 from refsim.core.reading import open_regular
-from refsim.scene.solids import CELL, MOST_CELLS, SolidMesh, countable
+from refsim.scene.solids import CELL, MOST_CELLS, SolidMesh, Vector, countable
 from refsim.scene.surface_mesh import placed_mesh
 from refsim.smoothing import smoothing
 
-Vector = tuple[float, float, float]
 WIDEST = 1.1  # spacings between the particles of a box
-
-
 COLUMNS, DEEP = 16, 4  # of points in a cell that a surface cuts, so that planes across an axis meet them one by one
 AROUND = 0.75  # spacings from a cell's centre, along each axis, of points that show whether a surface may cut it
 LEAST = 1e-3  # share of a cell that counts
