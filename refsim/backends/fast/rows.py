@@ -17,6 +17,10 @@ from refsim.backends.fast.private import names
 _private = names("fast")
 cgutils: Any = _private and _private.cgutils
 PARTS = 16  # of the rows, for each thread
+LOOP = {
+    "noinline",  # one piece of machine code for one thread and for many
+    '"prefer-vector-width"="256"',  # 8 float32: 20 neighbours, as in 2D, are 24 places then, 32 with 512 bits
+}
 
 
 def over_rows(body: Any, rows: int, arguments: tuple) -> None:
@@ -75,7 +79,7 @@ def _loop(context: Any, module: ir.Module, body: types.Type, kinds: tuple) -> ir
     kind = convention.get_function_type(types.none, taken)
     loop = ir.Function(module, kind, name=module.get_unique_name("over_rows.loop"))
     loop.linkage = "internal"
-    loop.attributes.add("noinline")  # one piece of machine code for one thread and for many
+    loop.attributes.update(LOOP)
     convention.decorate_function(loop, [str(k) for k in range(len(taken))], taken, noalias=True)
     builder = ir.IRBuilder(loop.append_basic_block())
     first, count, *values = convention.decode_arguments(builder, taken, loop)

@@ -20,7 +20,7 @@ def gathered(entries, first, count, arrays, buffers):
     size = min(count, np.uint64(AT_A_TIME))
     for m in range(size):
         j = entries[first + m]"""
-FOUR, WIDE = 4, 16  # neighbours that are read together, and that a loop computes together at most
+FOUR, WIDE = 4, 8  # neighbours that are read together, and that a loop computes together at most
 
 
 def buffer(array: Any) -> Any:
