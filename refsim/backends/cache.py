@@ -40,8 +40,9 @@ def _package_of(path: pathlib.Path) -> pathlib.Path:
 
 
 def sources_behind(path: pathlib.Path) -> list[pathlib.Path]:
-    """The file and every source of its own package that it imports, directly or through others."""
+    """The file and every source of its own package and of refsim that it imports, directly or through others."""
     package = _package_of(path)
+    tops = {_REFSIM.name: _REFSIM.parent, package.name: package.parent}
     sources, waiting = set(), [path]
     while waiting:
         file = waiting.pop()
@@ -50,9 +51,9 @@ def sources_behind(path: pathlib.Path) -> list[pathlib.Path]:
         sources.add(file)
         for module, listed, plain in _IMPORT.findall(file.read_text(encoding="utf-8")):
             target = (module or plain).split(".")
-            if target[0] != package.name:
+            if target[0] not in tops:
                 continue
-            stem = package.parent.joinpath(*target)
+            stem = tops[target[0]].joinpath(*target)
             inside = [stem / f"{name}.py" for name in re.findall(r"\w+", listed)]
             only_modules = bool(inside) and all(p.exists() for p in inside)
             waiting += inside if only_modules else [*inside, stem.with_suffix(".py"), stem / "__init__.py"]
@@ -84,7 +85,7 @@ def _place(source: pathlib.Path) -> str:
 
 @functools.cache
 def source_digest(path: pathlib.Path) -> str:
-    """Digest of a kernel file, of everything of its package behind it (names and contents), and of parameter groups."""
+    """Digest of a kernel file, of the sources behind it (names and contents), and of its package's parameter groups."""
     digest = hashlib.sha256(f"{numba.__version__} {sys.version_info[:2]} {_groups_of(_package_of(path))}".encode())
     for source in sources_behind(path):
         digest.update(_place(source).encode())

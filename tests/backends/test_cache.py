@@ -101,8 +101,7 @@ def ended(process):
     """(result, kernels compiled, cache hits) of the kernel in a process."""
     code, words, err = process.ended()
     assert code == 0, err
-    value, compiled, hits = words.split()
-    return float(value), int(compiled), int(hits)
+    return tuple(map(float, words.split()))
 
 
 def run(package):
@@ -169,15 +168,18 @@ def test_processes_that_compile_one_kernel_at_once_do_not_disturb_each_other(tin
 
 
 def test_copies_of_refsim_share_their_kernels(tmp_path, monkeypatch):
-    """Copies of another package do not, since what else they import may differ."""
-    own, copy = cache._REFSIM, tmp_path / "refsim"
-    shutil.copytree(own, copy, ignore=shutil.ignore_patterns("__pycache__"))
-    here, there = own / "sph" / "kernels.py", copy / "sph" / "kernels.py"
+    """Copies of another package do not, since what else they import may differ; its kernels hold refsim's code."""
+    copy, other, here = tmp_path / "refsim", tmp_path / "other.py", cache._REFSIM / "sph" / "kernels.py"
+    there = shutil.copytree(cache._REFSIM, copy, ignore=shutil.ignore_patterns("__pycache__")) / "sph" / "kernels.py"
     assert cache.source_digest.__wrapped__(there) != cache.source_digest(here)
     monkeypatch.setattr(cache, "_REFSIM", copy)
     cache._groups_of.cache_clear()
     assert cache.source_digest.__wrapped__(there) == cache.source_digest(here)
     assert cache._CACHE_NAME.fullmatch(cache.source_digest(here)), "folders that are cleared away"
+    other.write_text("from refsim.backends.compile import kernel\n")
+    before = cache.source_digest.__wrapped__(other)
+    edit(copy, "backends/fast/rows.py", "PARTS = 16", "PARTS = 32")
+    assert cache.source_digest.__wrapped__(other) != before
 
 
 def test_the_process_that_compiles_computes_the_same_bits(tmp_path):
