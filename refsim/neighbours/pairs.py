@@ -175,21 +175,9 @@ def _loop(
     pair: Callable, listed: tuple[str, ...], near: bool, kinds: tuple[str | None, ...], plain: bool = False
 ) -> Callable:
     """The loop for a pair function, a list with these members, near neighbours or all, and arguments of these kinds."""
-    text, more = loop_source(pair, listed, near, given_to(pair, kinds), plain)
-    path = f"<{pair.__module__}.{pair.__qualname__} {listed} {near} {kinds} {plain}>"
-    linecache.cache[path] = (len(text), None, text.splitlines(keepends=True), path)
+    given, sums, held = given_to(pair, kinds), range(terms(pair)), fields_of(pair, "ij")
     space: dict[str, Any] = {"terms_of": pair, "math": math, "row_of": row_of, "over_lanes": over_lanes}
-    space |= {"to_nearest_image": to_nearest_image} | more
-    exec(compile(text, path, "exec"), space)
-    space["sums"].shown_as = f"sum_of_{pair.__name__}"
-    return space["sums"]
-
-
-def loop_source(
-    pair: Callable, listed: tuple[str, ...], near: bool, given: Mapping[str, str | None], plain: bool = False
-) -> tuple[str, dict[str, Any]]:
-    """The loop as Python, and what it calls beside what every loop does."""
-    sums, held = range(terms(pair)), fields_of(pair, "ij")
+    space["to_nearest_image"] = to_nearest_image
     other = next((name for name, index in parts_of(pair) if name in given and not index), "")
     lines = {
         "own": [f"{name}_i = {entry_of(name, given[name], 'i')}" for name in fields_of(pair, "i")],
@@ -197,16 +185,16 @@ def loop_source(
         "added": added(pair),
     }
     source = "listed.position" if "position" in listed else "places"
-    loop, more = NEAR + NEAR_LOOP if near else LOOP, {}
+    loop = NEAR + NEAR_LOOP if near else LOOP
     parts: dict[str, str] = {}
     if near and "rows" in listed:
         from refsim.backends.primitives import four_of  # loads numba.cuda, which a CPU does without
 
         lines |= _packed_lines(pair, given)
-        loop, more = NEAR + PACKED_LOOP, {"four_of": four_of, "np": np}
+        loop, space = NEAR + PACKED_LOOP, space | {"four_of": four_of, "np": np}
     elif near and "start" in listed and not held and not plain:
         staged, parts = _staged(pair, given, source)
-        lines, loop, more = lines | staged, NEAR + STAGED_LOOP, {"staging": staging, "np": np}
+        lines, loop, space = lines | staged, NEAR + STAGED_LOOP, space | {"staging": staging, "np": np}
     else:
         lines["theirs"] = [f"{name}_j = {entry_of(name, given[name], 'j')}" for name in fields_of(pair, "j")]
         lines["theirs"] += [f"{name}_ij = listed.{name}[at]" for name in held]
@@ -218,7 +206,11 @@ def loop_source(
         smoothing=other, real=f"listed.{held[0]}.dtype.type" if held else f"type({other})",
         source=source, totals=", ".join(f"over_lanes(s{n}, lane)" for n in sums), **parts,
     )  # fmt: skip
-    return text, more
+    path = f"<{pair.__module__}.{pair.__qualname__} {listed} {near} {kinds} {plain}>"
+    linecache.cache[path] = (len(text), None, text.splitlines(keepends=True), path)
+    exec(compile(text, path, "exec"), space)
+    space["sums"].shown_as = f"sum_of_{pair.__name__}"
+    return space["sums"]
 
 
 def _staged(pair: Callable, given: Mapping[str, str | None], source: str) -> tuple[dict[str, Any], dict[str, str]]:

@@ -141,8 +141,5 @@ class BlockSearch:
 
     def cell_of(self, position, blocks, shift):
         node = device.empty(position.shape[0], np.int32)
-        if not blocks.keys.shape[0]:
-            device.fill(node, -1)
-        else:
-            point_nodes(position, self.inverse_cell, float(shift), blocks, node)
+        point_nodes(position, self.inverse_cell, float(shift), blocks, node)
         return node

@@ -60,9 +60,7 @@ class FanScan(NamedTuple):
 
 def near_surface_pass(on_demand: bool = False, output: str = "near_surface") -> Pass:
     """The pass that writes the near-surface set N into field `output`, J(12); it reads `number_density`."""
-    names: dict[str, str | None] = {"asymmetry": None}
-    if output != "near_surface":
-        names["near_surface"] = output
+    names = {"asymmetry": None, "near_surface": output}
     return Pass("surface_detection.near_surface", writes=(output,), on_demand=on_demand, names=names)
 
 
