@@ -89,75 +89,61 @@ def strained_by_one(w):
     return Exact(_beside(place), inputs, {"wall_strain": [0.25 * 2.0 * 2 / 1100 * w.slope / (w.share * w.at_zero)]})
 
 
-@for_each_kernel("adami_2012.wall_force")
-def cohesive_liquid_pushed_by_its_wall(w):
-    """p_i without P_int (rho/rho0)^2, 200 Pa (1 and 1/4)."""
+def _pushed(w, first, second, turned=(0.0, 1.0, 0.0), pressure=(300.0, 500.0), wall=200.0, cohesion=0.0, **changes):
+    """a = V_w p |W'(h/2)|/rho_i away from a wall particle on both sides of it, p = `first` and `second` [Pa]."""
     place = np.array([[0.0, 1.0, 0.0]])
-    push = 0.25 * np.array([(100.0 + 200.0) / 1000.0, (450.0 + 200.0) / 500.0]) * w.slope
+    push = 0.25 * np.array([first / 1000.0, second / 500.0]) * w.slope
     inputs = {
-        "density": [1000.0, 500.0], "pressure": [300.0, 500.0], "walls": WallParticles(place, np.array([0.25])),
-        "fluid": Fluid(1000.0, 4e5, 1, 0, internal_pressure=200.0), "wall_pressure": [200.0],
-        "phase": None, "suction": None, "film_factor": None, "correction_diagonal": None, "correction_mixed": None,
-    }  # fmt: skip
-    return Exact(_beside(place), inputs, {"acceleration": [[0.0, -push[0], 0.0], [0.0, push[1], 0.0]]})
+        "density": [1000.0, 500.0], "pressure": [*pressure], "walls": WallParticles(place, np.array([0.25])),
+        "fluid": Fluid(1000.0, 4e5, 1, 0, internal_pressure=cohesion), "wall_pressure": [wall], "phase": None,
+        "suction": None, "film_factor": None, "correction_diagonal": None, "correction_mixed": None,
+    } | changes  # fmt: skip
+    return Exact(_beside(place), inputs, {"acceleration": [[0.0, -push[0], 0.0], push[1] * np.array(turned)]})
 
 
-@for_each_kernel("adami_2012.wall_force")
-def pushed_by_its_wall(w):
-    """a = V_w (p_i + p_w) |W'(h/2)|/rho_i away from the wall particle, on both sides of it; B_2 turns it."""
-    place = np.array([[0.0, 1.0, 0.0]])
-    push = 0.25 * np.array([(300.0 + 200.0) / 1000.0, (500.0 + 200.0) / 500.0]) * w.slope
+for_each_kernel(
+    "adami_2012.wall_force",
+    # p_i without P_int (rho/rho0)^2, 200 Pa (1 and 1/4)
+    cohesive_liquid_pushed_by_its_wall=lambda w: _pushed(w, 100.0 + 200.0, 450.0 + 200.0, cohesion=200.0),
+    # p_i + p_w; B_2 turns the second
+    pushed_by_its_wall=lambda w: _pushed(
+        w, 300.0 + 200.0, 500.0 + 200.0, (0.5, 3.0, -0.25),
+        correction_diagonal=[[9.0, 1.0, 9.0], [9.0, 3.0, 9.0]], correction_mixed=[[0.0, 9.0, 0.0], [0.5, 9.0, -0.25]],
+    ),
+    # a solid's -80 Pa and a wall's -200 Pa are at least twice -50 Pa, 1.5 times; the liquid's 300 Pa meet -200 Pa
+    solid_pushed_by_a_film=lambda w: _pushed(
+        w, 300.0 - 200.0, 1.5 * -2 * 50.0, pressure=(300.0, -80.0), wall=-200.0, phase=[0, 1], suction=[0.0, -50.0],
+        film_factor=[9.0, 1.5],
+    ),
+)  # fmt: skip
+
+
+HELD = np.array([[1.0, -2.0, 0.5]])  # [m/s]
+
+
+def _held(name, place, volume, moves=False, motion=None):
+    """h = 2 m, r = 1 m: lap W = 45/(pi h^6) (h - r), (1 - r/h)^3 = 1/8; a = k V_b lap W/(8 rho) e e.(v_b - v).
+
+    `volume` in 1/4 m^3.
+    """
+    place = np.array(place)
+    apart = np.where(np.reshape(moves, (-1, 1)), motion.velocity if motion else 0.0, 0.0) - HELD
+    drag = 3.0 * 0.25 * np.array(volume) * 45 / (math.pi * 64) / 8 / 500.0
     inputs = {
-        "density": [1000.0, 500.0], "pressure": [300.0, 500.0], "walls": WallParticles(place, np.array([0.25])),
-        "fluid": Fluid(1000.0, 4e5, 1, 0), "wall_pressure": [200.0],
-        "phase": None, "suction": None, "film_factor": None, "correction_diagonal": [[9.0, 1.0, 9.0], [9.0, 3.0, 9.0]],
-        "correction_mixed": [[0.0, 9.0, 0.0], [0.5, 9.0, -0.25]],
-    }  # fmt: skip
-    return Exact(
-        _beside(place), inputs, {"acceleration": [[0.0, -push[0], 0.0], push[1] * np.array([0.5, 3.0, -0.25])]}
-    )
-
-
-@for_each_kernel("adami_2012.wall_force")
-def solid_pushed_by_a_film(w):
-    """A solid's -80 Pa and a wall's -200 Pa are at least twice -50 Pa, 1.5 times; the liquid's 300 Pa meet -200 Pa."""
-    place = np.array([[0.0, 1.0, 0.0]])
-    push = 0.25 * np.array([(300.0 - 200.0) / 1000.0, 1.5 * -2 * 50.0 / 500.0]) * w.slope
-    inputs = {
-        "density": [1000.0, 500.0], "pressure": [300.0, -80.0], "walls": WallParticles(place, np.array([0.25])),
-        "fluid": Fluid(1000.0, 4e5, 1, 0), "wall_pressure": [-200.0], "phase": [0, 1], "suction": [0.0, -50.0],
-        "film_factor": [9.0, 1.5],
-        "correction_diagonal": None, "correction_mixed": None,
-    }  # fmt: skip
-    return Exact(_beside(place), inputs, {"acceleration": [[0.0, -push[0], 0.0], [0.0, push[1], 0.0]]})
-
-
-@closed_form("adami_2012.hold")
-def held_by_its_wall():
-    """h = 2 m, r = 1 m: lap W = 45/(pi h^6) (h - r), (1 - r/h)^3 = 1/8; a = k V_b lap W/(8 rho) e e.(v_b - v)."""
-    place = np.array([[0.0, 0.6, 0.8]])
-    velocity, along = np.array([[1.0, -2.0, 0.5]]), np.array([0.0, -0.6, -0.8])
-    drag = 3.0 * 0.25 * 45 / (math.pi * 64) / 8 / 500.0
-    inputs = {
-        "walls": WallParticles(place, np.array([0.25])), "velocity": velocity, "density": [500.0],
-        "holding": Holding(3.0, 3), "wall_motion": None, "period": None,
-    }  # fmt: skip
-    return Exact(at("held", [0, 0, 0], place), inputs, {"acceleration": -drag * (velocity @ along)[:, None] * along})
-
-
-@closed_form("adami_2012.hold")
-def drawn_by_moving_walls():
-    """The same with walls before and beyond planes of each axis; those beyond move, and are twice to seven times as
-    large."""
-    resting = held_by_its_wall()
-    place = np.array([[0.0, 0.6, 0.8], [0.0, 0.6, -0.8], [-1, 0, 0], [0, -1, 0], [0.8, 0, -0.6]])
-    wall, volume = np.array([3.0, -4.0, -1.0]), 0.25 * np.array([1, 2, 3, 5, 7])
-    lower, upper = np.array([-0.9, -0.9, -0.7]), np.array([np.inf, np.inf, 0.7])
-    moves = np.array([True, True, True, True, False])
-    apart = np.where(moves[:, None], wall, 0) - resting.inputs["velocity"]
-    drag = 3.0 * volume * 45 / (math.pi * 64) / 8 / 500.0
-    inputs = resting.inputs | {
-        "walls": WallParticles(place, volume), "wall_motion": WallMotion(lower, upper, wall),
+        "walls": WallParticles(place, 0.25 * np.array(volume)), "velocity": HELD, "density": [500.0],
+        "holding": Holding(3.0, 3), "wall_motion": motion, "period": None,
     }  # fmt: skip
     pull = (drag * (apart * place).sum(1)) @ place
-    return Exact(at("drawn", [0, 0, 0], place), inputs, {"acceleration": pull[None, :]})
+    return Exact(at(name, [0, 0, 0], place), inputs, {"acceleration": pull[None, :]})
+
+
+closed_form(
+    "adami_2012.hold",
+    held_by_its_wall=lambda: _held("held", [[0.0, 0.6, 0.8]], [1]),
+    # walls before and beyond planes of each axis; those beyond move, and are twice to seven times as large
+    drawn_by_moving_walls=lambda: _held(
+        "drawn", [[0.0, 0.6, 0.8], [0.0, 0.6, -0.8], [-1, 0, 0], [0, -1, 0], [0.8, 0, -0.6]], [1, 2, 3, 5, 7],
+        [True, True, True, True, False],
+        WallMotion(np.array([-0.9, -0.9, -0.7]), np.array([np.inf, np.inf, 0.7]), np.array([3.0, -4.0, -1.0])),
+    ),
+)  # fmt: skip

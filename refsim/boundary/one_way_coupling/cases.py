@@ -21,64 +21,52 @@ example(
 groups(wall_viscosity=lambda case, grid: WallViscosity(grid.real(0.7)))
 
 
-@closed_form("one_way_coupling.wall_viscosity")
-def rubbing_on_one_particle():
-    """h = 2 m, r = 1 m: lap W = 45/(pi h^6) (h - r); a = -mu rho0 V_b lap W/rho^2 v."""
-    case = at("rubbing", [0, 0, 0], [[0.0, 0.6, 0.8]])
-    velocity = np.array([[1.0, -2.0, 0.5]])
+FAR = np.full(3, np.inf)
+VELOCITY, WALL = np.array([[1.0, -2.0, 0.5]]), np.array([3.0, 0.0, -1.0])
+
+
+def _rubbed(name, place, volume, parting, motion=None):
+    """h = 2 m, r = 1 m: lap W = 45/(pi h^6) (h - r); a = mu rho0 lap W/rho^2 sum_b V_b (v_b - v), `volume` in 1/4 m^3.
+
+    `parting` [m/s] is the sum without the quarter.
+    """
     drag = 3.0 * 1000 * 0.25 * 45 / (math.pi * 64) / 500.0**2
     inputs = {
-        "walls": WallParticles(case.wall_position, np.array([0.25])), "velocity": velocity, "density": [500.0],
-        "wall_viscosity": WallViscosity(3.0), "wall_motion": None,
+        "walls": WallParticles(np.array(place), 0.25 * np.array(volume)), "velocity": VELOCITY, "density": [500.0],
+        "wall_viscosity": WallViscosity(3.0), "wall_motion": motion,
     }  # fmt: skip
-    return Exact(case, inputs, {"acceleration": -drag * velocity})
+    return Exact(at(name, [0, 0, 0], place), inputs, {"acceleration": drag * parting})
 
 
-@closed_form("one_way_coupling.wall_viscosity")
-def dragged_by_one_particle():
-    """The same with a wall particle beyond the plane z = 0.5, and one before it at the same distance: twice the drag
-    towards half the wall's velocity."""
-    resting = rubbing_on_one_particle()
-    place = np.array([[0.0, 0.6, 0.8], [0.0, 0.6, -0.8]])
-    case = at("dragged", [0, 0, 0], place)
-    far = np.full(3, np.inf)
-    wall = np.array([3.0, 0.0, -1.0])
-    inputs = dict(resting.inputs) | {
-        "walls": WallParticles(place, np.full(2, 0.25)),
-        "wall_motion": WallMotion(-far, np.array([np.inf, np.inf, 0.5]), wall),
-    }
-    velocity = resting.inputs["velocity"]
-    drag = -resting.expected["acceleration"] / velocity
-    return Exact(case, inputs, {"acceleration": drag * (wall - 2 * velocity)})
-
-
-@closed_form("one_way_coupling.wall_viscosity")
-def dragged_from_below():
-    """The same with a wall particle below the plane of each axis, and two between the planes of two axes, at rest.
-
-    They are once to five times as large, so that none stands for another one.
-    """
-    resting = rubbing_on_one_particle()
-    beside = [[-0.85, math.sqrt(1 - 0.85**2), 0], [math.sqrt(1 - 0.75**2), -0.75, 0]]
-    place = np.array([[-1, 0, 0], [0, -1, 0], [0.6, 0, -0.8], *beside])
-    wall, velocity = np.array([3.0, 0.0, -1.0]), resting.inputs["velocity"]
-    inputs = resting.inputs | {
-        "walls": WallParticles(place, 0.25 * np.arange(1, 6)),
-        "wall_motion": WallMotion(np.array([-0.9, -0.8, -0.7]), np.full(3, np.inf), wall),
-    }
-    drag = -resting.expected["acceleration"] / velocity
-    return Exact(
-        at("dragged_from_below", [0, 0, 0], place), inputs, {"acceleration": drag * (6 * wall - 15 * velocity)}
-    )
+closed_form(
+    "one_way_coupling.wall_viscosity",
+    rubbing_on_one_particle=lambda: _rubbed("rubbing", [[0.0, 0.6, 0.8]], [1], -VELOCITY),
+    # one beyond the plane z = 0.5, which moves, and one before it at the same distance
+    dragged_by_one_particle=lambda: _rubbed(
+        "dragged",
+        [[0.0, 0.6, 0.8], [0.0, 0.6, -0.8]],
+        [1, 1],
+        WALL - 2 * VELOCITY,
+        WallMotion(-FAR, np.array([np.inf, np.inf, 0.5]), WALL),
+    ),
+    # one below the plane of each axis, and two between the planes of two axes, at rest; none stands for another one
+    dragged_from_below=lambda: _rubbed(
+        "dragged_from_below",
+        [[-1, 0, 0], [0, -1, 0], [0.6, 0, -0.8], [-0.85, 0.2775**0.5, 0], [0.4375**0.5, -0.75, 0]],
+        np.arange(1, 6),
+        6 * WALL - 15 * VELOCITY,
+        WallMotion(np.array([-0.9, -0.8, -0.7]), FAR, WALL),
+    ),
+)
 
 
 @groups("wall_motion")
 def _wall_motion(case, grid):
     """Beyond a plane that parts the wall particles; moving across it would be no shear, so along x and y."""
-    plane = np.full(3, np.inf)
+    plane = FAR.copy()
     plane[0] = np.median(case.wall_position[:, 0]) + 0.01 * case.spacing if len(case.wall_position) else 0.0
     velocity = np.array([1.5, -0.5, 0.25 if case.dim == 3 else 0.0])
-    return {"wall_motion": WallMotion(*(v.astype(grid.dtype) for v in (-np.full(3, np.inf), plane, velocity)))}
+    return {"wall_motion": WallMotion(*(v.astype(grid.dtype) for v in (-FAR, plane, velocity)))}
 
 
 groups(wall_gravity=lambda case, grid: WallGravity(*(grid.real(g) for g in (2.0, -1.0, -9.0))))

@@ -45,7 +45,7 @@ def needle() -> SurfaceMesh:
     """A pyramid 0.3 m long and 0.02 m wide: beyond its sharp tip the normal of the nearest face has the wrong sign."""
     corner = np.array([[0, 0.01, 0.01], [0, -0.01, 0.01], [0, -0.01, -0.01], [0, 0.01, -0.01], [0.3, 0.0, 0.0]])
     faces = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4], [1, 0, 3], [1, 3, 2]], np.int64)
-    return SurfaceMesh(corner, faces[:, ::-1].copy() if _volume(corner, faces) < 0 else faces, np.zeros(3))
+    return SurfaceMesh(corner, faces, np.zeros(3))
 
 
 def plate() -> SurfaceMesh:
@@ -71,23 +71,13 @@ def crossed() -> SurfaceMesh:
     return SurfaceMesh(corner, np.concatenate([one.faces, other.faces + len(one.vertices)]), np.zeros(3))
 
 
-def thick() -> SurfaceMesh:
-    """A box so thick that its centre is beyond the band and outside all blocks."""
-    return _box(np.array([1.3, 1.1, 0.9]), np.eye(3))
-
-
-def unit_cube() -> SurfaceMesh:
-    """The cube from -1 m to 1 m, whose distance is known."""
-    return _box(np.array([2.0, 2.0, 2.0]), np.eye(3))
-
-
-def _volume(corner: np.ndarray, faces: np.ndarray) -> float:
-    from refsim.boundary.mesh import signed_volume
-
-    return signed_volume(corner[faces])
-
-
-SHAPES = {"needle": needle, "thin_plate": plate, "crossed_boxes": crossed, "thick_box": thick, "unit_cube": unit_cube}
+SHAPES = {
+    "needle": needle,
+    "thin_plate": plate,
+    "crossed_boxes": crossed,
+    "thick_box": lambda: _box(np.array([1.3, 1.1, 0.9]), np.eye(3)),  # its centre is beyond the band and all blocks
+    "unit_cube": lambda: _box(np.array([2.0, 2.0, 2.0]), np.eye(3)),  # from -1 m to 1 m, of known distance
+}
 SPACINGS = {"unit_cube": 0.5, "thick_box": 0.0625, "needle": 0.02, "thin_plate": 0.02, "crossed_boxes": 0.03}
 BANDS = {"thick_box": 2.0}  # in spacings
 

@@ -117,21 +117,25 @@ def _coupled(**changes):
     return Coupling(0.5, 100.0, 7, *np.zeros(4, np.int32))._replace(**changes)
 
 
-@for_each_kernel("two_way_coupling.contribution")
-def surface_beside_inside(w):
-    """V_k = 1/(W(0) + W(h/2)) over both solids (Shao & Song M4), phi = V_k/V_min; 0 inside, 1 in the liquid."""
-    position = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 2.0, 0.0]])
-    three = at("coupled_three", position)
-    phi = 1 / ((1 + w.share) * w.at_zero * 0.5)
-    inputs = {"phase": [SURFACE, INTERIOR, FLUID], "coupling": _coupled()}
-    return Exact(three, inputs, {"relative_contribution": [phi, 0.0, 1.0]})
+def _weighed(wanted, phase, where=PAIR, **changes):
+    """Phi, 0 inside solids and 1 in the liquid."""
+    inputs = {"phase": phase, "coupling": _coupled(**changes)}
+    return Exact(where, inputs, {"relative_contribution": wanted})
 
 
-@for_each_kernel("two_way_coupling.contribution")
-def printed_surface_beside_inside(w):
-    """As printed V_k = 1/W(0): the interior is not counted."""
-    inputs = {"phase": [SURFACE, INTERIOR], "coupling": _coupled(printed_volume=1)}
-    return Exact(PAIR, inputs, {"relative_contribution": [1 / (w.at_zero * 0.5), 0.0]})
+for_each_kernel(
+    "two_way_coupling.contribution",
+    # V_k = 1/(W(0) + W(h/2)) over both solids (Shao & Song M4), phi = V_k/V_min
+    surface_beside_inside=lambda w: _weighed(
+        [1 / ((1 + w.share) * w.at_zero * 0.5), 0.0, 1.0],
+        [SURFACE, INTERIOR, FLUID],
+        at("coupled_three", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 2.0, 0.0]]),
+    ),
+    # as printed V_k = 1/W(0): the interior is not counted
+    printed_surface_beside_inside=lambda w: _weighed(
+        [1 / (w.at_zero * 0.5), 0.0], [SURFACE, INTERIOR], printed_volume=1
+    ),
+)
 
 
 @for_each_kernel("two_way_coupling.density")
@@ -166,44 +170,38 @@ for_each_kernel(
 )
 
 
-def _pushed(coupling, viscosity, force):
-    """Liquid of 2 kg and 0.5 m^3 at 40 Pa, solid of 3 kg with phi = 0.25 that moves past it; F on the liquid."""
+def _pushed(force, viscosity=None, given=None, **changes):
+    """Liquid of 2 kg and 0.5 m^3 at 40 Pa, solid of 3 kg with phi = 0.25 that moves past it; F [N] on the liquid."""
     inputs = {
         "mass": [2.0, 3.0], "phase": WATER_AND_ICE, "pressure": [40.0, 7.0], "volume": [0.5, 9.0],
-        "relative_contribution": [1.0, 0.25], "velocity": [[0.0, 0.0, 0.0], [8.0, 0.0, 0.0]], "coupling": coupling,
-        "viscosity": viscosity, "walls": None,
-    }  # fmt: skip
-    force = np.array(force)
-    return Exact(PAIR, inputs, {"acceleration": [force / 2, -force / 3]})
+        "relative_contribution": [1.0, 0.25], "velocity": [[0.0, 0.0, 0.0], [8.0, 0.0, 0.0]],
+        "coupling": _coupled(**changes), "viscosity": viscosity, "walls": None,
+    } | (given or {})  # fmt: skip
+    force, (first, second) = np.array(force), inputs["mass"]
+    return Exact(PAIR, inputs, {"acceleration": [force / first, -force / second]})
 
 
+TWO_LIQUIDS = {
+    "mass": [2.0, 12.0], "phase": [FLUID, FLUID], "pressure": [40.0, 8.0], "volume": [0.5, 1.0],
+    "relative_contribution": np.ones(2), "velocity": np.zeros((2, 3)),
+}  # fmt: skip
 for_each_kernel(
     "two_way_coupling.pressure",
     # F = -V^2 p phi |W'|: 0.25 m^6 * 40 Pa * 0.25, repulsive; the solid's own pressure has no effect
-    solid_pushes_liquid=lambda w: _pushed(_coupled(), None, [0.0, -2.5 * w.slope, 0.0]),
+    solid_pushes_liquid=lambda w: _pushed([0.0, -2.5 * w.slope, 0.0]),
     # Shao & Song (2) as printed lacks one m_i = 2 kg
-    printed_push=lambda w: _pushed(_coupled(printed_pressure=1), None, [0.0, -1.25 * w.slope, 0.0]),
+    printed_push=lambda w: _pushed([0.0, -1.25 * w.slope, 0.0], printed_pressure=1),
+    # rho = 4 and 12 kg/m^3, p = 40 and 8 Pa: (12 * 40 + 4 * 8)/16 = 32 Pa; F = -(0.25 + 1) m^6 * 32 Pa |W'|
+    two_liquids_by_one_pressure=lambda w: _pushed([0.0, -40.0 * w.slope, 0.0], None, TWO_LIQUIDS, density_weighted=1),
 )
-
-
-@for_each_kernel("two_way_coupling.pressure")
-def two_liquids_by_one_pressure(w):
-    """rho = 4 and 12 kg/m^3, p = 40 and 8 Pa: (12 * 40 + 4 * 8)/16 = 32 Pa; F = -(0.25 + 1) m^6 * 32 Pa |W'|."""
-    inputs = {
-        "mass": [2.0, 12.0], "phase": [FLUID, FLUID], "pressure": [40.0, 8.0],
-        "volume": [0.5, 1.0], "relative_contribution": np.ones(2), "velocity": np.zeros((2, 3)),
-        "coupling": _coupled(density_weighted=1), "viscosity": None, "walls": None,
-    }  # fmt: skip
-    force = np.array([0.0, -40.0 * w.slope, 0.0])
-    return Exact(PAIR, inputs, {"acceleration": [force / 2, -force / 12]})
 
 
 DRAG = 3 * 0.0625 * 8 * 45 / (64 * math.pi)  # mu V^2 phi v lap W: 3 Pa s * 0.25 m^6 * 0.25 * 8 m/s * 45/(64 pi)
 for_each_kernel(
     "two_way_coupling.forces",
-    solid_drags_liquid=lambda w: _pushed(_coupled(), ViscosityTerm(3.0), [DRAG, -2.5 * w.slope, 0.0]),
+    solid_drags_liquid=lambda w: _pushed([DRAG, -2.5 * w.slope, 0.0], ViscosityTerm(3.0)),
     # Shao & Song (3) as printed lacks one V_i = 0.5 m^3
-    printed_drag=lambda w: _pushed(_coupled(printed_viscosity=1), ViscosityTerm(3.0), [2 * DRAG, -2.5 * w.slope, 0.0]),
+    printed_drag=lambda w: _pushed([2 * DRAG, -2.5 * w.slope, 0.0], ViscosityTerm(3.0), printed_viscosity=1),
 )
 
 
