@@ -8,17 +8,17 @@ from refsim.heat.shapes import ONE_ROUND, ROUNDS, Places, StageState, Substance,
 
 
 def reduced(scratch):
-    """`reductions`, on the backend of the scratch memory."""
+    """(weigh_exchanges, update_direction, update_solution) of `reductions`, on the backend of the scratch memory."""
     if scratch.backend.name != "cuda":
-        return reductions
+        return reductions.weigh_exchanges, reductions.update_direction, reductions.update_solution
     from refsim.heat import reductions_cuda  # loads numba.cuda
 
-    return reductions_cuda
+    return reductions_cuda.weigh_exchanges, reductions_cuda.update_direction, reductions_cuda.update_solution
 
 
 def weighed(body, neighbours, step, scratch, temperature=None):
     """As `reductions.weigh_exchanges`, on the backend of the scratch memory."""
-    return reduced(scratch).weigh_exchanges(body, neighbours, step, scratch, temperature)
+    return reduced(scratch)[0](body, neighbours, step, scratch, temperature)
 
 
 def compensation(
@@ -39,7 +39,9 @@ def compensation(
     kernels.compensate(rounds, np.int32(0), weights[0], places, neighbours, given, *made)
     kernels.take_over(rounds, made, *given)
     if not host:
-        reduced(scratch).start_anew(rounds, weights[1:], places, neighbours, given, made)
+        from refsim.heat import reductions_cuda
+
+        reductions_cuda.start_anew(rounds, weights[1:], places, neighbours, given, made)
     elif rounds[1]:
         for k, weight in enumerate(weights[1:], 1):  # an even number: the last one writes where the first has read
             kernels.compensate(rounds, np.int32(k), weight, places, neighbours, given, *made)
@@ -180,15 +182,15 @@ def solve(exchanges, inverse, residual, conduction, scratch, temperature):
     gradient, direction, next_direction, image, solution = (scratch.array(f"heat {k}", n, real) for k in names)
     dots = scratch.array("heat dots", 3, np.float64)
     every = 8 if scratch.backend.name == "cuda" else 1  # passes between looks at the residual, which a GPU waits for
-    sums = reduced(scratch)
+    _, update_direction, update_solution = reduced(scratch)
     for array in (direction, image, solution, dots):
         scratch.backend.assign(array, 0)
-    sums.update_solution(inverse, direction, image, dots, solution, residual, gradient, scratch)
+    update_solution(inverse, direction, image, dots, solution, residual, gradient, scratch)
     first, passes = None, 1
     while True:
-        sums.update_direction(exchanges, inverse, gradient, dots, direction, next_direction, image, scratch)
+        update_direction(exchanges, inverse, gradient, dots, direction, next_direction, image, scratch)
         direction, next_direction = next_direction, direction
-        sums.update_solution(inverse, direction, image, dots, solution, residual, gradient, scratch)
+        update_solution(inverse, direction, image, dots, solution, residual, gradient, scratch)
         passes += 1
         if first is None or passes % every == 0:
             now, _, before = (float(v) for v in scratch.host(dots))
