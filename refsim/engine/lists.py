@@ -157,7 +157,7 @@ class Lists:
             self.search.reach_further(min(self.skins))
         elif served < FEW_STEPS:
             self.search.reach_further(max(self.skins))
-        elif served > MANY_STEPS and self.search.skin > self.skins[0]:
+        elif served > 2 * FEW_STEPS and self.search.skin > self.skins[0]:
             self.search.reach_further(self.skins[0])
 
     def outlasts(self, steps: int) -> bool:

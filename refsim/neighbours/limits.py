@@ -5,8 +5,8 @@ NEIGHBOUR_CAPACITY = 48  # entries per particle that a list on the CPU begins wi
 WALL_CAPACITY = 4  # the same of the list of wall particles near each particle
 SKINS = 0.1, 0.2, 0.05  # shares of the radius by which a list reaches further, unless the scene says otherwise
 GPU_SKINS = 0.1, 0.02  # the same on a GPU
-FEW_STEPS = 8  # that a list served: the next one is the widest
-MANY_STEPS = 20  # that the wider list served: the next one is the first. For others see `refsim.engine.lists`
+FEW_STEPS = 4  # that a list served: the next one is the widest, until one serves more than twice as many
+MANY_STEPS = 20  # that a list served while particles hardly moved: the next one is the narrowest, see `engine.lists`
 PARTICLES_PER_CELL = 6  # for which a GPU's table of occupied cells has entries at first
 
 

@@ -114,7 +114,7 @@ def test_lists_are_kept_as_the_margins_of_a_second_program_say(seed):
             before = of.built_at
             of.choose_skin(number)
             served = number - before
-            skin = 0.3 if served < lists.FEW_STEPS else 0.1 if served > lists.MANY_STEPS else of.search.skin
+            skin = 0.3 if served < lists.FEW_STEPS else 0.1 if served > 2 * lists.FEW_STEPS else of.search.skin
             if served == 1 and 0.3 < squared**0.5 < 1 and number % lists.MANY_STEPS:
                 skin = 0.1
             assert of.search.skin == skin
