@@ -69,6 +69,8 @@ def vessel(folder):
 
 def test_a_vessel_is_filled_up_to_a_level(tmp_path):
     wall, file = vessel(tmp_path)
+    with pytest.raises(rs.InputError, match="raise it"):
+        rs.make_plan(scene((rs.FluidMesh(file=file, level=-1.0),), wall))
     made = scene((rs.FluidMesh(file=file),), wall)
     whole = rs.make_plan(made)
     assert abs(whole.grid.count - 600) <= 3
