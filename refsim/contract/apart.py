@@ -18,7 +18,7 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,6 +31,7 @@ from refsim.core.operation import BACKENDS
 from refsim.core.stopping import deaf_to_ctrl_c
 
 OWN_WORK = 600.0  # s without a message between two calls: oracles, neighbour lists, the start of Python
+PAUSE = 0.05  # s for which one process is waited for, where several judge
 MOST_BYTES = 1 << 20  # of a message
 LEAST_THREADS = 4
 SHARED = ("cpu", "numpy")  # refsim's own programs that processes share, each with a part of the operations
@@ -73,30 +74,30 @@ def judge(request: Request) -> tuple[LibraryDescription, Iterator[Outcome]]:
     `MOST_ENDINGS` times for one operation. Raises InputError if the library cannot be imported or the request does not
     fit it.
     """
+    count, child = 1 if request.replay else request.processes, None
     if request.source in SHARED and not request.replay:
         from refsim.contract.programs import refsim_programs
 
         about = _described(refsim_programs(request.source), request)
-        return about, _merged(about, request)
-    child = _Child(request, request.operations)
-    shared = request.processes > 1 and not request.replay
-    kind, value = "", dict[str, Any]()
-    try:
-        while kind != "about":
-            kind, value = child.message(request.seconds)
-            if kind == "refused":
-                raise InputError(value)
-        about = LibraryDescription(**value)
-    except _Gone as gone:
-        child.close()
-        raise InputError(f"{request.source} cannot be imported: {gone}.") from None
-    except BaseException:
-        child.close()
-        raise
-    if shared and len(about.names) > 1:
-        child.close()
-        return about, _merged(about, request)
-    return about, _outcomes(child, about.names, about.arrays, request)
+    else:
+        child = _Child(request, request.operations)
+        try:
+            kind, value = "", dict[str, Any]()
+            while kind != "about":
+                kind, value = child.message(request.seconds)
+                if kind == "refused":
+                    raise InputError(value)
+            about = LibraryDescription(**value)
+        except BaseException as error:
+            child.close()
+            if isinstance(error, _Gone):
+                raise InputError(f"{request.source} cannot be imported: {error}.") from None
+            raise
+        if count > 1 and len(about.names) > 1:
+            child.close()
+            child = None
+    shares = [about.names[k::count] for k in range(count)] if child is None else [about.names]
+    return about, _merged([_outcomes(names, about.arrays, request, child) for names in shares if names])
 
 
 def _described(programs: Any, request: Request) -> LibraryDescription:
@@ -109,52 +110,37 @@ def _described(programs: Any, request: Request) -> LibraryDescription:
     return LibraryDescription(programs.name, programs.arrays, names, offered, declared)
 
 
-def _merged(about: LibraryDescription, request: Request) -> Iterator[Outcome]:
+def _merged(parts: list[Generator[Outcome | None, None, None]]) -> Iterator[Outcome]:
     """Outcomes as they come, of processes that each judge a part of the operations."""
-    outcomes: queue.SimpleQueue[Outcome | BaseException | None] = queue.SimpleQueue()
-    stopped = threading.Event()
-
-    def work(names: list[str]) -> None:
-        try:
-            for outcome in _outcomes(_Child(request, names, stopped), names, about.arrays, request):
-                outcomes.put(outcome)
-                if stopped.is_set():
-                    break
-            outcomes.put(None)
-        except BaseException as error:
-            outcomes.put(error)
-
-    shares = [about.names[k :: request.processes] for k in range(request.processes)]
-    threads = [threading.Thread(target=work, args=(names,)) for names in shares if names]
-    for thread in threads:
-        thread.start()
     try:
-        running = len(threads)
-        while running:
-            item = outcomes.get()
-            if isinstance(item, BaseException):
-                raise item
-            if item is None:
-                running -= 1
-            else:
-                yield item
+        while parts:
+            for part in list(parts):
+                for outcome in part:
+                    if outcome is None:
+                        break
+                    yield outcome
+                else:
+                    parts.remove(part)
     finally:
-        stopped.set()
-        for thread in threads:
-            thread.join()
+        for part in parts:
+            part.close()
 
 
-def _outcomes(child: "_Child", names: Sequence[str], arrays: str, request: Request) -> Iterator[Outcome]:
-    waiting, endings = list(names), 0
+def _outcomes(
+    names: Sequence[str], arrays: str, request: Request, child: "_Child | None"
+) -> Generator[Outcome | None, None, None]:
+    """Outcomes of these operations as they come, None where there is none for the moment."""
+    waiting, endings, first = list(names), 0, 0
     try:
         while waiting:
+            child = child or _Child(dataclasses.replace(request, first=first), waiting)
             at: list[Any] = [waiting[0], "", 0, "-", "the start", 0]
             fault = ""
             try:
                 while waiting and not fault:
                     kind, value = child.message(request.seconds)
-                    if kind == "outcome":
-                        yield Outcome(**value)
+                    if kind in ("outcome", ""):
+                        yield Outcome(**value) if kind else None
                     elif kind == "begin":
                         at = value
                     elif kind == "done":
@@ -171,16 +157,14 @@ def _outcomes(child: "_Child", names: Sequence[str], arrays: str, request: Reque
                 message = f"{fault}; the trials behind this one are not judged" if left else fault
                 many = MANY_PARTICLES if trial == MANY and "did not return" in fault else ""
                 yield Outcome(operation, step, trial, arrays, dtype, variant, False, np.inf, message, many)
-                if left:
-                    endings = 0
-                    if operation in waiting:
-                        waiting.remove(operation)
+                first, endings = (0, 0) if left else (number + 1, endings)
+                if left and operation in waiting:
+                    waiting.remove(operation)
                 child.close()
-                if waiting:
-                    first = 0 if left else number + 1
-                    child = _Child(dataclasses.replace(request, first=first), waiting, child.stopped)
+                child = None
     finally:
-        child.close()
+        if child is not None:
+            child.close()
 
 
 class _Gone(Exception):
@@ -190,7 +174,7 @@ class _Gone(Exception):
 class _Child:
     """The process with the programs, and its messages."""
 
-    def __init__(self, request: Request, operations: Sequence[str], stopped: threading.Event | None = None) -> None:
+    def __init__(self, request: Request, operations: Sequence[str]) -> None:
         context = multiprocessing.get_context("spawn")  # a forked process would inherit the threads of Numba's pool
         self.pipe, there = context.Pipe(duplex=False)
         task = (there, dataclasses.replace(request, operations=tuple(operations)), list(sys.path))
@@ -198,33 +182,29 @@ class _Child:
         with deaf_to_ctrl_c():
             self.process.start()
         there.close()
-        self.called, self.stopped = "", stopped
+        self.called, self.heard = "", time.monotonic()
         self.messages: queue.SimpleQueue[Any] = queue.SimpleQueue()
         threading.Thread(target=_read, args=(self.pipe, self.messages), daemon=True).start()
 
     def message(self, seconds: float) -> tuple[str, Any]:
-        """(kind, value) of the next message; _Gone if none comes, `seconds` after the last if a program is running."""
-        until = time.monotonic() + (seconds if self.called else OWN_WORK)
-        message = None
-        while message is None:
-            try:
-                message = self.messages.get(timeout=0.2)
-                break
-            except queue.Empty:
-                pass
-            if not self.process.is_alive():
-                with contextlib.suppress(queue.Empty):  # a process of the program's own may hold the pipe open
-                    message = self.messages.get(timeout=1)
-                break
-            if self.stopped is not None and self.stopped.is_set():
-                raise _Gone("nobody waits for it")
-            if time.monotonic() > until:
+        """(kind, value) of the next message, ("", None) where there is none for the moment; _Gone if none comes,
+        `seconds` after the last if a program is running.
+        """
+        alive, message = self.process.is_alive(), None
+        try:  # a process of the program's own may hold the pipe of one that ended open
+            message = self.messages.get(timeout=PAUSE if alive else 1)
+        except queue.Empty:
+            limit = seconds if self.called else OWN_WORK
+            if alive and time.monotonic() - self.heard <= limit:
+                return "", None
+            if alive:
                 what = {"import": "its import did not end", "call": "the program did not return"}
                 reason = what.get(self.called, "the process that judges it stood still")
-                raise _Gone(f"{reason} within {seconds if self.called else OWN_WORK:g} s (--time-limit)")
+                raise _Gone(f"{reason} within {limit:g} s (--time-limit)") from None
         if not isinstance(message, list) or len(message) != 2:
             self.process.join(1)
             raise _Gone(f"the program ended its process ({_ending(self.process.exitcode)})")
+        self.heard = time.monotonic()
         kind, value = message
         if kind in ("import", "call"):
             self.called = kind
