@@ -269,7 +269,7 @@ def _whole_run(options: argparse.Namespace) -> CommandResult:
     compared = whole_runs.compare(loaded, Path(folder), options.at, backend, within, allowed, options.chaos_only)
     time, compared_measures, coarser = compared[:3]
     rows = [
-        (m.name, f"{m.time:.4g}", f"{m.theirs:.6g}", f"{whole_runs.midrange(m.ours):.6g}",
+        (m.name, f"{m.time:.4g}", f"{m.theirs:.6g}", f"{m.middle:.6g}",
          *(f"{value:.2g}" for value in (m.difference, m.chaos, m.resolution)), m.unit, m.verdict)
         for m in compared_measures
     ]  # fmt: skip

@@ -26,6 +26,7 @@ from refsim.io.results import SAME_TIME
 from refsim.scene.plan import make_plan
 from refsim.scene.refine import RATIO, refined, spaced
 from refsim.scene.scene import Scene
+from refsim.sph import Gravity
 
 SHAKEN = 1e-6  # of the particle spacing; of the coordinates' precision where that is coarser
 SEEDS = (1, 2)
@@ -49,9 +50,14 @@ class Measure:
     resolution: float = 0.0  # that of the coarser run, of an extent at least the spacing; 0 where chaos is given
 
     @property
+    def middle(self) -> float:
+        """Middle between the smallest and the largest of refsim's runs."""
+        return 0.5 * (min(self.ours) + max(self.ours))
+
+    @property
     def difference(self) -> float:
         """Distance from the middle of refsim's runs."""
-        return abs(self.theirs - midrange(self.ours))
+        return abs(self.theirs - self.middle)
 
     @property
     def allowed(self) -> float:
@@ -69,11 +75,6 @@ class Measure:
         return "FAILS" if not self.holds else "holds" if self.difference <= self.chaos else "within resolution"
 
 
-def midrange(ours: Sequence[float]) -> float:
-    """Middle between the smallest and the largest value."""
-    return 0.5 * (min(ours) + max(ours))
-
-
 class Comparison(NamedTuple):
     """Measures of a trajectory and of refsim's runs up to a time."""
 
@@ -81,7 +82,7 @@ class Comparison(NamedTuple):
     measures: list[Measure]
     coarser: float | str  # its spacing [m], or why there is none
     times: list[float]  # of the frames [s]
-    curves: dict[str, list[float]]  # middle of refsim's runs at these, by measure
+    curves: Mapping[str, Sequence[float]]  # middle of refsim's runs at these, by measure
     bands: dict[str, float]  # largest difference that is allowed, by measure
     decides: tuple[float, str]  # time [s] from which on the runs' width is over 1/20 of a measure's range, that measure
     still: list[str]  # gauges whose values stood still
@@ -90,23 +91,32 @@ class Comparison(NamedTuple):
 
 # Measures
 
+UNITS = {"particles": "-", "momentum": "kg m/s", "potential": "J", "kinetic": "J"}  # by a name's first word; else m
 
-def measures(snapshot: Snapshot, dim: int, gravity: np.ndarray | None) -> dict[str, tuple[float, str]]:
-    """{name: (value, unit)}: number, mass, centre, spread and extent, momentum and energies, as far as known."""
-    mass = np.ones(len(snapshot.position)) if snapshot.mass is None else snapshot.mass
-    x, v, total = snapshot.position, snapshot.velocity, mass.sum()
+
+def curves_of(frames: Sequence[Snapshot], scene: Scene) -> dict[str, np.ndarray]:
+    """{measure: values at the frames}: number, mass, centre, spread and extent, momentum and energies, as far as known
+    in all frames.
+    """
+    told = [_measures(frame, scene) for frame in frames]
+    return {name: np.array([values[name] for values in told]) for name in told[-1] if all(name in v for v in told)}
+
+
+def _measures(frame: Snapshot, scene: Scene) -> dict[str, float]:
+    gravity = next((effect.acceleration for effect in scene.effects if isinstance(effect, Gravity)), None)
+    mass = np.ones(len(frame.position)) if frame.mass is None else frame.mass
+    x, v, total = frame.position, frame.velocity, mass.sum()
     centre = (mass[:, None] * x).sum(0) / total
     spread = np.sqrt((mass[:, None] * (x - centre) ** 2).sum(0) / total)
     extents = {"centre": centre, "spread": spread, "largest": x.max(0), "smallest": x.min(0)}
-    values = {"particles": (len(x), "-"), "mass": (total, "kg" if dim == 3 else "kg/m")}
-    values |= {f"{name} {AXES[c]}": (place[c], "m") for c in range(dim) for name, place in extents.items()}
+    values: dict[str, Any] = {"particles": len(x), "mass": total}
+    values |= {f"{name} {AXES[c]}": place[c] for c in range(scene.dim) for name, place in extents.items()}
     if gravity is not None:
-        values["potential energy"] = -(mass * (x @ gravity)).sum(), "J"
+        values["potential energy"] = -(mass * (x @ np.array(gravity))).sum()
     if v is not None:
-        momentum = (mass[:, None] * v).sum(0)
-        values |= {f"momentum {AXES[c]}": (momentum[c], "kg m/s") for c in range(dim)}
-        values["kinetic energy"] = 0.5 * (mass * (v**2).sum(1)).sum(), "J"
-    return {name: (float(value), unit) for name, (value, unit) in values.items()}
+        values |= dict(zip((f"momentum {axis}" for axis in AXES[: scene.dim]), (mass[:, None] * v).sum(0)))
+        values["kinetic energy"] = 0.5 * (mass * (v**2).sum(1)).sum()
+    return values
 
 
 def compare(
@@ -134,39 +144,33 @@ def compare(
     if time <= 0:
         raise InputError(f"{folder}: the frame at {time:g} s is the start; give a later time with --at.")
     frames = [frame for frame in frames if 0 <= frame.time <= time]
-    simulation = Simulation(scene, backend)
-    gravity, total = _gravity(simulation), float(np.asarray(simulation.field("mass"), dtype=float).sum())
+    total = float(make_plan(scene).state.mass.sum())
     equal = (total / len(frame.position) * np.ones(len(frame.position)) for frame in frames)
-    weighed = (replace(frame, mass=mass) if frame.mass is None else frame for frame, mass in zip(frames, equal))
-    theirs = [measures(frame, scene.dim, gravity) for frame in weighed]
-    names = [name for name in theirs[-1] if all(name in values for values in theirs)]
-    given = dict(allowed or {})
-    unknown = ", ".join(given.keys() - set(names))
+    weighed = [replace(frame, mass=mass) if frame.mass is None else frame for frame, mass in zip(frames, equal)]
+    theirs, given = curves_of(weighed, scene), dict(allowed or {})
+    unknown = ", ".join(given.keys() - theirs.keys())
     if unknown:
-        raise InputError(f"--allow: there is no measure {unknown}; there are {', '.join(names)}.")
+        raise InputError(f"--allow: there is no measure {unknown}; there are {', '.join(theirs)}.")
     given = {"particles": 0.0, "mass": MASS_ROUNDING * total} | given
-    times = [frame.time for frame in frames]
+    times, behind = [frame.time for frame in frames], frames[-1].behind
     still: list[str] = []
-    behind = frames[-1].behind
     runs = [run_of(scene, seed, times, backend, behind, still=still) for seed in (None, *SEEDS)]
     other, coarser = (None, "") if chaos_only else _coarser(scene, times, backend, behind, total)
     compared, middles, bands, decides = [], {}, {}, (math.inf, "")
-    for name in names:
-        curves = [tuple(run[k][name] for run in runs) for k in range(len(frames))]
-        chaos, resolution = within * max(max(ours) - min(ours) for ours in curves), 0.0
-        if name in given:
-            chaos = given[name]
-        elif other is not None:
-            resolution = max(abs(values[name] - midrange(ours)) for values, ours in zip(other, curves))
+    for name, curve in theirs.items():
+        ours = np.array([run[name] for run in runs])  # (runs, frames)
+        middle, width = 0.5 * (ours.min(0) + ours.max(0)), within * np.ptp(ours, axis=0)
+        chaos, resolution = given.get(name, float(width.max())), 0.0
+        if name not in given and other is not None:
+            resolution = float(np.abs(other[name] - middle).max())
             resolution = max(resolution, scene.spacing if name.startswith(EXTENTS) else 0.0)
-        points = [
-            Measure(name, values[name][1], time, values[name][0], ours, chaos, resolution)
-            for time, values, ours in zip(times, theirs, curves)
-        ]
-        compared.append(max(points, key=lambda point: (point.difference, point.time)))
-        middles[name], bands[name] = [midrange(ours) for ours in curves], compared[-1].allowed
-        known = (max(middles[name]) - min(middles[name])) * DECIDES
-        spread = [at for at, ours in zip(times, curves) if within * (max(ours) - min(ours)) > known]
+        off = np.abs(curve - middle)
+        k = int(np.flatnonzero(off == off.max())[-1])
+        unit = UNITS.get(name.split()[0], "m") if name != "mass" else "kg" if scene.dim == 3 else "kg/m"
+        found = float(curve[k]), tuple(ours[:, k].tolist())
+        compared.append(Measure(name, unit, times[k], *found, chaos, resolution))
+        middles[name], bands[name] = middle, compared[-1].allowed
+        spread = [at for at, wide in zip(times, width) if wide > DECIDES * np.ptp(middle)]
         if next(at for at in times if at > 0) not in spread:  # else it says nothing, as what is zero by symmetry
             decides = min(decides, (min(spread, default=math.inf), name))
     return Comparison(time, compared, coarser, times, middles, bands, decides, still, behind)
@@ -174,7 +178,7 @@ def compare(
 
 def _coarser(
     scene: Scene, times: Sequence[float], backend: str, behind: bool, total: float
-) -> tuple[list[dict[str, float]] | None, float | str]:
+) -> tuple[dict[str, np.ndarray] | None, float | str]:
     """(measures at times [s] of a run with a coarser spacing and the same mass, the spacing), or (None, why not)."""
     why = ""
     for ratio in RATIOS:
@@ -186,22 +190,18 @@ def _coarser(
     return None, why
 
 
-def _gravity(simulation: Simulation) -> np.ndarray | None:
-    effect: Any = simulation.plan.effects.get("gravity")
-    return None if effect is None else np.array(effect.acceleration, dtype=float)
-
-
 def run_of(
     scene: Scene, seed: int | None, times: Sequence[float], backend: str, behind: bool = False, total: float = 0.0,
     still: list[str] | None = None,
-) -> list[dict[str, float]]:  # fmt: skip
+) -> dict[str, np.ndarray]:  # fmt: skip
     """Measures at times [s] of a run from the scene's start, or from a shaken one; with a total mass [kg] if given.
 
     behind  whether velocities are those of half a step before the times
     still   is given the names of gauges whose values stood still
     """
     simulation = Simulation(scene, backend)
-    share = total / float(np.asarray(simulation.field("mass"), dtype=float).sum()) if total else 1.0
+    mass = np.asarray(simulation.field("mass"), dtype=float)
+    mass = total / mass.sum() * mass if total else mass
     if seed is not None:
         position = simulation.field("position")
         grid = simulation.plan.grid
@@ -210,41 +210,28 @@ def run_of(
         shift = np.random.default_rng(seed).uniform(-amount, amount, position.shape)
         shift[:, scene.dim :] = 0
         simulation.set_field("position", (position + shift).astype(position.dtype))
-    before = after = _state(simulation)
-    curves = []
+
+    def state() -> list[tuple[float, np.ndarray]]:
+        """Positions and velocities, each with their time [s]."""
+        now, half = simulation.time, 0.0 if behind else 0.5 * simulation.previous_length
+        position, velocity = (np.asarray(simulation.field(name), dtype=float) for name in ("position", "velocity"))
+        return [(now, position), (now - half, velocity)]
+
+    before = after = state()
+    frames = []
     for until in times:
-        while min(after.time, after.velocity_time) < until:
+        while simulation.time - 0.5 * simulation.previous_length < until:
             simulation.step()
-            before, after = after, _state(simulation)
-        position = _between(before.time, before.position, after.time, after.position, until)
-        began, ended = (s.time if behind else s.velocity_time for s in (before, after))
-        velocity = _between(began, before.velocity, ended, after.velocity, until)
-        told = measures(Snapshot(until, position, velocity, share * after.mass), scene.dim, _gravity(simulation))
-        curves.append({name: value for name, (value, _) in told.items()})
+            before, after = after, state()
+        position, velocity = (  # by a straight line through those of two times
+            last if end == start else first + (last - first) * (until - start) / (end - start)
+            for (start, first), (end, last) in zip(before, after)
+        )
+        frames.append(Snapshot(until, position, velocity, mass))
     for gauge in scene.gauge if still is not None and seed is None else ():
         if not np.ptp(simulation.gauge(gauge.name).values, axis=0).any():
             still.append(gauge.name)  # type: ignore[union-attr]
-    return curves
-
-
-class _State(NamedTuple):
-    """Times [s] of the positions and of the velocities, and the fields in the particles' first order."""
-
-    time: float
-    velocity_time: float
-    position: np.ndarray
-    velocity: np.ndarray
-    mass: np.ndarray
-
-
-def _state(simulation: Simulation) -> _State:
-    fields = (np.asarray(simulation.field(name), dtype=float) for name in ("position", "velocity", "mass"))
-    return _State(simulation.time, simulation.time - 0.5 * simulation.previous_length, *fields)
-
-
-def _between(start: float, first: np.ndarray, end: float, last: np.ndarray, time: float) -> np.ndarray:
-    """Values at a time, by a straight line through those of two times."""
-    return last if end == start else first + (last - first) * (time - start) / (end - start)
+    return curves_of(frames, scene)
 
 
 def report(compared: list[Measure]) -> list[dict[str, Any]]:
@@ -278,10 +265,8 @@ def sensitivities(scene: Scene, compared: Comparison, backend: str) -> Iterator[
         except RunStopped:
             yield Sensitivity(name, LITTLE, "the run, which stops")
             continue
-        shares = {}
-        for measure, curve in compared.curves.items():
-            moved = max(abs(values[measure] - usual) for values, usual in zip(run, curve))
-            shares[measure] = LITTLE * compared.bands[measure] / moved if moved > 0 else math.inf
+        moved = {measure: float(np.abs(run[measure] - curve).max()) for measure, curve in compared.curves.items()}
+        shares = {m: LITTLE * compared.bands[m] / most if most > 0 else math.inf for m, most in moved.items()}
         by = min(shares, key=lambda measure: shares[measure])
         yield Sensitivity(name, shares[by], by if shares[by] < math.inf else "")
 
