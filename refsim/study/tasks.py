@@ -2,15 +2,11 @@
 
 import os
 import shutil
-from collections.abc import Callable, Generator, Sequence
-from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-from refsim.cluster import perform
-from refsim.cluster.tasks import Outcome, Report, Task
+from refsim.cluster.tasks import Report, Task
 from refsim.core.errors import InputError
 from refsim.core.versions import versions
 from refsim.engine.simulation import Simulation
@@ -18,10 +14,9 @@ from refsim.scene.plan import make_plan
 from refsim.scene.scene import Scene
 from refsim.study import runs
 from refsim.study.cost import bytes_of
-from refsim.study.observables import Observable, digest_of
+from refsim.study.observables import digest_of
 from refsim.study.runs import Reading, Setting, source_digest
 
-MANY = 10_000  # runs of one call, above which results lie in 256 folders: file systems are slow with a million in one
 RUNNING = "running"  # folder of the checkpoints of runs under way, below that of the results
 
 
@@ -98,49 +93,3 @@ def compute(report: Report, work: Work) -> Reading:
     reading = runs.kept_or_made(folder, work.key, work.setting, made, read, work.read)
     shutil.rmtree(place, ignore_errors=True)
     return reading
-
-
-class Batch:
-    """Runs whose results are kept in a folder; those that it lacks are tasks for other processes.
-
-    name      of the observable, as a text
-    where     on what the seconds depend (`key_of`)
-    notes     is given a sentence for each damaged result, `say` how many runs there are to do
-    keys      of the runs, one for each setting; `readings` by key of those that are known
-    """
-
-    def __init__(
-        self, settings: Sequence[Setting], observable: Observable, name: str, folder: Path, where: str,
-        notes: list[str], say: Callable[[str], None], every: float = 60.0,
-    ) -> None:  # fmt: skip
-        self.folder, self.notes = folder, notes
-        self.keys = [runs.key_of(setting, observable, None, 1, where) for setting in settings]
-        self.readings = {key: reading for key in self.keys if (reading := self.kept(key)) is not None}
-        self.tasks = [
-            task_of(key, setting, name, self.place(key), every)
-            for key, setting in dict(zip(self.keys, settings)).items()
-            if key not in self.readings
-        ]
-        say(f"{len(self.tasks)} runs to do" + (f", {len(self.readings)} are on file" if self.readings else ""))
-
-    def place(self, key: str) -> Path:
-        """The folder of a result."""
-        return self.folder / key[:2] if len(self.keys) > MANY else self.folder
-
-    def kept(self, key: str) -> Reading | None:
-        """The reading on file, also where another call kept it that had fewer runs."""
-        reading = runs.kept(self.folder, key, self.notes)
-        return runs.kept(self.place(key), key, self.notes) if reading is None and len(self.keys) > MANY else reading
-
-    def perform(self, **how: Any) -> Generator[tuple[Outcome, Reading | None], None, None]:
-        """Perform the tasks (`refsim.cluster.perform`); each outcome with its reading, None where there is none."""
-        with closing(perform(self.tasks, **how)) as outcomes:
-            for outcome in outcomes:
-                key = outcome.task.key
-                reading = self.kept(key)  # also where another process has computed it meanwhile
-                if reading is None and outcome.error is None:  # the worker's folder is another one
-                    reading = outcome.value
-                    runs.keep(self.place(key), key, outcome.task.arguments[0].setting, reading)
-                if reading is not None:
-                    self.readings[key] = reading
-                yield outcome, reading

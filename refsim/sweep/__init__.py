@@ -20,6 +20,7 @@ from typing import Any
 import msgspec
 
 from refsim.backends.arrays import require_backend
+from refsim.cluster import perform
 from refsim.cluster.tasks import Outcome, Task
 from refsim.core.errors import InputError
 from refsim.core.tables import in_time, table
@@ -29,9 +30,10 @@ from refsim.io.store import tidy
 from refsim.scene.files import load_scene, scene_from_dict, scene_to_dict, set_parameter, struct_of, tables_of, text_of
 from refsim.scene.plan import make_plan
 from refsim.scene.scene import Scene
+from refsim.study import runs
 from refsim.study.observables import Observable, observable_of
 from refsim.study.runs import Reading, Setting
-from refsim.study.tasks import Batch, whole_name
+from refsim.study.tasks import task_of, whole_name
 
 MOST_RUNS = 1_000_000
 TABLE = "sweep.csv"
@@ -221,27 +223,34 @@ def sweep(
     observable = observable_of(name, _first_plan(points))
     settings = [Setting("sweep", point.label, 1.0, point.scene, given.backend) for point in points]
     notes: list[str] = []
-    batch = Batch(settings, observable, name, place, ANYWHERE, notes, say, every=checkpoint_every)
-    readings, on_file = batch.readings, len(batch.readings)
-    missing: dict[str, str] = {}
-    if batch.tasks:
+    keys = [runs.key_of(setting, observable, None, 1, ANYWHERE) for setting in settings]
+    readings: dict[str, Reading | None] = {key: runs.kept(place, key, notes) for key in keys}
+    left = {key: setting for key, setting in zip(keys, settings) if readings[key] is None}
+    tasks = [task_of(key, setting, name, place, checkpoint_every) for key, setting in left.items()]
+    on_file, missing = len(readings) - len(left), dict[str, str]()
+    say(f"{len(left)} runs to do" + (f", {on_file} are on file" if on_file else ""))
+    if tasks:
         _writable(place)
         tidy(place)
-    progress = Progress(batch.tasks, bar, say)
+    progress = Progress(tasks, bar, say)
     with (
         closing(progress.bar),
-        closing(batch.perform(jobs=jobs, scheduler=scheduler, watch=progress.watch, say=say)) as outcomes,
+        closing(perform(tasks, jobs=jobs, scheduler=scheduler, watch=progress.watch, say=say)) as outcomes,
     ):
-        for outcome, reading in outcomes:
-            if reading is None:
-                missing[outcome.task.key] = " ".join(str(outcome.error).split())
+        for outcome in outcomes:
+            key = outcome.task.key
+            stored = runs.kept(place, key, notes)  # also where another process has computed it meanwhile
+            if stored is None and outcome.error is None:  # the worker's folder is another one
+                runs.keep(place, key, left[key], outcome.value)
+            readings[key] = stored or outcome.value
+            if readings[key] is None:
+                missing[key] = " ".join(str(outcome.error).split())
             progress.ended(outcome)
     for key in missing:  # another process may have computed it since
-        if (stored := batch.kept(key)) is not None:
-            readings[key] = stored
-    lacking = {k: missing[key] for k, key in enumerate(batch.keys) if key not in readings}
-    found, took = tuple(map(readings.get, batch.keys)), (progress.task_seconds, time.perf_counter() - began)
-    computed = len(readings) - on_file
+        readings[key] = readings[key] or runs.kept(place, key, notes)
+    lacking = {k: missing[key] for k, key in enumerate(keys) if readings[key] is None}
+    found, took = tuple(readings[key] for key in keys), (progress.task_seconds, time.perf_counter() - began)
+    computed = sum(readings[key] is not None for key in left)
     swept = Swept(tuple(points), found, observable, computed, lacking, *took, progress.workers, tuple(notes))
     _writable(place)
     with writing("table", place / TABLE, KEPT), in_turn(place / f"{TABLE}.lock"):
