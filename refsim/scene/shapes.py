@@ -25,6 +25,7 @@ TIED = 1e-6  # share of a cell, or of the edges of a block, that decides nothing
 SAME = 0.25  # share of a cell up to which a body overlaps a part whose surface it has
 REACH = 3.0  # support radius of the packing [spacings]
 NEAR = 3.08  # spacings from a cut cell up to which particles are packed; between two distances of a lattice
+HOLLOW = "a mesh is a solid: give a container an outer surface, too, or take box_walls"  # where liquid stands inside
 STEPS, LONGEST, AT_REST = 200, 0.1, 2e-3  # of the packing; longest displacement of one, and at its end [spacings]
 
 
@@ -64,8 +65,14 @@ def shares_in(block: CellShares, spacing: float, inside: Callable[[np.ndarray], 
 def filled(
     block: CellShares, grid: Discretisation, effects: Mapping[str, Effect], solids: Nodes | None
 ) -> np.ndarray:  # fmt: skip
-    """Places (n, 3) [m] of particles, a cell's volume each, that fill what bodies leave of the block."""
+    """Places (n, 3) [m] of particles, a cell's volume each, that fill what bodies leave of the block.
+
+    Raises InputError where bodies take most of all cells that the part fills whole.
+    """
     taken, centre = _bodies(block.place, grid, effects, solids)
+    inner = block.share == 1
+    if inner.any() and taken[inner].min() > 1 - SAME:
+        raise InputError(f"scene: bodies take all of a part of its fluid; {HOLLOW}.")
     open_share, open_centre = _rest(block.place, (taken, centre))
     # Where the part's own surface cuts a cell, a body there is what contains it
     bounded = block.share < np.where(block.share < 1, open_share + SAME, open_share)

@@ -1,5 +1,6 @@
 """Solids from meshes in scenes: volumes, bad input, files, the penetration correction, walls with every solver."""
 
+import functools
 import pathlib
 
 import msgspec
@@ -109,13 +110,17 @@ def test_only_the_swept_correction_holds_a_plate_thinner_than_a_step(thin, speed
 
 def test_liquid_inside_the_solid_is_refused(ball):
     effects = (LIQUID, rs.Gravity(), rs.MeshBoundary(file=ball))
-    for cells, remedy in (
-        ((4, 4, 8), "move the solid or the particles"),
-        ((4, 4, 2), "a mesh is a solid: give a container"),
+    box, hollow = functools.partial(rs.Box, lower=(-0.02, -0.02, 0.0)), "a mesh is a solid: give a container"
+    for part, remedy in (
+        (box(cells=(4, 4, 8)), "start inside the solid of .*; move the solid or the particles"),
+        (box(cells=(4, 4, 2)), f"start inside the solid of .*; {hollow}"),
+        (box(cells=(4, 4, 2), outside="bodies"), f"bodies take all of a part of its fluid; {hollow}"),
+        (rs.FluidMesh(file=ball), f"bodies take all of a part of its fluid; {hollow}"),
+        (rs.Ball(radius=0.02), hollow),
+        (rs.Cloud(position=[[0.0, 0.0, 0.0]]), hollow),
     ):
-        block = rs.Box(lower=(-0.02, -0.02, 0.0), cells=cells)
-        with pytest.raises(rs.InputError, match=f"start inside the solid of .*; {remedy}"):
-            rs.make_plan(rs.Scene(spacing=SPACING, support_radius=0.026, fluid=(block,), effects=effects))
+        with pytest.raises(rs.InputError, match=remedy):
+            rs.make_plan(rs.Scene(spacing=SPACING, support_radius=0.026, fluid=(part,), effects=effects))
 
 
 DONG = rs.Dong2016(surface_tension=1.0, solver="hu_adams")

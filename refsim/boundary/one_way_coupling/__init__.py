@@ -26,6 +26,7 @@ from refsim.core.checked import NotNegative, Printed, Share
 from refsim.core.effect import Discretisation, Field, Others, Pass
 from refsim.core.errors import InputError
 from refsim.core.walls import WallParticles
+from refsim.scene.shapes import HOLLOW
 from refsim.smoothing import Smoothing, smoothing
 from refsim.sph import acceleration_of, liquid_of, pressure_is_replaced
 
@@ -209,9 +210,8 @@ class MeshBoundary(
     def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
         inside = int((self.placed(grid).distance(state.position) < 0).sum())
         if inside:
-            remedy = "move the solid or the particles, or set outside = 'bodies' in a box of the fluid"
-            if inside == grid.count:
-                remedy = "a mesh is a solid: give a container an outer surface, too, or take box_walls"
+            move = "move the solid or the particles, or set outside = 'bodies' in a box of the fluid"
+            remedy = HOLLOW if inside == grid.count else move
             raise InputError(
                 f"{self.name}: {inside} particles of the scene start inside the solid of {self.file!r}; {remedy}."
             )
