@@ -33,8 +33,8 @@ class Triangles(NamedTuple):
     corner: Any  # (t, 9) [m], corners a, b, c
     normal: Any  # (t, 21) unit pseudonormals: of the face, of the edges ab, bc, ca, of the corners a, b, c
     owner: Any  # (t, 7) int32, the lowest triangle that shares the face, the edge or the corner
-    vertex: Any  # (t, 3) int32, vertex of the mesh at each corner
     across: Any  # (t, 3) int32, the triangle across each edge
+    around: Any  # (t, 3) int32, 3 t + k of another triangle's corner at the same vertex, one after another in a circle
 
 
 class BandGrid(NamedTuple):
@@ -122,7 +122,8 @@ class NarrowBand:
         """(nearest points of the mesh (n, 3) [m], unit normals there (n, 3)) for points (n, 3) [m] near its surface.
 
         The search begins with the triangles that are closest to the corners of the point's cell, and goes across edges
-        to neighbours as long as these are nearer. A point whose cell has no triangle keeps its position, with normal 0.
+        and corners to neighbours as long as these are nearer. A point whose cell has no triangle keeps its position,
+        with normal 0.
         """
         dtype = self.field.distance.dtype
         place, normal = (self.backend.empty((points.shape[0], 3), dtype) for _ in range(2))
@@ -159,8 +160,20 @@ def triangle_table(mesh: SurfaceMesh, dtype: str) -> Triangles:
     normal = np.concatenate([face[:, None], _units(edge)[place], _units(vertex)[mesh.faces]], axis=1)
     _, lowest_corner, corner_place = np.unique(mesh.faces, return_index=True, return_inverse=True)
     owners = itself[::3, None], lowest[place], (lowest_corner // 3)[corner_place.reshape(-1, 3)]
-    numbers = (each.astype(np.int32) for each in (np.concatenate(owners, axis=1), mesh.faces, across.reshape(-1, 3)))
+    tables = np.concatenate(owners, axis=1), across.reshape(-1, 3), around_vertices(mesh.faces)
+    numbers = (each.astype(np.int32) for each in tables)
     return Triangles(corners.reshape(-1, 9).astype(dtype), normal.reshape(-1, 21).astype(dtype), *numbers)
+
+
+def around_vertices(faces: np.ndarray) -> np.ndarray:
+    """(t, 3): after corner k of triangle t comes corner 3 t' + k' at the same vertex, after the last one the first."""
+    order = np.argsort(faces, axis=None, kind="stable")
+    first = np.flatnonzero(np.diff(faces.ravel()[order], prepend=-1))
+    after = np.roll(order, -1)
+    after[np.roll(first, -1) - 1] = order[first]
+    around = np.empty_like(order)
+    around[order] = after
+    return around.reshape(-1, 3)
 
 
 def unclear_features(mesh: SurfaceMesh) -> np.ndarray | None:

@@ -271,9 +271,9 @@ def their_keys():
 
 
 def _apart(count: int) -> tuple[np.ndarray, ...]:
-    """(owner, vertex, across) of triangles that share nothing."""
+    """(owner, across, around) of triangles that share nothing."""
     itself = np.arange(count, dtype=np.int32)[:, None]
-    return np.repeat(itself, 7, 1), np.arange(3 * count, dtype=np.int32).reshape(-1, 3), np.repeat(itself, 3, 1)
+    return np.repeat(itself, 7, 1), np.repeat(itself, 3, 1), np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
 
 
 def _obtuse(order: list[int]) -> Exact:
@@ -363,18 +363,21 @@ def onto_a_cube():
 def _strip() -> Triangles:
     """Triangles 0 to 7: four unit squares along x at z = 0, each cut along a diagonal; triangle 8 is alone at z = 3 m.
 
-    Triangles 2 k and 2 k + 1 make square k. The strip looks upwards, triangle 8 downwards.
+    Triangles 2 k and 2 k + 1 make square k. Triangles 9 and 10 share a corner with triangle 0. Triangle 8 looks
+    downwards, all others upwards.
     """
     cut = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[1, 0, 0], [1, 1, 0], [0, 1, 0]]], float)
-    corner = np.concatenate([*(cut + [k, 0, 0] for k in range(4)), cut[:1, ::-1] + [0, 0, 3]])
-    normal = np.tile([0.0, 0.0, 1.0], (9, 7))
+    at_corner = np.array([[[0, 1, 0], [-0.1, 1.5, 0], [-0.25, 1.5, 0]], [[-1, 2, 0], [-1, 1, 0], [0, 1, 0]]])
+    corner = np.concatenate([*(cut + [k, 0, 0] for k in range(4)), cut[:1, ::-1] + [0, 0, 3], at_corner])
+    normal = np.tile([0.0, 0.0, 1.0], (11, 7))
     normal[8] *= -1
-    owner, vertex, across = _apart(9)
+    owner, across, around = _apart(11)
+    around[0, 2], around[9, 0], around[10, 2] = 3 * 9, 3 * 10 + 2, 2
     for k in range(0, 8, 2):
         across[k, 1], across[k + 1, 2] = k + 1, k
     for k in range(1, 7, 2):
         across[k, 0], across[k + 1, 2] = k + 1, k
-    return Triangles(corner.reshape(9, 9), normal, owner, vertex, across)
+    return Triangles(corner.reshape(11, 9), normal, owner, across, around)
 
 
 @closed_form("signed_distance.project")
@@ -383,7 +386,7 @@ def onto_a_strip():
 
     From the first query the nearest triangle is six steps away. The second is halfway between triangles 0 and 8: the
     lower number wins. Triangle 8 is nearer to the third, but no corner of its cell knows it. The cells of the others
-    begin outside the block and share one node with it that knows a triangle.
+    begin outside the block and share one node with it that knows a triangle. The fifth goes across a corner.
     """
     known = {
         (3, 0, 1): 0, (0, 0, 1): 8, (1, 0, 1): 0, (0, 1, 3): 8, (0, 0, 0): 0, (0, 2, 2): 0, (2, 0, 2): 4, (2, 2, 0): 5,
@@ -394,7 +397,7 @@ def onto_a_strip():
     field = field_at([[0, 0, 0]], np.zeros(64))._replace(closest=closest.ravel())
     answers = {
         (3.25, 0.25, 1.5): (3.25, 0.25, 0), (0.25, 0.25, 1.5): (0.25, 0.25, 0), (0.25, 1.25, 1.75): (0.25, 1, 0),
-        (-0.5, -0.5, -0.5): (0, 0, 0), (-0.5, 2.5, 2.5): (0, 1, 0), (2.5, -0.5, 2.5): (2.5, 0, 0),
+        (-0.5, -0.5, -0.5): (0, 0, 0), (-0.5, 2.5, 2.5): (-1, 2, 0), (2.5, -0.5, 2.5): (2.5, 0, 0),
         (2.5, 2.5, -0.5): (2.5, 1, 0),
     }  # fmt: skip
     points, onto = np.array(list(answers)), np.array(list(answers.values()), float)

@@ -7,7 +7,7 @@ from refsim.backends.tuples import cross, difference, dot, entrywise, scaled, tr
 from refsim.neighbours.formulas import BITS, lower_bound
 from refsim.sparse_grid.formulas import block_key, cell_coordinate, find_node, step_node
 
-FACE = 0  # features of a triangle a b c: its face, then edges ab, bc, ca (1 to 3), then corners a, b, c (4 to 6)
+FACE, CORNER = 0, 4  # features of a triangle a b c: its face, edges ab, bc, ca (1 to 3), corners a, b, c (4 to 6)
 MOST_STEPS = 32  # from triangle to triangle towards the nearest one
 WIDTH = 4  # nodes along a block
 CULL_SLACK = 1.0001  # rounding must not exclude a block that is within the band
@@ -47,9 +47,9 @@ def triangle_offset(p, t, corner, normal):
                 best, offset = squared, q
                 feature = 1 + k
                 if end == 1:
-                    feature = 4 + k
+                    feature = CORNER + k
                 elif end == 2:
-                    feature = 4 + (k + 1) % 3
+                    feature = CORNER + (k + 1) % 3
     if feature == FACE:
         offset = scaled(n, dot(difference(p, triple(corner, t, 0)), n))
     return offset, feature

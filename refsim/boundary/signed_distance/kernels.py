@@ -5,6 +5,7 @@ import math
 from refsim.backends.compile import formula, kernel
 from refsim.backends.tuples import added, difference, dot, greatest_of, least_of, put, scaled, three, triple
 from refsim.boundary.signed_distance.formulas import (
+    CORNER,
     CULL_SLACK,
     MOST_STEPS,
     WIDTH,
@@ -145,12 +146,22 @@ def interpolate(i, query, distance_field, query_distance, query_gradient):
     put(query_gradient, i, slope)
 
 
+@formula
+def nearer(p, t, triangles, best, offset, closest, feature):
+    """(|p - c|^2 [m^2], p - c [m], triangle, feature) of triangle t or of what is nearer so far; ties to the lower."""
+    away, f = triangle_offset(p, t, triangles.corner, triangles.normal)
+    squared = dot(away, away)
+    if squared < best or (squared == best and t < closest):
+        return squared, away, t, f
+    return best, offset, closest, feature
+
+
 @kernel
 def project(i, query, triangles, distance_field, projected, projected_normal):
     """Nearest point [m] of the mesh to a point, and the pseudonormal there; the point itself and 0 if none is near.
 
     The search begins with the triangles that are closest to the corners of the point's cell, and goes from the nearest
-    of them across edges to neighbours as long as these are nearer.
+    of them across edges, and across the corner that it meets, to neighbours as long as these are nearer.
     """
     x, real = three(query, i), type(distance_field.spacing)
     place, (jx, jy, jz) = place_in_field(x, distance_field)
@@ -166,20 +177,17 @@ def project(i, query, triangles, distance_field, projected, projected_normal):
         )
         t = distance_field.closest[there] if there >= 0 else -1
         if t >= 0 and t != closest:
-            away, f = triangle_offset(p, t, triangles.corner, triangles.normal)
-            squared = dot(away, away)
-            if squared < best or (squared == best and t < closest):
-                best, offset = squared, away
-                closest, feature = t, f
+            best, offset, closest, feature = nearer(p, t, triangles, best, offset, closest, feature)
     for _ in range(MOST_STEPS if closest >= 0 else 0):
-        start = closest
+        start, corner = closest, 3 * closest + feature - CORNER
         for k in range(3):
             t = triangles.across[start, k]
-            away, f = triangle_offset(p, t, triangles.corner, triangles.normal)
-            squared = dot(away, away)
-            if squared < best:
-                best, offset = squared, away
-                closest, feature = t, f
+            best, offset, closest, feature = nearer(p, t, triangles, best, offset, closest, feature)
+        other = triangles.around[start, corner - 3 * start] if corner >= 3 * start else corner
+        while other != corner:
+            t = other // 3
+            best, offset, closest, feature = nearer(p, t, triangles, best, offset, closest, feature)
+            other = triangles.around[t, other - 3 * t]
         if closest == start:
             break
     put(projected, i, difference(x, offset))

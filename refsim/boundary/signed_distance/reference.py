@@ -130,17 +130,20 @@ def trilinear(corner, u, h):
 def walked(points, triangles, corners, across):
     """|x - c| = min over `triangles`, then over neighbours as long as one is nearer, for points (m, 3).
 
-    (x - c (m, 3) [m], triangle, feature).
+    Neighbours share an edge, or the corner c. (x - c (m, 3) [m], triangle, feature).
     """
-    rows, near = np.arange(len(points)), np.tile(triangles, (len(points), 1))
-    least, offset, triangle, feature = np.inf + rows, 0 * points, 0 * rows, 0 * rows
-    while True:
-        apart, part = triangle_offset(points[:, None], corners[near])
-        distance = np.linalg.norm(apart, axis=2)
-        nearest = rows, distance.argmin(1)
-        nearer = distance[nearest] < least
-        if not nearer.any():
-            return offset, triangle, feature
-        for kept, found in ((least, distance), (offset, apart), (triangle, near), (feature, part)):
-            kept[nearer] = found[nearest][nearer]
-        near = across[triangle]
+    ends = [walk(x, triangles, corners, across) for x in points]
+    return tuple(map(np.array, zip(*ends)))
+
+
+def walk(x, near, corners, across, least=np.inf, best=None):
+    """The same of one point x, from neighbours `near` of `best`, at distance `least` [m]."""
+    offset, feature = triangle_offset(x[None], corners[near])
+    distance = np.linalg.norm(offset, axis=1)
+    k = distance.argmin()
+    if not distance[k] < least:
+        return best
+    t = near[k]
+    met = corners[t, feature[k] - 4] if feature[k] >= 4 else np.inf
+    near = np.concatenate([across[t], np.flatnonzero((corners == met).all(2).any(1))])
+    return walk(x, near, corners, across, distance[k], (offset[k], t, feature[k]))
