@@ -40,16 +40,12 @@ cases.VARIATIONS[SoftThresholds] = cases.Variation(
     lambda group, inputs, kernel: {"inverse_width": 1 / (float(group.upper) - float(group.lower))}
 )
 cases.takes("jiang_zhu_2023.cohesion", "jiang_zhu_2023.tension", smoothing="support_radius dim")
-cases.takes("jiang_zhu_2023.area", smoothing="support_radius")
 cases.codes(PairSelection, mode=PAIR_MODES)
 cases.codes(AreaTerm, kind=AREA_TERMS)
 cases.plain_keeps(
     "jiang_zhu_2023.cohesion",
     "jiang_zhu_2023.tension",
     cohesion="the equation is the sum of cohesion and area term; cohesion needs no normals",
-)
-cases.plain_keeps(
-    "jiang_zhu_2023.area", area="the area term is the whole equation", area_normal="the area term compares normals"
 )
 
 # h = 2 m in 3D: poly6 W(0, h) = 315/(512 pi) and W(h/2, h) = 27/64 of it; W(h/2, 0.8 h) = (1 - 25/64)^3/0.512 of it.
@@ -104,25 +100,22 @@ cases.closed_form(
 cases.closed_form("jiang_zhu_2023.cohesion", cohering_marked_pair=lambda: _cohering(1.0, **MARKED, **ALONE))
 
 
-def _area_pair(share, pairs, axial=None, **inputs):
+def _area_pair(share, pairs, surface_weight, axial=None):
+    """a_1 = -eps m_2/(rho_1 rho_2) (n_1 - n_2), halved by the weights, or between all pairs; cohesion is zero."""
     difference = np.array([0.5, -1.0, 0.0])
     factor = share * 8.0 / (1000.0 * 500.0)
-    inputs |= {
-        "mass": MASS, "density": DENSITY, "surface": None, "pairs": PairSelection(pairs),
-        "area": AreaTerm(0, 8.0), "area_normal": [difference, [0.0, 0.0, 0.0]],
-        "axial": axial,
+    inputs = {
+        "mass": MASS, "density": DENSITY, "surface": None, "surface_weight": surface_weight,
+        "pairs": PairSelection(pairs), "cohesion": COHESION._replace(amplitude=0.0, gamma=0.0),
+        "area": AreaTerm(0, 8.0), "area_normal": [difference, [0.0, 0.0, 0.0]], "axial": axial,
     }  # fmt: skip
     difference = difference * (0.0, 2.0, 0.0) if axial else difference  # the pair lies along y
     return cases.Exact(PAIR, inputs, {"acceleration": factor * np.array([-3 * difference, 2 * difference])})
 
 
-# a_1 = -eps m_2/(rho_1 rho_2) (n_1 - n_2), halved by the weights, or between all pairs; cohesion is zero, or none
-NOTHING = COHESION._replace(amplitude=0.0, gamma=0.0)
-WEIGHTS = {"surface_weight": [1.0, 0.0]}
-cases.closed_form("jiang_zhu_2023.tension", area_pair=lambda: _area_pair(0.5, SOFT, **WEIGHTS, cohesion=NOTHING))
 cases.closed_form(
-    "jiang_zhu_2023.area",
-    weighted_area_pair=lambda: _area_pair(0.5, SOFT, **WEIGHTS, cohesion=None),
-    whole_area_pair=lambda: _area_pair(1.0, ALL, surface_weight=None, cohesion=None),
-    axial_area_pair=lambda: _area_pair(1.0, ALL, AxialPart(2.0), surface_weight=None, cohesion=None),
+    "jiang_zhu_2023.tension",
+    area_pair=lambda: _area_pair(0.5, SOFT, [1.0, 0.0]),
+    whole_area_pair=lambda: _area_pair(1.0, ALL, None),
+    axial_area_pair=lambda: _area_pair(1.0, ALL, None, AxialPart(2.0)),
 )

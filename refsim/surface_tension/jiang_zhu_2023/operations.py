@@ -67,15 +67,10 @@ def soft_weight(surface_normal, soft, rows=None):
 
 
 @_pair_force(
-    "J(16), J(17), J(21); J(18)",
+    "J(16), J(17), J(21); J(18) with Jiang & Zhu E11",
     variants=(_ALL | without("area area_normal"), _SOFT, _ALL, _EITHER, _BOTH, _ONE_SIDED, _AXIAL), reason=_EDGE,
     invariants=f"{SYMMETRY} linear_momentum angular_momentum", programs=_fused("", _AXIAL | without("period")),
     broken=dict.fromkeys((1, 2, 3, 4), "angular_momentum") | {5: "linear_momentum angular_momentum"},
-)  # fmt: skip
-@_pair_force(
-    "J(21); J(18) with Jiang & Zhu E11", "jiang_zhu_2023.area",
-    variants=(_ALL | without("cohesion"), _SOFT | without("cohesion")), reason=_EDGE,
-    invariants=f"{SYMMETRY} linear_momentum",
 )  # fmt: skip
 @_pair_force(
     "J(16) with Jiang & Zhu E4, J(17) with Jiang & Zhu E7", "jiang_zhu_2023.cohesion",
