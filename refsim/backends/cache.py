@@ -6,16 +6,15 @@ Numba's own cache looks at one file only, and would return old numbers after an 
 import contextlib
 import functools
 import hashlib
-import io
-import itertools
 import os
 import pathlib
+import pickle
 import re
 import shutil
 import stat
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +22,7 @@ import numba
 
 from refsim.backends.fast.private import names
 from refsim.core.errors import InputError
+from refsim.core.reading import open_regular
 from refsim.core.writing import in_turn
 
 _REFSIM = pathlib.Path(__file__).parents[1]
@@ -128,177 +128,123 @@ def cache_folder(path: pathlib.Path) -> str:
     except OSError:  # a read-only home still works: Numba then compiles in every process
         pass
     if os.access(folder, os.W_OK):
-        refuse_foreign(root)
-        refuse_foreign(folder)
+        for each in (root, folder):
+            is_own(each)  # raises where it is another user's
     return str(folder)
-
-
-def _folders(folder: pathlib.Path) -> list[pathlib.Path]:
-    """A folder of the cache, that of all caches, and those that Numba has made inside."""
-    return [folder.parent, folder, *(inside for inside in folder.iterdir() if inside.is_dir())]
 
 
 def cached(dispatcher: Any, function: Callable) -> Any:
     """The dispatcher with refsim's cache."""
-    if not hasattr(dispatcher, "enable_caching"):  # plain Python under NUMBA_DISABLE_JIT and in the simulator
-        return dispatcher
-    if names("cache") is None:
+    if not hasattr(dispatcher, "enable_caching") or names("cache") is None:  # plain Python, as in the simulator
         return dispatcher
     path = pathlib.Path(function.__code__.co_filename)
-    folder = str(path.parent) if path.parent.parent == cache_root() else cache_folder(path)  # a wrapper, or a source
-    if not os.access(folder, os.W_OK) or any(map(is_shared, _folders(pathlib.Path(folder)))):
+    wrapper = path.parent.parent == cache_root()
+    folder = path.parent if wrapper else pathlib.Path(cache_folder(path))
+    if not os.access(folder, os.W_OK) or not (is_own(folder.parent) and is_own(folder)):
         return dispatcher
-    before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, folder
-    mask = os.umask(0o077)  # Numba makes a folder of its own inside
+    before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(folder)
     try:
         dispatcher.enable_caching()
     finally:
-        os.umask(mask)
         numba.config.CACHE_DIR = before
-    refuse_foreign(pathlib.Path(dispatcher._cache.cache_path))
-    check_files(dispatcher._cache)
-    compile_here, lock = dispatcher.compile, pathlib.Path(folder, f"{function.__qualname__}.lock")
+    cache, compile_here = dispatcher._cache, dispatcher.compile
+    place = folder / f"{path.stem}-{function.__code__.co_firstlineno}-{function.__qualname__}"
+    cache._cache_file = files = CodeFiles(str(place), cache._cache_file._dump)
 
     def compile_or_load(signature: Any) -> Any:
-        """Load the code, or compile and store it; of several processes one compiles, and the others load.
-
-        Numba names what it saves by what stands in the cache already: two processes that save one kernel for two types
-        at once take the same name, and one of them then loads what the other compiled.
-        """
-        with contextlib.nullcontext() if is_stored(dispatcher, signature) else in_turn(lock, stays=True):
+        """Load the code, or compile and store it; of several processes one compiles, and the others load."""
+        stored = os.path.exists(files.path(cache._index_key(signature, dispatcher.targetctx.codegen())))
+        with contextlib.nullcontext() if stored else in_turn(pathlib.Path(f"{place}.lock"), stays=True):
             return compile_here(signature)
 
     dispatcher.compile = compile_or_load
     return dispatcher
 
 
-# Files of the cache. Numba unpickles what it finds in its cache and runs it. Each file therefore ends with a SHA-256
-# over its name and its content. A file that does not match is deleted and its kernel is compiled anew, with a warning
-# once in a process. The digest detects damage; the check of the folder's owner and rights protects against other users.
+# Files of the cache. Numba unpickles what stands in them and runs it. Each ends with a SHA-256 over its content, which
+# detects damage; the check of the folder's owner and rights protects against other users.
 
 DIGEST_BYTES = 32
 _told: set[str] = set()  # kinds of warnings that this process has given
 
 
-def refuse_foreign(folder: Path) -> None:
-    """Raise InputError if another user owns a folder of the cache, or every user may write to it."""
+def is_own(folder: Path) -> bool:
+    """Whether nobody else may write to a folder of the cache; where its group may, a warning says so once.
+
+    Raises InputError if another user owns it, or every user may write to it.
+    """
     try:
         about = os.stat(folder)
     except OSError:
-        return  # an absent folder holds no code
-    if about.st_uid != os.geteuid():
-        why = f"belongs to another user (number {about.st_uid})"
-    elif about.st_mode & stat.S_IWOTH:
-        why = "can be written to by every user"
-    else:
-        return
-    raise InputError(
-        f"the compile cache {folder} {why}, who could place code there that refsim would run; set REFSIM_CACHE_DIR to a"
-        " folder that only you can write to, or correct the folder's owner and rights."
-    )
-
-
-def is_shared(folder: Path) -> bool:
-    """Whether the group of a folder of the cache, but not every user, may write to it; a warning says so once."""
-    try:
-        mode = os.stat(folder).st_mode
-    except OSError:
-        return False
-    shared = bool(mode & stat.S_IWGRP) and not mode & stat.S_IWOTH
-    if shared:
+        return True  # an absent folder holds no code
+    foreign = f"belongs to another user (number {about.st_uid})" if about.st_uid != os.geteuid() else ""
+    if foreign or about.st_mode & stat.S_IWOTH:
+        raise InputError(
+            f"the compile cache {folder} {foreign or 'can be written to by every user'}, who could place code there"
+            " that refsim would run; set REFSIM_CACHE_DIR to a folder that only you can write to, or correct the"
+            " folder's owner and rights."
+        )
+    if shared := bool(about.st_mode & stat.S_IWGRP):
         tell_once(
             "shared",
             f"the compile cache {folder} is not used, because its group can write to it and could place code there that"
             f" refsim would run; run `chmod g-w {folder}`, or set REFSIM_CACHE_DIR to a folder that only you can write"
             " to.",
         )
-    return shared
+    return not shared
 
 
-def check_files(cache: Any) -> None:
-    """Let Numba's `cache` of one kernel check what it reads, and go on without what it cannot write."""
-    files = cache._cache_file
-    files.__class__ = _checked_kind(files.__class__)
-    save = cache.save_overload
+class CodeFiles:
+    """Compiled code of one kernel, in place of Numba's index and numbered files: a file for each key.
 
-    def save_if_possible(signature: Any, compiled: Any) -> None:
+    A key stands for types of arguments, processor and function. A damaged file is deleted and its kernel compiled anew.
+
+    place  of the files, to which the key adds its digest; `dump` pickles what Numba hands over
+    """
+
+    def __init__(self, place: str, dump: Callable[[Any], bytes]) -> None:
+        self.place, self.dump = place, dump
+
+    def path(self, key: Any) -> str:
+        """The file of a key."""
+        return f"{self.place}.{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.nbc"
+
+    def load(self, key: Any) -> Any:
+        """The code of this key; None where there is none."""
+        path = self.path(key)
         try:
-            save(signature, compiled)
+            with open_regular(path) as file:
+                content = file.read()
+        except FileNotFoundError:
+            return None
+        except OSError:  # an unreadable file is treated as damaged
+            content = b""
+        if hashlib.sha256(content[:-DIGEST_BYTES]).digest() == content[-DIGEST_BYTES:]:
+            stored, code = pickle.loads(content)
+            return code if stored == key else None  # of a class that is written like another
+        with contextlib.suppress(OSError):
+            os.unlink(path)
+        tell_once(
+            "damaged",
+            f"the compile cache was damaged ({path}); damaged files are deleted, their kernels compiled again.",
+        )
+        return None
+
+    def save(self, key: Any, code: Any) -> None:
+        """Keep the code of this key; a warning says so where the file cannot be written."""
+        path, content = self.path(key), self.dump((key, code))
+        draft = Path(f"{path}.{os.getpid()}")
+        try:
+            draft.write_bytes(content + hashlib.sha256(content).digest())
+            os.replace(draft, path)
         except OSError as error:
+            with contextlib.suppress(OSError):
+                draft.unlink()
             tell_once(
                 "unwritable",
-                f"the compile cache {cache.cache_path} cannot be written ({error.strerror or error}); the next run"
-                " compiles these kernels again.",
+                f"the compile cache {os.path.dirname(self.place)} cannot be written ({error.strerror or error}); the"
+                " next run compiles these kernels again.",
             )
-
-    cache.save_overload = save_if_possible
-
-
-def is_stored(dispatcher: Any, signature: Any) -> bool:
-    """Whether the cache holds whole code of a kernel for a signature and this processor."""
-    if names("cache") is None:
-        return False
-    cache = dispatcher._cache
-    name = cache._cache_file._load_index().get(cache._index_key(signature, dispatcher.targetctx.codegen()))
-    return name is not None and _is_whole(cache._cache_file._data_path(name))
-
-
-class _Checked:
-    """What differs from Numba's IndexDataCacheFile."""
-
-    def save(self, key: Any, data: Any) -> None:
-        """Store the code before the index names it, so that a kill between both leaves no index of other code."""
-        index = self._load_index()
-        taken = set(index.values())
-        free = (name for name in map(self._data_name, itertools.count(1)) if name not in taken)
-        name = index.get(key) or next(free)
-        self._save_data(name, data)
-        self._save_index({**index, key: name})
-
-    def _load_index(self) -> dict[Any, str]:
-        return super()._load_index() if _is_whole(self._index_path) else {}
-
-    def _load_data(self, name: str) -> Any:
-        path = self._data_path(name)
-        if not _is_whole(path):
-            raise FileNotFoundError(path)  # Numba then compiles
-        return super()._load_data(name)
-
-    @contextlib.contextmanager
-    def _open_for_write(self, path: str) -> Iterator[io.BytesIO]:
-        with super()._open_for_write(path) as file:
-            content = io.BytesIO()
-            yield content
-            file.write(content.getvalue() + _digest(path, content.getvalue()))
-
-
-@functools.cache
-def _checked_kind(kind: type) -> type:
-    """Numba's class for the files of a cache (the CPU's or CUDA's) with the checks."""
-    return type(f"Checked{kind.__name__}", (_Checked, kind), {})
-
-
-def _digest(path: str, content: bytes) -> bytes:
-    return hashlib.sha256(os.path.basename(path).encode() + b"\0" + content).digest()
-
-
-def _is_whole(path: str) -> bool:
-    """Whether the file is there and matches its digest; a damaged one is deleted."""
-    try:
-        if stat.S_ISREG(os.stat(path).st_mode):
-            content = Path(path).read_bytes()
-            if _digest(path, content[:-DIGEST_BYTES]) == content[-DIGEST_BYTES:]:
-                return True
-    except FileNotFoundError:
-        return False
-    except OSError:
-        pass  # an unreadable file is treated as damaged
-    with contextlib.suppress(OSError):
-        os.unlink(path)
-    tell_once(
-        "damaged", f"the compile cache was damaged ({path}); damaged files are deleted, their kernels compiled again."
-    )
-    return False
 
 
 def tell_once(kind: str, sentence: str) -> None:

@@ -43,9 +43,7 @@ FEATURES = {
         "kernels take a quarter longer to compile",
     ),
     "cache": Feature(
-        ("numba.core.caching:Cache._index_key", *_of(
-            "numba.core.caching:IndexDataCacheFile._", "load_index save_index load_data save_data data_name data_path"
-            " open_for_write")),
+        ("numba.core.caching:Cache._index_key", "numba.core.caching:IndexDataCacheFile._dump"),
         "compiled kernels are not kept, and every process compiles them anew",
     ),
     "launch": Feature(
