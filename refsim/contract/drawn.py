@@ -176,19 +176,15 @@ def _by_ranks(target: Target, name: str) -> Outcome:
 def write(target: Target) -> None:
     """Write the smallest drawn input that failed."""
     name, drawn = target.sought.smallest
-    case = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(drawn.case).items() if k in FIELDS}
-    told = {"trial": name, "case": case, "lengths": drawn.lengths, "gap": drawn.gap}
-    write_file(FILE.format(target.operation.name), json.dumps(told, indent=1).encode())
-
-
-FIELDS = [f.name for f in dataclasses.fields(cases.Case)]
+    told = json.dumps({"trial": name} | dataclasses.asdict(drawn), indent=1, default=np.ndarray.tolist)
+    write_file(FILE.format(target.operation.name), told.encode())
 
 
 def read(path: Path) -> tuple[str, Drawn]:
     """(name of the trial, input) of such a file. Raises InputError for another one."""
     try:
         told = json.loads(path.read_text(encoding="utf-8"))
-        case: dict[str, Any] = {k: tuple(v) if k == "masses" else v for k, v in told["case"].items()}
+        case: dict[str, Any] = told["case"] | {"masses": tuple(told["case"]["masses"])}
         for name in ("position", "wall_position"):
             case[name] = np.array(case[name], float).reshape(-1, 3)
         return str(told["trial"]), Drawn(cases.Case(**case), tuple(told["lengths"]), int(told["gap"]))

@@ -19,7 +19,6 @@ import numpy as np
 from refsim.contract import describe, properties
 from refsim.contract.answers import CLOUDS, DENSE, FEW, LARGE, exact_forms, extended, sampled
 from refsim.contract.bounds import Bounds, oracle, takes_neighbours
-from refsim.contract.causes import columns
 from refsim.contract.inputs import Inputs, arguments_of_others, shape_acts, unset, varied, with_kernel, without_walls
 from refsim.contract.target import Answer, Target
 from refsim.core import cases
@@ -230,7 +229,9 @@ def _vectors(target: Target) -> Iterator[_Vector]:
     for case in CLOUDS.values():
         usual = properties.Usual(target, case)
         for name in properties.spoilable(operation, usual.inputs):
-            yield _with_nan(operation, f"{case}_nan_in_{name}", usual, properties.Spoiled(usual, name))
+            given, right = properties.Spoiled(usual, name), usual.inputs
+            at = f"{case}_nan_in_{name}"
+            yield _Vector(at, "T9", given.inputs, given.answer, free=given.free, measured=right)
     for case in FEW.values():
         for group, member, inputs in varied(operation, target.varied(Inputs(cases.CASES[case](), target.dtype))):
             answer = oracle(operation, inputs)
@@ -251,25 +252,6 @@ def _conserved(target: Target, case: str) -> Iterator[_Vector]:
         for number, inputs in enumerate(properties.CONSERVED[name][0](usual)):
             like, bound = (f"{case}_alone", {}) if name == "galilean" else ("", {name: 0.0})
             yield _Vector(f"{case}_{name}_{number}", "T4", inputs, oracle(operation, inputs), like, invariants=bound)
-
-
-def _with_nan(operation: Operation, name: str, usual: properties.Usual, spoiled: properties.Spoiled) -> _Vector:
-    """Rows of particles that depend on the NaN are NaN; of the others those hold that the ladder judges."""
-    answer, free = {}, dict[str, Any]()
-    whole = oracle(operation, spoiled.inputs)
-    for output, (value, scale) in usual.expected.items():
-        if not usual.inputs.per_particle(output):
-            value, scale = whole[output]
-            free[output] = columns(~np.isfinite(value)).any(1)
-        elif output in operation.exact:  # flags cannot show a NaN
-            free[output] = np.ones(len(value), dtype=bool)
-        else:
-            lost = columns(spoiled.depends[output]).any(1)
-            value = np.array(value)
-            value[lost] = np.nan
-            free[output] = ~lost & ~spoiled.far
-        answer[output] = (value, scale)
-    return _Vector(name, "T9", spoiled.inputs, answer, free=free, measured=usual.inputs)
 
 
 def write_replay(target: Target) -> None:

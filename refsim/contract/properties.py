@@ -356,8 +356,10 @@ def spoilable(operation: Operation, inputs: Inputs) -> Iterator[str]:
 class Spoiled:
     """A NaN in one particle's row of the argument `name`.
 
-    inputs, changed  the inputs with it, and with another number in its place
-    far              particles that it cannot reach
+    inputs  with it
+    used    whether another number in its place changes the oracle's answer
+    answer  in the oracle's form: NaN in rows that change so; of the whole set what the oracle can still say
+    free    rows of each output that may be anything
     """
 
     def __init__(self, usual: Usual, name: str) -> None:
@@ -365,54 +367,60 @@ class Spoiled:
         changed, spoiled = np.array(inputs[name]), np.array(inputs[name])
         changed[row] = 1.5 * changed[row] + 1
         spoiled[row] = np.nan
-        self.inputs, self.changed = (inputs.replaced(**{name: values}) for values in (spoiled, changed))
+        self.inputs, other = (inputs.replaced(**{name: values}) for values in (spoiled, changed))
         apart = np.asarray(inputs["position"], dtype=float) - inputs["position"][row]
         period = period_of(operation, inputs)
         distance = size(apart if period is None else nearest_image(apart, period))
-        self.far = (distance > 1.1 * inputs.case.list_radius * operation.halo_depth) & (operation.halo_depth > 0)
-        self._usual = usual
+        far = (distance > 1.1 * inputs.case.list_radius * operation.halo_depth) & (operation.halo_depth > 0)
+        moved = oracle(operation, other)
+        whole = {} if all(map(inputs.per_particle, moved)) else oracle(operation, self.inputs)
+        self.used, self.answer, self.free = False, dict[str, Any](), dict[str, np.ndarray]()
+        for output, (value, scale) in usual.expected.items():
+            depends = in_rows(np.abs(moved[output][0] - value) > 1e-9 * scale)
+            self.used |= bool(depends.any())
+            if not inputs.per_particle(output):
+                value, scale = whole[output]
+                self.free[output] = in_rows(~np.isfinite(value))
+            elif output in operation.exact:  # flags cannot show a NaN
+                self.free[output] = np.ones(len(value), dtype=bool)
+            else:
+                value = np.array(value)
+                value[depends] = np.nan
+                self.free[output] = ~depends & ~far
+            self.answer[output] = value, scale
 
-    @functools.cached_property
-    def depends(self) -> dict[str, np.ndarray]:
-        """Entries of each output that depend on the argument's row: those that the oracle changes where it changes."""
-        other = oracle(self._usual.target.operation, self.changed)
-        answer = self._usual.expected
-        return {n: np.abs(other[n][0] - value) > 1e-9 * scale for n, (value, scale) in answer.items()}
+
+def in_rows(entries: np.ndarray) -> np.ndarray:
+    """Whether there is one in each row."""
+    return np.any(entries, axis=tuple(range(1, entries.ndim)))
 
 
 def _spoiled(usual: Usual, name: str) -> Outcome:
-    target, inputs = usual.target, usual.inputs
-    operation, spoiled = target.operation, Spoiled(usual, name)
+    target, inputs, spoiled = usual.target, usual.inputs, Spoiled(usual, name)
     over_all = "neighbours" in target.arguments and "neighbours" not in target.taken
-    broken_inputs, far = spoiled.inputs, spoiled.far & (not over_all)
-    before, after = target.launch(broken_inputs, complete=False)  # an iteration may end at the NaN
+    before, after = target.launch(spoiled.inputs, complete=False)  # an iteration may end at the NaN
     if any(unwritten(before, after)):
         quiet = target.quiet()
         quiet.launch(inputs)
         target.faults.extend(quiet.faults)
-    answer = usual.expected
-    of_all = [n for n in answer if not inputs.per_particle(n)]
-    whole = {n: v for n, v in (oracle(operation, broken_inputs) if of_all else {}).items() if n in of_all}
-    counted = errors(operation, broken_inputs, before, after, answer=whole)
-    values: dict[str, Any] = {}
-    visible: Any = False
-    message = ""
-    for output, entries in spoiled.depends.items():
-        depends: Any = entries
-        got = ~np.isfinite(after[output])
-        if inputs.per_particle(output) and output not in operation.exact:
-            depends, got = (m.reshape(len(m), -1).any(1) for m in (depends, got))
-            values[output] = np.where((depends & ~got) | (far & got), np.inf, 0.0)
-            visible |= depends.any()
-            if (depends & ~got).any():
+    whole = {n: right for n, right in spoiled.answer.items() if not inputs.per_particle(n)}
+    counted = errors(target.operation, spoiled.inputs, before, after, answer=whole)
+    values: dict[str, np.ndarray] = {}
+    visible, message = False, ""
+    for output, (right, _) in spoiled.answer.items():
+        got, free = in_rows(~np.isfinite(after[output])), spoiled.free[output]
+        if output in whole:  # what the oracle can still say must be right
+            off = counted[output]
+            values[output] = np.where(free, 0.0, off.max(tuple(range(1, off.ndim))))
+            visible |= bool(got.any() or (after[output] != before[output]).any())
+        elif output not in target.operation.exact:
+            lost = in_rows(np.isnan(right))
+            hidden, spread = lost & ~got, ~lost & ~free & got & (not over_all)
+            values[output] = np.where(hidden | spread, np.inf, 0.0)
+            visible |= bool(lost.any())
+            if hidden.any():
                 message = f"a NaN in {name} does not show in {output}, which depends on it"
-            elif (far & got).any():
+            elif spread.any():
                 message = f"a NaN in {name} of one particle spreads to {output} of particles far away"
-        elif output in whole:  # what the oracle can still say of the whole set must be right
-            known = np.isfinite(whole[output][0])
-            known = known.reshape(len(known), -1).all(1) if known.ndim > counted[output].ndim else known
-            values[output] = np.where(known, counted[output], 0.0)
-            visible |= got.any() or (after[output] != before[output]).any()
-    used = any(depends.any() for depends in spoiled.depends.values())
-    error = worst(values) if visible or not used else np.inf
+    error = worst(values) if visible or not spoiled.used else np.inf
     return target.outcome(error, message or named_worst(values))
