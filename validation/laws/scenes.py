@@ -34,7 +34,7 @@ SHAPES = ("block", "block", "block", "ball", "notched", "parted")
 # Parameters that say which of the others count, or name files and parts
 UNDRAWN = ("literal", "file", "latent_heat", "surface", "cell_size")
 COSTLY = ("quadrature",)  # in space the NumPy backend takes seconds a step
-SUPPORTS = (*(2.13, 2.62, 3.21) * 8, 1.02)  # spacings; no pair of a lattice is as far apart
+SUPPORTS = (*(2.0, 2.13, 2.62, 3.0, 3.21) * 5, 1.02)  # spacings; in lattices h = 2 d and 3 d cut at pairs
 LARGEST_SHIFT, FEW, MANY = 0.1, 300, 3000  # spacings off the lattice; particles for the NumPy backend, for the others
 
 

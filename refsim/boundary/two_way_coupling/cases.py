@@ -215,8 +215,8 @@ def _held(**changes):
     return inputs | changes
 
 
-def _taken(found, wet, suction, **changes):
-    return Exact(PAIR, _held(**changes), {"pressure": found, "wet": [0.0, wet], "suction": [0.0, suction]})
+def _taken(found, wet, suction, case=PAIR, **changes):
+    return Exact(case, _held(**changes), {"pressure": found, "wet": [0.0, wet], "suction": [0.0, suction]})
 
 
 for_each_kernel(
@@ -228,6 +228,12 @@ for_each_kernel(
     # 0 Pa beside another solid's particle
     solid_in_the_air=lambda w: _taken(np.zeros(2), 0.0, 0.0, phase=[SURFACE, SURFACE]),
 )
+
+
+@closed_form("two_way_coupling.extrapolation")
+def liquid_h_away():
+    """Liquid that rounding alone takes within h."""
+    return _taken([300.0, 0.0], 0.0, 0.0, at("far", [[0.0, 0.0, 0.0], [0.0, 2 - 1e-8, 0.0]]))
 
 
 def _film(wanted, **changes):

@@ -184,8 +184,11 @@ def extrapolation(
         smoothing, lean, delay,
     )  # fmt: skip
     if first_lane(lane):
-        wet[i] = weights / own_share(smoothing)
-        pressure[i] = total / weights if weights > zero else zero
+        near = weights / own_share(smoothing)
+        if near <= type(zero)(LEAST):  # liquid that rounding alone takes within h
+            total = alone = near = zero
+        wet[i] = near
+        pressure[i] = total / weights if near != zero else zero
         suction[i] = zero if alone >= zero else type(zero)(SUCKED) * alone / weights
 
 

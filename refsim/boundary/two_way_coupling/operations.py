@@ -111,14 +111,16 @@ def extrapolation(position, velocity, followed_velocity, phase, density, smoothi
     )  # fmt: skip
     around, solid = near_solids(i, smoothing, lean, delay, rows)
     weights = around(ref.weight_of_liquid)
+    wet = weights / float(kernel_value(0.0, smoothing))
+    wet = where(solid.liquid.value + (wet.value <= 1e-20), 0, wet)  # rounding alone takes such liquid within h
     p, alone = (
         in_each(around(term), around, ref.weight_of_liquid) / positive(weights)
         for term in (ref.pressure_and_head, ref.pressure_alone)
     )
     return {
-        "wet": where(solid.liquid, 0, weights / float(kernel_value(0.0, smoothing))),
-        "suction": where(solid.liquid, 0, 4.0 * minimum(alone, 0)),
-        "pressure": where(solid.liquid, solid.pressure, p),
+        "wet": wet,
+        "suction": where(wet.value != 0, 4.0 * minimum(alone, 0), 0),
+        "pressure": where(solid.liquid, solid.pressure, where(wet.value != 0, p, 0)),
     }
 
 
