@@ -23,7 +23,7 @@ import numba
 from refsim.backends.fast.private import names
 from refsim.core.errors import InputError
 from refsim.core.reading import open_regular
-from refsim.core.writing import in_turn
+from refsim.core.writing import in_turn, write_once
 
 _REFSIM = pathlib.Path(__file__).parents[1]
 _CACHES_KEPT = 200
@@ -232,14 +232,10 @@ class CodeFiles:
 
     def save(self, key: Any, code: Any) -> None:
         """Keep the code of this key; a warning says so where the file cannot be written."""
-        path, content = self.path(key), self.dump((key, code))
-        draft = Path(f"{path}.{os.getpid()}")
+        content = self.dump((key, code))
         try:
-            draft.write_bytes(content + hashlib.sha256(content).digest())
-            os.replace(draft, path)
+            write_once(Path(self.path(key)), content + hashlib.sha256(content).digest())
         except OSError as error:
-            with contextlib.suppress(OSError):
-                draft.unlink()
             tell_once(
                 "unwritable",
                 f"the compile cache {os.path.dirname(self.place)} cannot be written ({error.strerror or error}); the"

@@ -13,6 +13,7 @@ import sys
 import types
 import warnings
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from types import MappingProxyType
 from typing import Any
 
@@ -43,7 +44,8 @@ def function_of_text(
     source  of the kernel; `space` is what the text names beside what it imports
     """
     path = pathlib.Path(cache_folder(source), f"{name}_{hashlib.sha256(text.encode()).hexdigest()[:8]}.py")
-    write_once(path, text)
+    with suppress(OSError):  # a folder that cannot be written
+        write_once(path, text.encode())
     linecache.cache[str(path)] = (len(text), None, text.splitlines(keepends=True), str(path))
     place = types.ModuleType(f"{module}.{path.stem}")
     place.__dict__.update(space, __file__=str(path))

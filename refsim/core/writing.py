@@ -64,21 +64,12 @@ def made_by(save: Callable[..., object], *given: Any, **named: Any) -> bytes:
     return file.getvalue()
 
 
-def write_once(path: Path, text: str) -> None:
-    """Write a file unless it is there already; nothing happens where the folder is read-only."""
-    if path.exists():
-        return
-    import tempfile
-
-    with suppress(OSError):
-        handle, draft = tempfile.mkstemp(dir=path.parent)
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8") as file:
-                file.write(text)
-            with suppress(FileExistsError):  # another process was faster
-                os.link(draft, path)
-        finally:
-            os.unlink(draft)
+def write_once(path: Path, content: Content) -> None:
+    """Write a file unless it is there already; it is not forced onto the disk. Raises OSError."""
+    if not path.exists():
+        with _beside([path]) as (draft,):
+            draft.write_bytes(content)
+            os.replace(draft, path)
 
 
 def output_path(given: str | os.PathLike[str], what: str, *endings: str) -> Path:
