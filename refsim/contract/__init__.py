@@ -7,9 +7,9 @@ comparison; `bindings` gives the arguments of a program by name.
 """
 
 from refsim.contract.binding import to_numpy
-from refsim.contract.inputs import Inputs, bindings
+from refsim.contract.inputs import Inputs
 from refsim.contract.programs import STEPS, Programs, Step, climb, ladder, load, refsim_programs, run, trials
-from refsim.contract.target import Outcome, Target
+from refsim.contract.target import Outcome, Target, bindings
 from refsim.contract.whole_runs import resumes
 
 __all__ = ["STEPS", "Inputs", "Outcome", "Programs", "Step", "Target", "bindings", "climb", "ladder", "load"]

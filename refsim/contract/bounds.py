@@ -15,9 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from refsim.contract.inputs import Inputs, distances, period_of
+from refsim.contract.inputs import Inputs, period_of
 from refsim.core.cases import STAND_INS
 from refsim.core.operation import Operation
+from refsim.neighbours.reference import pair_blocks
 
 STRETCH = 1e-6
 EDGE = 8.0  # roundings of the distance in which r = h is undecided
@@ -54,18 +55,18 @@ def neighbour_counts(operation: Operation, inputs: Inputs, rows: np.ndarray | No
     count = np.zeros(wanted)
     if not takes_neighbours(operation):
         return count
-    for place, distance in _all_distances(operation, inputs, rows):
+    for place, _, distance in _all_distances(operation, inputs, rows):
         count[place] += (distance < inputs.case.list_radius).sum(1)
     return count
 
 
-def _all_distances(operation: Operation, inputs: Inputs, rows: np.ndarray | None) -> Iterator[tuple[slice, np.ndarray]]:
-    """Blocks of particles, of all or of `rows`, and their distances [m] to all particles, then to wall particles."""
+def _all_distances(operation: Operation, inputs: Inputs, rows: np.ndarray | None) -> Iterator[tuple[slice, Any, Any]]:
+    """Blocks of particles, of all or of `rows`, with what parts them from all particles, then from walls' [m]."""
     sources = [inputs["position"]]
     if "walls" in operation.arguments("numpy") and inputs["walls"] is not None:
         sources.append(inputs["walls"].position)
     for source in sources:
-        yield from distances(inputs["position"], source, rows, period_of(operation, inputs))
+        yield from pair_blocks(inputs["position"], source, rows, period_of(operation, inputs))
 
 
 def takes_neighbours(operation: Operation) -> bool:
@@ -187,7 +188,7 @@ def edge_terms(operation: Operation, inputs: Inputs, rows: np.ndarray | None = N
     """Sum of |T| of the pairs at r = h within `EDGE` roundings, in rows that have such a pair; else 0."""
     edge, radius = EDGE * float(np.finfo(inputs.dtype).eps), inputs.case.list_radius
     near = np.zeros(len(inputs["position"]) if rows is None else len(rows), dtype=bool)
-    for place, distance in _all_distances(operation, inputs, rows):
+    for place, _, distance in _all_distances(operation, inputs, rows):
         near[place] |= (np.abs(distance / radius - 1) <= edge).any(1)
     if not near.any():
         return {}

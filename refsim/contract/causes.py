@@ -16,7 +16,6 @@ import numpy as np
 from refsim.contract.bounds import errors, oracle, size, takes_neighbours
 from refsim.contract.inputs import (
     Inputs,
-    distances,
     kernel_of,
     period_of,
     scaled,
@@ -27,6 +26,7 @@ from refsim.contract.inputs import (
 )
 from refsim.contract.target import RACE, REPEATS, Judged, Outcome, Target, named_worst, on_one_core, worst
 from refsim.core.errors import InputError
+from refsim.neighbours.reference import pair_blocks
 from refsim.smoothing.shapes import NORMALISATION, SHAPES
 
 CLOSE = 1e-6  # share of its effect by which an answer may differ from a guess
@@ -307,4 +307,4 @@ def within(operation: Any, inputs: Inputs, source: Any, rows: Any, images: bool 
     """Whether sources, or their nearest images, are within `share` of the support radius of the particles `rows`."""
     reach = share * float(getattr(kernel_of(operation, inputs), "support_radius", inputs.case.list_radius))
     period = period_of(operation, inputs) if images else None
-    return np.concatenate([d < reach for _, d in distances(inputs["position"], source, rows, period)])
+    return np.concatenate([d < reach for *_, d in pair_blocks(inputs["position"], source, rows, period)])

@@ -4,7 +4,7 @@ import functools
 import importlib
 import itertools
 import sys
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from refsim.backends.arrays import Backend, Scratch, choose, on_backend
 from refsim.core import cases
 from refsim.core.cases import TAKES, VARIATIONS, Variation
 from refsim.core.effect import Field
-from refsim.core.operation import REGISTRY, Fused, Operation, backend_of
+from refsim.core.operation import REGISTRY, Fused, Operation
 from refsim.core.period import Period
 from refsim.core.walls import WallParticles, liquid_with_list, with_list
 from refsim.neighbours import NeighbourSearch
@@ -176,13 +176,6 @@ def all_pairs(inputs: Inputs, backend: Backend, period: Period | None = None) ->
     return lists, with_list(backend.asarray(walls.position), backend.asarray(walls.volume), near)
 
 
-def distances(
-    query: np.ndarray, source: np.ndarray, rows: np.ndarray | None = None, period: Period | None = None
-) -> Iterator[tuple[slice, np.ndarray]]:
-    """Blocks of queries, of all or of `rows`, and their distances (b, m) [m] to all sources' nearest images."""
-    yield from ((place, distance) for place, _, distance in pair_blocks(query, source, rows, period))
-
-
 def listed(
     query: np.ndarray, source: np.ndarray, radius: float, exclude_self: bool, backend: Backend,
     period: Period | None = None,
@@ -191,7 +184,7 @@ def listed(
     from refsim.neighbours.rows import NeighbourColumns, NeighbourRows  # which load Numba
 
     counts, indices = [np.zeros(0, int)], [np.zeros(0, int)]
-    for place, distance in distances(query, source, period=period):
+    for place, _, distance in pair_blocks(query, source, period=period):
         near = distance < radius
         if exclude_self:
             near &= np.arange(len(query))[place, None] != np.arange(len(source))[None, :]
@@ -251,32 +244,6 @@ def arguments_of_others(operation: Operation, arrays: str) -> tuple[str, ...]:
     cases.discover()
     given = (cases.STAND_INS.get(name, (name,)) for name in operation.arguments(arrays))
     return tuple(dict.fromkeys(itertools.chain.from_iterable(given)))
-
-
-def bindings(
-    operation: Operation | str, backend: str, dtype: str, case: str, variant: Mapping[str, Any] | int = 0,
-    lists: str = "search", names: Collection[str] = (),
-) -> dict[str, Any]:  # fmt: skip
-    """Values of everything that the operation's program on `backend` takes, by argument name, on one case.
-
-    operation  an Operation or its name
-    backend    or the name of one of the operation's further programs ("cuda:fused")
-    dtype      "float32" or "float64"
-    case       name in refsim.core.cases.CASES
-    variant    overrides, or the number of one of the operation's own variants
-    lists      "search" (refsim's neighbour search) or "all_pairs" (the oracle)
-    names      arguments that are wanted in place of those of refsim's own program
-
-    Arrays that are written are copies of their own. Raises KeyError where nothing makes an argument.
-    """
-    operation = (REGISTRY[operation] if isinstance(operation, str) else operation).as_computed_by(backend)
-    chosen = operation.variants[variant] if isinstance(variant, int) else variant
-    cases.discover()
-    period = period_of(operation, with_variant(Inputs(cases.CASES[case](), dtype), chosen))
-    made, neighbours, walls = prepared(case, backend_of(backend), dtype, lists, period)
-    inputs, place = with_variant(made, chosen), backend_for(backend_of(backend))
-    wanted = names or operation.arguments(backend)
-    return {name: value_of(operation, name, inputs, neighbours, walls, place) for name in wanted}
 
 
 # Altered inputs

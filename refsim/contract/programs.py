@@ -306,10 +306,10 @@ class Step:
         """Name of the trial."""
         return self.trial.name if self.trial else "every trial"
 
-    def outcome(self) -> Outcome:
+    def outcome(self, not_judged: str = "", words: str = "") -> Outcome:
         """An outcome of this trial that did not pass."""
-        made = self.target.outcome(0.0)
-        return replace(made, step=self.step, trial=self.name, passed=False, not_judged=self.not_judged)
+        made = self.target.outcome(0.0, words)
+        return replace(made, step=self.step, trial=self.name, passed=False, not_judged=not_judged or self.not_judged)
 
     def perform(self) -> Outcome | None:
         """Call the program and judge; None where the trial does not apply.
@@ -323,8 +323,7 @@ class Step:
             outcome = self.trial.run()
         except NotJudged as reason:
             target.faults.clear()
-            told, message = (*reason.args, "")[:2]
-            outcome = replace(self.outcome(), not_judged=told, words=message)
+            outcome = self.outcome(*reason.args)
         if outcome is None and target.faults:
             outcome = target.outcome(np.inf)
         seconds = round(time.perf_counter() - began, 4)
@@ -347,32 +346,27 @@ def ladder(
 
     All dtypes, variants and steps by default. Raises InputError for what does not exist or cannot run here.
     """
-    program = programs.operation(programs.operations((operation,))[0])
+    program, own = programs.operation(programs.operations((operation,))[0]), programs.programs is None
     among(dtypes, programs.dtypes, f"{programs.name} does not compute in")
     among(steps, tuple(STEPS), "there is no step")
-    chosen = chosen_variants(program, variants)
-    names = [programs.arrays]
-    if programs.programs is None:
-        names = [name for name in program.names() if backend_of(name) == programs.arrays]
-    dims = (3,) if programs.programs is None else tuple(sorted(programs.dims, reverse=True))
+    chosen, numbers = chosen_variants(program, variants), itertools.count()
+    names = [n for n in program.names() if backend_of(n) == programs.arrays] if own else [programs.arrays]
+    dims = (3,) if own else tuple(sorted(programs.dims, reverse=True))
     target = Target(
         program, names[0], loader=programs.loader(), calling=calling, excludes=programs.excludes, dims=dims,
-        same_bits=programs.same_bits, readings=programs.readings,
-        seed=0 if seed is None and programs.programs is not None else seed,
+        same_bits=programs.same_bits, readings=programs.readings, seed=0 if seed is None and not own else seed,
     )  # fmt: skip
-    counter = itertools.count()
     for name, dtype, variant, kernel in itertools.product(names, dtypes or DTYPES, chosen, programs.ladders(program)):
         overrides = program.as_computed_by(name).variants
         if variant >= len(overrides):
             continue
-        at = replace(
-            target, operation=program, backend=name, dtype=dtype, variant=variant, kernel=kernel, faults=[], last={}
-        )
+        given: dict[str, Any] = {"backend": name, "dtype": dtype, "variant": variant, "kernel": kernel}
+        at = replace(target, operation=program, faults=[], last={}, **given)
         reason = dtype if dtype not in programs.dtypes else programs.unsupported(program, overrides[variant])
         if reason:
-            yield Step(next(counter), at, not_judged=reason)
-            continue
-        yield from planned(at, steps or None, counter)
+            yield Step(next(numbers), at, not_judged=reason)
+        else:
+            yield from planned(at, steps or None, numbers)
 
 
 def trials(

@@ -9,11 +9,11 @@ import numpy as np
 from refsim.backends.arrays import on_threads, threads_of
 from refsim.contract.answers import CLOUDS, LARGE
 from refsim.contract.bounds import errors, neighbour_counts, oracle, size
-from refsim.contract.inputs import Inputs, distances, period_of, subset, unwritten, without_walls
+from refsim.contract.inputs import Inputs, period_of, subset, unwritten, without_walls
 from refsim.contract.target import RACE, REPEATS, Outcome, Target, Trial, named_worst, on_one_core, worst
 from refsim.core import cases
 from refsim.core.operation import Operation
-from refsim.neighbours.reference import nearest_image
+from refsim.neighbours.reference import nearest_image, pair_blocks
 
 TURNS = {
     2: ([[0, -1, 0], [1, 0, 0], [0, 0, 1]], [[0, 1, 0], [1, 0, 0], [0, 0, 1]]),
@@ -202,7 +202,7 @@ def by_ranks(usual: Usual, ranks: int) -> Outcome:
     gathered: dict[str, np.ndarray] = {}
     for share in np.array_split(np.argsort(inputs["position"][:, 0], kind="stable"), ranks):
         near = np.zeros(inputs.case.count, dtype=bool)
-        for _, distance in distances(inputs["position"], inputs["position"], share, period_of(operation, inputs)):
+        for *_, distance in pair_blocks(inputs["position"], inputs["position"], share, period_of(operation, inputs)):
             near |= (distance < reach).any(0)
         near[share] = False
         keep = np.concatenate([share, np.flatnonzero(near)])

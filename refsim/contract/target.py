@@ -27,7 +27,7 @@ from refsim.contract.inputs import (
     with_variant,
 )
 from refsim.core import cases
-from refsim.core.operation import Operation, backend_of
+from refsim.core.operation import REGISTRY, Operation, backend_of
 
 Answer = Mapping[str, tuple[Any, Any]]
 LISTED = {"neighbours", "walls", "liquid_near_walls"}  # arguments with lists of the neighbour search
@@ -228,6 +228,7 @@ class Target:
 
         For a program that reads no list none is made, and the particles are in a random order.
         """
+        cases.discover()
         given = with_variant(Inputs(cases.CASES[case](), self.dtype), self.operation.variants[self.variant])
         period = period_of(self.operation, given)
         lists = lists if self.listed else "none"
@@ -323,6 +324,30 @@ class Target:
     def quiet(self) -> "Target":
         """The same program, whose faults are nobody's."""
         return dataclasses.replace(self, faults=[], last={})
+
+
+def bindings(
+    operation: Operation | str, backend: str, dtype: str, case: str, variant: Mapping[str, Any] | int = 0,
+    lists: str = "search", names: Collection[str] = (),
+) -> dict[str, Any]:  # fmt: skip
+    """Values of everything that the operation's program on `backend` takes, by argument name, on one case.
+
+    operation  an Operation or its name
+    backend    or the name of one of the operation's further programs ("cuda:fused")
+    dtype      "float32" or "float64"
+    case       name in refsim.core.cases.CASES
+    variant    overrides, or the number of one of the operation's own variants
+    lists      "search" (refsim's neighbour search) or "all_pairs" (the oracle)
+    names      arguments that are wanted in place of those of refsim's own program
+
+    Arrays that are written are copies of their own. Raises KeyError where nothing makes an argument.
+    """
+    operation = REGISTRY[operation] if isinstance(operation, str) else operation
+    if not isinstance(variant, int):
+        operation, variant = dataclasses.replace(operation, variants=(variant,)), 0
+    target = Target(operation, backend, dtype, variant)
+    made, wanted = target.prepared(case, lists), names or target.arguments
+    return {name: value_of(target.operation, name, *made, target.place) for name in wanted}
 
 
 class Trial(NamedTuple):
