@@ -116,16 +116,18 @@ class CudaKernel:
     their number. `registers` is the largest number for each thread: with fewer registers more threads run at a time,
     and some values are kept in local memory. With `looping` there are no more threads than run at a time, and the
     kernel takes its rows in a loop; with `resident` it has one block for each multiprocessor, and they may wait for
-    each other.
+    each other. An `early` one begins while the kernel launched before it ends, where the device can: what that one
+    writes is read behind `wait_for_last`, which the first block always calls, so that kernels end in their order.
     """
 
     def __init__(
         self, function: Callable, *, rows_of: str | None = None, lanes: str | int = 1,
         block_for_each_row: bool = False, threads: int | None = None, registers: int | None = None,
-        looping: bool = False, resident: bool = False,
+        looping: bool = False, resident: bool = False, early: bool = False,
     ) -> None:  # fmt: skip
         names = list(inspect.signature(function).parameters)
         self.block_for_each_row, self.looping, self.resident = block_for_each_row, looping, resident
+        self.early = early
         self.lanes = 1 if isinstance(lanes, str) else lanes
         self.list_at = names.index(lanes) if isinstance(lanes, str) else None
         of, _, self.member = (rows_of or names[-1]).partition(".")
@@ -154,7 +156,7 @@ class CudaKernel:
                 blocks = min(blocks, multiprocessors() * (RESIDENT_THREADS // self.threads))
             kinds = None if self.launches is None else kinds_of(arguments)
             if kinds is not None and kinds in self.launches:
-                self.launches[kinds](blocks, self.threads, arguments)
+                self.launches[kinds](blocks, self.threads, arguments, self.early and begins_early())
                 return
             self.dispatcher[blocks, self.threads, stream()](*arguments)  # compiles
             launch = None if kinds is None else direct_launch(self.dispatcher, arguments)
@@ -168,6 +170,16 @@ class CudaKernel:
 def multiprocessors() -> int:
     """Number of the device's multiprocessors; one in the simulator."""
     return 1 if simulated() else _load_cuda().get_current_device().MULTIPROCESSOR_COUNT
+
+
+@functools.cache
+def begins_early() -> bool:
+    """Whether the device can begin a kernel before the last one has ended; where there is none, kernels are for one."""
+    there = _load_cuda()
+    if not there.is_available():
+        return True
+    version = there.cudadrv.driver.get_version()
+    return there.get_current_device().compute_capability >= (9, 0) and version >= (12, 3)
 
 
 class _AbsentArgument:

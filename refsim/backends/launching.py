@@ -18,6 +18,7 @@ SCALARS = {
     bool: bool, int: ctypes.c_int64, float: ctypes.c_double, np.uint8: ctypes.c_uint8, np.int32: ctypes.c_int32,
     np.int64: ctypes.c_int64, np.float32: ctypes.c_float, np.float64: ctypes.c_double,
 }  # fmt: skip
+EARLY = "programmatic_stream_serialization"  # which only later versions of `cuda.core` know
 _warned: list[str] = []
 
 
@@ -34,13 +35,16 @@ class Launch:
         self.launch, self.config = launch, LaunchConfig
         self.streams = {branch(): self.converted(stream())}
 
-    def __call__(self, blocks: int, threads: int, arguments: tuple) -> None:
+    def __call__(self, blocks: int, threads: int, arguments: tuple, early: bool) -> None:
         values: list[Any] = []
         unfold(arguments, values)
         number = branch()
         if number not in self.streams:
             self.streams[number] = self.converted(stream())
-        self.launch(self.streams[number], self.config(grid=(blocks, 1, 1), block=(threads, 1, 1)), self.kernel, *values)
+        shape: dict[str, Any] = {"grid": (blocks, 1, 1), "block": (threads, 1, 1)}
+        if early and hasattr(self.config, EARLY):
+            shape[EARLY] = True
+        self.launch(self.streams[number], self.config(**shape), self.kernel, *values)
 
 
 def direct_launch(dispatcher: Any, arguments: tuple) -> Launch | None:

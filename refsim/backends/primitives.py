@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from refsim.backends.compile import cuda, cuda_formula
+from refsim.backends.compile import begins_early, cuda, cuda_formula
 from refsim.backends.runtime import simulated
 
 MOST_THREADS = 1024  # of a block
@@ -79,6 +79,10 @@ if simulated():
     def set_four(array, i, x, y, z, w):  # noqa: ANN001, ANN201
         """Row i of an (n, 4) array becomes these numbers."""
         array[i, 0], array[i, 1], array[i, 2], array[i, 3] = x, y, z, w
+
+    @cuda_formula
+    def wait_for_last():  # noqa: ANN201
+        """Wait for the kernel launched before: here each has ended."""
 
 else:
     from llvmlite import ir
@@ -178,6 +182,27 @@ else:
         four = ir.VectorType(context.get_data_type(kind.dtype), 4)
         rows = builder.bitcast(context.make_array(kind)(context, builder, values[0]).data, four.as_pointer())
         return builder.gep(rows, [context.cast(builder, values[1], index, types.intp)])
+
+    @intrinsic
+    def wait_for_last(typing_context):  # noqa: ANN001, ANN201
+        """Wait until the kernel launched before an `early` one has ended, and let the next early one begin."""
+
+        def generate(context, builder, signature, values):  # noqa: ANN001, ANN202
+            if begins_early():
+                text = "griddepcontrol.wait; griddepcontrol.launch_dependents;"
+                none = ir.FunctionType(ir.VoidType(), [])
+                builder.call(ir.InlineAsm(none, text, "~{memory}", side_effect=True), [])
+            return context.get_dummy_value()
+
+        return types.void(), generate
+
+
+@cuda_formula
+def behind_last(works):  # noqa: ANN001, ANN201
+    """`works`, for which a thread has waited for the kernel launched before, as the first block always does."""
+    if works or cuda.blockIdx.x == 0:
+        wait_for_last()
+    return works
 
 
 @cuda_formula

@@ -10,7 +10,7 @@ from collections import namedtuple
 import numpy as np
 
 from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
-from refsim.backends.primitives import sum_before, sum_of_lanes
+from refsim.backends.primitives import behind_last, sum_before, sum_of_lanes, wait_for_last
 from refsim.sparse_grid.block_search_cuda import number
 from refsim.sparse_grid.formulas import step_node
 from refsim.surface_energy import formulas, kernels
@@ -21,11 +21,11 @@ CELL_BIT = 1 << 24  # counts a cell beside its points: the points of 64 cells ar
 PLANES = 4  # threads that share a cell: one for each plane of nodes along z that its points reach, and one more
 
 
-@cuda_kernel(rows_of="cell")
+@cuda_kernel(rows_of="cell", early=True)
 def fill_points(cell, place, first, each, counts, unsorted):
     """The points of each cell, in any order; there are `each` points to a sample."""
     r = cuda.grid(1)
-    if r < each * counts[MADE] and cell[r] >= 0:
+    if behind_last(r < each * counts[MADE] and cell[r] >= 0):
         unsorted[first[cell[r]] + place[r]] = r
 
 
@@ -43,11 +43,11 @@ def place_in_row(r, cell, first, held, unsorted):
     return at
 
 
-@cuda_kernel(rows_of="fit_cell")
+@cuda_kernel(rows_of="fit_cell", early=True)
 def sort_points(fit_position, fit_cell, bins, unsorted, blocks, surface_term, counts, fit_splines, fit_target):
     """Splines (9, points) of the points, cell by cell, and b [h]: 0 at the samples, epsilon at their second points."""
     r = cuda.grid(1)
-    if r < 2 * counts[MADE] and fit_cell[r] >= 0:
+    if behind_last(r < 2 * counts[MADE] and fit_cell[r] >= 0):
         at = place_in_row(r, fit_cell[r], *bins, unsorted)
         real = type(surface_term.cell_size)
         kernels.put_splines(at, r, fit_position, fit_cell[r], blocks, surface_term, fit_splines.T)
@@ -94,7 +94,7 @@ def reached_from(held_in_block, blocks, b):
     return cuda.syncthreads_or(occupied) != 0
 
 
-@cuda_kernel(threads=CELLS, lanes=PLANES)
+@cuda_kernel(threads=CELLS, lanes=PLANES, early=True)
 def sum_fit(bins, fit_splines, fit_target, blocks, coefficients, counts, reached, change, filled):
     """Of each cell's points, for each node k that they reach: sum of B_k, and of (b - B C) B_k in units of h.
 
@@ -107,18 +107,21 @@ def sum_fit(bins, fit_splines, fit_target, blocks, coefficients, counts, reached
         zero = fit_target.dtype.type(0)
         planes = 3 if blocks.neighbour.shape[1] == 27 else 1
         dz = min(plane, planes - 1)
-        c = cuda.local.array(9, fit_target.dtype)
+        near, c = cuda.local.array(9, np.int32), cuda.local.array(9, fit_target.dtype)
         total = cuda.local.array(9, fit_target.dtype)
         changed = cuda.local.array(9, fit_target.dtype)
         for k in range(9):
             c[k], total[k], changed[k] = zero, zero, zero
             if coefficients is not None:
-                j = step_node(blocks, cell, k % 3, k // 3, dz)
-                held = coefficients[number(max(j, 0))]  # read in any case: such reads do not wait for each other
-                c[k] = held if j >= 0 else zero
+                near[k] = step_node(blocks, cell, k % 3, k // 3, dz)
         first, held = bins
         r = number(first[cell])
         last = r + held[cell]
+        wait_for_last()
+        if coefficients is not None:
+            for k in range(9):
+                value = coefficients[number(max(near[k], 0))]  # in any case: such reads do not wait for each other
+                c[k] = value if near[k] >= 0 else zero
         while r < last:
             x0, x1, x2 = fit_splines[0, r], fit_splines[1, r], fit_splines[2, r]
             z = fit_splines[number(6 + dz), r]
@@ -146,6 +149,8 @@ def sum_fit(bins, fit_splines, fit_target, blocks, coefficients, counts, reached
                 change[number(9 * plane + k), number(n)] = changed[k]
                 if reached is not None:
                     reached[number(9 * plane + k), number(n)] = total[k]
+    elif cuda.blockIdx.x == 0:
+        wait_for_last()
 
 
 @cuda_formula
@@ -203,7 +208,7 @@ def sum_around(near, blocks, first_row, rows, sums):
 Active = namedtuple("Active", "active_block active_columns counts")
 
 
-@cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")
+@cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total", early=True)
 def begin_fit(held_in_block, rank, blocks, reached, change, surface_term, node_weight, coefficients, active, total):
     """(3.7): 1/sum_r B_i(x_r), 0 where the sum is at most LEAST_SUM, and the first sweep from C = 0."""
     b, thread = cuda.blockIdx.x, cuda.threadIdx.x
@@ -214,6 +219,7 @@ def begin_fit(held_in_block, rank, blocks, reached, change, surface_term, node_w
     weight, value = real(0), real(0)
     if reached_from(held_in_block, blocks, b):
         load_columns(b, rank, blocks, change, near)
+        wait_for_last()
         whole = sum_around(near, blocks, 0, 1, reached)
         if whole > real(formulas.LEAST_SUM):
             weight = real(1) / whole
@@ -226,11 +232,13 @@ def begin_fit(held_in_block, rank, blocks, reached, change, surface_term, node_w
             active.active_block[place[0]] = b
             for c in range(thread, REACHING, CELLS):
                 active.active_columns[place[0], c] = near[c]
+    elif b == 0:
+        wait_for_last()
     node_weight[i] = weight
     coefficients[i] = value
 
 
-@cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")
+@cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total", early=True)
 def correct(blocks, change, surface_term, node_weight, coefficients, active, total):
     """C <- C + w Lambda B^T (b - B C), on a block with weights."""
     if cuda.blockIdx.x < active.counts[ACTIVE]:
@@ -241,6 +249,9 @@ def correct(blocks, change, surface_term, node_weight, coefficients, active, tot
         i = number(CELLS * active.active_block[cuda.blockIdx.x] + cuda.threadIdx.x)
         weight = node_weight[i]
         cuda.syncthreads()
+        wait_for_last()
         if weight > type(weight)(0):
             whole = sum_around(near, blocks, 0, 1, change)
             coefficients[i] += surface_term.relaxation * weight * whole
+    elif cuda.blockIdx.x == 0:
+        wait_for_last()

@@ -3,6 +3,7 @@
 import numpy as np
 
 from refsim.backends.compile import cuda, cuda_kernel
+from refsim.backends.primitives import behind_last, wait_for_last
 from refsim.backends.tuples import put, scaled, three
 from refsim.sparse_grid.block_search_cuda import number
 from refsim.sparse_grid.formulas import node_coordinates
@@ -22,15 +23,15 @@ def locate_samples(sample_position, vertex_edge, facets, blocks, surface_term, c
         count_point(s, three(sample_position, s), guess, blocks, surface_term, held, sample_place, sample_cell)
 
 
-@cuda_kernel(rows_of="sample_cell")
+@cuda_kernel(rows_of="sample_cell", early=True)
 def sort_samples(sample_cell, bins, unsorted, counts, point):
     """The samples of each cell by their numbers."""
     s = cuda.grid(1)
-    if s < counts[MADE] and sample_cell[s] >= 0:
+    if behind_last(s < counts[MADE] and sample_cell[s] >= 0):
         point[place_in_row(s, sample_cell[s], *bins, unsorted)] = s
 
 
-@cuda_kernel(threads=CELLS, rows_of="rows")
+@cuda_kernel(threads=CELLS, rows_of="rows", early=True)
 def sum_pulls(samples, bins, point, filled, counts, blocks, surface_term, pulls, rows):
     """(4.18*): sum of A_s (I - n n^T) h grad B_k(x_s) of each cell's samples, for each node k that they reach."""
     sample_position, sample_normal = samples.sample_position, samples.sample_normal
@@ -46,7 +47,9 @@ def sum_pulls(samples, bins, point, filled, counts, blocks, surface_term, pulls,
         for k in range(9):
             total[k] = real(0)
         first, held = bins
-        for at in range(first[cell], first[cell] + held[cell]):
+        begin, end = first[cell], first[cell] + held[cell]
+        wait_for_last()
+        for at in range(begin, end):
             s = number(point[at])
             fx = formulas.grid_offset(sample_position[s, 0], jx, surface_term)
             fy = formulas.grid_offset(sample_position[s, 1], jy, surface_term)
@@ -64,20 +67,25 @@ def sum_pulls(samples, bins, point, filled, counts, blocks, surface_term, pulls,
                 total[3 * kx + 2] += area * uz
         for k in range(9):
             pulls[9 * row + k, n] = total[k]
+    elif cuda.blockIdx.x == 0:
+        wait_for_last()
 
 
-@cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")
+@cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total", early=True)
 def pull_nodes(held_in_block, rank, blocks, pulls, surface_term, node_force, counts, total):
     """(4.18*): force on the nodes [N], -k sum_s A_s (I - n n^T) grad B_i(x_s); samples may then be numbered again."""
     b = cuda.blockIdx.x
     i = CELLS * b + cuda.threadIdx.x
-    if i == 0:
-        counts[SAMPLED], counts[SAMPLES] = 0, 0
+    if b == 0:
+        wait_for_last()
+        if i == 0:
+            counts[SAMPLED], counts[SAMPLES] = 0, 0
     real = type(surface_term.cell_size)
     near = cuda.shared.array(REACHING, np.int32)
     t = real(0), real(0), real(0)
     if reached_from(held_in_block, blocks, b):
         load_columns(b, rank, blocks, pulls, near)
+        wait_for_last()
         x, y = sum_around(near, blocks, 0, 3, pulls), sum_around(near, blocks, 1, 3, pulls)
         t = x, y, sum_around(near, blocks, 2, 3, pulls)
     put(node_force, i, scaled(t, -surface_term.tension / surface_term.cell_size))
