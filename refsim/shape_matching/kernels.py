@@ -115,20 +115,29 @@ def summed(sums, lane):
 
 
 @formula
-def nothing_16(zero):
+def over_region(term, sums, s, lane, region, half_width, nodes):
+    """`sums` and the terms of all members of the region of node s, or of all regions that hold it."""
+    (first, step), middle = lane_slots(lane), region.shape[1] // 2
+    for pair in range(first, middle + 1, step):
+        slot, other, offset = opposites(pair, lane, half_width)
+        j, k = region[s, slot], region[s, other]  # both are on their way before one is used
+        if j != EMPTY:
+            sums = added(sums, term(s, j, offset, nodes))
+        if k != EMPTY and pair < middle:
+            sums = added(sums, term(s, k, opposite(offset), nodes))
+    return summed(sums, lane)
+
+
+@formula
+def no_members(zero):
     """Sums of no terms."""
     return formulas.match_term(zero, (zero, zero, zero), (zero, zero, zero))
 
 
 @formula
-def nothing_12(zero):
-    """Sums of no terms."""
-    return formulas.motion_term(zero, (zero, zero, zero), (zero, zero, zero))
-
-
-@formula
-def match_member(s, j, offset, solid_position, region_share):
+def match_member(s, j, offset, nodes):
     """Terms of member j of the region of node s, `offset` cells from it."""
+    solid_position, region_share = nodes
     x = difference(three(solid_position, j), three(solid_position, s))
     return formulas.match_term(region_share[j], x, converted(offset, type(x[0])))
 
@@ -144,23 +153,15 @@ def match(s, lane, solid_position, region_share, region, matching, region_center
 @formula
 def match_sums(s, lane, solid_position, region_share, region, half_width):
     """Sums of the region of node s, member by member."""
-    sums = nothing_16(type(solid_position[s, 0])(0))
-    (first, step), middle = lane_slots(lane), region.shape[1] // 2
-    for pair in range(first, middle + 1, step):
-        slot, other, offset = opposites(pair, lane, half_width)
-        j, k = region[s, slot], region[s, other]  # both are on their way before one is used
-        if j != EMPTY:
-            sums = added(sums, match_member(s, j, offset, solid_position, region_share))
-        if k != EMPTY and pair < middle:
-            sums = added(sums, match_member(s, k, opposite(offset), solid_position, region_share))
-    return summed(sums, lane)
+    nothing = no_members(type(solid_position[s, 0])(0))
+    return over_region(match_member, nothing, s, lane, region, half_width, (solid_position, region_share))
 
 
 @formula
 def careful_sums(s, solid_position, region_share, region, half_width):
     """(sums, S = sum m |x|_1 [kg m]) of the region of node s, member by member in float64, with exact differences."""
     zero = np.float64(0)
-    sums, size = nothing_16(zero), zero
+    sums, size = no_members(zero), zero
     last = region.shape[1] - 1
     for k in range(region.shape[1]):  # a slot and then its opposite: k = 0, last, 1, ...
         slot = last - k // 2 if k % 2 else k // 2
@@ -223,8 +224,9 @@ def match_write(s, sums, q, matching, region_center, region_anchor, rotation):
 
 
 @formula
-def goal_member(s, r, offset, solid_position, region_anchor, rotation, matching):
+def goal_member(s, r, offset, nodes):
     """Displacement of node s to its goal in the region of node r [m]; r is `offset` cells from s."""
+    solid_position, region_anchor, rotation, matching = nodes
     g = converted(offset, type(matching.spacing))
     goal = formulas.goal_term(rotation[r], region_anchor[r], g, matching.spacing)
     return added(goal, difference(three(solid_position, r), three(solid_position, s)))
@@ -244,17 +246,8 @@ def pull(
 @formula
 def goal_sums(s, lane, solid_position, region, region_anchor, rotation, matching):
     """Sum of `goal_member` over the slots, member by member [m]."""
-    zero = type(matching.spacing)(0)
-    sums = zero, zero, zero
-    (first, step), middle = lane_slots(lane), region.shape[1] // 2
-    for pair in range(first, middle + 1, step):
-        slot, other, offset = opposites(pair, lane, matching.half_width)
-        r, q = region[s, slot], region[s, other]
-        if r != EMPTY:
-            sums = added(sums, goal_member(s, r, offset, solid_position, region_anchor, rotation, matching))
-        if q != EMPTY and pair < middle:
-            sums = added(sums, goal_member(s, q, opposite(offset), solid_position, region_anchor, rotation, matching))
-    return summed(sums, lane)
+    zero, nodes = type(matching.spacing)(0), (solid_position, region_anchor, rotation, matching)
+    return over_region(goal_member, (zero, zero, zero), s, lane, region, matching.half_width, nodes)
 
 
 @formula
@@ -269,11 +262,12 @@ def goal_end(s, sums, region_count, place, velocity, matching, timestep, acceler
 
 
 @formula
-def motion_member(s, j, solid_position, solid_velocity, region_share, region_center):
-    """Terms of member j in the motion of the region of node s. Velocities relative to node s."""
+def motion_member(s, j, offset, nodes):
+    """Mass of member j, and its terms in the motion of the region of node s. Velocities relative to node s."""
+    solid_position, solid_velocity, region_share, region_center = nodes
     r = difference(three(solid_position, j), three(solid_position, s))
     u = difference(three(solid_velocity, j), three(solid_velocity, s))
-    return formulas.motion_term(region_share[j], difference(r, three(region_center, s)), u)
+    return region_share[j], *formulas.motion_term(region_share[j], difference(r, three(region_center, s)), u)
 
 
 @kernel(lanes=LANES, ordered=True)
@@ -289,20 +283,10 @@ def region_motion(
 @formula
 def motion_sums(s, lane, solid_position, solid_velocity, region_share, region, region_center, matching):
     """Mass [kg] of the region of node s, and the sums of its motion, member by member."""
-    mass = type(region_center[s, 0])(0)
-    sums = nothing_12(mass)
-    nodes = solid_position, solid_velocity, region_share, region_center
-    (first, step), middle = lane_slots(lane), region.shape[1] // 2
-    for pair in range(first, middle + 1, step):
-        slot, other, _ = opposites(pair, lane, matching.half_width)
-        j, k = region[s, slot], region[s, other]
-        if j != EMPTY:
-            mass += region_share[j]
-            sums = added(sums, motion_member(s, j, *nodes))
-        if k != EMPTY and pair < middle:
-            mass += region_share[k]
-            sums = added(sums, motion_member(s, k, *nodes))
-    return over_lanes(mass, lane), summed(sums, lane)
+    zero, nodes = type(region_center[s, 0])(0), (solid_position, solid_velocity, region_share, region_center)
+    nothing = zero, *formulas.motion_term(zero, (zero, zero, zero), (zero, zero, zero))
+    sums = over_region(motion_member, nothing, s, lane, region, matching.half_width, nodes)
+    return sums[0], sums[1:]
 
 
 @formula
@@ -318,8 +302,9 @@ def motion_end(s, mass, sums, solid_velocity, matching, region_velocity, region_
 
 
 @formula
-def damp_member(s, r, solid_position, solid_velocity, region_center, region_velocity, region_spin):
+def damp_member(s, r, offset, nodes):
     """Velocity of node s in the rigid motion of the region of node r less its own [m/s]."""
+    solid_position, solid_velocity, region_center, region_velocity, region_spin = nodes
     arm = difference(difference(three(solid_position, s), three(solid_position, r)), three(region_center, r))
     return difference(formulas.rigid_term(region_velocity[r], region_spin[r], arm), three(solid_velocity, s))
 
@@ -340,16 +325,7 @@ def damp(
 def damp_sums(s, lane, region, nodes, half_width):
     """Sum of `damp_member` over the slots, member by member [m/s]."""
     zero = type(nodes[0][s, 0])(0)
-    sums = zero, zero, zero
-    (first, step), middle = lane_slots(lane), region.shape[1] // 2
-    for pair in range(first, middle + 1, step):
-        slot, other, _ = opposites(pair, lane, half_width)
-        r, q = region[s, slot], region[s, other]
-        if r != EMPTY:
-            sums = added(sums, damp_member(s, r, *nodes))
-        if q != EMPTY and pair < middle:
-            sums = added(sums, damp_member(s, q, *nodes))
-    return summed(sums, lane)
+    return over_region(damp_member, (zero, zero, zero), s, lane, region, half_width, nodes)
 
 
 @formula
