@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from refsim.core.checked import Printed
-from refsim.core.effect import EFFECTS, Discretisation, Effect, Field, InitialState, Pass, literal_errata
+from refsim.core.effect import EFFECTS, Discretisation, Effect, InitialState, Pass, literal_errata
 from refsim.core.errors import InputError
 from refsim.core.walls import WallParticles
 
@@ -218,13 +218,9 @@ def closed_box(grid: Discretisation, others: Mapping[str, Effect]) -> list[float
 class FindsSurface:
     """Marks the particles near the free surface in field `near_surface`, for other effects."""
 
-    def near_fields(self) -> tuple[Field, ...]:
-        """Fields that an effect declares which reads `near_surface`."""
-        raise NotImplementedError  # an effect with this capability defines it
-
     def near_passes(self) -> tuple[Pass, ...]:
-        """Passes that it lists."""
-        raise NotImplementedError
+        """Passes that an effect lists which reads `near_surface`."""
+        raise NotImplementedError  # an effect with this capability defines it
 
     def near_groups(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         """Parameter groups of these passes."""

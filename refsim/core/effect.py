@@ -74,12 +74,18 @@ class Pass:
 
     operation: str
     reads: tuple[str, ...] = ()  # where it names none, those among the arguments of the operation's reference
-    writes: tuple[str, ...] = ()
+    writes: tuple[Any, ...] = ()  # names; given as Fields where its effect has them for it
     updates: tuple[str, ...] = ()  # changed in place: after every writer, before every reader
     on_demand: bool = False  # run by `Simulation.evaluate`, not in every step
     names: Mapping[str, str | None] = field(default_factory=dict)
     algorithm: str = "packed"  # of the program, where the backend has it; else the plain program runs ("plain": always)
     stage: Literal["start", "begin", "forces", "motion"] = "forces"
+    fields: tuple[Field, ...] = field(default=(), repr=False, compare=False)  # more that its effect has for it
+
+    def __post_init__(self) -> None:
+        made = (each for each in self.writes if isinstance(each, Field))
+        object.__setattr__(self, "fields", (*self.fields, *made))
+        object.__setattr__(self, "writes", tuple(getattr(each, "name", each) for each in self.writes))
 
     @property
     def written(self) -> frozenset[str]:
@@ -260,8 +266,8 @@ class Effect(Checked, frozen=True, kw_only=True):
         return self.needed
 
     def fields(self, others: Others) -> tuple[Field, ...]:
-        """Fields it reads or writes beside the base fields."""
-        return ()
+        """Fields it reads or writes beside the base fields: those of its passes, unless it says more."""
+        return tuple(dict.fromkeys(made for p in self.passes(others) for made in p.fields))
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         """Its passes; the plan orders the passes of all effects by the fields that they read and write."""

@@ -396,7 +396,8 @@ class WeaklyCompressible(
         """Fields of the renormalised gradients and of the tensile control."""
         corrected = (CORRECTION_DIAGONAL, CORRECTION_MIXED) if self.corrects() else ()
         pressure = () if self.tensile_control == "none" else (OWN_PRESSURE,)
-        return (*corrected, *pressure, *(surface_of(others).near_fields() if self.tensile_control == "inside" else ()))
+        near = surface_of(others).near_passes() if self.tensile_control == "inside" else ()
+        return (*corrected, *pressure, *(made for p in near for made in p.fields))
 
     def _controlled(self, others: Others) -> Iterator[Pass]:
         """The passes of a pressure force with renormalised gradients or tensile control, and of J(11)."""

@@ -24,7 +24,7 @@ from refsim.core.errors import InputError
 from refsim.smoothing import lattice, smoothing
 from refsim.sph import ASYMMETRY, LIQUID, NUMBER_DENSITY, PRESSURE, WeaklyCompressible, liquid_of
 from refsim.surface_detection import operations as operations
-from refsim.surface_normal import CORRECTED_NORMAL, SURFACE_NORMAL, color_gradient_pass, corrected_pass, normal_term
+from refsim.surface_normal import color_gradient_pass, corrected_pass, normal_term
 
 NEAR_SURFACE = Field("near_surface", "-", "1 in the near-surface set N, J(12)", dtype="uint8")
 SCAN_CANDIDATES = Field("scan_candidates", "-", "1 where the fan scan of two steps looks", dtype="uint8")
@@ -32,7 +32,7 @@ SURFACE = Field("surface", "-", "1 in the surface set S", dtype="uint8")
 
 THRESHOLD = 0.98  # the paper's lambda of J(12)
 SPARSE = 0.9  # lambda of the first step where asymmetry stands beside it; the lower end of the paper's range
-NORMALS = {"color": (SURFACE_NORMAL, color_gradient_pass), "corrected": (CORRECTED_NORMAL, corrected_pass)}
+NORMALS = {"color": color_gradient_pass, "corrected": corrected_pass}
 # Support radii [spacings] at which at least 97 % of the surface of liquid is found whose particles stand a tenth of a
 # spacing off a lattice, in 2D and 3D (`tests/surface_detection/test_detection.py`)
 RIGHT = 2.0, 6.0
@@ -58,10 +58,12 @@ class FanScan(NamedTuple):
     printed: int  # the printed "<" of the second line (Jiang & Zhu E5)
 
 
-def near_surface_pass(on_demand: bool = False, output: str = "near_surface") -> Pass:
+def near_surface_pass(on_demand: bool = False, output: Field = NEAR_SURFACE) -> Pass:
     """The pass that writes the near-surface set N into field `output`, J(12); it reads `number_density`."""
-    names = {"asymmetry": None, "near_surface": output}
-    return Pass("surface_detection.near_surface", writes=(output,), on_demand=on_demand, names=names)
+    return Pass(
+        "surface_detection.near_surface", writes=(output,), on_demand=on_demand, fields=(NUMBER_DENSITY,),
+        names={"asymmetry": None, "near_surface": output.name},
+    )  # fmt: skip
 
 
 def half_space_moment(fluid: WeaklyCompressible, grid: Discretisation) -> float:
@@ -154,28 +156,11 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
                 " number up to 1.2 (the paper uses 0.90 to 0.99)."
             )
 
-    def fields(self, others: Others) -> tuple[Field, ...]:
-        fields = [SURFACE]
-        if self._lopsided():
-            fields += [SCAN_CANDIDATES, ASYMMETRY]
-        elif self.method == "two_step":
-            fields.append(NEAR_SURFACE)
-        if self.method != "number_density":
-            fields.append(NORMALS[self.scan_normal][0])
-        if self.method != "fan_scan" or self.scan_normal == "corrected":
-            fields.append(NUMBER_DENSITY)
-        if self.release_pressure:
-            fields.append(PRESSURE)
-        return tuple(fields)
-
     def passes(self, others: Others) -> tuple[Pass, ...]:
         if not self.release_pressure:
             return self.detection_passes(on_demand=not self.each_step)
-        release = Pass("surface_detection.release_pressure", updates=("pressure",))
+        release = Pass("surface_detection.release_pressure", updates=("pressure",), fields=(PRESSURE,))
         return (*self.detection_passes(), release)
-
-    def near_fields(self) -> tuple[Field, ...]:
-        return (NUMBER_DENSITY, NEAR_SURFACE)
 
     def near_passes(self) -> tuple[Pass, ...]:
         return (near_surface_pass(),)
@@ -186,18 +171,23 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
     def detection_passes(self, on_demand: bool = False) -> tuple[Pass, ...]:
         """Passes that end with field `surface`, in every step or on demand."""
         if self.method == "number_density":
-            return (near_surface_pass(on_demand, output="surface"),)
+            return (near_surface_pass(on_demand, output=SURFACE),)
         first, candidates = [], None  # the field that marks the particles to scan; None: all are scanned
         if self._lopsided():
-            candidates = "scan_candidates"
-            names: dict[str, str | None] = {"near_surface": candidates, "near_surface_limit": "candidate_limit"}
-            first = [Pass("surface_detection.candidates", writes=(candidates,), on_demand=on_demand, names=names)]
+            candidates = SCAN_CANDIDATES.name
+            first = [
+                Pass(
+                    "surface_detection.candidates", writes=(SCAN_CANDIDATES,), on_demand=on_demand,
+                    names={"near_surface": candidates, "near_surface_limit": "candidate_limit"},
+                    fields=(ASYMMETRY, NUMBER_DENSITY),
+                )
+            ]  # fmt: skip
         elif self.method == "two_step":
-            first, candidates = [near_surface_pass(on_demand)], "near_surface"
-        normal, normal_pass = NORMALS[self.scan_normal]
-        names = {"surface_normal": normal.name, "candidates": candidates}
-        scan = Pass("surface_detection.fan_scan", writes=("surface",), on_demand=on_demand, names=names)
-        return (*first, normal_pass(candidates, on_demand), scan)
+            first, candidates = [near_surface_pass(on_demand)], NEAR_SURFACE.name
+        normal = NORMALS[self.scan_normal](candidates, on_demand)
+        names = {"surface_normal": normal.writes[0], "candidates": candidates}
+        scan = Pass("surface_detection.fan_scan", writes=(SURFACE,), on_demand=on_demand, names=names)
+        return (*first, normal, scan)
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         """Where the detector is not right: supports beyond those measured, and limits that fail on the lattice."""

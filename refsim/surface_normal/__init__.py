@@ -13,7 +13,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from refsim.core.effect import Discretisation, Field, Pass, int32
-from refsim.sph import WeaklyCompressible
+from refsim.sph import NUMBER_DENSITY, WeaklyCompressible
 from refsim.surface_normal import operations as operations
 
 SURFACE_NORMAL = Field("surface_normal", "-", "colour-gradient normal n, inward, J(19)", 3)
@@ -48,13 +48,13 @@ def normal_term(fluid: WeaklyCompressible, grid: Discretisation, own_density: bo
 
 def color_gradient_pass(candidates: str | None = None, on_demand: bool = False) -> Pass:
     """The pass that writes field `surface_normal`, J(19); zero in rows where the uint8 field `candidates` is."""
-    return _pass("surface_normal.color_gradient", "surface_normal", candidates, on_demand)
+    names = {"candidates": candidates}
+    return Pass("surface_normal.color_gradient", writes=(SURFACE_NORMAL,), on_demand=on_demand, names=names)
 
 
 def corrected_pass(candidates: str | None = None, on_demand: bool = False) -> Pass:
     """The pass that writes field `corrected_normal`, J(20); it reads field `number_density`, for every row."""
-    return _pass("surface_normal.corrected", "corrected_normal", candidates, on_demand)
-
-
-def _pass(operation: str, output: str, candidates: str | None, on_demand: bool) -> Pass:
-    return Pass(operation, writes=(output,), on_demand=on_demand, names={"candidates": candidates})
+    return Pass(
+        "surface_normal.corrected", writes=(CORRECTED_NORMAL,), on_demand=on_demand, names={"candidates": candidates},
+        fields=(NUMBER_DENSITY,),
+    )  # fmt: skip

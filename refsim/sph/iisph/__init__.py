@@ -63,13 +63,10 @@ class ImplicitPressure(Effect, SumsDensity, frozen=True, kw_only=True):
         if most < least:
             raise InputError(f"{self.name}: iterations = [{least}, {most}] is not possible; let the second be larger.")
 
-    def fields(self, others: Others) -> tuple[Field, ...]:
-        return (PRESSURE, *WORK)
-
     def passes(self, others: Others) -> tuple[Pass, ...]:
         names = {"smoothing": "gradient_smoothing"}
-        work, changed = tuple(f.name for f in WORK), ("pressure", "acceleration")
-        solve = Pass("iisph.solve", writes=work, updates=changed, names=names, stage="motion")
+        changed = ("pressure", "acceleration")
+        solve = Pass("iisph.solve", writes=WORK, updates=changed, names=names, stage="motion", fields=(PRESSURE,))
         liquid = liquid_of(others)
         if liquid.dynamic_viscosity == 0 or liquid.central():  # weakly_compressible lists that pass
             return (solve,)

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from refsim.core.capabilities import BringsWalls, HasErrata, Margin, effects_with
 from refsim.core.checked import NotNegative, Printed
-from refsim.core.effect import Discretisation, Field, Others, Pass
+from refsim.core.effect import Discretisation, Others, Pass
 from refsim.core.errors import InputError
 from refsim.sph import liquid_of
-from refsim.surface_normal import SURFACE_NORMAL, axial_part, color_gradient_pass, normal_term
+from refsim.surface_normal import axial_part, color_gradient_pass, normal_term
 from refsim.surface_tension import cohesion
 from refsim.surface_tension.akinci_2013 import operations as operations
 from refsim.surface_tension.akinci_2013.reference import cohesion_function
@@ -125,9 +125,6 @@ class Akinci2013(cohesion.PairCohesion, HasErrata, frozen=True, kw_only=True):
     def force_of(self, coefficient: float, r: NDArray, grid: Discretisation, others: Others) -> NDArray:
         """-gamma C(r) [N/kg^2]; K_ij is 1 in the undisturbed bulk."""
         return -coefficient * cohesion_function(r, grid.support_radius, grid.dim).value
-
-    def fields(self, others: Others) -> tuple[Field, ...]:
-        return (SURFACE_NORMAL,) if self._has_area() else ()
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         passes: list[Pass] = []

@@ -22,7 +22,7 @@ from refsim.surface_detection import detection_in
 from refsim.surface_tension import cohesion
 from refsim.surface_tension.cohesion import MeasuredByDrops
 from refsim.surface_tension.csf_wang_2019 import operations as operations
-from refsim.surface_tension.jiang_zhu_2023 import CORRECTED, corrected_density_passes
+from refsim.surface_tension.jiang_zhu_2023 import corrected_density_passes
 
 INTERFACE_NORMAL = Field("interface_normal", "1/m", "normal n by the corrected kernel, inward", 3)
 CURVATURE = Field("curvature", "1/m", "curvature kappa of the surface, positive where liquid bulges")
@@ -137,14 +137,11 @@ class CsfWang2019(
         """sigma [N/m]."""
         return self.surface_tension
 
-    def fields(self, others: Others) -> tuple[Field, ...]:
-        return (*(CORRECTED if self.density_correction is not False else ()), INTERFACE_NORMAL, CURVATURE)
-
     def passes(self, others: Others) -> tuple[Pass, ...]:
         return (
             *(corrected_density_passes() if self.density_correction is not False else ()),
-            Pass("csf_wang_2019.normal", writes=("interface_normal",)),
-            Pass("csf_wang_2019.curvature", writes=("curvature",)),
+            Pass("csf_wang_2019.normal", writes=(INTERFACE_NORMAL,)),
+            Pass("csf_wang_2019.curvature", writes=(CURVATURE,)),
             Pass("csf_wang_2019.force", updates=("acceleration",)),
         )
 

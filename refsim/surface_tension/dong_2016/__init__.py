@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from refsim.core.capabilities import FollowsScene, HasErrata, Margin
 from refsim.core.checked import NotNegative, Positive, Printed
-from refsim.core.effect import Discretisation, Field, Others, Pass, int32
+from refsim.core.effect import Discretisation, Others, Pass, int32
 from refsim.core.errors import InputError
 from refsim.sph import liquid_of
-from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
+from refsim.surface_normal import color_gradient_pass, normal_term
 from refsim.surface_tension import cohesion
 from refsim.surface_tension.dong_2016 import operations as operations
 from refsim.surface_tension.dong_2016.reference import force_function
@@ -119,10 +119,6 @@ class Dong2016(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, kw_o
         h = grid.support_radius
         return coefficient * force_function(np.maximum(h - r, 0), h, self._rest_distance(grid))
 
-    def fields(self, others: Others) -> tuple[Field, ...]:
-        filtered = (CORRECTED_DENSITY,) if self._filters() else ()
-        return (*filtered, SURFACE_NORMAL) if self._corrects() else filtered
-
     def replaces(self) -> tuple[str, ...]:
         return ("sph.density", "sph.pressure", "sph.momentum") if self.solver == "hu_adams" else ()
 
@@ -136,7 +132,7 @@ class Dong2016(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, kw_o
         if self._filters():  # an update of `density`: precedes every pass that reads it
             passes += [
                 Pass(
-                    "dong_2016.shepard_filter", writes=("corrected_density",), updates=("density",),
+                    "dong_2016.shepard_filter", writes=(CORRECTED_DENSITY,), updates=("density",),
                     names={"near_surface": None},
                 ),
                 Pass("jiang_zhu_2023.replace_density", updates=("density",)),

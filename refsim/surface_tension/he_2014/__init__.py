@@ -130,15 +130,12 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
         """sigma [N/m] of both terms."""
         return self._own_tension(grid, others) + super().nominal_tension(grid, others)
 
-    def fields(self, others: Others) -> tuple[Field, ...]:
-        return (COLOR, COLOR_GRADIENT_SQUARED) if self._has_energy() else ()
-
     def passes(self, others: Others) -> tuple[Pass, ...]:
         passes: list[Pass] = []
         if self._has_energy():
             passes += [
-                Pass("he_2014.color", writes=("color",)),
-                Pass("he_2014.squared_gradient", writes=("color_gradient_squared",)),
+                Pass("he_2014.color", writes=(COLOR,)),
+                Pass("he_2014.squared_gradient", writes=(COLOR_GRADIENT_SQUARED,)),
             ]
         names = {} if self._has_energy() else {"color_gradient_squared": None}
         return (*passes, Pass("he_2014.tension", updates=("acceleration",), names=names))

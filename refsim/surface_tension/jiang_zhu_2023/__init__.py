@@ -22,14 +22,13 @@ from refsim.core.checked import NotNegative, Positive, Printed
 from refsim.core.effect import Discretisation, Field, Others, Pass, int32
 from refsim.core.errors import InputError
 from refsim.smoothing.shapes import NORMALISATION, POLY6
-from refsim.sph import NUMBER_DENSITY, liquid_of
-from refsim.surface_detection import NEAR_SURFACE, SurfaceDetection, detection_in, near_surface_pass
+from refsim.sph import liquid_of
+from refsim.surface_detection import SurfaceDetection, detection_in, near_surface_pass
 from refsim.surface_tension import cohesion
 from refsim.surface_tension.jiang_zhu_2023 import operations as operations
 from refsim.surface_tension.jiang_zhu_2023.modes import AREA_TERMS, PAIR_MODES
 
 CORRECTED_DENSITY = Field("corrected_density", "kg/m^3 (kg/m^2 in 2D)", "density rho* near the surface, J(14)")
-CORRECTED = (NUMBER_DENSITY, NEAR_SURFACE, CORRECTED_DENSITY)
 SURFACE_WEIGHT = Field("surface_weight", "-", "soft surface weight w, 0 in the bulk, 1 at the surface")
 
 ALPHA = {2: 0.75, 3: 0.6}  # of J(17); 0.6 in 2D is the printed reading (Jiang & Zhu E7)
@@ -87,7 +86,7 @@ def corrected_density_passes() -> tuple[Pass, ...]:
     """J(12), J(14) and J(15) near the surface; an update of `density`, which precedes every pass that reads it."""
     return (
         near_surface_pass(),
-        Pass("jiang_zhu_2023.corrected_density", writes=("corrected_density",), updates=("density",)),
+        Pass("jiang_zhu_2023.corrected_density", writes=(CORRECTED_DENSITY,), updates=("density",)),
         Pass("jiang_zhu_2023.replace_density", updates=("density",)),
     )
 
@@ -183,19 +182,6 @@ class JiangZhu2023(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, 
         """gamma [m^4/(kg s^2)], with the printed sign of J(16) if Jiang & Zhu E4 is taken literally."""
         return (-1 if "E4" in self.printed() else 1) * self.coefficient(grid, others)
 
-    def fields(self, others: Others) -> tuple[Field, ...]:
-        fields = [*CORRECTED] if self._corrects() else []
-        if self.coheres():
-            if self.pair_mode == "soft":
-                fields += [surface_normal.SURFACE_NORMAL, SURFACE_WEIGHT]
-            if self._marked():
-                fields += self._detection(others).fields(others)
-            if self._area() == "corrected":
-                fields += [NUMBER_DENSITY, surface_normal.CORRECTED_NORMAL]
-            if self._area() == "color":
-                fields.append(surface_normal.SURFACE_NORMAL)
-        return tuple(fields)
-
     def passes(self, others: Others) -> tuple[Pass, ...]:
         passes = [*corrected_density_passes()] if self._corrects() else []
         if not self.coheres():
@@ -204,7 +190,7 @@ class JiangZhu2023(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, 
         if self.pair_mode == "soft" or self._area() == "color":
             passes.append(surface_normal.color_gradient_pass())
         if self.pair_mode == "soft":
-            passes.append(Pass("jiang_zhu_2023.soft_weight", writes=("surface_weight",)))
+            passes.append(Pass("jiang_zhu_2023.soft_weight", writes=(SURFACE_WEIGHT,)))
             names["surface_weight"] = "surface_weight"
         if self._marked():
             passes += self._detection(others).detection_passes()

@@ -13,10 +13,10 @@ import numpy as np
 
 from refsim.core.capabilities import HasErrata, PullsParticles
 from refsim.core.checked import NotNegative, Printed
-from refsim.core.effect import Discretisation, Effect, Field, Others, Pass, StepLimit, int32
+from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit, int32
 from refsim.smoothing import lattice_neighbours, smoothing
 from refsim.sph import LIQUID, SETS, liquid_of
-from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
+from refsim.surface_normal import color_gradient_pass, normal_term
 from refsim.surface_tension.cohesion import spreading_note
 from refsim.surface_tension.normal_difference_2014 import operations as operations
 
@@ -54,9 +54,6 @@ class NormalDifference2014(Effect, HasErrata, PullsParticles, frozen=True, kw_on
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         return (spreading_note(self.name, "term"),)
-
-    def fields(self, others: Others) -> tuple[Field, ...]:
-        return (SURFACE_NORMAL,)
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         return (color_gradient_pass(), Pass("normal_difference_2014.tension", updates=("acceleration",)))
