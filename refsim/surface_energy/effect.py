@@ -3,9 +3,10 @@
 The passes of the transfers that the surface takes part in are those of `refsim.mpm`.
 """
 
-import copy
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
@@ -59,7 +60,7 @@ class SurfaceEnergy(Tension, HasTension, HoldsOtherMemory, RunMonitor, frozen=Tr
     paper: ClassVar[Mapping[str, Any]] = {"embedding": "thesis"}
     needed: ClassVar[tuple[str, ...]] = ("mpm_liquid",)
     watched: ClassVar[tuple[str, ...]] = ("greatest_crowding",)
-    host_passes: ClassVar[tuple[str, ...]] = ("surface_energy.reconstruct", "surface_energy.reconstruct_enclosing")
+    host_passes: ClassVar[tuple[str, ...]] = ("surface_energy.reconstruct",)
 
     embedding: Literal["none", "cluster", "thesis", "gradient_corrected"] = "cluster"
     capillary_number: Positive = 0.3
@@ -99,9 +100,10 @@ class SurfaceEnergy(Tension, HasTension, HoldsOtherMemory, RunMonitor, frozen=Tr
         return CROWDING, GREATEST_CROWDING
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
-        more = ("mass", "volume_ratio") if self.enclose_volume else ()
-        name = self.host_passes[self.enclose_volume]
-        return (Pass(name, ("position", "identity", *more), ("samples",), stage="motion"),)
+        volume = ("mass", "volume_ratio")
+        reads = ("position", "identity", *(volume if self.enclose_volume else ()))
+        lacking = {} if self.enclose_volume else dict.fromkeys(volume)
+        return (Pass(self.host_passes[0], reads, ("samples",), names=lacking, stage="motion"),)
 
     def shares(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         cell = _liquid(others).cell(grid)
@@ -161,9 +163,8 @@ def surface_of(others: Others) -> SurfaceEnergy | None:
 
 
 _STAGES = tuple(name for name in REGISTRY if name.startswith("surface_energy."))
-enter(Procedure("surface_energy.reconstruct", "surface", "reconstruct", ("position", "identity"), _STAGES))
-_ENCLOSING = ("position", "identity", "mass", "volume_ratio")
-enter(Procedure("surface_energy.reconstruct_enclosing", "surface", "reconstruct_enclosing", _ENCLOSING, _STAGES))
+_TAKEN = ("position", "identity", "mass", "volume_ratio")
+enter(Procedure("surface_energy.reconstruct", "surface", "reconstruct", _TAKEN, _STAGES))
 
 
 CLUMPED = 4.0  # times the particles of a full cell in one cell: J would have to be below a quarter to represent it
@@ -191,94 +192,79 @@ def reconstruction_on(
     return Reconstruction(backend, dim, dtype, cell_size, tension, timed)
 
 
-class SurfaceSamples:
-    """Samples on one backend, replaced in each step by those of the new surface (`assign`).
+@dataclass(eq=False)
+class SurfaceOfRun:
+    """The reconstruction of a run's surface, and its samples, replaced in each step by those of the new surface.
 
     sample_position (s, 3) [m], sample_normal (s, 3) outward, sample_area (s,) [m^(d-1)], sample_nearest (s,) int32,
     the particle nearest to each, -1 where there is no sample but capacity; carrier_... of the 2 s embedded points, by
     owner: carrier_first (n + 1), carrier_position (2 s, 3) [m], carrier_owner (2 s,), carrier_moment (2 s, 12).
 
-    version  is another one whenever the samples stand in other arrays
+    full            particles of a full cell
+    latest          all that the latest reconstruction made; None before the first
+    reconstruction  on a backend where the surface is ready to work
+    version         is another one whenever the samples stand in other arrays
     """
 
+    tension: Tension
+    dim: int
+    dtype: str
+    cell_size: float
+    count: int
+    full: float
+    rest_density: float
+    backend: Backend = field(default_factory=partial(Backend, "numpy"))
+    reconstruction: Any = None
+    latest: Any = None
     version = 0
 
-    def __init__(self, count: int, dtype: str, backend: Backend) -> None:
-        self.count, self.dtype, self.backend = count, dtype, backend
-        self.arrays = Growing(backend)
+    def __post_init__(self) -> None:
+        self.arrays = Growing(self.backend)
         self._taken: tuple[Any, ...] = (None,) * 4
-        none = backend.zeros
-        self.assign(none((0, 3), dtype), none((0, 3), dtype), none(0, dtype), none(0, "int32"))
+        none = self.backend.zeros
+        self._assign(none((0, 3), self.dtype), none((0, 3), self.dtype), none(0, self.dtype), none(0, "int32"))
 
-    def assign(self, position: Any, normal: Any, area: Any, nearest: Any) -> None:
-        """Take the samples of this step: arrays of this backend."""
-        taken = position, normal, area, nearest
+    def _assign(self, *taken: Any) -> None:
+        """Take the samples of this step: positions, normals, areas and nearest particles on this backend."""
         self.version += any(a is not b for a, b in zip(taken, self._taken, strict=True))
         self._taken = taken
         self.sample_position, self.sample_normal, self.sample_area, self.sample_nearest = taken
-
-    @property
-    def points(self) -> int:
-        """Number of embedded points, 2 s."""
-        return 2 * int(self.sample_position.shape[0])
+        self.samples = int(self.sample_position.shape[0])
 
     carrier_first = growing(
         "First embedded point of each particle, and the end (n + 1,)", "first", lambda own: (own.count + 1,), "int32"
     )
     carrier_position = growing(
         "Embedded points (2 s, 3) [m], by owner: a sample, then its mirror image", "position",
-        lambda own: (own.points, 3),
+        lambda own: (2 * own.samples, 3),
     )  # fmt: skip
-    carrier_owner = growing("The particle that each is around (2 s,)", "owner", lambda own: (own.points,), "int32")
+    carrier_owner = growing("The particle that each is around (2 s,)", "owner", lambda own: (2 * own.samples,), "int32")
     carrier_moment = growing(
-        "Sums of B v (3) and B v (x_j - x_q)^T (9) of each (2 s, 12)", "moment", lambda own: (own.points, 12)
+        "Sums of B v (3) and B v (x_j - x_q)^T (9) of each (2 s, 12)", "moment", lambda own: (2 * own.samples, 12)
     )
-
-
-class SurfaceOfRun(SurfaceSamples):
-    """The reconstruction of a run's surface, and its latest samples.
-
-    full    particles of a full cell
-    latest  all that the latest reconstruction made; None before the first
-    """
-
-    def __init__(
-        self, tension: Tension, dim: int, dtype: str, cell_size: float, count: int, full: float, rest_density: float
-    ) -> None:
-        super().__init__(count, dtype, Backend("numpy"))
-        self.tension, self.dim, self.cell_size, self.full = tension, dim, cell_size, full
-        self.rest_density = rest_density
-        self.reconstruction: Any = None
-        self.latest: Any = None
 
     def on_backend(self, backend: Backend) -> "SurfaceOfRun":
         """The same, ready to work, on another backend."""
-        made = copy.copy(self)
-        SurfaceSamples.__init__(made, self.count, self.dtype, backend)
-        made.reconstruction = reconstruction_on(
-            backend, self.dim, self.dtype, self.cell_size, self.tension, reused=True
-        )
-        return made
+        made = reconstruction_on(backend, self.dim, self.dtype, self.cell_size, self.tension, reused=True)
+        return replace(self, backend=backend, reconstruction=made)
 
     @property
     def term(self) -> Any:
         """Parameter group of the surface's kernels."""
         return self.reconstruction.term
 
-    def reconstruct_enclosing(self, position: Any, identity: Any, mass: Any, volume_ratio: Any) -> int:
-        """The surface of particles at `position` (n, 3) [m] that encloses their volume, sum m J/rho0."""
-        xp, to_xp, _ = self.backend.array_library()
-        return self.reconstruct(position, identity, to_xp(mass).astype(xp.float64) * to_xp(volume_ratio))
-
-    def reconstruct(self, position: Any, identity: Any, held: Any = None) -> int:
-        """The surface of particles at `position` (n, 3) [m], with m J [kg] of each to enclose their volume; `version`.
+    def reconstruct(self, position: Any, identity: Any, mass: Any, volume_ratio: Any) -> int:
+        """The surface of particles at `position` (n, 3) [m], that encloses sum m J/rho0 if these are given; `version`.
 
         Of equally near particles the one with the lowest `identity` (n,) is taken, however they are sorted.
 
         Raises RunStopped where a cell holds more particles than any volume ratio that a run survives could explain: J
         follows the divergence of the velocity and does not see particles that gather on a line or in a point.
         """
-        volume = None if held is None else float(held.sum()) / self.rest_density
+        xp, to_xp, _ = self.backend.array_library()
+        volume = None
+        if mass is not None:
+            volume = float((to_xp(mass).astype(xp.float64) * to_xp(volume_ratio)).sum()) / self.rest_density
         self.latest = self.reconstruction.surface(position, volume=volume, number=identity)
         most = self.latest.most_in_a_cell
         if most > CLUMPED * self.full:
@@ -292,5 +278,5 @@ class SurfaceOfRun(SurfaceSamples):
                 " smaller step, or an inset and the embedding 'cluster'.",
             )
         samples = self.latest.padded or self.latest.samples
-        self.assign(samples.position, samples.normal, samples.area, samples.nearest)
+        self._assign(samples.position, samples.normal, samples.area, samples.nearest)
         return self.version

@@ -21,8 +21,9 @@ from refsim.sparse_grid import Blocks, PointList, nodes
 from refsim.surface_energy import Tension
 from refsim.surface_energy.kernels import look_up_members
 from refsim.surface_energy.reconstruction import Reconstruction, Samples, Surface
-from refsim.surface_energy.recorded import stages
+from refsim.surface_energy.recorded import level_set_cuda, samples_cuda, stages
 from refsim.surface_energy.recorded.cells_cuda import EDGES, FACETS, MADE, MISSING, MOST, UNFOUND, VERTICES
+from refsim.surface_energy.recorded.stages import Arrays
 
 MARGIN = 4  # a capacity is larger by 1/MARGIN than what was found last
 GRAPHS = 4  # particles may stand in so many arrays by turns
@@ -115,11 +116,8 @@ class SurfaceGraph:
         self, reconstruction: Any, blocks: Blocks, sure: Any, particles: int, vertices: int, facets: int,
         compiled: bool,
     ) -> None:  # fmt: skip
-        self.owner, self.blocks, self.sure = reconstruction, blocks, sure
-        self.particles, self.compiled = particles, compiled
-        self.table = case_tables(reconstruction.backend, reconstruction.dim, reconstruction.table_merged)[0]
+        self.owner, self.blocks, self.particles, self.compiled = reconstruction, blocks, particles, compiled
         self.kind = reconstruction.tension.normals
-        self.least = np.int32(reconstruction.tension.least_component(reconstruction.dim))
         v, f = vertices + vertices // MARGIN + 8, facets + facets // MARGIN + 8
         self.arrays = stages.work_arrays(
             reconstruction.backend.empty, reconstruction.dim, reconstruction.dtype, nodes(blocks), particles, v, f
@@ -127,9 +125,15 @@ class SurfaceGraph:
         device.fill(self.arrays["cell"], -1)  # of each particle, where it was last
         device.fill(self.arrays["coefficients"], 0)  # which is not fitted for all kinds of normals
         self.sent = device.PinnedCopy(self.arrays["counts"])
+        self.arrays |= {
+            "blocks": blocks, "sure": sure, "surface_term": reconstruction.term, "sent": self.sent.there,
+            "table": case_tables(reconstruction.backend, reconstruction.dim, reconstruction.table_merged)[0],
+            "least": np.int32(reconstruction.tension.least_component(reconstruction.dim)),
+            "mls": None if self.kind == "gradient" else np.int32(1),
+        }  # fmt: skip
         self.mark = device.Event()
         self.graphs: dict[Any, tuple[device.CudaGraph, ...]] = {}
-        self.pulling = device.CudaGraph(lambda: stages.pull(self.arrays, self.blocks, self.owner.term))
+        self.pulling = device.CudaGraph(lambda: stages.pull(self.arrays))
         self.samples: Samples | None = None
         self._views: dict[str, Any] = {}
 
@@ -151,9 +155,10 @@ class SurfaceGraph:
         if key not in self.graphs:
             while len(self.graphs) >= GRAPHS:
                 del self.graphs[next(iter(self.graphs))]
-            parts = [partial(self._level_set, position), partial(self._fit, position, number, volume is None)]
+            a = self.arrays | {"position": position, "number": number}
+            parts = [partial(self._level_set, a), partial(self._fit, a, volume is None)]
             if volume is not None:
-                parts.append(partial(self._samples, position, number))
+                parts.append(partial(self._samples, a))
             self.graphs[key] = tuple(map(self._recorded, parts))
         cut, fit, *samples = self.graphs[key]
         cut()
@@ -178,7 +183,7 @@ class SurfaceGraph:
         place, normal, area, nearest = (view(name, facets) for name in names)  # `position` belongs to the graphs
         self.samples = Samples(place, normal, area, nearest)
         padded = Samples(*(a[name] for name in names))
-        cells = stages.listed(a)
+        cells = stages.named(a, "cells")
         later = {
             "mesh": lambda: Mesh(view("vertex_position", vertices), view("facets", facets)),
             "inset_mesh": lambda: Mesh(view("inset_position", vertices), view("facets", facets)),
@@ -212,50 +217,43 @@ class SurfaceGraph:
             held = self._views[name] = device.head(self.arrays[name], count)
         return held
 
-    def _level_set(self, position: Any) -> None:
+    def _level_set(self, a: Arrays) -> None:
         """Cells, node states, and how many vertices and facets there are."""
-        a, blocks, term, stage = self.arrays, self.blocks, self.owner.term, self.owner._stage
-        stage("cells", stages.sort_particles, a, position, blocks, term, self.sure)
-        stage("level set and facets", stages.mark_nodes, a, blocks, term)
-        stage("level set and facets", stages.count_cuts, a, blocks, self.table, self.sent.there)
+        self.owner._stage("cells", stages.sort_particles, a)
+        self.owner._stage("level set and facets", stages.launch, a, level_set_cuda.states_of_blocks)
+        self.owner._stage("level set and facets", stages.count_cuts, a)
 
-    def _fit(self, position: Any, number: Any, whole: bool) -> None:
+    def _fit(self, a: Arrays, whole: bool) -> None:
         """From vertices and facets to normals, fitted or those of facets or offsets; as a `whole` the samples, too."""
-        a, blocks, term = self.arrays, self.blocks, self.owner.term
-        liquid = a, position, number, blocks, term
         device.launch_after([
-            self._part("components", stages.join_components, a, blocks),
-            self._part("level set and facets", stages.write_cuts, a, blocks, self.table),
-            self._part("level set and facets", stages.place_vertices, *liquid),
-            self._part("offsets", stages.place_points, *liquid),
-            self._part("fit", self._sweep),
-            self._part("offsets", stages.turn_vertices, *liquid),
-            self._part("normals", self._normals),
-            *((partial(self._samples, position, number),) if whole else ()),
+            self._part("components", stages.join_components, a),
+            self._part("level set and facets", stages.launch, a, level_set_cuda.write_facets),
+            self._part("level set and facets", stages.launch, a, samples_cuda.place_vertices),
+            self._part("offsets", stages.launch, a, samples_cuda.place_points),
+            self._part("fit", self._sweep, a),
+            self._part("offsets", stages.launch, a, samples_cuda.turn_vertices),
+            self._part("normals", self._normals, a),
+            *((partial(self._samples, a),) if whole else ()),
         ], [(), (), (1,), (2,), (3,), (2,), (4, 5), (6, 0)][: 8 if whole else 7])  # fmt: skip
 
     def _part(self, name: str, *call: Any) -> Callable[[], None]:
         """What is launched for a stage."""
         return partial(self.owner._stage, name, *call)
 
-    def _sweep(self) -> None:
+    def _sweep(self, a: Arrays) -> None:
         """The fit, for normals that need one."""
         if self.kind in ("mls", "gradient"):
-            stages.sort_points(self.arrays, self.blocks, self.owner.term)
-            stages.sweep(self.arrays, self.blocks, self.owner.term)
+            stages.sort_points(a)
+            stages.sweep(a)
 
-    def _normals(self) -> None:
-        """Normals of samples and vertices."""
-        a = self.arrays
-        if self.kind == "facets":  # without a gradient the normal is the direction handed in
-            a = a | {"outward": a["facet_normal"]}
-        stages.find_normals(a, self.blocks, self.owner.term, None if self.kind == "gradient" else np.int32(1))
+    def _normals(self, a: Arrays) -> None:
+        """Normals of samples and vertices; for "facets", without a gradient, the direction handed in."""
+        outward = a["facet_normal" if self.kind == "facets" else "outward"]
+        stages.launch({**a, "outward": outward}, samples_cuda.find_normals)
 
-    def _samples(self, position: Any, number: Any) -> None:
+    def _samples(self, a: Arrays) -> None:
         """The samples after the inset."""
-        a, blocks, term = self.arrays, self.blocks, self.owner.term
-        liquid = a, position, number, blocks, term
-        self.owner._stage("inset", stages.place_samples, *liquid, self.least, self.sent.there)
+        self.owner._stage("inset", stages.launch, a, samples_cuda.place_samples)
 
     def _component_size(self) -> Any:
         """Particles in the component of each particle."""

@@ -55,12 +55,12 @@ def count_point(r, x, guess, blocks, surface_term, held, place, cell):
 
 
 @row_kernel(rows_of="cell")
-def count_particles(i, interior_position, surface_term, blocks, sure, held, place, cell, counts):
+def count_particles(i, position, surface_term, blocks, sure, held, place, cell, counts):
     """Cell of each particle, looked for first in the block of the last one, and its number among those of the cell.
 
     `sure` says of each block whether all blocks in reach of its particles exist.
     """
-    found = node_at(three(interior_position, i), 0.0, cell[i] >> 6, blocks, surface_term)
+    found = node_at(three(position, i), 0.0, cell[i] >> 6, blocks, surface_term)
     cell[i] = found
     if found < 0 or sure[found >> 6] == 0:
         counts[MISSING] = 1
@@ -69,7 +69,7 @@ def count_particles(i, interior_position, surface_term, blocks, sure, held, plac
 
 
 @row_kernel(rows_of="cell")
-def place_particles(i, interior_position, surface_term, blocks, first, place, cell, point, placed):
+def place_particles(i, position, surface_term, blocks, first, place, cell, point, placed):
     """Particles cell by cell, in any order within one: numbers, and offsets [h] from the lowest node of the block.
 
     Offsets need no double precision: a search that stays within a few blocks takes their differences.
@@ -79,7 +79,7 @@ def place_particles(i, interior_position, surface_term, blocks, first, place, ce
         at = number(first[c] + place[i])
         point[at] = i
         lowest = node_coordinates(blocks, cell[i] & ~(CELLS - 1))
-        x, y, z = formulas.place_over(interior_position, i, lowest, surface_term)
+        x, y, z = formulas.place_over(position, i, lowest, surface_term)
         set_four(placed, at, x, y, z, type(x)(0))
 
 

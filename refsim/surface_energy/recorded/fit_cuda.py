@@ -21,12 +21,12 @@ CELL_BIT = 1 << 24  # counts a cell beside its points: the points of 64 cells ar
 PLANES = 4  # threads that share a cell: one for each plane of nodes along z that its points reach, and one more
 
 
-@cuda_kernel(rows_of="cell", early=True)
-def fill_points(cell, place, first, each, counts, unsorted):
+@cuda_kernel(rows_of="fit_cell", early=True)
+def fill_points(fit_cell, fit_place, first, each, counts, unsorted):
     """The points of each cell, in any order; there are `each` points to a sample."""
     r = cuda.grid(1)
-    if behind_last(r < each * counts[MADE] and cell[r] >= 0):
-        unsorted[first[cell[r]] + place[r]] = r
+    if behind_last(r < each * counts[MADE] and fit_cell[r] >= 0):
+        unsorted[first[fit_cell[r]] + fit_place[r]] = r
 
 
 @formula

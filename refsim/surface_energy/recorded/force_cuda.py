@@ -15,20 +15,20 @@ ROWS = 9  # of nodes along x that the samples of a cell reach, a thread to each;
 
 
 @cuda_kernel(rows_of="facets")
-def locate_samples(sample_position, vertex_edge, facets, blocks, surface_term, counts, held, sample_place, sample_cell):
+def locate_samples(sample_position, vertex_edge, facets, blocks, surface_term, counts, of_cells):
     """Cell of each sample, and its number among those of the cell."""
     s = cuda.grid(1)
     if s < counts[MADE]:
         guess = (vertex_edge[facets[s, 0]] // 3) >> 6
-        count_point(s, three(sample_position, s), guess, blocks, surface_term, held, sample_place, sample_cell)
+        count_point(s, three(sample_position, s), guess, blocks, surface_term, *of_cells)
 
 
-@cuda_kernel(rows_of="sample_cell", early=True)
-def sort_samples(sample_cell, bins, unsorted, counts, point):
+@cuda_kernel(rows_of="fit_cell", early=True)
+def sort_samples(fit_cell, bins, unsorted, counts, point):
     """The samples of each cell by their numbers."""
     s = cuda.grid(1)
-    if behind_last(s < counts[MADE] and sample_cell[s] >= 0):
-        point[place_in_row(s, sample_cell[s], *bins, unsorted)] = s
+    if behind_last(s < counts[MADE] and fit_cell[s] >= 0):
+        point[place_in_row(s, fit_cell[s], *bins, unsorted)] = s
 
 
 @cuda_kernel(threads=CELLS, rows_of="rows", early=True)

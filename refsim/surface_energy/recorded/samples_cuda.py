@@ -302,11 +302,13 @@ def find_normals(samples, vertices, vertex_edge, facets, blocks, surface_term, c
 
 
 @cuda_kernel(lanes=LANES, rows_of="facets")
-def place_samples(spheres, blocks, surface_term, vertex_edge, inset_position, facets, components, samples, bins, told):
+def place_samples(
+    spheres, blocks, surface_term, vertex_edge, inset_position, facets, components, samples, of_cells, told
+):
     """Samples after the inset, their nearest particles, and areas, 0 on components of fewer than `least` particles.
 
-    Behind them stand samples at NaN, of area 0 and without a particle. `bins` takes how many samples each cell holds,
-    and the cell of each; where a sample has no particle, the second of the arrays `told` tells the host.
+    Behind them stand samples at NaN, of area 0 and without a particle. Where a sample has no particle, the second of
+    the arrays `told` tells the host.
     """
     counts, sent = told
     s, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
@@ -325,7 +327,7 @@ def place_samples(spheres, blocks, surface_term, vertex_edge, inset_position, fa
             put(samples.sample_position, s, x)
             samples.sample_area[s] = area if has_tension else type(area)(0)
             samples.nearest[s] = p
-            count_point(s, x, guess, blocks, surface_term, *bins)
+            count_point(s, x, guess, blocks, surface_term, *of_cells)
     elif lane == 0 and s < min(samples.nearest.shape[0], samples.sample_area.shape[0]):
         nowhere = type(surface_term.cell_size)(math.nan)
         put(samples.sample_position, s, (nowhere, nowhere, nowhere))

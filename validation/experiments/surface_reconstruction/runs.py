@@ -218,10 +218,11 @@ def normal_calls(made: Reconstruction, surface: Surface, sample: Any, away: Any)
     if there.name == "cuda":
         from refsim.surface_energy import kernels_cuda
         from refsim.surface_energy.recorded import stages
+        from refsim.surface_energy.recorded.samples_cuda import find_normals
 
-        a = kernels_cuda.normal_arrays(sample, surface.blocks, surface.coefficients, away, out)
-        find = partial(stages.find_normals, a, surface.blocks, made.term)
-        return {"mls": partial(find, np.int32(1)), "gradient": partial(find, None)}
+        a = kernels_cuda.normal_arrays(sample, surface.blocks, made.term, surface.coefficients, away, out)
+        kinds = ("mls", np.int32(1)), ("gradient", None)
+        return {kind: partial(stages.launch, a | {"mls": mls}, find_normals) for kind, mls in kinds}
     bases = made.grid.by_cell(sample, surface.blocks, 0.5)
     given = (sample, bases, surface.blocks, made.term, surface.coefficients, away, None, None, out)
     names = {"mls": "mls_normals", "gradient": "spline_normals"}
