@@ -4,7 +4,6 @@
 """
 
 import math
-from typing import Any, NamedTuple
 
 from refsim.backends.compile import formula
 from refsim.backends.reductions import reduction
@@ -12,8 +11,8 @@ from refsim.backends.tuples import added, difference, dot, over, scaled, three
 from refsim.boundary.penetration.formulas import pushed, rebound, reflected
 from refsim.boundary.signed_distance.formulas import beyond_inside, place_in_field, trilinear
 from refsim.sparse_grid.formulas import find_node
-from refsim.sph.formulas import between_ends, drifted
-from refsim.sph.kernels import squared_shift
+from refsim.sph.formulas import between_ends
+from refsim.sph.kernels import squared_shift, stepped_along
 
 LONGEST = 4096  # samples along one path
 # h/CLEARANCE is subtracted from interpolated distances and is the least step along a path; h: band's spacing
@@ -86,37 +85,10 @@ def outside_box(x, penetration):
     )
 
 
-class Moving(NamedTuple):
-    """What the step writes; residuals may be None."""
-
-    corrections: Any
-    position_residual: Any
-    velocity: Any
-    position: Any
-
-
-@formula
-def advanced(i, position, position_residual, shift):
-    """x + shift [m] of particle i; with a residual x + residual + shift, of which the new residual is written."""
-    if position_residual is not None:
-        x, position_residual[i, 0] = drifted(position[i, 0], position_residual[i, 0], shift[0])
-        y, position_residual[i, 1] = drifted(position[i, 1], position_residual[i, 1], shift[1])
-        z, position_residual[i, 2] = drifted(position[i, 2], position_residual[i, 2], shift[2])
-        return x, y, z
-    return added(three(position, i), shift)
-
-
-@formula
-def forget(i, c, held, position_residual):
-    """No residual of component c where the place is `held`."""
-    if position_residual is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
-        if held:
-            position_residual[i, c] = type(position_residual[i, c])(0)
-
-
-@reduction(into="displacement", how="largest count largest", rows="moving.position")
+@reduction(into="displacement", how="largest count largest", rows="position")
 def kick_drift(
-    i, acceleration, identity, build_position, bounds, timestep, shift, solid_field, penetration, moving: Moving
+    i, acceleration, identity, build_position, bounds, timestep, shift, solid_field, penetration, corrections,
+    position_residual, velocity, position,
 ):  # fmt: skip
     """Leap-frog step v += (dt_previous + dt)/2 a, x += dt v + shift, with patent P8 where it would enter the solid.
 
@@ -125,13 +97,12 @@ def kick_drift(
     Returns (squared displacement since the list was built [m^2], whether a plane stopped it, squared shift [m^2]).
     """
     real = type(timestep[0])
-    corrections, position_residual, velocity, position = moving
     start = three(position, i)
-    v = added(three(velocity, i), scaled(three(acceleration, i), timestep[0]))
-    drift = scaled(v, timestep[1])
-    if shift is not None:
-        drift = added(drift, three(shift, i))
-    x = advanced(i, position, position_residual, drift)
+    given = position, position_residual, velocity, acceleration, build_position, None, timestep, shift
+    u, x, a, _, _ = stepped_along(0, i, *given)
+    v, y, b, _, _ = stepped_along(1, i, *given)
+    w, z, c, _, _ = stepped_along(2, i, *given)
+    v, x, residual = (u, v, w), (x, y, z), (a, b, c)
     corrected = False
     if penetration.swept:
         begun = real(1)
@@ -158,18 +129,17 @@ def kick_drift(
             if push == 0:
                 corrections[i] += 1
                 allowed = -solid_field.spacing / real(LEFT)
-    stopped = False
-    squared = real(0)
+    stopped, squared = False, real(0)
     for c in range(3):
-        place, speed, held = x[c], v[c], corrected
+        place, speed, rest = x[c], v[c], real(0) if corrected else residual[c]
         if bounds is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
             if (place < bounds.lower[c] or place > bounds.upper[c]) and between_ends(start, bounds):
                 place = min(max(place, bounds.lower[c]), bounds.upper[c])
-                speed = real(0)
-                stopped = held = True
-        forget(i, c, held, position_residual)
+                speed, rest, stopped = real(0), real(0), True
         velocity[i, c] = speed
         position[i, c] = place
+        if position_residual is not None:
+            position_residual[i, c] = rest
         moved = place - build_position[i, c]
         squared += moved * moved
     if not squared >= real(0):  # NaN: a maximum over the particles would ignore it
