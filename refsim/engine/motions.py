@@ -14,7 +14,7 @@ from refsim.core.errors import RunStopped
 from refsim.scene.plan import Plan
 from refsim.sph import acceleration_of
 
-PULLS = ("field", "lean", "wall_gravity")  # parameter groups that are the acceleration of gravity (3,) [m/s^2]
+PULLS = "field", "lean"  # parameter groups that are the acceleration of gravity (3,) [m/s^2]
 
 
 class Motions:

@@ -187,14 +187,13 @@ def test_signed_distances_that_are_not_possible_say_so_in_numbers(spacing, band,
 
 
 @pytest.mark.parametrize("radius", [0.01, 1.0, 20.0])
-def test_corners_that_the_isosurface_lacks_are_counted_in_radii(radius, monkeypatch):
+def test_corners_that_the_isosurface_lacks_are_counted_in_radii(radius):
     away = np.array([0.5, 1.7, 1.9, 5.0]) * radius
     vertices = np.stack([away, 0 * away, 0 * away], axis=1)
-    field = types.SimpleNamespace(distance=np.zeros(1))
     band = types.SimpleNamespace(
-        backend=choose("numpy"), mesh=types.SimpleNamespace(vertices=vertices), field=field, local=field, spacing=1e-9
-    )
-    monkeypatch.setattr(sampling, "replace", lambda band, field: types.SimpleNamespace(at=lambda v: (away, None)))
+        backend=choose("numpy"), mesh=types.SimpleNamespace(vertices=vertices), spacing=1e-9,
+        field=types.SimpleNamespace(distance=np.zeros(1)), local=types.SimpleNamespace(at=lambda v: (away, None)),
+    )  # fmt: skip
     assert sampling._corners_cut_off(band, np.zeros((1, 3)), radius) == 2
 
 

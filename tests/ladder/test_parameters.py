@@ -539,7 +539,7 @@ def mesh(dim, gravity=(0.0, 0.0, 0.0), swept=1, printed=0):
     """Patent CN104318598A: patent P6 (friction, pressure extrapolated by gravity) and P8; the band at the surface."""
     h = 0.06
     return {
-        "wall_gravity": dict(zip("xyz", gravity)), "wall_viscosity": {"coefficient": 0.7},
+        "lean": dict(zip("xyz", gravity)), "wall_viscosity": {"coefficient": 0.7},
         "adhesion": {"beta": 1.3, "amplitude": 1.3 * akinci(3, beta=1.0)["adhesion"]["amplitude"]},
         "penetration": {
             "restitution": 0.3, "rebound": 0.2, "swept": swept, "printed": printed,

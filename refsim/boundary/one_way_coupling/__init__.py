@@ -11,7 +11,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import msgspec
 import numpy as np
@@ -28,7 +28,7 @@ from refsim.core.errors import InputError
 from refsim.core.walls import WallParticles
 from refsim.scene.shapes import HOLLOW
 from refsim.smoothing import Smoothing, smoothing
-from refsim.sph import acceleration_of, liquid_of, pressure_is_replaced
+from refsim.sph import acceleration_of, lean, liquid_of, pressure_is_replaced
 
 MOST_LAYERS = 100  # of boundary particles
 # Least spacing of boundary particles and distances, in spacings of the liquid: guards against wrong units
@@ -40,14 +40,6 @@ if TYPE_CHECKING:
 
     from refsim.boundary.one_way_coupling.placing import PlacedSolid
     from refsim.core.effect import InitialState
-
-
-class WallGravity(NamedTuple):
-    """Gravity in the boundary particles' pressure."""
-
-    x: float  # [m/s^2]
-    y: float  # [m/s^2]
-    z: float  # [m/s^2]
 
 
 class MeshBoundary(
@@ -235,7 +227,7 @@ class MeshBoundary(
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         groups = super().prepare(grid, others)
         if self._presses(others):
-            groups["wall_gravity"] = WallGravity(*map(grid.real, acceleration_of(others)))
+            groups |= lean(grid, others)
         if self.adhesion > 0:
             from refsim.surface_tension.akinci_2013 import Adhesion
 

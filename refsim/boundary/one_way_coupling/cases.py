@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from refsim.boundary.one_way_coupling import MeshBoundary, WallGravity
+from refsim.boundary.one_way_coupling import MeshBoundary
 from refsim.core.cases import Exact, at, closed_form, example, groups, takes
 from refsim.core.walls import WallMotion, WallParticles, WallViscosity
 from refsim.smoothing.cases import for_each_kernel
-from refsim.sph import Fluid
+from refsim.sph import Fluid, WallFrameGravity
 
 PEBBLE = Path(__file__).parents[2] / "examples" / "pebble.obj"
 example(
@@ -69,9 +69,6 @@ def _wall_motion(case, grid):
     return {"wall_motion": WallMotion(*(v.astype(grid.dtype) for v in (-FAR, plane, velocity)))}
 
 
-groups(wall_gravity=lambda case, grid: WallGravity(*(grid.real(g) for g in (2.0, -1.0, -9.0))))
-
-
 takes("one_way_coupling.wall_pressure", fluid="rest_density clamp gradient_share")  # p_b counts once
 takes("one_way_coupling.wall_viscosity", smoothing="support_radius dim")
 
@@ -82,7 +79,7 @@ def _pushing(w, pressure, gravity, expected, clamp):
     push = 1000 * 0.25 * expected / 500.0**2 * w.slope
     inputs = {
         "walls": WallParticles(case.wall_position, np.array([0.25])), "density": [500.0], "pressure": [pressure],
-        "wall_gravity": WallGravity(*gravity), "fluid": Fluid(1000.0, 4e5, 1, clamp),
+        "lean": WallFrameGravity(*gravity), "fluid": Fluid(1000.0, 4e5, 1, clamp),
     }  # fmt: skip
     return Exact(case, inputs, {"acceleration": -push * case.wall_position})
 

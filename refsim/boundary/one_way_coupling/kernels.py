@@ -1,7 +1,7 @@
 """What one neighbour and one particle do at the boundary particles of a mesh."""
 
 from refsim.backends.compile import kernel
-from refsim.boundary.one_way_coupling.formulas import boundary_pressure
+from refsim.backends.tuples import dot
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector
 from refsim.smoothing.formulas import kernel_slope, kernel_value, safe_distance, viscosity_laplacian
@@ -40,17 +40,21 @@ def wall_viscosity(
 
 
 @pair
-def head_pair(r, x_ij, density_j, pressure_j, smoothing, wall_gravity):
+def head_pair(r, x_ij, density_j, pressure_j, smoothing, lean):
     """W_ij and W_ij (p_j + rho_j g.x_ij)."""
     w = kernel_value(r, smoothing)
-    head = wall_gravity[0] * x_ij[0] + wall_gravity[1] * x_ij[1] + wall_gravity[2] * x_ij[2]
-    return w, w * (pressure_j + density_j * head)
+    return w, w * (pressure_j + density_j * dot(lean, x_ij))
 
 
 @pair
-def wall_push_pair(r, x_ij, density_i, volume_j, smoothing, fluid, mean, wall_gravity):
-    """Patent P6 with E30: a_i = -s Psi_b p_b/rho_i^2 W'(r) e_ib, p_b of the boundary particle [m/s^2]."""
-    pressure = boundary_pressure(mean, wall_gravity, x_ij[0], x_ij[1], x_ij[2], fluid)
+def wall_push_pair(r, x_ij, density_i, volume_j, smoothing, fluid, mean, lean):
+    """Patent P6 with E30: a_i = -s Psi_b p_b/rho_i^2 W'(r) e_ib [m/s^2], p_b = p~_i + rho0 g.(x_b - x_i).
+
+    `mean` is p~_i, the mean pressure of the liquid around x_i, extrapolated to x_i (Adami, Hu & Adams 2012, (27)).
+    """
+    pressure = mean - fluid.rest_density * dot(lean, x_ij)
+    if fluid.clamp and pressure < type(r)(0):
+        pressure = type(r)(0)
     wall_mass = fluid.rest_density * volume_j
     f = -fluid.gradient_share * wall_mass * pressure / (density_i * density_i) * kernel_slope(r, smoothing)
     f /= safe_distance(r, smoothing)
@@ -59,16 +63,16 @@ def wall_push_pair(r, x_ij, density_i, volume_j, smoothing, fluid, mean, wall_gr
 
 @kernel
 def extrapolated_wall_pressure(
-    i, position, density, pressure, neighbours, walls, smoothing, fluid, wall_gravity, acceleration
+    i, position, density, pressure, neighbours, walls, smoothing, fluid, lean, acceleration
 ):  # fmt: skip
     """Patent P6 with the boundary particles' pressures p_b (patent E30); added to the acceleration [m/s^2]."""
     if walls.count[i] > 0:
         weights, total = neighbour_sum(
-            head_pair, i, None, neighbours, position, None, density, pressure, smoothing, wall_gravity
+            head_pair, i, None, neighbours, position, None, density, pressure, smoothing, lean
         )
         w0 = own_share(smoothing)
         mean = (total + w0 * pressure[i]) / (weights + w0)
         a = neighbour_sum(
-            wall_push_pair, i, None, walls, position, None, density, walls.volume, smoothing, fluid, mean, wall_gravity
+            wall_push_pair, i, None, walls, position, None, density, walls.volume, smoothing, fluid, mean, lean
         )
         add_vector(acceleration, i, None, a)

@@ -28,9 +28,9 @@ def wall_viscosity(
     reason="as sph.pressure, with the roundings of a mean of the liquid's pressure and of its extrapolation to the"
     " wall", invariants="translation reordering",
 )  # fmt: skip
-def extrapolated_wall_pressure(position, density, pressure, walls, smoothing, fluid, wall_gravity, rows=None):
+def extrapolated_wall_pressure(position, density, pressure, walls, smoothing, fluid, lean, rows=None):
     """Acceleration [m/s^2] by the pressure that the liquid's extrapolates to."""
-    i, g = Fields(position=position, density=density, pressure=pressure), [float(part) for part in wall_gravity]
+    i, g = Fields(position=position, density=density, pressure=pressure), list(map(float, lean))
     around = neighbours(i, i, smoothing, rows=rows)
     mean = around(ref.pressure_and_head, g=g) / around(ref.weight)
     inner = Fields(position=around.i.position, density=around.i.density, mean=mean)

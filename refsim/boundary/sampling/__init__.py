@@ -5,7 +5,7 @@ other along it and are projected back onto it until they hardly move. Finally th
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -107,17 +107,14 @@ def sample(
     band, corner, facets, area = _surface(mesh, radius, backend, dtype, notes)
     whole = mesh.area / float(area.sum(dtype=float))  # marching cubes cuts a little off at edges
     last = facet_counts(area, HEXAGONAL * whole, radius, "E25" in printed)
-    count = int(last[-1]) if len(last) else 0
-    if count == 0:
+    position = placed(backend, corner, facets, last, seed)
+    if position.shape[0] == 0:
         raise InputError(
             f"sampling: radius = {radius:g} m leaves no particle on {mesh.source!r}; give a smaller radius"
             + (" or remove E25 from literal." if "E25" in printed else ".")
         )
-    position = backend.empty((count, 3), dtype)
-    seed_value = np.int64(seed)
-    REGISTRY["sampling.place"].program(backend.name)(corner, facets, backend.asarray(last), seed_value, position)
     position, residuals, converged = relaxed(
-        backend, band.local, position, radius, seed, "E24" in printed, most_iterations
+        backend, band.local.field, position, radius, seed, "E24" in printed, most_iterations
     )
     if not converged:
         notes.append(
@@ -126,7 +123,7 @@ def sample(
             if len(residuals)
             else "the particles were not relaxed"
         )
-    place, normal = replace(band, field=band.local).project(position)
+    place, normal = band.local.project(position)
     return BoundarySample(
         backend.host(place).astype(float) + mesh.origin, backend.host(normal).astype(float), radius, expected,
         len(residuals), converged, np.array(residuals), band, tuple(notes),
@@ -136,14 +133,11 @@ def sample(
 def _surface(
     mesh: SurfaceMesh, radius: float, backend: Backend, dtype: str, notes: list[str]
 ) -> tuple[NarrowBand, Any, Any, np.ndarray]:
-    """(band, vertices, facets, areas on the host) of the isosurface, on a grid that resolves all parts of the mesh."""
+    """(band, vertices, facets, areas) of the isosurface, on a grid that resolves all parts of the mesh."""
     for attempt, share in enumerate(GRIDS):
         h = min(share * radius, 0.25 * float(mesh.extent.max()))
         band = signed_distance(mesh, h, LEAST_BAND * h, backend, dtype)
-        corner, facets = isosurface(band)
-        area = backend.empty(facets.shape[0], dtype)
-        REGISTRY["sampling.areas"].program(backend.name)(corner, facets, area)
-        area = backend.host(area)
+        corner, facets, area = isosurface(band)
         lacking = 1 - float(np.sum(area, dtype=float)) / mesh.area
         if abs(lacking) > AREA_KEPT:
             continue
@@ -166,7 +160,7 @@ def _surface(
 def _corners_cut_off(band: NarrowBand, corner: np.ndarray, radius: float) -> int:
     """Number of vertices of the mesh farther than CUT_OFF r from the isosurface."""
     backend, vertices = band.backend, band.mesh.vertices.astype(band.field.distance.dtype)
-    distance, _ = replace(band, field=band.local).at(backend.asarray(vertices))
+    distance, _ = band.local.at(backend.asarray(vertices))
     sharp = vertices[backend.host(distance) > ROUNDED * band.spacing]
     if not len(sharp):
         return 0
@@ -176,8 +170,9 @@ def _corners_cut_off(band: NarrowBand, corner: np.ndarray, radius: float) -> int
     return int(np.count_nonzero(np.asarray(away) > CUT_OFF * radius))
 
 
-def isosurface(band: NarrowBand, level: float = 0.0) -> tuple[Any, Any]:
-    """(vertices (v, 3) [m] relative to the mesh's origin, facets (f, 3) int32) of phi = level [m]."""
+def isosurface(band: NarrowBand, level: float = 0.0) -> tuple[Any, Any, np.ndarray]:
+    """(vertices (v, 3) [m] relative to the mesh's origin, facets (f, 3) int32, their areas [m^2] on the host) of
+    phi = level [m]."""
     backend, blocks = band.backend, band.blocks
     at = type(band.grid.spacing)(level)
     _, to_xp, from_xp = backend.array_library()
@@ -187,7 +182,18 @@ def isosurface(band: NarrowBand, level: float = 0.0) -> tuple[Any, Any]:
     contour = Contour(band.grid.spacing, at)
     program = REGISTRY["isosurface.edge_points"].program(backend.name)
     program(blocks, band.field.distance, contour, cells.vertex_edge, corner)
-    return corner, cells.facets
+    area = backend.empty(cells.facets.shape[0], corner.dtype)
+    REGISTRY["sampling.areas"].program(backend.name)(corner, cells.facets, area)
+    return corner, cells.facets, backend.host(area)
+
+
+def placed(backend: Backend, corner: Any, facets: Any, last: np.ndarray, seed: int) -> Any:
+    """Particles (n, 3) [m] at random on facets, whose cumulative counts are `last`."""
+    position = backend.empty((int(last[-1]) if len(last) else 0, 3), corner.dtype)
+    if len(position):
+        program = REGISTRY["sampling.place"].program(backend.name)
+        program(corner, facets, backend.asarray(last), np.int64(seed), position)
+    return position
 
 
 def sample_beneath(mesh: SurfaceMesh, radius: float, depth: float, spacing: float, seed: int = 0) -> np.ndarray:
@@ -199,14 +205,10 @@ def sample_beneath(mesh: SurfaceMesh, radius: float, depth: float, spacing: floa
     """
     band = signed_distance(mesh, spacing, depth + 2 * spacing)
     backend = band.backend
-    corner, facets = isosurface(band, -depth)
-    area = backend.empty(facets.shape[0], corner.dtype)
-    REGISTRY["sampling.areas"].program(backend.name)(corner, facets, area)
-    last = facet_counts(area, HEXAGONAL, radius)
-    position = backend.empty((int(last[-1]) if len(last) else 0, 3), corner.dtype)
+    corner, facets, area = isosurface(band, -depth)
+    position = placed(backend, corner, facets, facet_counts(area, HEXAGONAL, radius), seed)
     if len(position):
-        REGISTRY["sampling.place"].program(backend.name)(corner, facets, last, np.int64(seed), position)
-        level = band.local._replace(distance=band.field.distance + corner.dtype.type(depth))
+        level = band.local.field._replace(distance=band.field.distance + corner.dtype.type(depth))
         position, _, _ = relaxed(backend, level, position, radius, seed, False, MOST_ITERATIONS)
     return np.asarray(position, dtype=float) + mesh.origin
 

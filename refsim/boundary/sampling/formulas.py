@@ -3,7 +3,7 @@
 import math
 
 from refsim.backends.compile import formula
-from refsim.neighbours.formulas import lower_bound
+from refsim.backends.tuples import scaled
 from refsim.surface_energy.formulas import hash_word, unit_share
 
 
@@ -21,12 +21,4 @@ def hashed_direction(i, j, seed, one):
     z = z + z - one
     turn = unit_share(hash_word(low, high, 2 * seed + 1), one) * type(one)(2 * math.pi)
     away = math.sqrt(max(one - z * z, one - one))
-    if i < j:
-        return away * math.cos(turn), away * math.sin(turn), z
-    return -away * math.cos(turn), -away * math.sin(turn), -z
-
-
-@formula
-def facet_of(i, facet_last):
-    """Patent P2: facet f with N_(f-1) <= i < N_f for the cumulative count N_f of particles (dimensionless)."""
-    return lower_bound(facet_last, i + 1)
+    return scaled((away * math.cos(turn), away * math.sin(turn), z), one if i < j else -one)

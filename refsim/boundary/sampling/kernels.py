@@ -3,9 +3,10 @@
 import math
 
 from refsim.backends.compile import kernel
-from refsim.backends.tuples import cross, difference, dot, three
-from refsim.boundary.sampling.formulas import facet_of, hashed_direction, repulsion
+from refsim.backends.tuples import added, cross, difference, dot, over, put, scaled, three
+from refsim.boundary.sampling.formulas import hashed_direction, repulsion
 from refsim.boundary.signed_distance.formulas import trilinear
+from refsim.neighbours.formulas import lower_bound
 from refsim.neighbours.rows import row_of
 from refsim.surface_energy.formulas import hash_word, unit_share
 
@@ -22,8 +23,9 @@ def areas(f, facet_corner, facets_of_mesh, facet_area):
 
 @kernel
 def place(i, facet_corner, facets_of_mesh, facet_last, sample_seed, placed):
-    """Initial position [m] of particle i, uniform in its facet: x = (1 - s) a + s ((1 - w) b + w c), s = sqrt(u)."""
-    f = facet_of(i, facet_last)
+    """Patent P2: initial position [m] of particle i, uniform in facet f, N_(f-1) <= i < N_f of the cumulative counts:
+    x = (1 - s) a + s ((1 - w) b + w c), s = sqrt(u)."""
+    f = lower_bound(facet_last, i + 1)
     a, b, c = facets_of_mesh[f, 0], facets_of_mesh[f, 1], facets_of_mesh[f, 2]
     one = type(facet_corner[a, 0])(1)
     root = math.sqrt(unit_share(hash_word(sample_seed, i, 1), one))
@@ -42,36 +44,28 @@ def relax(i, position, neighbours, distance_field, relaxation, relaxed_position,
     v_t = (I - n n^T) sum_l Omega(|x - x_l|) (x - x_l)/|x - x_l|, n = grad phi/|grad phi|.
     """
     first, stride, count = row_of(neighbours, i)
-    x, y, z = position[i, 0], position[i, 1], position[i, 2]
-    one = type(x)(1)
-    tx, ty, tz = one - one, one - one, one - one
+    x = three(position, i)
+    one = type(x[0])(1)
+    move = one - one, one - one, one - one
     for k in range(count):
         j = neighbours.entries[first + k * stride]
-        dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
-        squared = dx * dx + dy * dy + dz * dz
+        apart = difference(x, three(position, j))
+        squared = dot(apart, apart)
         if squared < relaxation.cutoff_squared:
             if squared > 0:
-                f = repulsion(squared, relaxation) / math.sqrt(squared)
-                tx += f * dx
-                ty += f * dy
-                tz += f * dz
+                move = added(move, scaled(apart, repulsion(squared, relaxation) / math.sqrt(squared)))
             else:
-                ex, ey, ez = hashed_direction(i, int(j), relaxation.seed, one)
-                tx += ex
-                ty += ey
-                tz += ez
-    phi, (nx, ny, nz) = trilinear((x, y, z), distance_field)
-    steep = math.sqrt(nx * nx + ny * ny + nz * nz)
+                move = added(move, hashed_direction(i, int(j), relaxation.seed, one))
+    phi, n = trilinear(x, distance_field)
+    steep = math.sqrt(dot(n, n))
     if steep > 0:
-        nx, ny, nz = nx / steep, ny / steep, nz / steep
+        n = over(n, steep)
         if relaxation.tangential != 0:
-            along = tx * nx + ty * ny + tz * nz
-            tx, ty, tz = tx - along * nx, ty - along * ny, tz - along * nz
-    tx, ty, tz = relaxation.step * tx, relaxation.step * ty, relaxation.step * tz
-    length = math.sqrt(tx * tx + ty * ty + tz * tz)
+            move = difference(move, scaled(n, dot(move, n)))
+    move = scaled(move, relaxation.step)
+    length = math.sqrt(dot(move, move))
     if length > relaxation.longest:
-        shorter = relaxation.longest / length
-        tx, ty, tz = shorter * tx, shorter * ty, shorter * tz
-    tx, ty, tz = tx - phi * nx, ty - phi * ny, tz - phi * nz
-    relaxed_position[i, 0], relaxed_position[i, 1], relaxed_position[i, 2] = x + tx, y + ty, z + tz
-    step_length[i] = math.sqrt(tx * tx + ty * ty + tz * tz)
+        move = scaled(move, relaxation.longest / length)
+    move = difference(move, scaled(n, phi))
+    put(relaxed_position, i, added(x, move))
+    step_length[i] = math.sqrt(dot(move, move))

@@ -4,7 +4,7 @@ Nodes lie at h j relative to the mesh's origin. They are stored in blocks of 64,
 sorted keys. The distance is negative inside.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -95,10 +95,10 @@ class NarrowBand:
         return Blocks(self.field.keys, self.field.neighbour)
 
     @property
-    def local(self) -> DistanceField:
-        """The field in the mesh's own frame, whose origin is 0."""
-        zero = np.float64(0)
-        return self.field._replace(origin_x=zero, origin_y=zero, origin_z=zero)
+    def local(self) -> "NarrowBand":
+        """The same in the mesh's own frame, whose origin is 0."""
+        origin = dict.fromkeys(("origin_x", "origin_y", "origin_z"), np.float64(0))
+        return replace(self, field=self.field._replace(**origin))
 
     @property
     def nbytes(self) -> int:

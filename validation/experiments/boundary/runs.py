@@ -488,7 +488,7 @@ def piled(trial: Trial) -> None:
     there = choose(trial.backend)
     band = signed_distance(meshes.mesh_of(SHAPES["sphere"](3), "ball"), 0.1, backend=there)
     start = there.asarray(np.repeat(np.array([[0.0, 0.0, 0.99]], np.float32), 100, axis=0))
-    end = there.host(relaxed(there, band.local, start, 0.1, 0, False, 200)[0])
+    end = there.host(relaxed(there, band.local.field, start, 0.1, 0, False, 200)[0])
     trial.check("least distance of two particles over r", evenness(end)["mean"] / 0.1, at_least=0.5)
     trial.check("furthest from the ball", float(np.abs(np.linalg.norm(end, axis=1) - 1).max()), at_most=0.02)
 
