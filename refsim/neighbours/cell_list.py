@@ -132,13 +132,7 @@ def build_list(chunk, queries, sources, radius, dim, exclude_self, period, perio
 
 
 @kernel(rows_of="order")
-def reorder_scalars(i, values, order, moved):
-    """moved[i] = values[order[i]]."""
-    moved[i] = values[order[i]]
-
-
-@kernel(rows_of="order")
-def reorder_vectors(i, values, order, moved):
+def reorder_rows(i, values, order, moved):
     """moved[i, :] = values[order[i], :]."""
     for c in range(values.shape[1]):
         moved[i, c] = values[order[i], c]
@@ -314,5 +308,6 @@ class CellSearch:
 
     def reorder(self, array, order):
         moved = np.empty_like(array)
-        (reorder_scalars if array.ndim == 1 else reorder_vectors)(array, order, moved)
+        columns = (len(array), array.size // max(len(array), 1))
+        reorder_rows(array.reshape(columns), order, moved.reshape(columns))
         return moved

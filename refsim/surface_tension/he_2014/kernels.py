@@ -1,6 +1,7 @@
 """What one neighbour and one particle do in He et al. 2014."""
 
 from refsim.backends.compile import kernel
+from refsim.backends.tuples import dot, over
 from refsim.neighbours.forces import force
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import first_lane
@@ -36,13 +37,10 @@ def gradient_pair(r, x_ij, mass_j, density_j, color_j, gradient_smoothing):
 @kernel(lanes=True)
 def squared_gradient(i, lane, position, mass, density, color, neighbours, gradient_smoothing, color_gradient_squared):
     """|grad c_i|^2 with grad c_i = (1/c_i) sum_j V_j c_j grad W_ij [1/m^2]."""
-    gx, gy, gz = neighbour_sum(
-        gradient_pair, i, lane, neighbours, position, None, mass, density, color, gradient_smoothing
-    )
-    c = color[i]
-    gx, gy, gz = gx / c, gy / c, gz / c
+    g = neighbour_sum(gradient_pair, i, lane, neighbours, position, None, mass, density, color, gradient_smoothing)
+    g = over(g, color[i])
     if first_lane(lane):
-        color_gradient_squared[i] = gx * gx + gy * gy + gz * gz
+        color_gradient_squared[i] = dot(g, g)
 
 
 @pair

@@ -3,7 +3,7 @@
 import math
 
 from refsim.backends.compile import formula, kernel
-from refsim.backends.tuples import added, difference, scaled
+from refsim.backends.tuples import added, difference, dot, scaled, three
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, first_lane
 from refsim.smoothing.formulas import kernel_value, safe_distance
@@ -49,8 +49,8 @@ def replace_density(i, corrected_density, density):
 @kernel
 def soft_weight(i, surface_normal, soft, surface_weight):
     """Soft surface weight (Jiang & Zhu E9) of the length of J(19); dimensionless."""
-    x, y, z = surface_normal[i, 0], surface_normal[i, 1], surface_normal[i, 2]
-    surface_weight[i] = formulas.soft_weight(math.sqrt(x * x + y * y + z * z), soft)
+    n = three(surface_normal, i)
+    surface_weight[i] = formulas.soft_weight(math.sqrt(dot(n, n)), soft)
 
 
 @pair
