@@ -6,7 +6,6 @@ REFSIM_PLAIN=1 chooses it. It is also taken where this Numba lacks a private nam
 import functools
 import hashlib
 import inspect
-import linecache
 import os
 import pathlib
 import sys
@@ -21,7 +20,7 @@ import numba
 
 from refsim.backends.cache import cache_folder, cached
 from refsim.backends.fast.private import lost, names
-from refsim.backends.written import is_fixed, kind_of, written
+from refsim.backends.written import function_of, is_fixed, kind_of, written
 from refsim.core.writing import write_once
 
 
@@ -46,12 +45,10 @@ def function_of_text(
     path = pathlib.Path(cache_folder(source), f"{name}_{hashlib.sha256(text.encode()).hexdigest()[:8]}.py")
     with suppress(OSError):  # a folder that cannot be written
         write_once(path, text.encode())
-    linecache.cache[str(path)] = (len(text), None, text.splitlines(keepends=True), str(path))
     place = types.ModuleType(f"{module}.{path.stem}")
     place.__dict__.update(space, __file__=str(path))
     sys.modules[place.__name__] = place  # Numba's cache finds the globals of a kernel by its module's name
-    exec(compile(text, str(path), "exec"), place.__dict__)
-    return place.__dict__[name]
+    return function_of(text, name, str(path), place.__dict__)
 
 
 class PlainKernel:

@@ -3,12 +3,13 @@
 An array with the fields of particles or nodes has a row for each; `three` and `nine` read one, `put` writes one.
 """
 
+import ast
 import functools
 import inspect
-
-from numba import types
+import re
 
 from refsim.backends.compile import formula, overloaded
+from refsim.backends.written import function_of, source_of
 
 
 def entrywise(function):
@@ -19,23 +20,26 @@ def entrywise(function):
     @functools.cache
     def unrolled(*lengths):
         """The formula for tuples of these lengths, 0 for what is no tuple."""
-        entries = (
-            ", ".join(f"{n}[{k}]" if length else n for n, length in zip(names, lengths))
-            for k in range(next(filter(None, lengths)))
-        )
-        made = {"entry": function}
-        exec(f"def every({', '.join(names)}):\n    return ({' '.join(f'entry({e}),' for e in entries)})", made)
-        return made["every"]
+        *before, last = source_of(function).tree.body
+        docstring = [f"    {ast.unparse(part)}" for part in before[:1]]
+        entry = f"({ast.unparse(last.value)})" if len(before) < 2 else f"entry({', '.join(names)})"
+        tuples = re.compile(rf"\b({'|'.join(name for name, length in zip(names, lengths) if length)})\b")
+        entries = (tuples.sub(rf"\1[{k}]", entry) for k in range(max(lengths)))
+        head = f"def {function.__name__}({', '.join(names)}):"
+        text = "\n".join([head, *docstring, f"    return ({', '.join(entries)},)\n"])
+        path = f"<{function.__module__}.{function.__name__} {lengths}>"
+        return function_of(text, function.__name__, path, {**function.__globals__, "entry": function})
 
-    def for_kinds(*kinds):
-        return unrolled(*(len(kind) if isinstance(kind, types.BaseTuple) else 0 for kind in kinds))
+    def for_kinds(kinds):
+        """That for types of Numba, or for kinds of `refsim.backends.written`."""
+        return unrolled(*(len(getattr(kind, "types", getattr(kind, "parts", ()))) for kind in kinds))
 
     @functools.wraps(function)
     def every(*values):
         return unrolled(*[len(value) if isinstance(value, tuple) else 0 for value in values])(*values)
 
-    every.entry = function
-    return overloaded(every, for_kinds, forceinline=True)
+    every.written = for_kinds
+    return overloaded(every, lambda *kinds: for_kinds(kinds), forceinline=True)
 
 
 @entrywise

@@ -12,6 +12,7 @@ import builtins
 import functools
 import inspect
 import json
+import linecache
 import math
 import operator
 import re
@@ -117,30 +118,11 @@ def source_of(function: Callable) -> Source:
     return Source(tree, function.__globals__, frozenset(name for name in stored if stored.count(name) == 1))
 
 
-@functools.cache
-def entrywise_source(entry: Callable, length: int, tuples: tuple[bool, ...]) -> Source:
-    """A formula of tuples from that of one of their entries."""
-    source = source_of(entry)
-    names = [argument.arg for argument in source.tree.args.args]
-    of = {name for name, flag in zip(names, tuples) if flag}
-    last = source.tree.body[-1]
-    single = isinstance(last, ast.Return) and len(source.tree.body) == 2
-
-    class Entry(ast.NodeTransformer):
-        def __init__(self, k: int) -> None:
-            self.k = k
-
-        def visit_Name(self, node: ast.Name) -> ast.AST:
-            return ast.Subscript(node, ast.Constant(self.k), ast.Load()) if node.id in of else node
-
-    parts = []
-    for k in range(length):
-        called = ast.Call(ast.Name("entry", ast.Load()), [ast.Name(name, ast.Load()) for name in names], [])
-        copied = ast.parse(ast.unparse(last.value), mode="eval").body if single else called  # type: ignore[attr-defined]
-        parts.append(Entry(k).visit(copied))
-    body = [*source.tree.body[:1], ast.Return(ast.Tuple(parts, ast.Load()))]
-    tree = ast.FunctionDef(entry.__name__, source.tree.args, body, [])
-    return Source(tree, {**source.space, "entry": entry}, frozenset())
+def function_of(text: str, name: str, path: str, space: dict[str, Any]) -> Any:
+    """The function of this name of a text, which `inspect` and tracebacks find under `path`; `space` is around it."""
+    linecache.cache[path] = (len(text), None, text.splitlines(keepends=True), path)
+    exec(compile(text, path, "exec"), space)
+    return space[name]
 
 
 class Named:
@@ -165,13 +147,13 @@ class Writer:
     def __init__(self, backend: str) -> None:
         self.backend, self.written_parts, self.order = backend, dict[Any, Named](), list[Named]()
 
-    def function(self, function: Callable, kinds: dict[str, Any], wanted: str, source: Source | None = None) -> Named:
+    def function(self, function: Callable, kinds: dict[str, Any], wanted: str) -> Named:
         """A function for arguments of these kinds."""
-        key = (function if source is None else id(source), tuple(kinds.items()))
+        key = (function, tuple(kinds.items()))
         if key not in self.written_parts:
             made = self.written_parts[key] = Named(wanted, function)
             made.takes_arrays = any(map(holds_arrays, kinds.values()))
-            body = Body(self, source or source_of(function), kinds)
+            body = Body(self, source_of(function), kinds)
             made.tree, made.result, made.locals = body.written(), body.result, body.locals
             self.order.append(made)
         return self.written_parts[key]
@@ -543,12 +525,8 @@ class Body:
         named = {word.arg: self.value(word.value) for word in node.keywords}
         if self.writer.backend in getattr(function, "written_on", {}):
             function = function.written_on[self.writer.backend]()
-        if hasattr(function, "written"):  # the sum over neighbours
+        if hasattr(function, "written"):  # for arguments of these kinds: a sum over neighbours, entries of tuples
             function = function.written(kinds)
-        if hasattr(function, "entry"):
-            tuples = tuple(isinstance(kind, Group) for kind in kinds)
-            length = next(len(kind.parts) for kind in kinds if isinstance(kind, Group))
-            return self.called(function, given, named, entrywise_source(function.entry, length, tuples))
         if isinstance(function, types.FunctionType) and not str(function.__module__).startswith("numpy"):
             return self.called(function, given, named)
         if isinstance(function, type) and hasattr(function, "_fields"):
@@ -563,11 +541,10 @@ class Body:
         return ast.Call(name, [part for part, _ in given], keywords), result
 
     def called(
-        self, function: Callable, given: list[tuple[Any, Any]], named: dict[Any, tuple[Any, Any]],
-        source: Source | None = None,
-    ) -> tuple[Any, Any]:  # fmt: skip
+        self, function: Callable, given: list[tuple[Any, Any]], named: dict[Any, tuple[Any, Any]]
+    ) -> tuple[Any, Any]:
         """A call of another function of the text."""
-        arguments = (source or source_of(function)).tree.args
+        arguments = source_of(function).tree.args
         names = [a.arg for a in arguments.args]
         bound = dict(zip(names, given)) | named
         for name, default in zip(names[len(names) - len(arguments.defaults) :], arguments.defaults):
@@ -578,7 +555,7 @@ class Body:
             n: NUMBER if isinstance(bound[n][1], Known) and not is_fixed(bound[n][1]) else bound[n][1] for n in names
         }
         wanted = getattr(function, "shown_as", function.__name__).lstrip("_")
-        made = self.writer.function(function, kinds, wanted, source)
+        made = self.writer.function(function, kinds, wanted)
         if isinstance(made.result, Known) and isinstance(made.result.value, bool):
             return ast.Constant(made.result.value), made.result
         passed_on = _arguments_returned(made.tree)

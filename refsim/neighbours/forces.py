@@ -8,13 +8,13 @@ kernel takes the position, the fields that the pair function reads, the lists, a
 from __future__ import annotations
 
 import inspect
-import linecache
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Mapping
 
 from refsim.backends.compile import Kernel
 from refsim.backends.tuples import added, over, scaled
+from refsim.backends.written import function_of
 from refsim.neighbours.pair_functions import DISTANCE, SEPARATION, parts_of
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector
@@ -111,8 +111,6 @@ def _made(of: Callable, lines: list[str], *more: Callable) -> Callable:
     """The function of these lines, as if it stood in the module of `of`; it calls `of` and the functions `more`."""
     name, text = lines[0].removeprefix("def ").partition("(")[0], "\n".join(lines) + "\n"
     path = f"<{of.__module__}.{name}>"
-    linecache.cache[path] = (len(text), None, text.splitlines(keepends=True), path)
     space = {"neighbour_sum": neighbour_sum, "added": added, "over": over, "scaled": scaled, "add_vector": add_vector}
     space |= {_called(function, of): function for function in (of, *more)} | {"__name__": of.__module__}
-    exec(compile(text, path, "exec"), space)
-    return space[name]
+    return function_of(text, name, path, space)

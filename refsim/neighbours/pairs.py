@@ -30,7 +30,6 @@ from __future__ import annotations
 
 import functools
 import inspect
-import linecache
 import math
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -41,7 +40,7 @@ from numba import types
 from refsim.backends.compile import formula, overloaded
 from refsim.backends.fast import staging
 from refsim.backends.reductions import filled_in
-from refsim.backends.written import NONE
+from refsim.backends.written import NONE, function_of
 from refsim.neighbours.formulas import to_nearest_image
 from refsim.neighbours.pair_functions import (
     DISTANCE,
@@ -207,10 +206,9 @@ def _loop(
         source=source, totals=", ".join(f"over_lanes(s{n}, lane)" for n in sums), **parts,
     )  # fmt: skip
     path = f"<{pair.__module__}.{pair.__qualname__} {listed} {near} {kinds} {plain}>"
-    linecache.cache[path] = (len(text), None, text.splitlines(keepends=True), path)
-    exec(compile(text, path, "exec"), space)
-    space["sums"].shown_as = f"sum_of_{pair.__name__}"
-    return space["sums"]
+    made = function_of(text, "sums", path, space)
+    made.shown_as = f"sum_of_{pair.__name__}"
+    return made
 
 
 def _staged(pair: Callable, given: Mapping[str, str | None], source: str) -> tuple[dict[str, Any], dict[str, str]]:

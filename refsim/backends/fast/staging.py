@@ -5,7 +5,6 @@ components of a vector are one read, of four neighbours at a time, and the loop 
 computes side by side.
 """
 
-import linecache
 import math
 from typing import Any
 
@@ -13,6 +12,8 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.extending import lower_builtin, type_callable
+
+from refsim.backends.written import function_of
 
 AT_A_TIME = 128  # neighbours that are staged
 STAGED = """\
@@ -48,11 +49,7 @@ def _written(kinds: Any) -> Any:
                for c in range(3 if kind.ndim == 2 else 1)]  # fmt: skip
     lines = [f"        buffers[{k}][m] = arrays[{column}]" for k, column in enumerate(columns)]
     text = "\n".join([STAGED, *lines, "    return size\n"])
-    path = f"<gathered {columns}>"
-    linecache.cache[path] = (len(text), None, text.splitlines(keepends=True), path)
-    space = {"np": np, "AT_A_TIME": AT_A_TIME}
-    exec(compile(text, path, "exec"), space)
-    return space["gathered"]
+    return function_of(text, "gathered", f"<gathered {columns}>", {"np": np, "AT_A_TIME": AT_A_TIME})
 
 
 gathered.written = _written  # type: ignore[attr-defined]
