@@ -126,11 +126,9 @@ class HeatConduction(
     @property
     def host_in_step(self) -> bool:  # type: ignore[override]
         """Whether the number of passes is found on the host, so that a GPU step cannot be one graph."""
-        if not self.conducts:
-            return False
         if self.scheme == "implicit":
-            return self.largest_number > MOST_PLANNED
-        return self.scheme != "one_sided"
+            return self.conducts and self.largest_number > MOST_PLANNED
+        return self.conducts and self.scheme in ("conjugate_gradient", "runge_kutta_legendre")
 
     @property
     def conducts(self) -> bool:

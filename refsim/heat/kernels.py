@@ -265,6 +265,16 @@ def sweep(i, exchanges, inverse, conduction, backwards, old, temperature):
     temperature[i] = running
 
 
+@kernel(ordered=True)
+def step_forward(i, inverse, flow, substance, enthalpy, temperature):
+    """T += dt Q/C [degrees C]; with latent heat H += c dt Q/C, T = T(H) [J/kg; degrees C]."""
+    if substance is None:
+        temperature[i] += inverse[i] * flow[i]
+    else:
+        enthalpy[i] += inverse[i] * substance.heat_capacity[i] * flow[i]
+        temperature[i] = at_enthalpy(i, enthalpy[i], substance)
+
+
 @kernel
 def take_up(i, start, substance, enthalpy, temperature):
     """H += c (T - T_start), T = T(H) [J/kg; degrees C]."""

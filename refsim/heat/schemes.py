@@ -122,9 +122,8 @@ def known(largest, enthalpy, temperature, scratch):
 
 def explicit(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
     """Forward Euler."""
-    exchanges, inverse, _, flow = weighed(body, neighbours, step, scratch, temperature)
-    plan = written([stages.EXPLICIT], scratch, temperature.dtype)
-    run_stages(plan, exchanges, inverse, flow, substance_of(body, melting), scratch, enthalpy, temperature)
+    _, inverse, _, flow = weighed(body, neighbours, step, scratch, temperature)
+    kernels.step_forward(inverse, flow, substance_of(body, melting), enthalpy, temperature)
 
 
 def one_sided(body: Body, neighbours, step: Step, scratch, temperature):

@@ -54,4 +54,3 @@ def first_legendre_stages(largest_sum: float) -> Iterator[Stage]:
 
 
 MOST_CONJUGATE_PASSES = 2000  # beyond which rounding is all that is left to gain
-EXPLICIT = Stage(0.0, 0.0, 1.0, 0.0)
