@@ -15,8 +15,9 @@ from collections import namedtuple
 import numpy as np
 
 from refsim.backends.compile import formula, kernel
+from refsim.backends.tuples import added, converted, cross, difference, outer, scaled, times, transposed
 from refsim.shape_matching import kernels
-from refsim.shape_matching.formulas import turned
+from refsim.shape_matching.formulas import match_term, motion_term, turned
 from refsim.shape_matching.phases import EMPTY
 
 # Regions as the pull takes them
@@ -82,15 +83,7 @@ def exact(row):
 @formula
 def away(s, values, boxes):
     """A node's position [m] or velocity [m/s] from that of its body's middle node, in float64."""
-    value, first = exact(values[s]), exact(values[boxes.origin[s]])
-    return value[0] - first[0], value[1] - first[1], value[2] - first[2]
-
-
-@formula
-def region_place(s, x, region_center):
-    """Center of the region of node s [m], from where x is taken."""
-    c = exact(region_center[s])
-    return x[0] + c[0], x[1] + c[1], x[2] + c[2]
+    return difference(exact(values[s]), exact(values[boxes.origin[s]]))
 
 
 @formula
@@ -100,21 +93,33 @@ def clear(cell, row, count):
         row[c, cell] = 0.0
 
 
+@formula
+def write(cell, row, terms):
+    """The terms of one cell."""
+    for c in range(len(terms)):
+        row[c, cell] = terms[c]
+
+
+@formula
+def three_at(c, cell, row):
+    """Numbers c to c + 2 of one cell."""
+    return row[c, cell], row[c + 1, cell], row[c + 2, cell]
+
+
+@formula
+def nine_at(c, cell, row):
+    """Numbers c to c + 8 of one cell."""
+    return *three_at(c, cell, row), *three_at(c + 3, cell, row), *three_at(c + 6, cell, row)
+
+
 @kernel(rows_of="node", ordered=True)
 def match_cells(cell, solid_position, region_share, boxes, node):
     """m, m x, m g, m x g^T and the number of nodes in one cell."""
-    row = boxes.first
-    clear(cell, row, 17)
+    clear(cell, boxes.first, 17)
     s = boxes.node[cell]
     if s != EMPTY and region_share[s] > 0:
-        m = np.float64(region_share[s])
-        g = from_middle(s, boxes)
-        x = away(s, solid_position, boxes)
-        row[0, cell], row[16, cell] = m, 1.0
-        for i in range(3):
-            row[1 + i, cell], row[4 + i, cell] = m * x[i], m * g[i]
-            for j in range(3):
-                row[7 + 3 * i + j, cell] = m * x[i] * g[j]
+        term = match_term(np.float64(region_share[s]), away(s, solid_position, boxes), from_middle(s, boxes))
+        write(cell, boxes.first, (*term, 1.0))
 
 
 @formula
@@ -123,78 +128,46 @@ def match_box(s, solid_position, boxes):
 
     Sums of m, m x, m g, m x g^T, in the positions' precision.
     """
-    real = type(solid_position[s, 0])
-    cell = boxes.cell[s]
-    row = boxes.second
-    g = from_middle(s, boxes)
-    x, y, z = away(s, solid_position, boxes)
-    m = row[0, cell]
-    mx, my, mz = row[1, cell], row[2, cell], row[3, cell]
-    ga, gb, ge = row[4, cell] - m * g[0], row[5, cell] - m * g[1], row[6, cell] - m * g[2]
-    sums = (
-        real(m), real(mx - m * x), real(my - m * y), real(mz - m * z), real(ga), real(gb), real(ge),
-        real(row[7, cell] - mx * g[0] - x * ga), real(row[8, cell] - mx * g[1] - x * gb),
-        real(row[9, cell] - mx * g[2] - x * ge), real(row[10, cell] - my * g[0] - y * ga),
-        real(row[11, cell] - my * g[1] - y * gb), real(row[12, cell] - my * g[2] - y * ge),
-        real(row[13, cell] - mz * g[0] - z * ga), real(row[14, cell] - mz * g[1] - z * gb),
-        real(row[15, cell] - mz * g[2] - z * ge),
-    )  # fmt: skip
-    return row[16, cell], sums
+    cell, row, g, x = boxes.cell[s], boxes.second, from_middle(s, boxes), away(s, solid_position, boxes)
+    m, mx, mg = row[0, cell], three_at(1, cell, row), three_at(4, cell, row)
+    own = difference(mg, scaled(g, m))
+    products = difference(difference(nine_at(7, cell, row), outer(mx, g)), outer(x, own))
+    sums = m, *difference(mx, scaled(x, m)), *own, *products
+    return row[16, cell], converted(sums, type(solid_position[s, 0]))
 
 
 @kernel(rows_of="node", ordered=True)
 def goal_cells(cell, solid_position, goals, boxes, spacing, node):
     """R, and anchor + x - R d g, of the region of the node in one cell; and their number."""
-    row = boxes.first
-    clear(cell, row, 13)
+    clear(cell, boxes.first, 13)
     s = boxes.node[cell]
     if s != EMPTY and goals.region_count[s] > 0:
-        rotation = goals.rotation
-        a, b, e = from_middle(s, boxes)
-        x = away(s, solid_position, boxes)
-        d = np.float64(spacing)
-        i, j, k = exact(rotation[s, 1:])
-        q = (np.float64(rotation[s, 0]), i, j, k)
-        first, second, third = turned(q, (1.0, 0.0, 0.0)), turned(q, (0.0, 1.0, 0.0)), turned(q, (0.0, 0.0, 1.0))
-        for i in range(3):
-            row[3 * i, cell], row[3 * i + 1, cell], row[3 * i + 2, cell] = first[i], second[i], third[i]
-            there = d * (first[i] * a + second[i] * b + third[i] * e)
-            row[9 + i, cell] = np.float64(goals.region_anchor[s, i]) + x[i] - there
-        row[12, cell] = 1.0
+        q = np.float64(goals.rotation[s, 0]), *exact(goals.rotation[s, 1:])
+        columns = *turned(q, (1.0, 0.0, 0.0)), *turned(q, (0.0, 1.0, 0.0)), *turned(q, (0.0, 0.0, 1.0))
+        turn, place = transposed(columns), added(exact(goals.region_anchor[s]), away(s, solid_position, boxes))
+        there = scaled(times(turn, from_middle(s, boxes)), np.float64(spacing))
+        write(cell, boxes.first, (*turn, *difference(place, there), 1.0))
 
 
 @formula
 def goal_box(s, solid_position, boxes, spacing):
     """How many regions stand in the box around node s, and the sum of its displacements to its goals in them [m]."""
-    real = type(solid_position[s, 0])
-    cell = boxes.cell[s]
-    row = boxes.second
-    a, b, e = from_middle(s, boxes)
-    x, y, z = away(s, solid_position, boxes)
-    d, n = np.float64(spacing), row[12, cell]
-    gx = row[9, cell] + d * (row[0, cell] * a + row[1, cell] * b + row[2, cell] * e) - n * x
-    gy = row[10, cell] + d * (row[3, cell] * a + row[4, cell] * b + row[5, cell] * e) - n * y
-    gz = row[11, cell] + d * (row[6, cell] * a + row[7, cell] * b + row[8, cell] * e) - n * z
-    return n, (real(gx), real(gy), real(gz))
+    cell, row = boxes.cell[s], boxes.second
+    count, there = row[12, cell], times(nine_at(0, cell, row), from_middle(s, boxes))
+    goals = added(three_at(9, cell, row), scaled(there, np.float64(spacing)))
+    goals = difference(goals, scaled(away(s, solid_position, boxes), count))
+    return count, converted(goals, type(solid_position[s, 0]))
 
 
 @kernel(rows_of="node", ordered=True)
 def motion_cells(cell, solid_position, solid_velocity, region_share, boxes, node):
     """m, m x, m v, m x x v, m x x^T (xx, yy, zz, xy, xz, yz) of one cell, and the number of nodes in it."""
-    row = boxes.first
-    clear(cell, row, 17)
+    clear(cell, boxes.first, 17)
     s = boxes.node[cell]
     if s != EMPTY and region_share[s] > 0:
-        m = np.float64(region_share[s])
-        x, v = away(s, solid_position, boxes), away(s, solid_velocity, boxes)
-        row[0, cell], row[16, cell] = m, 1.0
-        for i in range(3):
-            row[1 + i, cell], row[4 + i, cell] = m * x[i], m * v[i]
-            row[10 + i, cell] = m * x[i] * x[i]
-        row[7, cell] = m * (x[1] * v[2] - x[2] * v[1])
-        row[8, cell] = m * (x[2] * v[0] - x[0] * v[2])
-        row[9, cell] = m * (x[0] * v[1] - x[1] * v[0])
-        row[13, cell], row[14, cell], row[15, cell] = m * x[0] * x[1], m * x[0] * x[2], m * x[1] * x[2]
+        m, x = np.float64(region_share[s]), away(s, solid_position, boxes)
+        term = motion_term(m, x, away(s, solid_velocity, boxes))
+        write(cell, boxes.first, (m, *scaled(x, m), *term, 1.0))
 
 
 @formula
@@ -203,25 +176,18 @@ def motion_box(s, solid_position, solid_velocity, region_center, boxes):
 
     Sums of m v, m r x v, m r r^T (xx, yy, zz, xy, xz, yz), velocities from the node's, in the positions' precision.
     """
-    real = type(solid_position[s, 0])
-    cell = boxes.cell[s]
-    row = boxes.second
-    x, u = away(s, solid_position, boxes), away(s, solid_velocity, boxes)
-    c = region_place(s, x, region_center)
-    m = row[0, cell]
-    mx, my, mz = row[1, cell], row[2, cell], row[3, cell]
-    rx, ry, rz = mx - m * c[0], my - m * c[1], mz - m * c[2]  # sum m r
-    px, py, pz = row[4, cell], row[5, cell], row[6, cell]  # sum m v, from the body's middle node
+    real, cell, row, u = type(solid_position[s, 0]), boxes.cell[s], boxes.second, away(s, solid_velocity, boxes)
+    c = added(away(s, solid_position, boxes), exact(region_center[s]))
+    m, mx, mv = row[0, cell], three_at(1, cell, row), three_at(4, cell, row)  # from the body's middle node
+    mr = difference(mx, scaled(c, m))
+    spin = difference(difference(three_at(7, cell, row), cross(c, mv)), cross(mr, u))
     sums = (
-        real(px - m * u[0]), real(py - m * u[1]), real(pz - m * u[2]),
-        real(row[7, cell] - (c[1] * pz - c[2] * py) - (ry * u[2] - rz * u[1])),
-        real(row[8, cell] - (c[2] * px - c[0] * pz) - (rz * u[0] - rx * u[2])),
-        real(row[9, cell] - (c[0] * py - c[1] * px) - (rx * u[1] - ry * u[0])),
-        real(row[10, cell] - c[0] * (mx + rx)), real(row[11, cell] - c[1] * (my + ry)),
-        real(row[12, cell] - c[2] * (mz + rz)), real(row[13, cell] - c[0] * my - rx * c[1]),
-        real(row[14, cell] - c[0] * mz - rx * c[2]), real(row[15, cell] - c[1] * mz - ry * c[2]),
+        *difference(mv, scaled(u, m)), *spin, row[10, cell] - c[0] * (mx[0] + mr[0]),
+        row[11, cell] - c[1] * (mx[1] + mr[1]), row[12, cell] - c[2] * (mx[2] + mr[2]),
+        row[13, cell] - c[0] * mx[1] - mr[0] * c[1], row[14, cell] - c[0] * mx[2] - mr[0] * c[2],
+        row[15, cell] - c[1] * mx[2] - mr[1] * c[2],
     )  # fmt: skip
-    return row[16, cell], real(m), sums
+    return row[16, cell], real(m), converted(sums, real)
 
 
 @formula
@@ -237,35 +203,22 @@ def too_small(mass, sums, matching):
 @kernel(rows_of="node", ordered=True)
 def damp_cells(cell, solid_position, solid_velocity, motions, boxes, node):
     """omega, and v - omega x (x + center), of the region of the node in one cell; and their number."""
-    row = boxes.first
-    clear(cell, row, 7)
+    clear(cell, boxes.first, 7)
     s = boxes.node[cell]
     if s != EMPTY and motions.region_count[s] > 0:
-        o = boxes.origin[s]
-        x = away(s, solid_position, boxes)
-        c = region_place(s, x, motions.region_center)
-        w = exact(motions.region_spin[s])
-        for i in range(3):
-            row[i, cell] = w[i]
-            j, k = (i + 1) % 3, (i + 2) % 3
-            v = np.float64(motions.region_velocity[s, i]) - np.float64(solid_velocity[o, i])
-            row[3 + i, cell] = v - (w[j] * c[k] - w[k] * c[j])
-        row[6, cell] = 1.0
+        spin, middle = exact(motions.region_spin[s]), exact(solid_velocity[boxes.origin[s]])
+        c = added(away(s, solid_position, boxes), exact(motions.region_center[s]))
+        v = difference(difference(exact(motions.region_velocity[s]), middle), cross(spin, c))
+        write(cell, boxes.first, (*spin, *v, 1.0))
 
 
 @formula
 def damp_box(s, solid_position, solid_velocity, boxes):
     """How many regions stand in the box around node s, and the sum of what they would add to its velocity [m/s]."""
-    real = type(solid_position[s, 0])
-    cell = boxes.cell[s]
-    row = boxes.second
-    (x, y, z), u = away(s, solid_position, boxes), away(s, solid_velocity, boxes)
-    wx, wy, wz, n = row[0, cell], row[1, cell], row[2, cell], row[6, cell]
-    return n, (
-        real(row[3, cell] + (wy * z - wz * y) - n * u[0]),
-        real(row[4, cell] + (wz * x - wx * z) - n * u[1]),
-        real(row[5, cell] + (wx * y - wy * x) - n * u[2]),
-    )
+    cell, row, u = boxes.cell[s], boxes.second, away(s, solid_velocity, boxes)
+    count, spun = row[6, cell], cross(three_at(0, cell, row), away(s, solid_position, boxes))
+    more = difference(added(three_at(3, cell, row), spun), scaled(u, count))
+    return count, converted(more, type(solid_position[s, 0]))
 
 
 # Every node, from its box
