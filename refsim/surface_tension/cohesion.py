@@ -29,6 +29,7 @@ from refsim.core.capabilities import (
     ReturnsDensity,
     effects_with,
 )
+from refsim.core.checked import NotNegative
 from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.errors import InputError
 from refsim.smoothing import lattice_neighbours, smoothing
@@ -250,8 +251,10 @@ class PairCohesion(
     A model gives `name`, `coefficient_name`, `prepare` and `force_of`. It has from here: the coefficient of a nominal
     tension, internal pressure and its balance, the refusal of a collapse, capillary step limit, energy, and its notes.
 
-    balance_pressure  the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2; without it
-                      cohesion compresses the liquid, which collapses at P_int = rho0 c^2/4 (linear equation of state)
+    balance_pressure  the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2 (not in the papers);
+                      without it cohesion compresses the liquid, which collapses at P_int = rho0 c^2/4 (linear equation
+                      of state)
+    surface_tension   sigma [N/m]; nominal: turned into the model's coefficient by the Kirkwood-Buff integral
     """
 
     lattice: ClassVar[bool] = False  # sums over lattice neighbours, for a force of short range
@@ -259,6 +262,7 @@ class PairCohesion(
     needed: ClassVar[tuple[str, ...]] = (LIQUID,)
 
     balance_pressure: bool = True
+    surface_tension: NotNegative | None = None
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)

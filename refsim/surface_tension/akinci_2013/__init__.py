@@ -64,8 +64,6 @@ class Akinci2013(cohesion.PairCohesion, HasErrata, frozen=True, kw_only=True):
     area_direction     of the area term between a pair: "normals" (n_i - n_j, the paper's) or "axial", its part along
                        e_ij with (dim + 2)/2 times eps, which conserves angular momentum; the tension is another one
     adhesion           beta [m^4/(kg s^2)], coefficient of the attraction by wall particles
-    balance_pressure   the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2 (not in the
-                       paper); without it cohesion compresses the liquid
     literal            readings of the paper: its own choice "gamma" (one coefficient for both terms: eps = gamma in SI
                        units at any rho0), also as "all"; "paper" balances nothing, too
 
@@ -84,7 +82,6 @@ class Akinci2013(cohesion.PairCohesion, HasErrata, frozen=True, kw_only=True):
     improvements: ClassVar[tuple[str, ...]] = errata
     paper: ClassVar[Mapping[str, Any]] = {"balance_pressure": False}
 
-    surface_tension: NotNegative | None = None
     gamma: NotNegative | None = None
     area_acceleration: NotNegative | None = None
     area_direction: Literal["normals", "axial"] = "normals"

@@ -27,11 +27,8 @@ class Attraction(NamedTuple):
 class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
     """Surface tension of a free liquid surface by plain attraction.
 
-    surface_tension   sigma [N/m]; nominal: turned into kappa by the Kirkwood-Buff integral
     kappa             coefficient of the attraction [m^3/s^2; m^2/s^2 in 2D], instead of sigma
     clamp_distance    W is constant below one spacing (not in the paper, where nearer pairs attract more)
-    balance_pressure  the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2 (not in the paper);
-                      without it cohesion compresses the liquid
 
     The forces of a pair are opposite and equal for equal masses only; linear and angular momentum are then conserved.
     """
@@ -39,7 +36,6 @@ class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
     name: ClassVar[str] = "becker_teschner_2007"
     coefficient_name: ClassVar[str] = "kappa"
 
-    surface_tension: NotNegative | None = None
     kappa: NotNegative | None = None
     clamp_distance: bool = True
 

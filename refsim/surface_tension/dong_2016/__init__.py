@@ -59,8 +59,6 @@ class Dong2016(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, kw_o
                       it is on but for the default liquid, whose density a surface leaves whole
     solver            "shared" (density, pressure and viscosity of weakly_compressible, so that the models differ by
                       their tension alone) or "hu_adams" (D(3) to D(5))
-    balance_pressure  the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2 (not in the paper);
-                      without it cohesion compresses the liquid
     literal           other readings of formulas that are lost: "E21" (V_j = m_j/rho_j in D(9), which loses momentum),
                       also as "all"; "paper" takes D(3) to D(5), too, and balances nothing
 
@@ -78,7 +76,6 @@ class Dong2016(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, kw_o
     lattice: ClassVar[bool] = True
     with_spacing: ClassVar[tuple[str, ...]] = ("rest_distance",)
 
-    surface_tension: NotNegative | None = None
     stiffness: NotNegative | None = None
     rest_distance: Positive | None = None
     correction: NotNegative | None = None

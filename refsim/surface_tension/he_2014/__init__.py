@@ -87,7 +87,6 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
     name: ClassVar[str] = "he_2014"
     scales: ClassVar[tuple[str, ...]] = ("surface_tension", "kappa", "air_pressure")
 
-    surface_tension: NotNegative | None = None
     kappa: NotNegative | None = None
     air_pressure: NotNegative = 0.0
 

@@ -147,7 +147,6 @@ class JiangZhu2023(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, 
     paper: ClassVar[Mapping[str, Any]] = {"pair_mode": "either", "balance_pressure": False}  # Jiang & Zhu E9
     in_papers: ClassVar[Mapping[str, Any]] = {"density_correction": True}
 
-    surface_tension: NotNegative | None = None
     gamma: NotNegative | None = None
     pair_mode: Literal["all", "soft", "one_sided", "either", "both"] = "all"
     area_term: Literal["corrected", "color", "none"] = "corrected"

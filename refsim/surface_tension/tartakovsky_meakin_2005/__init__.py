@@ -27,10 +27,7 @@ class CosineForce(NamedTuple):
 class TartakovskyMeakin2005(PairCohesion, frozen=True, kw_only=True):
     """Surface tension of a free liquid surface by a pair force that repels below h/3 and attracts beyond.
 
-    surface_tension   sigma [N/m]; nominal: turned into s by the Kirkwood-Buff integral
     strength          s [N; N/m in 2D], instead of sigma; the force of a pair does not depend on its masses
-    balance_pressure  the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2 (not in the paper);
-                      without it cohesion compresses the liquid
 
     The force conserves linear and angular momentum.
     """
@@ -38,7 +35,6 @@ class TartakovskyMeakin2005(PairCohesion, frozen=True, kw_only=True):
     name: ClassVar[str] = "tartakovsky_meakin_2005"
     coefficient_name: ClassVar[str] = "strength"
 
-    surface_tension: NotNegative | None = None
     strength: NotNegative | None = None
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
