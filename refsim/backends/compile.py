@@ -22,7 +22,6 @@ from numba.extending import overload
 
 from refsim.backends import plain
 from refsim.backends.cache import cached
-from refsim.backends.fast.private import supported
 from refsim.backends.fast.rows import over_rows
 from refsim.backends.fast.vectors import set_vectors
 from refsim.backends.launching import direct_launch, kinds_of
@@ -77,7 +76,7 @@ def overloaded(
     `options` are those of `numba.jit`, beside those of all kernels. Returns the function.
     """
     for target in targets:
-        overload(function, target=target, jit_options=supported(COMPILE_OPTIONS | options), strict=False)(chosen)
+        overload(function, target=target, jit_options=COMPILE_OPTIONS | options, strict=False)(chosen)
     return function
 
 
@@ -101,7 +100,7 @@ def cpu_kernel(function: Callable, *, ordered: bool = False, packed: bool = Fals
     flags = ANY_ORDER - {"reassoc"} if ordered else ANY_ORDER
     if plain.chosen():
         return plain.PlainKernel(function, module or function.__module__, flags)
-    dispatcher = njit(**supported(COMPILE_OPTIONS), fastmath=set(flags), nogil=True)(function)
+    dispatcher = njit(**COMPILE_OPTIONS, fastmath=set(flags), nogil=True)(function)
     if hasattr(dispatcher, "compile"):
         set_vectors(dispatcher, packed, ordered)
     return cached(dispatcher, function)

@@ -146,8 +146,8 @@ def launch_after(calls: Sequence[Callable[[], None]], after: Sequence[Sequence[i
         for call in calls:
             call()
         return
-    first, here = branch(), _event()
-    ends: list[Any] = []
+    first, here = branch(), Event().set()
+    ends: list[Event] = []
     tails: list[int] = []  # last call of each branch
     for k, call in enumerate(calls):
         number = next((b for b, last in enumerate(tails) if last in after[k]), len(tails))
@@ -155,27 +155,20 @@ def launch_after(calls: Sequence[Callable[[], None]], after: Sequence[Sequence[i
             if number == len(tails):
                 tails.append(-1)
                 if number and not after[k]:
-                    own_stream().wait_event(here)
+                    own_stream().wait_event(here.event)
             for before in after[k]:
                 if before != tails[number]:
-                    own_stream().wait_event(ends[before])
+                    own_stream().wait_event(ends[before].event)
             call()
             tails[number] = k
-            ends.append(_event())
+            ends.append(Event().set())
     for last in tails[1:]:
-        own_stream().wait_event(ends[last])
+        own_stream().wait_event(ends[last].event)
 
 
 def side_by_side(*calls: Callable[[], None]) -> None:
     """Launch calls that need nothing of each other: in a graph as branches."""
     launch_after(calls, [()] * len(calls))
-
-
-def _event() -> Any:
-    """An event behind all launches so far on the present branch."""
-    event = cupy_or_numpy().cuda.Event(disable_timing=True)
-    event.record(own_stream())
-    return event
 
 
 class CudaGraph:
@@ -241,15 +234,16 @@ class PinnedCopy:
 
 
 class Event:
-    """A CUDA event: a point in the sequence of launches that the host can wait for."""
+    """A CUDA event: a point in the sequence of launches that the host can wait for, or another branch of a graph."""
 
     def __init__(self) -> None:
         self.event = None if simulated() else cupy_or_numpy().cuda.Event(disable_timing=True)
 
-    def set(self) -> None:
-        """Record the event after all launches so far."""
+    def set(self) -> "Event":
+        """This event, recorded after all launches so far on the present branch."""
         if self.event is not None:
             self.event.record(own_stream())
+        return self
 
     def wait(self) -> None:
         """Wait until the device has reached the event."""

@@ -29,31 +29,20 @@ if simulated():
     @cuda_formula
     def largest_of_block(values, mine):  # noqa: ANN001, ANN201
         """Largest `mine` of the block's threads, a power of two; `values` is shared, one entry for each thread."""
-        thread = cuda.threadIdx.x
-        values[thread] = mine
+        values[cuda.threadIdx.x] = mine
         cuda.syncthreads()
-        half = cuda.blockDim.x // 2
-        while half > 0:
-            if thread < half and values[thread + half] > values[thread]:
-                values[thread] = values[thread + half]
-            cuda.syncthreads()
-            half //= 2
-        return values[0]
+        largest = values[: cuda.blockDim.x].max()
+        cuda.syncthreads()
+        return largest
 
     @cuda_formula
     def sum_before(values, mine):  # noqa: ANN001, ANN201  (types are Numba's)
         """Sum of `mine` over the block's threads before this one; `values` is shared, one entry for each thread."""
-        thread = cuda.threadIdx.x
-        values[thread] = mine
+        values[cuda.threadIdx.x] = mine
         cuda.syncthreads()
-        step = 1
-        while step < cuda.blockDim.x:
-            add = values[thread - step] if thread >= step else 0
-            cuda.syncthreads()
-            values[thread] += add
-            cuda.syncthreads()
-            step *= 2
-        return values[thread] - mine
+        before = values[: cuda.threadIdx.x].sum(dtype=values.dtype)
+        cuda.syncthreads()
+        return before
 
     @cuda_formula
     def across_lanes(value, lane, lanes, step):  # noqa: ANN001, ANN201

@@ -141,15 +141,6 @@ def test_each_name_is_there_or_said(feature, name, monkeypatch):
     private.names.cache_clear()
 
 
-def test_flags_that_numba_does_not_know_are_left_out(monkeypatch):
-    options = {"no_cfunc_wrapper": True, "_nrt": False, "forceinline": True, "fastmath": True}
-    assert private.supported(options) == options
-    from numba.core import compiler
-
-    monkeypatch.delattr(compiler, "Flags")
-    assert private.supported(options) == {"fastmath": True}
-
-
 BODY = """
 from refsim.backends.compile import kernel
 

@@ -80,12 +80,3 @@ def disable_private(feature: str, name: str) -> None:
 def lost() -> dict[str, str]:
     """What this process does without, a sentence for each feature."""
     return dict(_lost)
-
-
-def supported(options: dict[str, Any]) -> dict[str, Any]:
-    """Those of some compile options that are private and that this Numba knows, and all others."""
-    flags = {"no_cfunc_wrapper": "no_cfunc_wrapper", "_nrt": "nrt", "forceinline": "forceinline"}
-    from numba.core import compiler
-
-    known = getattr(compiler, "Flags", None)
-    return {name: value for name, value in options.items() if name not in flags or hasattr(known, flags[name])}
