@@ -137,7 +137,7 @@ def walked(points, triangles, corners, across):
 
 
 def walk(x, near, corners, across, least=np.inf, best=None):
-    """The same of one point x, from neighbours `near` of `best`, at distance `least` [m]."""
+    """|x - c| = min over `near`, then over their neighbours, of one point x; `best` so far, `least` [m] away."""
     offset, feature = triangle_offset(x[None], corners[near])
     distance = np.linalg.norm(offset, axis=1)
     k = distance.argmin()
