@@ -247,13 +247,13 @@ class _Run:
             if self.last_checkpoint is None:
                 self._checkpoint()  # so that a run that stops early can be replayed
         while simulation.time < self.until:
-            next_frame = self._frame_after(simulation.time)
+            frames = number(self.every, simulation.time)
             simulation.step()
             self._log_notes()
             if progress is not None:
                 progress(simulation)
             if self.folder is not None:
-                if self._frame_after(simulation.time) > next_frame:
+                if number(self.every, simulation.time) > frames:
                     self._frame()
                 self._flush(HELD_FOR)
                 if time.perf_counter() - clock >= self.checkpoint_every:
@@ -283,10 +283,6 @@ class _Run:
             log().warning("%s", note)
         self.logged = len(self.simulation.notes)
 
-    def _frame_after(self, time: float) -> float:
-        """The first time of the frames' grid after `time` [s]; the step that reaches it ends with a frame."""
-        return (number(self.every, time) + 1) * self.every
-
     def _begins_with_frame(self) -> bool:
         """Whether the state at the start is a frame that the file lacks: the first one, or one on the grid of times."""
         assert self.writer is not None
@@ -295,7 +291,7 @@ class _Run:
             return True
         if last is not None and last >= simulation.time:
             return False
-        return self._frame_after(simulation.time - simulation.previous_length) < self._frame_after(simulation.time)
+        return number(self.every, simulation.time - simulation.previous_length) < number(self.every, simulation.time)
 
     def _frame(self) -> None:
         simulation = self.simulation

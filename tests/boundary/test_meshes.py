@@ -115,6 +115,13 @@ def test_bodies_of_a_millimetre_stay_apart_as_those_of_a_metre_do():
     assert surface_mesh(two, np.concatenate([faces, faces + len(corners)])).notes == ()
 
 
+def test_faces_of_two_boxes_that_single_precision_parts_lie_in_one_plane():
+    """One stands on the other, turned, a thousand sizes from the file's origin."""
+    two = np.concatenate([BOX.vertices, 0.5 * BOX.vertices + [0.75, 0.1, 0.05]]) @ TURN.T + 1000.0
+    faces = np.concatenate([BOX.faces, BOX.faces + 8])
+    assert len(surface_mesh(two.astype(np.float32), faces).faces) == len(surface_mesh(two - 1000, faces).faces)
+
+
 def quad(a, b, c, d):
     return [[a, b, c], [a, c, d]]
 

@@ -9,7 +9,7 @@ import pytest
 
 from refsim.__main__ import main
 from refsim.contract import Target
-from refsim.contract.causes import first_cause
+from refsim.contract.causes import conditions, first_cause
 from refsim.contract.drawn import draw
 from refsim.contract.target import Outcome
 from refsim.core.operation import REGISTRY
@@ -47,6 +47,18 @@ def test_votes_of_drawn_outcomes_are_as_ever(recorded):
         known = ["2.5", "3 times", "misses", *TRAITS, *(name.replace("#", "") for name in TRAITS if "#" in name)]
         found[f"{number}"] = [word in words for word in known], words
     recorded(found)
+
+
+def test_what_one_wrong_trial_lacks_is_no_condition_of_all():
+    shares = {True: [0.0, 0.5], False: [1.0, 1.0, 1.0, None]}
+    outcomes = [
+        Outcome(
+            "sph.density", "T2", "cloud", "numpy", "float64", 0, passed, 1.0, "",
+            telling=True, traits={} if share is None else {"with walls": (share, None if passed else share)},
+        )
+        for passed, each in shares.items() for share in each
+    ]  # fmt: skip
+    assert (conditions(outcomes, outcomes[2:5]), conditions(outcomes, outcomes[2:])) == (["wrong only with walls"], [])
 
 
 LIBRARY = """

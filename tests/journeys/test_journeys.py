@@ -84,7 +84,7 @@ def walked(path, bash):
 
 
 @needs_bash
-@pytest.mark.parametrize("name", ["engineer", *(pytest.param(n, marks=pytest.mark.slow) for n in [*MADE][1:])])
+@pytest.mark.parametrize("name", MADE)
 def test_the_path(name, bash, tmp_path):
     assert walked(PATHS[name], bash) >= 2
     for file in MADE[name]:
