@@ -29,7 +29,10 @@ def fused(passes: Sequence[tuple[Effect, Pass]], backend: str) -> list[tuple[tup
                 continue
             together = [result[k] for k in places]
             taken, optional = operation.arguments(name), operation.as_computed_by(name).optional
-            names = {a: b for _, q in together for a, b in q.names.items() if a in optional and a in taken}
+            names = {
+                a: b for _, q in together for a, b in q.names.items()
+                if a in taken and (a in optional or {r.names.get(a) for r in _takers(a, together)} == {b})
+            }  # fmt: skip
             reads = tuple(dict.fromkeys(field for _, q in together for field in q.reads))
             if set(reads) <= {*taken, *names.values()}:
                 writes = tuple(dict.fromkeys(field for _, q in together for field in q.writes))
@@ -43,6 +46,11 @@ def fused(passes: Sequence[tuple[Effect, Pass]], backend: str) -> list[tuple[tup
                 with contextlib.suppress(InputError):
                     result = list(ordered_passes(joined))
     return result
+
+
+def _takers(argument: str, together: Sequence[tuple[Any, Pass]]) -> list[Pass]:
+    """The passes whose operation reads an argument of this name."""
+    return [q for _, q in together if argument in REGISTRY[q.operation].arguments("numpy")]
 
 
 def step_launches(plan: Plan, backend: str) -> tuple[str, ...]:

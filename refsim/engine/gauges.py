@@ -341,6 +341,6 @@ def _pushed(run: State, passes: Iterable[tuple[Effect, Pass]], volume: Any, rows
 
 def _of_walls(p: Pass) -> bool:
     """Whether a pass of the forces adds what walls do to the liquid."""
-    if "acceleration" not in p.written or p.operation not in REGISTRY or p.names.get("walls", "walls") is None:
+    if "acceleration" not in p.updates or p.operation not in REGISTRY or p.names.get("walls", "walls") is None:
         return False
     return "walls" in REGISTRY[p.operation].arguments("numpy")

@@ -46,14 +46,23 @@ def ready(state: State) -> None:
 
 def launch(state: State, only: Collection[int] | None = None) -> Iterator[tuple[str, tuple[str, ...]]]:
     """Launch the passes of a step, or those of these numbers; after each, its operation and the fields it wrote."""
-    if only is None or needed(state, "acceleration") <= set(only):  # also where no pass adds to it
+    whole = only is None or needed(state, "acceleration") <= set(only)  # also where no pass adds to it
+    first = next((k for k, (_, p) in enumerate(state.force_passes) if "acceleration" in p.writes), None)
+    if whole and first is None:
         state.backend.assign(state.fields["acceleration"], 0.0)
-        for force in state.own_forces:
-            force(state.time, state.fields)
+        _push(state)
     for k, ((name, rare, call), (_, p)) in enumerate(zip(state.force_calls, state.force_passes)):
         if (not rare) if only is None else k in only:
             state.timings.run(name, call)
+            if whole and k == first:
+                _push(state)
             yield name, (*p.writes, *p.updates)
+
+
+def _push(state: State) -> None:
+    """Add the user's own forces."""
+    for force in state.own_forces:
+        force(state.time, state.fields)
 
 
 def replay(

@@ -136,8 +136,8 @@ class DeviceStepper:
         self.in_step_with = -1  # the step up to which the device's clock has counted
         self.profiled = s.timings.wait is not None
         whole = not (self.profiled or any(effect.host_in_step for effect in s.plan.effects.values()))
-        passes = (*s.plan.passes, *s.plan.motion)
-        self.pushed = any("acceleration" in (*p.writes, *p.updates) for _, p in passes)  # else it stays zero
+        added = [p for _, p in (*s.plan.passes, *s.plan.motion) if "acceleration" in p.written]  # else it stays zero
+        self.pushed = bool(added) and not any("acceleration" in p.writes for p in added)
         self.calls, self.touches = self._sequence()
         choice = [name for name, _ in self.calls].index("choose_step")
         self.bindings = s.bindings  # for which the calls were recorded

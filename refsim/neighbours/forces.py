@@ -73,7 +73,7 @@ def together(
     """
     share, unit = ("", "N/m^3") if per_volume else (" * inverse_density", "m/s^2")
     given = {} if per_volume else {"inverse_density": "type(density[i])(1) / density[i]"}
-    renamed = {"smoothing": "gradient_smoothing"}, names or {}
+    renamed = {"smoothing": "gradient_smoothing", "volume_j": "mass_j"}, names or {}
     of_first, of_second = (
         [called.get(name, name) for name in inspect.signature(part).parameters]
         for part, called in zip((first, second), renamed)

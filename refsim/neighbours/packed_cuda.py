@@ -47,7 +47,8 @@ def packed(row_layout: Layout, given: Mapping[str, Any], scratch: Any) -> Packed
     count = len(row_layout.vectors) + len(row_layout.together)
     rows = tuple(scratch.array(f"packed {k}", (position.shape[0], 4), position.dtype) for k in range(count))
     vectors = tuple(given[name] if name else position for name in row_layout.vectors)
-    first = int(scratch.packs((position, given["mass"]) if row_layout.beside[:1] == ["mass"] else ()))
+    held = row_layout.beside[:1] if row_layout.beside[:1] in (["mass"], ["volume"]) else []
+    first = int(scratch.packs((position, given[held[0]]) if held else ()))
     if first < len(vectors):
         scalars = tuple(given[name] for name in row_layout.beside) or (neighbours.count,)
         scalars = (*scalars, *[scalars[0]] * (len(vectors) - len(scalars)))

@@ -68,7 +68,7 @@ class Layout(NamedTuple):
 
     vectors: list[str]  # the position is ""; none if no field is packed, as the position alone is not worth it
     beside: list[str]  # the scalar behind each of the vectors, as many or fewer
-    together: list[list[str]]  # rows of up to four scalars
+    together: list[list[str]]  # rows of three or four scalars
     rest: list[str]
 
 
@@ -81,6 +81,6 @@ def layout(pair: Callable, kinds: tuple[str | None, ...]) -> Layout:
     if len(vectors) == 1 and not scalars:
         vectors = []
     beside, left = scalars[: len(vectors)], scalars[len(vectors) :]
-    together = [left[k : k + 4] for k in range(0, len(left), 4) if len(left) - k > 1]
+    together = [left[k : k + 4] for k in range(0, len(left), 4) if len(left) - k > 2]
     packed = {*vectors, *beside, *(name for row in together for name in row)}
     return Layout(vectors, beside, together, [n for n, kind in given.items() if n not in packed and kind is not None])

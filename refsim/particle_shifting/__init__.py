@@ -30,15 +30,12 @@ from refsim.core.effect import Discretisation, Effect, Field, Others, Pass
 from refsim.core.errors import InputError
 from refsim.particle_shifting import operations as operations
 from refsim.smoothing import lattice, smoothing
-from refsim.sph import FILLING, LIQUID, NUMBER_DENSITY, SETS, SHIFT, liquid_of
+from refsim.sph import FILLING, LIQUID, NUMBER_DENSITY, SETS, SHIFT, liquid_of, volumes
 
 if TYPE_CHECKING:
     from refsim.core.effect import InitialState
 
-CONCENTRATION_GRADIENT = Field(
-    "concentration_gradient", "1/m", "gradient of the concentration, sum_j V_j (1 + 0.2 (W_ij/W(d))^4) grad W_ij", 3
-)
-FILLING_GRADIENT = Field("filling_gradient", "1/m", "gradient of the filling, sum_j V_j grad W_ij: inward normal", 3)
+WAY = Field("way", "-", "displacement of a step beside dt v over v_max dt: down the gradient of the concentration", 3)
 VELOCITY_RANGE = Field(
     "velocity_range", "m/s", "largest velocities of each body: along each axis, and against it", 6, rows="bodies"
 )
@@ -167,22 +164,21 @@ class ParticleShifting(Effect, CorrectsPositions, Joins, FollowsStart, frozen=Tr
             of_bodies = (VELOCITY_RANGE, DRAWN_BODY)
         if self._at_surface():
             filling = FILLING if liquid_of(others).advances() else NUMBER_DENSITY
-            return (CONCENTRATION_GRADIENT, *of_bodies, PASSING_SHIFT, filling, FILLING_GRADIENT)
-        return (CONCENTRATION_GRADIENT, *of_bodies, SHIFT)
+            return (WAY, *of_bodies, PASSING_SHIFT, filling)
+        return (WAY, *of_bodies, SHIFT)
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
-        surface = self._at_surface()
         whole: dict[str, str | None] = {} if self.bodies == "apart" else {"drawn_body": None}
-        names = whole | ({} if "shape_matching" in others else {"phase": None})
-        if not surface:
-            names |= {"filling": None, "filling_gradient": None}
+        names = volumes(others) | {"smoothing": "gradient_smoothing"}
+        names |= {} if "shape_matching" in others else {"phase": None}
+        if not self._at_surface():
+            names["filling"] = None
         elif not liquid_of(others).advances():
             names["filling"] = "number_density"
-        gradients = (CONCENTRATION_GRADIENT.name, *((FILLING_GRADIENT.name,) if surface else ()))
         return (
-            Pass("particle_shifting.crowding", writes=gradients, names=names | {"smoothing": "gradient_smoothing"}),
+            Pass("particle_shifting.crowding", writes=("way",), names=names),
             Pass("particle_shifting.velocity_range", writes=(VELOCITY_RANGE.name,), names=whole, stage="motion"),
-            Pass("particle_shifting.shift", writes=("shift",), names=names, stage="motion"),
+            Pass("particle_shifting.shift", writes=("shift",), names=whole, stage="motion"),
         )
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:

@@ -3,13 +3,15 @@
 import numpy as np
 
 from refsim.core.cases import Exact, at, closed_form, example, groups, particles, plain_keeps, takes
+from refsim.core.walls import WallParticles
 from refsim.particle_shifting import ParticleShifting, Shifting
+from refsim.smoothing import smoothing
 from refsim.smoothing.cases import for_each_kernel
 
-example(ParticleShifting(), brings="concentration_gradient filling_gradient number_density shift velocity_range")
+example(ParticleShifting(), brings="way number_density shift velocity_range")
 
-takes("particle_shifting.crowding", shifting="inverse_neighbour")
-takes("particle_shifting.shift", shifting="length largest least whole outer within farthest")
+takes("particle_shifting.crowding", shifting="length inverse_neighbour largest least whole outer within")
+takes("particle_shifting.shift", shifting="farthest")
 plain_keeps("particle_shifting.velocity_range", drawn_body="the output has a row for each body")
 PAIR = at("shifted_pair", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
@@ -23,13 +25,10 @@ groups(
 )
 
 
-@particles("concentration_gradient")
-def _gradients(case, random):
+@particles("way")
+def _ways(case, random):
     """Those of a lattice and of a surface."""
-    return random.normal(0, 1, (case.count, 3)) / case.support_radius
-
-
-particles("filling_gradient")(_gradients)
+    return random.normal(0, 0.2, (case.count, 3))
 
 
 @particles("filling")
@@ -43,24 +42,50 @@ RANGE = np.array([[1.0, 0.5, 1.25, 3, 1.5, 2.75], [2.0, -1.0, 5.0, 0.0, 2.0, -3.
 groups(velocity_range=lambda case, grid: RANGE[: 1 + (case.count > 1)].astype(grid.dtype))
 particles("drawn_body")(lambda case, random: np.arange(case.count, dtype=np.int32) % 2)
 GIVEN = {
-    "mass": [2.0, 3.0], "density": [1000.0, 500.0], "walls": None, "filling": None, "filling_gradient": None,
-    "phase": None, "velocity_range": [[1.0, 8.0, 0.0, 5.0, 0.0, 0.0]], "timestep": [0.5, 0.2], "drawn_body": None,
+    "volume": [2.0, 3.0], "density": [1000.0, 500.0], "walls": None, "filling": None, "phase": None,
+    "velocity_range": [[1.0, 8.0, 0.0, 5.0, 0.0, 0.0]], "timestep": [0.5, 0.2], "drawn_body": None,
 }  # fmt: skip
-MOST = 0.5 * 1.0  # A 2 h_s v_max dt [m^2]
 
 
 @for_each_kernel("particle_shifting.crowding")
 def apart(w):
-    """The neighbour stands at W(d): sum_j V_j 1.2 W' e_ij."""
-    gradient = w.slope * np.array([[0.0, 3.0 / 500.0, 0.0], [0.0, -2.0 / 1000.0, 0.0]])
-    inputs = GIVEN | {"shifting": Shifting(0.5, 1 / (w.share * w.at_zero), 1e9), "filling_gradient": np.zeros((2, 3))}
-    return Exact(PAIR, inputs, {"concentration_gradient": 1.2 * gradient, "filling_gradient": gradient})
+    """The neighbour stands at W(d): -A 2 h_s sum_j V_j 1.2 W' e_ij."""
+    way = 0.5 * 1.2 * w.slope * np.array([[0.0, -3.0 / 500.0, 0.0], [0.0, 2.0 / 1000.0, 0.0]])
+    return Exact(PAIR, GIVEN | {"shifting": Shifting(0.5, 1 / (w.share * w.at_zero), 1e9)}, {"way": way})
 
 
-def _shifted(gradient, shift, **more):
-    """Down the gradient g: -A v_max dt 2 h_s g, less what a surface and bounds leave out."""
-    inputs = GIVEN | {"shifting": Shifting(0.5, 1.0, 1e9), "concentration_gradient": gradient}
-    return Exact(PAIR, inputs | more, {"shift": shift})
+SLOW = 3 * (1 + 0.2 * (8 / 27) ** 4)
+
+
+def _beside_walls(way, filling, shifting=(1e9, 0.05), **given):
+    """A particle between wall particles at h/2 along x and h/4 along y, of which W(h/4) = 27/8 W(h/2) is W(d).
+
+    Their volumes make the gradient of the filling (3, 4, 0), so that of the concentration is (SLOW, 4.8, 0).
+    """
+    case = at("beside_walls", [0, 0, 0], np.array([[1.0, 0.0, 0.0], [0.0, 0.5, 0.0]]))
+    scale = 21 / (2 * np.pi * 8)  # of Wendland's C2 with h = 2 m
+    walls = WallParticles(case.wall_position, np.array([3.0, 4.0]) / (scale * np.array([0.625, 1.0546875])))
+    given = {"walls": walls, "shifting": Shifting(0.5, 128 / (scale * 81), *shifting)} | given
+    particle = {"volume": [1.0], "density": None, "filling": [filling], "smoothing": smoothing("wendland_c2", 2.0, 3)}
+    return Exact(case, GIVEN | particle | given, {"way": [way]})
+
+
+def _left(along, across):
+    """-A 2 h_s of these shares of n = (3, 4, 0) and of the part along n of e = g - n, and of the rest of e."""
+    n, e = np.array([3.0, 4.0, 0.0]), np.array([SLOW - 3, 0.8, 0.0])
+    return -0.5 * (along * n + e + (across - 1) * (e @ n) / 25 * n)
+
+
+closed_form(
+    "particle_shifting.crowding",
+    along_the_surface=lambda: _beside_walls(_left(0.0, 0.0), 0.9),
+    near_the_surface=lambda: _beside_walls(_left(0.0, 0.5), 0.925),
+    between_surface_and_inside=lambda: _beside_walls(_left(0.5, 1.0), 0.985),
+    inside=lambda: _beside_walls(_left(1.0, 1.0), 1.25),
+    without_direction=lambda: _beside_walls([0.0, 0.0, 0.0], 0.9, (1e9, 5.5)),
+    solid=lambda: _beside_walls([0.0, 0.0, 0.0], 1.25, phase=[1]),
+    bounded=lambda: _beside_walls(0.3 * _left(1.0, 1.0) / np.linalg.norm(_left(1.0, 1.0)), 1.25, (0.3, 0.05)),
+)
 
 
 @closed_form("particle_shifting.velocity_range")
@@ -77,33 +102,11 @@ def of_one_body():
     return Exact(PAIR, inputs, {"velocity_range": [[100.0, 3.0, 50.0, -96.0, 0.0, 45.0]]})
 
 
-@closed_form("particle_shifting.shift")
-def along_the_surface():
-    """Near the surface only the part across the normal is left, and nothing where the normal has no direction."""
-    normal = np.array([[3.0, 4.0, 0.0], [0.0, 0.01, 0.0]])
-    along = -MOST * 3.0 * np.array([-0.48, 0.36, 0.0])  # (0, 1) less (0, 1).n n, n = (0.6, 0.8)
-    gradient = [[0.0, 3.0, 0.0], [0.0, -2.0, 0.0]]
-    fields = {"filling": [0.9, 0.9], "filling_gradient": normal, "shifting": Shifting(0.5, 1.0, 1e9, 0.05)}
-    return _shifted(gradient, [along, np.zeros(3)], **fields)
-
-
-@closed_form("particle_shifting.shift")
-def between_surface_and_inside():
-    """Half of the normal leaves the gradient at 0.985; all of it, and half of the rest along it, at 0.925."""
-    fields = {"filling": [0.985, 0.925], "filling_gradient": [[0.0, 2.0, 0.0]] * 2}
-    shift = -MOST * np.array([[1.0, 2.0, 0.0], [1.0, 0.5, 0.0]])
-    return _shifted([[1.0, 3.0, 0.0]] * 2, shift, shifting=Shifting(0.5, 1.0, 1e9, 0.05), **fields)
-
-
-@closed_form("particle_shifting.shift")
-def inside_and_solid():
-    """Where all is filled the normal does not count; a solid stays."""
-    fields = {"filling": [1.0, 1.25], "filling_gradient": np.ones((2, 3)), "phase": [0, 1]}
-    return _shifted([[0.0, 3.0, 0.0], [0.0, -2.0, 0.0]], [[0.0, -3 * MOST, 0.0], [0.0, 0.0, 0.0]], **fields)
-
-
-@closed_form("particle_shifting.shift")
-def where_it_would_overshoot():
-    """v_max dt = 1 m counts as 0.4 m, also for the bound: the first moves by 0.3 of that."""
-    shift = [[0.0, -0.12, 0.0], [0.0, 0.4 * MOST / 4, 0.0]]
-    return _shifted([[0.0, 3.0, 0.0], [0.0, -0.25, 0.0]], shift, shifting=Shifting(0.5, 1.0, 0.3, farthest=0.4))
+WAYS = np.array([[0.0, -0.3, 0.0], [0.1, 0.0, 0.25]])
+closed_form(  # v_max = sqrt(6^2 + 8^2)/2 m/s, for 0.2 s: 1 m, which may count as 0.4 m
+    "particle_shifting.shift",
+    as_fast=lambda: Exact(PAIR, GIVEN | {"way": WAYS, "shifting": Shifting(0.5, 1.0, 0.3)}, {"shift": WAYS}),
+    where_it_would_overshoot=lambda: Exact(
+        PAIR, GIVEN | {"way": WAYS, "shifting": Shifting(0.5, 1.0, 0.3, farthest=0.4)}, {"shift": 0.4 * WAYS}
+    ),
+)

@@ -4,90 +4,82 @@ import math
 
 from refsim.backends.compile import formula, kernel
 from refsim.backends.reductions import reduction
-from refsim.backends.tuples import added, difference, dot, over, scaled, three
+from refsim.backends.tuples import added, difference, dot, scaled, three
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, set_vector
 from refsim.particle_shifting.formulas import FULL, THIN, near_share, shifting_pair
-from refsim.smoothing.formulas import (
-    gradient_factor,
-    kernel_slope,
-    kernel_value,
-    safe_distance,
-    viscosity_laplacian,
-)
-from refsim.sph.formulas import central_viscosity_pair, pressure_pair, volume_of
-from refsim.sph.kernels import LIQUID_PHASE
+from refsim.smoothing.formulas import kernel_value, undivided_factor
+from refsim.sph.formulas import volume_of
+from refsim.sph.kernels import LIQUID_PHASE, central_momentum_pair, specific_volume
 
 
 @pair
-def crowding_pair(r, x_ij, mass_j, density_j, smoothing, shifting):
+def crowding_pair(r, x_ij, volume_j, density_j, smoothing, shifting):
     """V_j (1 + 0.2 (W_ij/W(d))^4) grad W_ij and V_j grad W_ij [1/m], V_j as `volume_of` says."""
-    volume, slope = volume_of(mass_j, density_j), gradient_factor(r, smoothing)
+    volume, slope = volume_of(volume_j, density_j), undivided_factor(r, smoothing)
     f, g = shifting_pair(volume, kernel_value(r, smoothing), slope, shifting), volume * slope
     return f * x_ij[0], f * x_ij[1], f * x_ij[2], g * x_ij[0], g * x_ij[1], g * x_ij[2]
 
 
 @kernel(lanes=True)
-def crowding(
-    i, lane, position, mass, density, neighbours, walls, smoothing, shifting, period, filling_gradient,
-    concentration_gradient,
-):  # fmt: skip
-    """Gradients of the concentration and of the filling [1/m]."""
-    s = neighbour_sum(crowding_pair, i, lane, neighbours, position, period, mass, density, smoothing, shifting)
-    put_gradients(i, lane, s, position, walls, smoothing, shifting, period, filling_gradient, concentration_gradient)
+def crowding(i, lane, position, volume, density, filling, phase, neighbours, walls, smoothing, shifting, period, way):
+    """Displacement over v_max dt [-], see `put_way`."""
+    s = neighbour_sum(crowding_pair, i, lane, neighbours, position, period, volume, density, smoothing, shifting)
+    put_way(i, lane, s, position, filling, phase, walls, (smoothing, shifting), period, way)
 
 
 @formula(inlined=True)
-def put_gradients(
-    i, lane, sums, position, walls, smoothing, shifting, period, filling_gradient, concentration_gradient
-):  # fmt: skip
-    """Write what `crowding` says [1/m] with the neighbours' sums; the walls' are added."""
+def put_way(i, lane, sums, position, filling, phase, walls, groups, period, way):
+    """Write what `crowding` says [-] with the neighbours' gradients [1/m]; the walls' are added. None of solids."""
+    smoothing, shifting = groups
     if walls is not None:
         beside = neighbour_sum(crowding_pair, i, lane, walls, position, period, walls.volume, None, smoothing, shifting)
         sums = added(sums, beside)
-    set_vector(concentration_gradient, i, lane, sums[0:3])
-    if filling_gradient is not None:
-        set_vector(filling_gradient, i, lane, sums[3:6])
+    zero, g = type(shifting.length)(0), sums[0:3]
+    if filling is not None:
+        n, filled = sums[3:6], filling[i] * shifting.whole
+        squared, across = dot(n, n), difference(g, n)
+        if not squared < shifting.least * shifting.least:
+            across = scaled(n, dot(across, n) / squared)
+        g = difference(g, scaled(n, near_share(filled, THIN, FULL)))
+        g = difference(g, scaled(across, near_share(filled, shifting.outer, shifting.within)))
+    s = scaled(g, -shifting.length)
+    if phase is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
+        if phase[i] != LIQUID_PHASE:
+            s = zero, zero, zero
+    squared = dot(s, s)
+    if squared > shifting.largest * shifting.largest:
+        s = scaled(s, shifting.largest / math.sqrt(squared))
+    set_vector(way, i, lane, s)
 
 
 @pair
 def fused_pair(
-    r, x_ij, velocity_i, velocity_j, mass_j, density_j, pressure_i, pressure_j, gradient_smoothing, fluid,
+    r, x_ij, velocity_i, velocity_j, volume_j, density_j, pressure_i, pressure_j, gradient_smoothing, fluid,
     central_viscosity, shifting,
 ):  # fmt: skip
     """J(10) and, unless `central_viscosity` is None, the viscosity along the line of centres [N/m^3]; gradients of
     concentration and filling [1/m]."""
-    apart = safe_distance(r, gradient_smoothing)
-    inverse = type(r)(1) / (density_j * apart)  # one division serves all terms
-    share = mass_j * inverse  # V_j/r
-    slope = kernel_slope(r, gradient_smoothing)
-    p = pressure_pair(share, pressure_i, pressure_j, slope, fluid)
-    if central_viscosity is not None:
-        parting = dot(difference(velocity_j, velocity_i), x_ij)
-        laplacian = viscosity_laplacian(r, gradient_smoothing)
-        p += central_viscosity_pair(share, central_viscosity, laplacian) * (parting * (density_j * inverse))
-    a = scaled(x_ij, p)
-    f = shifting_pair(share, kernel_value(r, gradient_smoothing), slope, shifting)
-    g = share * slope
-    return a[0], a[1], a[2], f * x_ij[0], f * x_ij[1], f * x_ij[2], g * x_ij[0], g * x_ij[1], g * x_ij[2]
+    a = central_momentum_pair(
+        r, x_ij, velocity_i, velocity_j, volume_j, density_j, pressure_i, pressure_j, gradient_smoothing, fluid,
+        central_viscosity,
+    )  # fmt: skip
+    g = crowding_pair(r, x_ij, volume_j, density_j, gradient_smoothing, shifting)
+    return a[0], a[1], a[2], g[0], g[1], g[2], g[3], g[4], g[5]
 
 
 @kernel(lanes=True)
 def crowding_and_momentum(
-    i, lane, position, velocity, mass, density, pressure, neighbours, walls, gradient_smoothing, fluid,
-    central_viscosity, shifting, period, acceleration, filling_gradient, concentration_gradient,
+    i, lane, position, velocity, volume, mass, density, pressure, filling, phase, neighbours, walls, gradient_smoothing,
+    fluid, central_viscosity, shifting, period, acceleration, way,
 ):  # fmt: skip
-    """Gradients of concentration and filling [1/m], and J(10) with the viscosity along the line of centres; the latter
-    are added to the acceleration [m/s^2]."""
+    """`crowding`, and J(10) with the viscosity along the line of centres, added to the acceleration [m/s^2]."""
     sums = neighbour_sum(
-        fused_pair, i, lane, neighbours, position, period, velocity, mass, density, pressure, gradient_smoothing, fluid,
-        central_viscosity, shifting,
+        fused_pair, i, lane, neighbours, position, period, velocity, volume, density, pressure, gradient_smoothing,
+        fluid, central_viscosity, shifting,
     )  # fmt: skip
-    add_vector(acceleration, i, lane, over(sums[0:3], density[i]))
-    put_gradients(
-        i, lane, sums[3:9], position, walls, gradient_smoothing, shifting, period, filling_gradient,
-        concentration_gradient,
-    )  # fmt: skip
+    add_vector(acceleration, i, lane, scaled(sums[0:3], specific_volume(i, volume, mass, density)))
+    put_way(i, lane, sums[3:9], position, filling, phase, walls, (gradient_smoothing, shifting), period, way)
 
 
 @reduction(into="velocity_range", how=" ".join(6 * ["largest"]), rows="velocity", looping=True, parted=True)
@@ -106,27 +98,9 @@ def body_of(i, drawn_body):
 
 
 @kernel
-def shift(
-    i, concentration_gradient, filling, filling_gradient, phase, drawn_body, shifting, velocity_range, timestep, shift
-):  # fmt: skip
-    """Displacement of a step beside dt v [m]; none of solids."""
-    zero, u, k = type(shifting.length)(0), velocity_range, body_of(i, drawn_body)
+def shift(i, way, drawn_body, shifting, velocity_range, timestep, shift):
+    """Displacement of a step beside dt v [m]."""
+    u, k = velocity_range, body_of(i, drawn_body)
     box = u[k, 0] + u[k, 3], u[k, 1] + u[k, 4], u[k, 2] + u[k, 5]
     longest = min(type(shifting.length)(0.5) * math.sqrt(dot(box, box)) * timestep[1], shifting.farthest)
-    g = three(concentration_gradient, i)
-    if filling is not None:
-        n, filled = three(filling_gradient, i), filling[i] * shifting.whole
-        length, across = math.sqrt(dot(n, n)), difference(g, n)
-        if not length < shifting.least:
-            across = scaled(n, dot(across, n) / (length * length))
-        g = difference(g, scaled(n, near_share(filled, THIN, FULL)))
-        g = difference(g, scaled(across, near_share(filled, shifting.outer, shifting.within)))
-    s = scaled(g, -shifting.length * longest)
-    if phase is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
-        if phase[i] != LIQUID_PHASE:
-            s = zero, zero, zero
-    size = math.sqrt(dot(s, s))
-    most = shifting.largest * longest
-    if size > most:
-        s = scaled(s, most / size)
-    set_vector(shift, i, None, s)
+    set_vector(shift, i, None, scaled(three(way, i), longest))

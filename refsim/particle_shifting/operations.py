@@ -6,35 +6,48 @@ from refsim.core.operation import Program, operations
 from refsim.core.terms import where
 from refsim.neighbours.sums import Fields, neighbours, wall_particles
 from refsim.particle_shifting import reference as ref
+from refsim.sph.operations import volume_of
 
 operation = operations(paper="Sun et al. 2017")
-_SURFACE = "filling filling_gradient"
 FUSED = {
     name: Program(
         "kernels", "crowding_and_momentum", also=("sph.central_momentum",), names={"smoothing": "gradient_smoothing"},
-        variants=("walls period", "walls filling_gradient central_viscosity", "period"), packed=packed,
+        variants=(
+            "density walls period phase", "walls filling central_viscosity velocity", "density period phase"
+        ),
+        packed=packed,
     )
     for name, packed in (("cpu:fused", ""), ("cuda:fused", "fused_pair"))
 }  # fmt: skip
 
 
 @operation(
-    "(7), gradients of concentration and filling", outputs="filling_gradient concentration_gradient",
-    optional="walls period filling_gradient", tolerance=16.0,
-    reason="one rounding in each of distance, kernel and slope, and four in the power",
-    variants=("walls period filling_gradient", "period filling_gradient", "period", ""),
+    "(7), gradients of concentration and filling; tangential at the surface", outputs="way",
+    optional="walls period filling density phase", tolerance=16.0,
+    reason="one rounding in each of distance, kernel, slope, a root, a length, products and sums of the projection, and"
+    " the bound, and four in the power; beside a surface the size counts the filling 67 times, as its last 3 % decide",
+    variants=("walls period filling phase", "period filling", "density period phase", "density"),
     invariants="translation reordering", programs=FUSED, packed="crowding_pair",
 )  # fmt: skip
-def crowding(position, mass, density, walls, smoothing, shifting, period, rows=None):
-    """Gradients of the concentration and of the filling [1/m], over liquid and walls."""
-    i = Fields(position=position, volume=np.asarray(mass, dtype=float) / np.asarray(density, dtype=float))
-    around, at_walls = (neighbours(i, j, smoothing, period=period, rows=rows) for j in (i, wall_particles(walls)))
+def crowding(position, volume, density, filling, phase, walls, smoothing, shifting, period, rows=None):
+    """Displacement of a step beside dt v over v_max dt [-], at most `largest`; none of solids (`phase` not 0).
+
+    volume  V [m^dim], or m [kg] where a density is given
+    """
+    own = Fields(
+        position=position, volume=volume_of(volume, density), filling=filling,
+        liquid=None if phase is None else np.asarray(phase) == 0,
+    )  # fmt: skip
+    around, at_walls = (neighbours(own, j, smoothing, period=period, rows=rows) for j in (own, wall_particles(walls)))
     inverse = float(shifting.inverse_neighbour)
-    return {
-        "concentration_gradient": around(ref.concentration_gradient, inverse=inverse)
-        + at_walls(ref.concentration_gradient, inverse=inverse),
-        "filling_gradient": around(ref.filling_gradient) + at_walls(ref.filling_gradient),
-    }
+    g = around(ref.concentration_gradient, inverse=inverse) + at_walls(ref.concentration_gradient, inverse=inverse)
+    if filling is not None:
+        n = around(ref.filling_gradient) + at_walls(ref.filling_gradient)
+        g = ref.beside_surface(g, n, around.i.filling, *map(float, shifting[3:7]))
+    s = ref.shift(g, float(shifting.length))
+    if phase is not None:
+        s = where(around.i.liquid, s, 0.0)
+    return {"way": ref.bounded(s, float(shifting.largest))}
 
 
 @operation(
@@ -51,31 +64,17 @@ def velocity_range(velocity, drawn_body):
 
 
 @operation(
-    "(7), tangential at the surface", outputs="shift", optional=f"{_SURFACE} phase drawn_body", tolerance=12.0,
-    reason="one rounding in each of a root, a length, products and sums of the projection, and the bound; beside a"
-    " surface the size counts the filling 67 times, as its last 3 % decide",
-    variants=(f"{_SURFACE} phase drawn_body", "phase", "drawn_body", _SURFACE),
-    invariants="reordering",
+    "(7), v_max dt", outputs="shift", optional="drawn_body", tolerance=8.0,
+    reason="one rounding in each of a root and its terms, and the products",
+    variants=("drawn_body", ""), invariants="reordering",
 )  # fmt: skip
-def shift(
-    concentration_gradient, filling, filling_gradient, phase, drawn_body, shifting, velocity_range, timestep, rows=None
-):  # fmt: skip
-    """Displacement [m] of a step beside dt v, no longer than `largest` v_max dt; none of solids (`phase` not 0).
+def shift(way, drawn_body, shifting, velocity_range, timestep, rows=None):
+    """Displacement [m] of a step beside dt v: `way` v_max dt.
 
     v_max is half of the diagonal of the box in which all velocities of a body lie; `timestep` has dt second.
     """
-    liquid = None if phase is None else np.asarray(phase) == 0
-    body = np.zeros(len(concentration_gradient), int) if drawn_body is None else np.asarray(drawn_body)
+    body = np.zeros(len(way), int) if drawn_body is None else np.asarray(drawn_body)
     of_bodies, dt = np.asarray(velocity_range, dtype=float).reshape(-1, 2, 3), float(timestep[1])
     longest = np.array([ref.largest_step(*ends, dt, float(shifting.farthest)) for ends in of_bodies])
-    i = Fields(
-        gradient=concentration_gradient, filling=filling, normal=filling_gradient, liquid=liquid, longest=longest[body]
-    ).at(rows)  # fmt: skip
-    g = i.gradient
-    if filling is not None:
-        outer, within = float(shifting.outer), float(shifting.within)
-        g = ref.beside_surface(i, float(shifting.least), float(shifting.whole), outer, within)
-    s = ref.shift(g, float(shifting.length), i.longest)
-    if phase is not None:
-        s = where(i.liquid, s, 0.0)
-    return {"shift": ref.bounded(s, float(shifting.largest) * i.longest)}
+    i = Fields(way=way, longest=longest[body]).at(rows)
+    return {"shift": i.longest * i.way}

@@ -20,23 +20,23 @@ def largest_step(along, against, dt, farthest):
     return min(np.linalg.norm(along + against) / 2 * dt, farthest)
 
 
-def shift(g, length, longest):
-    """(7) s_i = -A 2 h_s v_max dt g_i [m], `length` = A 2 h_s, `longest` = v_max dt."""
-    return -length * longest * g
+def shift(g, length):
+    """(7) s_i/(v_max dt) = -A 2 h_s g_i [-], `length` = A 2 h_s."""
+    return -length * g
 
 
-def beside_surface(i, least, whole, outer, within):
+def beside_surface(g, n, filling, least, whole, outer, within):
     """g_i - f n_i - f' (e.n) n/n^2 [1/m], e = g_i - n_i, or f' e where n_i is shorter than `least`; f from 1 where 0.97
     is filled to 0 at 1, f' from 1 at `outer` to 0 at `within`."""
-    uneven = i.gradient - i.normal
-    pointed = length(i.normal) >= least
-    n2 = where(pointed, i.normal @ i.normal, 1.0)
-    across = where(pointed, (uneven @ i.normal) / n2 * i.normal, uneven)
-    near = clip((within - whole * i.filling) / (within - outer), 0, 1)
-    return i.gradient - clip((1 - whole * i.filling) / 0.03, 0, 1) * i.normal - near * across
+    uneven = g - n
+    pointed = length(n) >= least
+    n2 = where(pointed, n @ n, 1.0)
+    across = where(pointed, (uneven @ n) / n2 * n, uneven)
+    near = clip((within - whole * filling) / (within - outer), 0, 1)
+    return g - clip((1 - whole * filling) / 0.03, 0, 1) * n - near * across
 
 
 def bounded(s, most):
-    """s_i <- s_i min(1, most/|s_i|) [m]."""
-    far = Terms(length(s).value > most.value)
+    """s_i <- s_i min(1, most/|s_i|) [-]."""
+    far = Terms(length(s).value > most)
     return where(far, most / where(far, length(s), 1.0) * s, s)

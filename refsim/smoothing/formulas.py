@@ -127,3 +127,14 @@ def safe_distance(r, smoothing):
 def gradient_factor(r, smoothing):
     """f = W'(r)/r [1/m^(dim + 2)], with grad W_ij = f x_ij."""
     return kernel_slope(r, smoothing) / safe_distance(r, smoothing)
+
+
+@formula
+def undivided_factor(r, smoothing):
+    """`gradient_factor`, for Wendland's C2, whose W' has a factor r, without a quotient: for sums over volumes V_j, as
+    the compiler takes the constants together, which only V_j keeps within single precision."""
+    real = type(r)
+    if shape_of(smoothing) != WENDLAND_C2:
+        return gradient_factor(r, smoothing)
+    a = max(real(1) - r * smoothing.inverse_radius, real(0))
+    return real(-20) * smoothing.slope_scale * smoothing.inverse_radius * (a * a * a)

@@ -53,6 +53,7 @@ DENSITY_EXCESS = Field("density_excess", "kg/m^3 (kg/m^2 in 2D)", "density over 
 ADVANCED_EXCESS = Field(
     "advanced_excess", "kg/m^3 (kg/m^2 in 2D)", "rho - rho0 at the end of the step before", state=True
 )
+VOLUME_BEFORE = Field("volume_before", "m^3 (m^2 in 2D)", "volume m/rho at the end of the step before")
 BORNE = Field("borne", "-", "from 0 where liquid fell a step before to 1 where something bore its weight", state=True)
 SHIFT = Field("shift", "m", "displacement of a step beside dt v", 3, state=True)  # for the next density
 FILLING = Field("filling", "-", "share of space that the told volumes fill, 1 on a lattice and less at a surface")
@@ -370,16 +371,19 @@ class WeaklyCompressible(
         if not self.advances():
             return (*fields, *summed) if "two_way_coupling" in others else fields  # whose density counts no particles
         borne = (BORNE,) if self.leans(others) else ()
-        return (*fields, DENSITY_EXCESS, ADVANCED_EXCESS, *borne, *summed)
+        return (*fields, DENSITY_EXCESS, ADVANCED_EXCESS, VOLUME_BEFORE, *borne, *summed)
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         viscous = self.dynamic_viscosity > 0
-        names = {"smoothing": "gradient_smoothing"}
+        names: dict[str, str | None] = {"smoothing": "gradient_smoothing"}
         friction = Pass("sph.central_viscosity", updates=("acceleration",), names=names)
         walls = [effect.extrapolates() for effect in effects_with(others, BringsWalls)]
         replaced = any("sph.pressure" in effect.replaces() for effect in others.values())
         before = (*self._density_passes(others), Pass("sph.state", writes=("pressure",)))
         if self.viscosity == "central" and all(walls) and not (replaced or self.controls()):
+            names |= volumes(others)
+            if self.advances() or not self.central():
+                names |= dict.fromkeys(("velocity", "central_viscosity"))
             return (*before, Pass("sph.central_momentum", updates=("acceleration",), names=names))
         plain = Pass(
             "sph.momentum" if viscous and not self.central() else "sph.pressure",
@@ -389,7 +393,7 @@ class WeaklyCompressible(
         return (
             *before,
             *(self._controlled(others) if self.controls() else (plain,)),
-            *((friction,) if self.central() else ()),
+            *((friction,) if self.central() and not self.advances() else ()),
         )
 
     def _own_fields(self, others: Others) -> tuple[Field, ...]:
@@ -435,7 +439,7 @@ class WeaklyCompressible(
             "sph.keep_density", updates=("advanced_excess", *(("borne",) if leans else ())), stage="motion",
             names={} if leans else dict.fromkeys(("acceleration", "lean", "borne")),
         )  # fmt: skip
-        return (continuity_pass(others, LIQUID_ALONE), *self.summed_passes(others), kept)
+        return (*continuity_passes(others, LIQUID_ALONE), *self.summed_passes(others), kept)
 
     def summed_passes(self, others: Others) -> tuple[Pass, ...]:
         """J(7) and J(8) beside a density that is advanced or another effect's, where an effect needs them."""
@@ -649,16 +653,27 @@ def _covered(x: np.ndarray, solid: np.ndarray, grid: Discretisation, others: Oth
     return covered
 
 
-def continuity_pass(others: Others, names: Mapping[str, str | None]) -> Pass:
-    """The pass that advances the density; walls, where there are any, are those of `adami_2012`."""
+def volumes(others: Others) -> dict[str, str | None]:
+    """Names of what sums over the liquid's volumes read; beside a tension, which reads masses and densities, those."""
+    if liquid_of(others).advances() and not effects_with(others, PullsParticles):
+        return {"volume": VOLUME_BEFORE.name, "density": None}
+    return {"volume": "mass"}
+
+
+def continuity_passes(others: Others, names: Mapping[str, str | None]) -> tuple[Pass, Pass]:
+    """The passes that advance the density; walls, where there are any, are those of `adami_2012`."""
     filling = ("filling",) if finds_filling(others) else ()
+    viscous = ("acceleration",) if liquid_of(others).central() else ()
     there = {
         "wall_strain": effects_with(others, BringsWalls), "borne": liquid_of(others).leans(others), "filling": filling,
-        "shift": any(SHIFT in effect.fields(others) for effect in others.values()),
+        "shift": any(SHIFT in effect.fields(others) for effect in others.values()), "acceleration": viscous,
     }  # fmt: skip
     left_out = {name: None for name, found in there.items() if not found}
-    names = {"smoothing": "gradient_smoothing", **names, **left_out}
-    return Pass("sph.continuity", writes=(*filling, "density_excess", "density"), names=names)
+    names = {"smoothing": "gradient_smoothing", "volume": VOLUME_BEFORE.name, **names, **left_out}
+    return (
+        Pass("sph.volume", writes=(VOLUME_BEFORE.name,), names=names),
+        Pass("sph.continuity", writes=(*viscous, *filling, "density_excess", "density"), names=names),
+    )
 
 
 def finds_filling(others: Others) -> bool:

@@ -101,7 +101,7 @@ cases.readings(fluid="gradient_share wall_share")
 cases.takes("sph.state", fluid="rest_density stiffness exponent clamp internal_pressure")
 cases.takes("sph.pressure", "sph.momentum", fluid="rest_density gradient_share wall_share")
 cases.takes("sph.central_momentum", "sph.corrected_pressure", fluid="gradient_share")
-cases.takes("sph.continuity", fluid="rest_density")
+cases.takes("sph.continuity", "sph.volume", fluid="rest_density")
 cases.takes("sph.viscosity", "sph.central_viscosity", smoothing="support_radius dim")
 
 # Closed forms: h = 2 m
@@ -110,8 +110,8 @@ PAIR = cases.at("pair", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 FLAT_PAIR = cases.at("flat_pair", [[0.0, 0.0, 0.0], [0.6, 0.8, 0.0]], dim=2)
 WATER = sph.Fluid(1000.0, 4e5, 1, 0)
 AT_REST = {
-    "mass": [2.0, 3.0], "density": np.full(2, 1000.0), "pressure": np.zeros(2), "velocity": np.zeros((2, 3)),
-    "fluid": WATER,
+    "mass": [2.0, 3.0], "volume": [2.0, 3.0], "density": np.full(2, 1000.0), "pressure": np.zeros(2),
+    "velocity": np.zeros((2, 3)), "fluid": WATER,
 }  # fmt: skip
 
 
@@ -154,7 +154,10 @@ def _continued(excess, case=None, solid=0, **given):
         "advanced_excess": EXCESS[: case.count], "timestep": [0.5, 0.25], "phase": None, "rest_density": None,
         "shift": None, "recount": None, "filling": None, "diffusion": None, "lean": None, "borne": None,
     }  # fmt: skip
-    return cases.Exact(case, inputs | given, {"density_excess": excess, "density": density})
+    inputs |= given
+    before = density - excess + np.array(inputs["advanced_excess"])
+    inputs.setdefault("volume", np.array(inputs["mass"]) / before)
+    return cases.Exact(case, inputs, {"density_excess": excess, "density": density})
 
 
 NEARING = [[7.0, 2.0, 0.0], [3.0, 0.0, -5.0]]  # m/s
@@ -162,9 +165,14 @@ NEARING = [[7.0, 2.0, 0.0], [3.0, 0.0, -5.0]]  # m/s
 
 @for_each_kernel("sph.continuity")
 def compressed_pair(w):
-    """v_1 - v_2 = (4, 2, 5), 2 of it towards the second: d rho_1/dt = rho_1 V_2 2 |W'(h/2)|; for 0.25 s."""
+    """v_1 - v_2 = (4, 2, 5), 2 of it towards the second: d rho_1/dt = rho_1 V_2 2 |W'(h/2)|; for 0.25 s.
+
+    a_1 = 2 k V_2 F/rho_1 (0, -2, 0) as in `braked_along_the_line`, with the densities before the step.
+    """
     rate = (1000 + EXCESS) * np.array([3.0 / 980.0, 2.0 / 1100.0]) * 2 * w.slope
-    return _continued(EXCESS + 0.25 * rate, velocity=NEARING)
+    brake = 2 * 2.5 / (1100.0 * 980.0) * 45 / (2 * math.pi * 32) * 0.5 * 2 * np.array([-3.0, 2.0])
+    found = _continued(EXCESS + 0.25 * rate, velocity=NEARING, central_viscosity=sph.CentralViscosity(2.5))
+    return cases.Exact(found.case, found.inputs, found.expected | {"acceleration": np.outer(brake, [0.0, 1.0, 0.0])})
 
 
 @for_each_kernel("sph.continuity")
@@ -277,6 +285,14 @@ def kept():
     return cases.Exact(PAIR, inputs, {"advanced_excess": [1.5, -2.25], "borne": [0.5, 1.0 - 1.0]})
 
 
+cases.closed_form(
+    "sph.volume",
+    filled=lambda: cases.Exact(  # 3 kg of a solid of 900 kg/m^3
+        PAIR,
+        {"mass": [2.2, 3.0], "advanced_excess": [100.0, 0.0], "rest_density": [1000.0, 900.0], "fluid": WATER},
+        {"volume": [2.2 / 1100, 3.0 / 900]},
+    ),
+)
 cases.closed_form(
     "sph.state",
     linear_state=lambda: _pressed([1250.0, 500.0], WATER, [1e5, -2e5]),  # p = c^2 (rho - rho0) with c^2 = 400

@@ -4,11 +4,18 @@ import math
 
 from refsim.backends.compile import formula, kernel
 from refsim.backends.reductions import reduction
-from refsim.backends.tuples import added, difference, dot, scaled, three
+from refsim.backends.tuples import added, difference, dot, over, scaled, three
 from refsim.neighbours.forces import force, together
 from refsim.neighbours.pairs import neighbour_sum, pair
-from refsim.neighbours.rows import first_lane, set_vector
-from refsim.smoothing.formulas import gradient_factor, kernel_slope, kernel_value, safe_distance, viscosity_laplacian
+from refsim.neighbours.rows import add_vector, first_lane, set_vector
+from refsim.smoothing.formulas import (
+    gradient_factor,
+    kernel_slope,
+    kernel_value,
+    safe_distance,
+    undivided_factor,
+    viscosity_laplacian,
+)
 from refsim.sph import formulas
 from refsim.sph.formulas import central_viscosity_pair, corrected, pressure_pair, viscosity_pair, volume_of
 
@@ -112,33 +119,35 @@ def wall_gradient(i, lane, position, walls, smoothing, weight, period):
 
 @pair
 def continuity_pair(
-    r, x_ij, velocity_i, velocity_j, mass_j, rest_density_j, phase_j, advanced_excess_i, advanced_excess_j, borne_i,
-    borne_j, shift_i, shift_j, smoothing, fluid, diffusion, lean, recount, own_rest, per_step,
+    r, x_ij, velocity_i, velocity_j, volume_j, rest_density_j, phase_j, advanced_excess_i, advanced_excess_j, borne_i,
+    borne_j, shift_i, shift_j, smoothing, fluid, central_viscosity, diffusion, lean, recount, own_rest, per_step,
 ):  # fmt: skip
     """(d rho_i/dt)/rho_i by the flow [1/s], d rho_i/dt by diffusion [kg/(m^dim s)], by liquid alone, -V_j r W' of
-    liquid, where it is counted V_j W_ij, and -V_j r W' of solids.
+    liquid, where it is counted V_j W_ij, -V_j r W' of solids, and viscosity along the line of centres [N/m^3].
     """
-    rest = fluid.rest_density if rest_density_j is None else rest_density_j
-    apart = safe_distance(r, smoothing)
-    share = mass_j / ((rest + advanced_excess_j) * apart)  # V_j/r: one division serves all terms
-    slope = kernel_slope(r, smoothing)
-    approach = dot(difference(velocity_i, velocity_j), x_ij)
+    approach, f, slope = dot(difference(velocity_i, velocity_j), x_ij), type(r)(0), undivided_factor(r, smoothing)
+    if central_viscosity is not None:
+        squared = dot(x_ij, x_ij)  # known before its root
+        inverse = type(r)(1) / (squared if squared > type(r)(0) else smoothing.support_radius)
+        f = -central_viscosity_pair(volume_j, central_viscosity, viscosity_laplacian(r, smoothing)) * approach * inverse
+    x, y, z = scaled(x_ij, f)
     if shift_j is not None:
+        rest = fluid.rest_density if rest_density_j is None else rest_density_j
         more = ((rest - own_rest) + (advanced_excess_j - advanced_excess_i)) / (own_rest + advanced_excess_i)
         approach += per_step * formulas.shift_approach(dot(shift_i, x_ij), more * dot(shift_j, x_ij))
     spread = filled = held = type(r)(0)
-    around = -share * slope * r * r
+    around = -volume_j * slope * r * r
     if diffusion is not None:
         head = dot(lean, x_ij)
         if borne_j is not None:
             head *= borne_i * borne_j
-        spread = formulas.diffusion_pair(share, advanced_excess_i, advanced_excess_j, head, slope, diffusion)
+        spread = formulas.diffusion_pair(volume_j, advanced_excess_i, advanced_excess_j, head, slope, diffusion)
     if recount is not None:
-        filled = share * apart * kernel_value(r, smoothing)
+        filled = volume_j * kernel_value(r, smoothing)
     if phase_j is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
         if phase_j != LIQUID_PHASE:
             spread, around, held = type(r)(0), type(r)(0), around
-    return formulas.continuity_pair(share, approach, slope), spread, around, filled, held
+    return formulas.continuity_pair(volume_j, approach, slope), spread, around, filled, held, x, y, z
 
 
 @pair
@@ -146,7 +155,7 @@ def wall_continuity_pair(
     r, x_ij, velocity_i, shift_i, place_j, volume_j, wall_strain_j, smoothing, wall_motion, recount, number, per_step
 ):
     """(d rho_i/dt)/rho_i by a wall particle [1/s], at rest or moving beyond the planes of `wall_motion`, -V_b r W',
-    (d rho_i/dt)/rho_i by its strain, `number` = rho_i/m_i [1/m^dim], and, where it is counted, V_b W_ib.
+    (d rho_i/dt)/rho_i by its strain, `number` = 1/V_i [1/m^dim], and, where it is counted, V_b W_ib.
     """
     approach = dot(velocity_i, x_ij)
     if wall_motion is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
@@ -166,27 +175,24 @@ def wall_continuity_pair(
 
 @kernel(lanes=True)
 def continuity(
-    i, lane, position, velocity, mass, rest_density, phase, advanced_excess, borne, wall_strain, shift, neighbours,
-    walls, wall_motion, smoothing, fluid, diffusion, lean, recount, period, timestep, filling, density_excess, density,
+    i, lane, position, velocity, volume, rest_density, phase, advanced_excess, borne, wall_strain, shift, neighbours,
+    walls, wall_motion, smoothing, fluid, central_viscosity, diffusion, lean, recount, period, timestep, acceleration,
+    filling, density_excess, density,
 ):  # fmt: skip
-    """Density after the step [kg/m^dim], its excess over rho0 and the filling; solids keep their rest density."""
+    """Density after the step [kg/m^dim], its excess over rho0 and the filling; solids keep their rest density. The
+    acceleration [m/s^2] becomes that by viscosity with the density before."""
     rest = fluid.rest_density if rest_density is None else rest_density[i]
-    if phase is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
-        if phase[i] != LIQUID_PHASE:
-            if first_lane(lane):
-                density_excess[i] = type(rest)(0)
-                density[i] = rest
-                if filling is not None:
-                    filling[i] = type(rest)(1)
-            return
     per_step = inverse_step(timestep, rest)
     sums = neighbour_sum(
-        continuity_pair, i, lane, neighbours, position, period, velocity, mass, rest_density, phase, advanced_excess,
-        borne, shift, smoothing, fluid, diffusion, lean, recount, rest, per_step,
+        continuity_pair, i, lane, neighbours, position, period, velocity, volume, rest_density, phase, advanced_excess,
+        borne, shift, smoothing, fluid, central_viscosity, diffusion, lean, recount, rest, per_step,
     )  # fmt: skip
-    fields = position, velocity, mass, advanced_excess, density_excess, density
+    fields = position, velocity, volume, advanced_excess, density_excess, density
     given = sums, fields, rest, per_step, timestep, smoothing, period
     put_advanced(i, lane, given, walls, wall_strain, shift, wall_motion, diffusion, recount, filling)
+    put_solid(i, lane, phase, rest, filling, density_excess, density)
+    if acceleration is not None:
+        set_vector(acceleration, i, lane, over(sums[5:8], rest + advanced_excess[i]))
 
 
 @formula
@@ -200,11 +206,11 @@ def inverse_step(timestep, zero_like):
 def put_advanced(i, lane, given, walls, wall_strain, shift, wall_motion, diffusion, recount, filling):
     """Write what `continuity` says [kg/m^dim] with the neighbours' sums; the walls' are added."""
     sums, fields, rest, per_step, timestep, smoothing, period = given
-    position, velocity, mass, advanced_excess, density_excess, density = fields
-    rate, spread, fill, filled, held = sums
+    position, velocity, volume, advanced_excess, density_excess, density = fields
+    rate, spread, fill, filled, held = sums[0:5]
     strain = type(rest)(0)
     if walls is not None:
-        number = (rest + advanced_excess[i]) / mass[i]
+        number = type(rest)(1) / volume[i]
         beside, around, strain, more = neighbour_sum(
             wall_continuity_pair, i, lane, walls, position, period, velocity, shift, walls.position, walls.volume,
             wall_strain, smoothing, wall_motion, recount, number, per_step,
@@ -215,7 +221,7 @@ def put_advanced(i, lane, given, walls, wall_strain, shift, wall_motion, diffusi
     rate += inside * strain
     excess = advanced_excess[i]
     if recount is not None:
-        share = (filled + mass[i] / (rest + excess) * own_share(smoothing)) * recount.whole
+        share = (filled + volume[i] * own_share(smoothing)) * recount.whole
         rate += recount.rate * inside * (share - type(share)(1))
         if filling is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
             if first_lane(lane):
@@ -230,45 +236,56 @@ def put_advanced(i, lane, given, walls, wall_strain, shift, wall_motion, diffusi
         density[i] = rest + excess
 
 
-@pair
-def continuity_and_sums_pair(
-    r, x_ij, velocity_i, velocity_j, mass_j, rest_density_j, phase_j, advanced_excess_i, advanced_excess_j, borne_i,
-    borne_j, shift_i, shift_j, gradient_smoothing, smoothing, fluid, diffusion, lean, recount, own_rest, per_step,
-):  # fmt: skip
-    """Terms of the continuity equation and those of J(7), J(8) and sum W_ij x_ij."""
-    a = continuity_pair(
-        r, x_ij, velocity_i, velocity_j, mass_j, rest_density_j, phase_j, advanced_excess_i, advanced_excess_j, borne_i,
-        borne_j, shift_i, shift_j, gradient_smoothing, fluid, diffusion, lean, recount, own_rest, per_step,
-    )  # fmt: skip
-    s = density_moment_pair(r, x_ij, mass_j, smoothing)
-    return a[0], a[1], a[2], a[3], a[4], s[0], s[1], s[2], s[3], s[4]
-
-
-@kernel(lanes=True)
-def continuity_and_sums(
-    i, lane, position, velocity, mass, rest_density, phase, advanced_excess, borne, wall_strain, shift, neighbours,
-    walls, wall_motion, gradient_smoothing, smoothing, fluid, diffusion, lean, recount, period, timestep,
-    number_density, asymmetry, summed_density, filling, density_excess, density,
-):  # fmt: skip
-    """`continuity`, and `density` beside it, with the variants of both [kg/m^dim]."""
-    rest = fluid.rest_density if rest_density is None else rest_density[i]
-    per_step = inverse_step(timestep, rest)
-    sums = neighbour_sum(
-        continuity_and_sums_pair, i, lane, neighbours, position, period, velocity, mass, rest_density, phase,
-        advanced_excess, borne, shift, gradient_smoothing, smoothing, fluid, diffusion, lean, recount, rest, per_step,
-    )  # fmt: skip
-    fields = position, velocity, mass, advanced_excess, density_excess, density
-    given = sums[0:5], fields, rest, per_step, timestep, gradient_smoothing, period
-    put_advanced(i, lane, given, walls, wall_strain, shift, wall_motion, diffusion, recount, filling)
+@formula(inlined=True)
+def put_solid(i, lane, phase, rest, filling, density_excess, density):
+    """Write over what `put_advanced` wrote: solids keep their rest density [kg/m^dim] and are filled."""
     if phase is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
         if phase[i] != LIQUID_PHASE and first_lane(lane):
             density_excess[i] = type(rest)(0)
             density[i] = rest
             if filling is not None:
                 filling[i] = type(rest)(1)
+
+
+@pair
+def continuity_and_sums_pair(
+    r, x_ij, velocity_i, velocity_j, volume_j, mass_j, rest_density_j, phase_j, advanced_excess_i, advanced_excess_j,
+    borne_i, borne_j, shift_i, shift_j, gradient_smoothing, smoothing, fluid, central_viscosity, diffusion, lean,
+    recount, own_rest, per_step,
+):  # fmt: skip
+    """Terms of the continuity equation and those of J(7), J(8) and sum W_ij x_ij."""
+    a = continuity_pair(
+        r, x_ij, velocity_i, velocity_j, volume_j, rest_density_j, phase_j, advanced_excess_i, advanced_excess_j,
+        borne_i, borne_j, shift_i, shift_j, gradient_smoothing, fluid, central_viscosity, diffusion, lean, recount,
+        own_rest, per_step,
+    )  # fmt: skip
+    s = density_moment_pair(r, x_ij, mass_j, smoothing)
+    return a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], s[0], s[1], s[2], s[3], s[4]
+
+
+@kernel(lanes=True)
+def continuity_and_sums(
+    i, lane, position, velocity, volume, mass, rest_density, phase, advanced_excess, borne, wall_strain, shift,
+    neighbours, walls, wall_motion, gradient_smoothing, smoothing, fluid, central_viscosity, diffusion, lean, recount,
+    period, timestep, number_density, asymmetry, summed_density, acceleration, filling, density_excess, density,
+):  # fmt: skip
+    """`continuity`, and `density` beside it, with the variants of both [kg/m^dim]."""
+    rest = fluid.rest_density if rest_density is None else rest_density[i]
+    per_step = inverse_step(timestep, rest)
+    sums = neighbour_sum(
+        continuity_and_sums_pair, i, lane, neighbours, position, period, velocity, volume, mass, rest_density, phase,
+        advanced_excess, borne, shift, gradient_smoothing, smoothing, fluid, central_viscosity, diffusion, lean,
+        recount, rest, per_step,
+    )  # fmt: skip
+    fields = position, velocity, volume, advanced_excess, density_excess, density
+    given = sums[0:5], fields, rest, per_step, timestep, gradient_smoothing, period
+    put_advanced(i, lane, given, walls, wall_strain, shift, wall_motion, diffusion, recount, filling)
+    put_solid(i, lane, phase, rest, filling, density_excess, density)
+    if acceleration is not None:
+        set_vector(acceleration, i, lane, over(sums[5:8], rest + advanced_excess[i]))
     groups = smoothing, fluid
     put_sums(
-        i, lane, sums[5:10], (position, mass), walls, groups, period, number_density, asymmetry, summed_density
+        i, lane, sums[8:13], (position, mass), walls, groups, period, number_density, asymmetry, summed_density
     )  # fmt: skip
 
 
@@ -278,6 +295,13 @@ def wall_moves(place, wall_motion):
     low, high = wall_motion.lower, wall_motion.upper
     below = place[0] < low[0] or place[1] < low[1] or place[2] < low[2]
     return below or place[0] > high[0] or place[1] > high[1] or place[2] > high[2]
+
+
+@kernel
+def volume_before(i, mass, rest_density, advanced_excess, fluid, volume):
+    """V = m/rho [m^dim] of the density that the step before advanced."""
+    rest = fluid.rest_density if rest_density is None else rest_density[i]
+    volume[i] = mass[i] / (rest + advanced_excess[i])
 
 
 @kernel
@@ -358,19 +382,40 @@ corrected_pressure = force(corrected_pressure_pair, divided="density", period=Tr
 
 @pair
 def central_momentum_pair(
-    r, x_ij, velocity_i, velocity_j, mass_j, density_j, pressure_i, pressure_j, smoothing, fluid, central_viscosity
+    r, x_ij, velocity_i, velocity_j, volume_j, density_j, pressure_i, pressure_j, smoothing, fluid, central_viscosity
 ):
-    """J(10) and, unless `central_viscosity` is None, the viscosity along the line of centres [N/m^3]."""
-    apart = safe_distance(r, smoothing)
-    share = mass_j / (density_j * apart)  # V_j/r: one division serves both terms
-    f = pressure_pair(share, pressure_i, pressure_j, kernel_slope(r, smoothing), fluid)
+    """J(10) and, unless `central_viscosity` is None, the viscosity along the line of centres [N/m^3], V_j as
+    `volume_of` says."""
+    volume = volume_of(volume_j, density_j)
+    f = pressure_pair(volume, pressure_i, pressure_j, undivided_factor(r, smoothing), fluid)
     if central_viscosity is not None:
+        apart = safe_distance(r, smoothing)
         parting = dot(difference(velocity_j, velocity_i), x_ij)
-        f += central_viscosity_pair(share, central_viscosity, viscosity_laplacian(r, smoothing)) * (parting / apart)
+        laplacian = viscosity_laplacian(r, smoothing)
+        f += central_viscosity_pair(volume, central_viscosity, laplacian) * parting / (apart * apart)
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 
-central_momentum = force(central_momentum_pair, divided="density", period=True)
+@kernel(lanes=True)
+def central_momentum(
+    i, lane, position, velocity, volume, mass, density, pressure, neighbours, smoothing, fluid, central_viscosity,
+    period, acceleration,
+):  # fmt: skip
+    """J(10) and, unless `central_viscosity` is None, the viscosity along the line of centres; added to the acceleration
+    [m/s^2]."""
+    a = neighbour_sum(
+        central_momentum_pair, i, lane, neighbours, position, period, velocity, volume, density, pressure, smoothing,
+        fluid, central_viscosity,
+    )  # fmt: skip
+    add_vector(acceleration, i, lane, scaled(a, specific_volume(i, volume, mass, density)))
+
+
+@formula
+def specific_volume(i, volume, mass, density):
+    """V_i/m_i [m^dim/kg], V_i as `volume_of` says."""
+    if density is None:
+        return volume[i] / mass[i]
+    return volume[i] / (mass[i] * density[i])
 
 
 @pair

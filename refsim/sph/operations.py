@@ -26,14 +26,20 @@ def fused_with_momentum(*variants, own_smoothing=False):
     """
     walled = tuple(without(variant) if isinstance(variant, str) else variant for variant in variants)
     plain, *more = ({name: value for name, value in variant.items() if name != "walls"} for variant in walled)
-    wall_less = plain, *(variant | without("central_viscosity") for variant in more)
+    wall_less = plain, *(variant | without("central_viscosity velocity") for variant in more)
     programs = {}
     for name, part, tried in (("fused", "momentum", walled), ("central", "central_momentum", wall_less)):
-        names = {f"sph.{part}.smoothing" if own_smoothing else "smoothing": "gradient_smoothing"}
+        names = {f"sph.{part}.smoothing" if own_smoothing else "smoothing": "gradient_smoothing", "volume": "mass"}
         of = {"function": f"tension_and_{part}", "also": (f"sph.{part}",), "names": names, "variants": tried}
         programs[f"cpu:{name}"] = Program("kernels", **of)
         programs[f"cuda:{name}"] = Program("kernels", **of, packed=f"tension_and_{part}_pair")
     return programs
+
+
+def volume_of(volume, density):
+    """V [m^dim]: `volume` itself, or where a density is given m/rho of the mass that it is then."""
+    volume = np.asarray(volume, dtype=float)
+    return volume if density is None else volume / np.asarray(density, dtype=float)
 
 
 def moving(walls, wall_motion):
@@ -73,12 +79,13 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
 @operation(
     "continuity equation with diffusion, shifts and return to the counted density",
     paper="Colagrossi & Landrini 2003; Molteni & Colagrossi 2009; Fourtakas et al. 2019; Sun et al. 2019",
-    outputs="filling density_excess density",
-    optional="walls wall_strain wall_motion diffusion lean borne period rest_density phase shift recount filling",
+    outputs="acceleration filling density_excess density",
+    optional="walls wall_strain wall_motion central_viscosity acceleration diffusion lean borne period rest_density"
+    " phase shift recount filling",
     variants=(
         "walls wall_strain wall_motion diffusion lean borne period rest_density phase shift recount filling",
         "walls wall_strain wall_motion period shift",
-        "period wall_motion rest_density phase", "period shift filling borne",
+        "period wall_motion rest_density phase central_viscosity", "period shift filling borne",
         "walls wall_strain wall_motion rest_density phase recount filling",
     ),
     tolerance=12.0, reason="one rounding in each of distance, slope, volume, velocity difference, projection,"
@@ -93,7 +100,7 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
                 "sph.density.density": "summed_density",
             },
             variants=(
-                "walls wall_strain wall_motion period rest_density phase shift",
+                "walls wall_strain wall_motion period rest_density phase shift central_viscosity",
                 "diffusion lean borne period number_density recount filling",
             ),
         )
@@ -101,10 +108,11 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
     packed="continuity_pair",
 )  # fmt: skip
 def continuity(
-    position, velocity, mass, rest_density, phase, advanced_excess, borne, wall_strain, shift, walls, wall_motion,
-    smoothing, fluid, diffusion, lean, recount, period, timestep, rows=None,
+    position, velocity, volume, rest_density, phase, advanced_excess, borne, wall_strain, shift, walls, wall_motion,
+    smoothing, fluid, central_viscosity, diffusion, lean, recount, period, timestep, rows=None,
 ):  # fmt: skip
     """Density [kg/m^dim] a step after rho0 + advanced_excess, its excess over rho0, and the filling [-], 1 in solids.
+    The viscosity [m/s^2] and all sums are over the volumes before the step.
 
     `timestep` [s] has the step's length second; walls rest, or move by `wall_motion` beyond its planes. Solids (`phase`
     not 0) keep their rest density and take no part in the diffusion.
@@ -113,8 +121,9 @@ def continuity(
     rest = np.asarray(fluid.rest_density if rest_density is None else rest_density, dtype=float)
     density = rest + np.asarray(advanced_excess, dtype=float)
     i = Fields(
-        position=position, velocity=velocity, excess=advanced_excess, density=density, rest=rest,
-        liquid=1.0 if phase is None else np.asarray(phase) == 0, volume=np.asarray(mass, dtype=float) / density,
+        position=position, velocity=velocity, volume=volume, excess=advanced_excess, density=density, rest=rest,
+        mass=density * np.asarray(volume, dtype=float),
+        liquid=1.0 if phase is None else np.asarray(phase) == 0,
         borne=1.0 if borne is None else borne,
         shift=None if shift is None or dt == 0 else np.asarray(shift, dtype=float) / dt,
     )  # fmt: skip
@@ -137,7 +146,22 @@ def continuity(
         spread = around(ref.diffusion, delta_h_c=diffusion.coefficient, lean=slope)
         released = float(diffusion.release) * ref.lone(liquid + held)
     excess = ref.advanced(here, strain, spread, released, dt)
-    return {"filling": where(here.liquid, share, 1.0), "density_excess": excess, "density": here.rest + excess}
+    k = 0.0 if central_viscosity is None else float(central_viscosity.coefficient)
+    return {
+        "acceleration": around.others(ref.central_viscous_force, k=k), "filling": where(here.liquid, share, 1.0),
+        "density_excess": excess, "density": here.rest + excess,
+    }  # fmt: skip
+
+
+@operation(
+    "V = m/rho", "sph.volume", paper="standard", outputs="volume", optional="rest_density",
+    variants=("rest_density", ""), reason="one rounding in each of sum and quotient", invariants="reordering",
+)  # fmt: skip
+def volume_before(mass, rest_density, advanced_excess, fluid, rows=None):
+    """Volumes [m^dim] with the densities of the step before."""
+    rest = fluid.rest_density if rest_density is None else rest_density
+    i = Fields(mass=mass, excess=advanced_excess, rest=rest).at(rows)
+    return {"volume": i.mass / (i.rest + i.excess)}
 
 
 @operation(
@@ -270,17 +294,24 @@ def central_viscous(position, velocity, mass, density, smoothing, central_viscos
 
 @operation(
     "J(10), momentum equation with zeta = 5 eta/3", paper="Jiang & Zhu 2023; Espanol & Revenga 2003",
-    adds="acceleration", optional="central_viscosity period",
-    variants=("central_viscosity period", "period", ""), tolerance=12.0,
+    adds="acceleration", optional="central_viscosity velocity density period",
+    variants=("central_viscosity velocity period", "density period", "density"), tolerance=12.0,
     reason="those of sph.central_viscosity; the size counts |p_i| and |p_j|, too",
-    invariants=f"{SYMMETRY} linear_momentum angular_momentum galilean", broken={2: "rotation angular_momentum"},
+    invariants=f"{SYMMETRY} linear_momentum angular_momentum galilean",
+    broken={0: "galilean", 2: "rotation angular_momentum"},
     packed="central_momentum_pair",
 )  # fmt: skip
 def central_momentum(
-    position, velocity, mass, density, pressure, smoothing, fluid, central_viscosity, period=None, rows=None
+    position, velocity, volume, mass, density, pressure, smoothing, fluid, central_viscosity, period=None, rows=None
 ):
-    """Acceleration [m/s^2] by J(10) and by the viscosity along the line of centres, where there is one; no walls."""
-    i = Fields(position=position, velocity=velocity, mass=mass, density=density, pressure=pressure)
+    """Acceleration [m/s^2] by J(10) and by the viscosity along the line of centres, where there is one; no walls.
+
+    volume  V [m^dim], or m [kg] where a density is given
+    """
+    own = volume_of(volume, density)
+    i = Fields(
+        position=position, velocity=velocity, mass=mass, density=np.asarray(mass, dtype=float) / own, pressure=pressure
+    )
     around = neighbours(i, i, smoothing, period=period, rows=rows)
     a = around(ref.pressure_force, s=fluid.gradient_share)
     if central_viscosity is not None:

@@ -305,7 +305,7 @@ def test_fields_are_packed_in_rows_of_four():
     def many(r, a_j, b_j, c_j, d_j, e_j, f_j, absent_j, radius):
         return a_j
 
-    assert layout(many, ("scalar",) * 3 + (None,) * 4) == ([""], ["a"], [["b", "c"]], [])
+    assert layout(many, ("scalar",) * 3 + (None,) * 4) == ([""], ["a"], [], ["b", "c"])
     assert layout(many, ("scalar",) * 6 + (None,)) == ([""], ["a"], [["b", "c", "d", "e"]], ["f"])
 
 

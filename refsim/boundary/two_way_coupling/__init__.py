@@ -136,7 +136,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
     sums: ClassVar[bool] = True
     needed: ClassVar[tuple[str, ...]] = (sph.LIQUID, "shape_matching")
     replaced: ClassVar[tuple[str, ...]] = (
-        "sph.density", "sph.continuity", "sph.state", "sph.pressure", "sph.momentum",
+        "sph.density", "sph.volume", "sph.continuity", "sph.state", "sph.pressure", "sph.momentum",
     )  # fmt: skip
 
     no_slip: bool = False
@@ -223,7 +223,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
     def _advanced_passes(self, summed: tuple[Pass, ...], others: Others) -> tuple[Pass, ...]:
         names = {"smoothing": "gradient_smoothing"}
         return (
-            sph.continuity_pass(others, {}),
+            *sph.continuity_passes(others, {}),
             *summed,
             Pass("sph.state", writes=("pressure",)),
             Pass("two_way_coupling.extrapolation", writes=("wet", "suction"), updates=("pressure",)),
@@ -247,7 +247,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         liquid = sph.liquid_of(others)
         if liquid.advances():
-            friction = liquid.central_friction(grid) if self.no_slip else {}
+            friction = liquid.central_friction(grid) if liquid.central() else {"central_viscosity": None}
             overlap = (
                 1 / grid.spacing, 1 / grid.spacing**grid.dim, STIFFNESS * liquid.rest_density * liquid.sound_speed**2,
                 DAMPED * grid.support_radius / liquid.sound_speed,
