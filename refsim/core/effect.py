@@ -100,6 +100,7 @@ class Lattice(NamedTuple):
     key: Any  # (S,) int64 the cell as a sortable key
     body: Any  # (S,) int32 body of each node
     first: Any  # (bodies + 1,) int32 first node of each body, and S
+    dim: Any = np.int32(3)  # in 2D its third axis has one cell
 
 
 @dataclass(frozen=True)
@@ -109,6 +110,10 @@ class Nodes:
     lattice: Lattice
     bodies: tuple[Any, ...]
     spacing: float  # [m]
+
+    def position(self) -> np.ndarray:
+        """Centres of the nodes' cells (S, 3) [m]; z = 0 in 2D."""
+        return self.spacing * (self.lattice.cell + 0.5) * (1, 1, self.lattice.dim == 3)
 
     def of_bodies(self, name: str) -> np.ndarray:
         """One of the bodies' numbers for every node (S,), or (S, 3)."""

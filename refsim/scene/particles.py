@@ -109,7 +109,7 @@ def _solid_particles(
     """Position, velocity and mass of the nodes of solids; each has the volume of a particle of the liquid in bulk."""
     if "shape_matching" not in effects:
         raise InputError("scene: nothing holds its solids together; add effect 'shape_matching'.")
-    position = (solids.lattice.cell + 0.5) * grid.spacing
+    position = solids.position()
     mass = solids.of_bodies("density") * solid_volume(grid, effects)
     velocity = solids.of_bodies("velocity")
     for k, body in enumerate(solids.bodies):

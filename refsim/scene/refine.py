@@ -95,7 +95,7 @@ def _with_masses(scene: Scene) -> tuple[tuple, tuple]:
     def of_solid(number: int, body: Solid) -> Any:
         if body.mass is not None:
             return body
-        cells = len(body_cells(body, f"[[solid]] number {number}", scene.spacing))
+        cells = len(body_cells(body, f"[[solid]] number {number}", grid))
         return msgspec.structs.replace(body, mass=cells * body.density * solid_volume(grid, effects))
 
     return tuple(map(of_fluid, scene.fluid)), tuple(of_solid(k, body) for k, body in enumerate(scene.solid, 1))

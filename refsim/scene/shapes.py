@@ -118,7 +118,7 @@ def _bodies(
 
     bodies = [effect.taken(grid, place) for effect in effects_with(effects, BringsWalls)]
     if solids is not None:
-        nodes = (solids.lattice.cell + 0.5) * grid.spacing
+        nodes = solids.position()
         pairs = cKDTree(place).sparse_distance_matrix(cKDTree(nodes), grid.spacing * (1 - LEAST), np.inf, "ndarray")
         apart = (nodes[pairs["j"]] - place[pairs["i"]]) / grid.spacing
         each = (1 - np.abs(apart)).prod(1)  # the part that two cells have in common has its centre between theirs

@@ -30,7 +30,7 @@ LAID_OUT = 280  # bytes of a particle while a scene is planned, in float64
 
 
 class Solid(Checked, tag_field="shape", frozen=True, kw_only=True):
-    """What every solid body has.
+    """What every solid body has; in 2D it is what the plane z = 0 cuts.
 
     density   rest density of its substance [kg/m^3]
     velocity  at the start [m/s]
@@ -69,7 +69,7 @@ class SolidBox(Solid, tag="box", frozen=True, kw_only=True):
     def inside(self, points: np.ndarray) -> np.ndarray:
         lower, upper = self.extent()
         shifted = points + TIED * (upper - lower)
-        return np.all((shifted > lower) & (shifted < upper), axis=1)
+        return np.all((shifted > lower) & (shifted < upper) | (lower == upper), axis=1)
 
     def extent(self) -> tuple[np.ndarray, np.ndarray]:
         return np.array(self.lower), np.array(self.upper)
@@ -167,28 +167,25 @@ def cell_key(cell: np.ndarray) -> np.ndarray:
     return keys_at(np.asarray(cell, np.int64))
 
 
-def lattice_of(cells: list[np.ndarray]) -> Lattice:
+def lattice_of(cells: list[np.ndarray], dim: int = 3) -> Lattice:
     """Lattice of bodies, each given by its cells (k, 3); nodes come body by body, in each sorted by key."""
     ordered = [np.asarray(c, np.int32).reshape(-1, 3)[np.argsort(cell_key(c))] for c in cells]
     cell = np.concatenate([np.zeros((0, 3), np.int32), *ordered])
     first = np.cumsum([0, *map(len, ordered)]).astype(np.int32)
     body = np.repeat(np.arange(len(ordered), dtype=np.int32), np.diff(first))
-    return Lattice(cell, cell_key(cell), body, first)
+    return Lattice(cell, cell_key(cell), body, first, np.int32(dim))
 
 
 def moved(solids: Nodes, cells: np.ndarray) -> Nodes:
     """The nodes, as many cells (3,) of the lattice further back."""
-    first = solids.lattice.first
-    return dataclasses.replace(
-        solids, lattice=lattice_of([solids.lattice.cell[a:b] - cells for a, b in itertools.pairwise(first)])
-    )
+    cell, _, _, first, dim = solids.lattice
+    parts = [cell[a:b] - cells for a, b in itertools.pairwise(first)]
+    return dataclasses.replace(solids, lattice=lattice_of(parts, dim))
 
 
 def voxelised(solids: tuple[Solid, ...], grid: Discretisation) -> Nodes:
-    """The nodes of the bodies. Raises InputError for bodies that are too small, that overlap, or in 2D."""
-    if grid.dim != 3:
-        raise InputError("scene: solids are bodies in space; set dim to 3 or leave them out.")
-    cells = [body_cells(body, f"[[solid]] number {number}", grid.spacing) for number, body in enumerate(solids, 1)]
+    """The nodes of the bodies. Raises InputError for bodies that are too small or that overlap."""
+    cells = [body_cells(body, f"[[solid]] number {number}", grid) for number, body in enumerate(solids, 1)]
     owner = np.repeat(np.arange(len(cells)), [len(c) for c in cells])
     keys = cell_key(np.concatenate(cells))
     order = np.argsort(keys, kind="stable")
@@ -199,7 +196,7 @@ def voxelised(solids: tuple[Solid, ...], grid: Discretisation) -> Nodes:
             f"scene: [[solid]] number {a} and number {b} overlap (bodies share {len(same)} cells of the lattice);"
             " move them apart."
         )
-    return Nodes(lattice_of(cells), solids, grid.spacing)
+    return Nodes(lattice_of(cells, grid.dim), solids, grid.spacing)
 
 
 def off_the_lattice(solids: Nodes) -> Iterator[str]:
@@ -211,7 +208,7 @@ def off_the_lattice(solids: Nodes) -> Iterator[str]:
         cells = solids.lattice.cell[a:b]
         off = np.array([cells.min(0), cells.max(0) + 1]) - np.array(body.extent()) / solids.spacing
         off = off if isinstance(body, SolidBox) else off.mean(0)
-        most = float(np.abs(off - np.round(off)).max())
+        most = float(np.abs(off - np.round(off))[..., : solids.lattice.dim].max())
         if most > OFF:
             what = "corners of its cells are" if isinstance(body, SolidBox) else "middle of its cells is"
             yield (
@@ -240,11 +237,15 @@ def countable(
     raise InputError(f"{what} makes {number:.3g} {kind}, and {MOST_CELLS:,} can be numbered; {advice}.")
 
 
-def body_cells(body: Solid, place: str, spacing: float) -> np.ndarray:
+def body_cells(body: Solid, place: str, grid: Discretisation) -> np.ndarray:
     """Cells (k, 3) int32 whose centres lie in a body. Raises InputError where it is empty, too small or too large."""
     if isinstance(body, SolidCells):
-        return _given_cells(body, place)
-    lower, upper = body.extent()
+        return _given_cells(body, place, grid.dim)
+    spacing, (lower, upper) = grid.spacing, body.extent()
+    if grid.dim == 2:
+        if lower[2] > 0 or upper[2] < 0:
+            raise InputError(f"{place}: the plane z = 0 of a scene in 2D does not cut it; move it there.")
+        lower[2], upper[2] = 0.0, spacing
     if not (np.isfinite([lower, upper]).all() and (lower < upper).all()):
         raise InputError(f"{place}: its extent from {vector(lower)} to {vector(upper)} m is empty; give it a size.")
     countable(f"{place}: its extent at a spacing of {spacing} m", np.ceil((upper - lower) / spacing), CELL)
@@ -256,7 +257,7 @@ def body_cells(body: Solid, place: str, spacing: float) -> np.ndarray:
     low, high = np.floor(lower / spacing).astype(int), np.ceil(upper / spacing).astype(int)
     axes = [np.arange(a, b) for a, b in zip(low, high)]
     cells = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    cells = cells[body.inside((cells + 0.5) * spacing)]
+    cells = cells[body.inside(spacing * (cells + 0.5) * (1, 1, grid.dim == 3))]
     if not len(cells):
         raise InputError(
             f"{place}: no centre of a lattice cell lies in it, because it is smaller than the spacing ({spacing} m);"
@@ -265,7 +266,7 @@ def body_cells(body: Solid, place: str, spacing: float) -> np.ndarray:
     return cells.astype(np.int32)
 
 
-def _given_cells(body: SolidCells, place: str) -> np.ndarray:
+def _given_cells(body: SolidCells, place: str, dim: int) -> np.ndarray:
     try:
         cells = np.array(body.cells)
     except (TypeError, ValueError):
@@ -274,6 +275,8 @@ def _given_cells(body: SolidCells, place: str) -> np.ndarray:
         raise InputError(f"{place}: cells must be rows of 3 whole numbers; give at least one.")
     if not ((cells > -OFFSET) & (cells < OFFSET)).all():
         raise InputError(f"{place}: a cell is {OFFSET:,} or more cells from the origin; move it there.")
+    if dim == 2 and cells[:, 2].any():
+        raise InputError(f"{place}: in 2D the third number of its cells must be 0.")
     cells = cells.astype(np.int32)
     if len(np.unique(cells, axis=0)) < len(cells):
         raise InputError(f"{place}: a cell is listed twice; keep one.")

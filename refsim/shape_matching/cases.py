@@ -102,6 +102,7 @@ VARIATIONS[Matching] = Variation(
     held={"half_width": _TABLES, "precision": _SOLVER, "eps": _ROUNDING},
     other={"twist_floor": lambda floor: 1e4 * floor, "inertia_floor": lambda floor: 1e4 * floor},
 )
+takes("shape_matching.direct_neighbours", "shape_matching.regions", lattice="")
 takes("shape_matching.match", matching="spacing twist_floor")
 takes("shape_matching.pull", matching="spacing stiffness")
 takes("shape_matching.region_motion", matching="inertia_floor")
@@ -201,6 +202,7 @@ def middle_of_27():
     expected = np.ones(28, int)
     expected[[5, 6, 27]] = [2, 0, 0]
     inputs = {"identity": np.arange(28, dtype=np.int32), "direct": direct, "phase": np.zeros(28, np.int32)}
+    inputs["lattice"] = lattice_of([BLOCK])
     return Exact(more, inputs, {"phase": expected})
 
 

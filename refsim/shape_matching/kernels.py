@@ -48,17 +48,17 @@ def direct_neighbours(s, phase, place, lattice, direct):
 
 
 @kernel(ordered=True)
-def classify(i, identity, direct, phase):
+def classify(i, identity, direct, lattice, phase):
     """Phase of particle i, if it is a node: at its body's surface if a direct neighbour is missing; a flag."""
     if identity[i] < direct.shape[0]:
         s = identity[i]
-        kind = INTERIOR
-        if direct[s, 13] == EMPTY:
-            kind = FLUID
-        else:
+        kind = FLUID
+        if direct[s, 13] != EMPTY:
+            beside = 0
             for slot in range(27):
-                if direct[s, slot] == EMPTY:
-                    kind = SURFACE
+                if direct[s, slot] != EMPTY:
+                    beside += 1
+            kind = SURFACE if beside < 3**lattice.dim else INTERIOR
         phase[i] = kind
 
 

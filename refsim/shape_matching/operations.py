@@ -91,12 +91,12 @@ def regions(direct, rebuild, lattice, region, region_count):
 
 
 @operation("M section 2: SBP and IBP", outputs="phase", exact="phase")
-def classify(identity, direct, phase):
+def classify(identity, direct, lattice, phase):
     """Phases of the nodes' particles; others keep theirs (flag)."""
     count = (np.asarray(direct) != EMPTY).sum(1)
     identity, result = np.asarray(identity), np.array(phase)
     node = identity < len(count)
-    result[node] = ref.phase(count[identity[node]])
+    result[node] = ref.phase(count[identity[node]], lattice.dim)
     return {"phase": certain(result)}
 
 

@@ -28,9 +28,9 @@ def one_step_farther(members, direct):
     return members | {int(j) for m in members for j in direct[m] if j != EMPTY}
 
 
-def phase(neighbours):
-    """Section 2: phase = 1 (SBP) with fewer than 27 direct neighbours, itself among them, 2 (IBP) with all; a flag."""
-    return np.where(neighbours == 0, FLUID, np.where(neighbours < 27, SURFACE, INTERIOR))
+def phase(neighbours, dim):
+    """Section 2: phase = 1 (SBP) with fewer than 3^dim direct neighbours, itself included, 2 (IBP) with all; a flag."""
+    return np.where(neighbours == 0, FLUID, np.where(neighbours < 3**dim, SURFACE, INTERIOR))
 
 
 def share(mass, count):

@@ -182,3 +182,27 @@ def test_bodies_leave_the_floor_of_packed_liquid_if_they_are_lighter(low, size, 
     advanced(simulation, 200)
     lowest = simulation.field("position")[: np.prod(size), 2].min() / 0.1 - 0.5
     assert least < lowest < most
+
+
+def test_bodies_in_2d_float_and_rest():
+    """A plate of half the water's density stays half under, one of twice its density flat on the floor."""
+    low, size, densities = [(3, 6), (5, 0)], [(10, 4), (6, 2)], (500.0, 2000.0)
+    scene = at_rest([], (16, 8, 1), "float32")
+    walls, pull = rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(1.6, 1.6, 0.0)), (0.0, -runs.GRAVITY, 0.0)
+    solid = tuple(
+        rs.SolidBox(lower=(0.1 * x, 0.1 * y, 0.0), upper=(0.1 * (x + a), 0.1 * (y + b), 0.0), density=density)
+        for (x, y), (a, b), density in zip(low, size, densities)
+    )
+    effects = (scene.effects[0], rs.Gravity(acceleration=pull), walls, *scene.effects[3:])
+    scene = scene.with_(dim=2, solid=solid, fluid=(rs.Box(cells=(16, 8, 1), outside="bodies"),), effects=effects)
+    simulation = rs.Simulation(scene, "cpu", threads=1)
+    assert np.bincount(simulation.field("phase")).tolist() == [128 - 20 - 12, 24 + 12, 16]
+    force = []
+    while simulation.steps < 300:
+        simulation.step()
+        lift = simulation.field("acceleration")[:, 1] / runs.GRAVITY + 1
+        force.append([0.5 * lift[:40].mean(), 2 * lift[40:52].mean()])
+    floating, resting, _ = np.split(simulation.field("position") / 0.1, [40, 52])
+    assert [floating.mean(0), resting.mean(0)] == pytest.approx(np.array([[8, 8, 0], [8, 1, 0]]), abs=0.15)
+    assert [np.ptp(floating[:, 1]), np.ptp(resting[:, 1])] == pytest.approx([3, 1], abs=0.1)
+    assert np.mean(force[100:], axis=0) == pytest.approx([0.5, 2.0], abs=0.02)

@@ -1,11 +1,9 @@
 """Cells that a body leaves: shares and centres by loops over points, and what fills them in numbers."""
 
-import types
-
 import numpy as np
 import pytest
 
-from refsim.core.effect import Discretisation
+from refsim.core.effect import Discretisation, Lattice, Nodes
 from refsim.scene.shapes import AROUND, COLUMNS, DEEP, CellShares, filled, shares_in, shares_of_block
 
 D = 0.2
@@ -23,8 +21,7 @@ def test_what_fills_a_room_is_as_ever(recorded):
         block = shares_of_block(np.zeros(3), cells, np.full(3, D), dim)
         for shift in (0.0, 0.31, 0.77):
             cell = np.indices((2, 2, 2 if dim == 3 else 1)).reshape(3, -1).T + shift * (np.arange(3) < dim)
-            cell[:, 2] -= 0.5 * (dim == 2)
-            solids = types.SimpleNamespace(lattice=types.SimpleNamespace(cell=cell))
+            solids = Nodes(Lattice(cell, None, None, None, dim), (), D)
             grid = Discretisation(dim, "float64", D, 0.52, 0, 0.0, None, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
             found[f"{dim} {shift}"] = np.sort(filled(block, grid, {}, solids), axis=0)
             inside = shares_in(block, D, ball) if dim == 3 else block

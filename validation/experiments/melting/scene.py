@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 import refsim
 from refsim.backends.arrays import Backend
+from refsim.core.effect import Discretisation
 from refsim.core.writing import write_file
 from refsim.isosurface import extract
 from refsim.scene.solids import body_cells
@@ -107,7 +108,7 @@ def figure_6(size: float = 1.0) -> Setting:
             middle = metres(x[i], y[j], 0.5 * height * length)
             turn = (0.0, 0.0, 180.0 * (i == 0))  # faces the nearer stream
             mesh = refsim.SolidMesh(file=file, center=middle, size=SPACING * length, rotation=turn)
-            return refsim.SolidCells(cells=body_cells(mesh, animal, SPACING))
+            return refsim.SolidCells(cells=body_cells(mesh, animal, Discretisation(3, "float32", SPACING, 0.0, 0)))
 
         bodies = (
             (RED, 9000.0, 50.0, body("rabbit", 0, 0)), (GREEN, 250.0, 70.0, body("rabbit", 1, 1)),
