@@ -1,4 +1,4 @@
-"""Largest numbers and counts over all rows, of bodies that give them for each row (`reduction`), and running sums.
+"""Largest numbers and counts over all rows, of bodies that give them for each row (`reduction`).
 
 On a CPU each chunk of the rows has its own; a GPU reduces in each block of threads, then by one atomic for each block.
 Neither maxima nor counts (up to 2^24 in float32) depend on the order of the blocks, so that results repeat bit for bit.
@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backends.compile import THREADS_PER_BLOCK, Kernel, formula, kernel, marks, overloaded
+from refsim.backends.compile import THREADS_PER_BLOCK, Kernel, formula, marks, overloaded
 
 LEAST = -(2.0**100)  # below all numbers whose maxima may be negative; what is left where there are no rows
 CHUNKS = 64  # in which rows are summed, whatever the threads: a sum does not depend on them
@@ -205,35 +205,3 @@ def filled_in(template: str, lines: Mapping[str, list[str]], **words: str) -> st
         else:
             text.append(line.format(**words))
     return "\n".join(text) + "\n"
-
-
-# Running sums: sums of chunks, sums before each chunk, sums within chunks
-
-
-@kernel(rows_of="totals")
-def sum_chunk(chunk: int, values: Any, totals: Any) -> None:
-    """totals[chunk] = sum of the values of a chunk."""
-    total = 0
-    begin, end = limits(chunk, values.shape[0])
-    for i in range(begin, end):
-        total += int(values[i])
-    totals[chunk] = total
-
-
-@kernel(rows_of="before")
-def write_chunk(chunk: int, values: Any, before: Any, sums: Any) -> None:
-    """sums[i + 1] = values[0] + ... + values[i]; `before` each chunk."""
-    total = before[chunk]
-    begin, end = limits(chunk, values.shape[0])
-    for i in range(begin, end):
-        total += int(values[i])
-        sums[i + 1] = total
-
-
-def running_sum(values: np.ndarray) -> np.ndarray:
-    """(n + 1,) int32: sum of the integers that stand before each place, and of all at the end."""
-    totals, sums = np.empty(CHUNKS, np.int32), np.empty(len(values) + 1, np.int32)
-    sum_chunk(values, totals)
-    write_chunk(values, np.cumsum(totals, dtype=np.int32) - totals, sums)
-    sums[0] = 0
-    return sums

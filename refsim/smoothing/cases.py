@@ -1,12 +1,13 @@
 """Each smoothing kernel at half of its support radius, of which closed forms of pairs are made."""
 
+import functools
 import itertools
 import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
-from refsim.core.cases import CLOSED_FORMS, Case, Exact, across_a_border, at
+from refsim.core.cases import Case, Exact, across_a_border, at, closed_form
 from refsim.smoothing.shapes import Smoothing, smoothing
 
 RADIUS = 2.0  # h [m]; particles stand 1 m apart
@@ -52,11 +53,10 @@ def for_each_kernel(
     def mark(maker: Callable[[AtHalf], Exact], name: str = "") -> Callable[[AtHalf], Exact]:
         name = name or maker.__name__
         for kernel, dim in itertools.product(AT_HALF, dims):
-            made = [_form(name, maker, kernel, dim)]
+            form = functools.partial(_at_half, maker, kernel, dim)
+            closed_form(*operations, **{f"{name}_{kernel}{'_2d' * (dim == 2)}": form})
             if across > 0 and dim == 3:
-                made.append(_form(name, maker, kernel, 3, across))
-            for operation in operations:
-                CLOSED_FORMS.setdefault(operation, []).extend(made)
+                closed_form(*operations, **{f"{name}_{kernel}_across": functools.partial(form, across)})
         return maker
 
     for name, maker in named.items():
@@ -64,16 +64,10 @@ def for_each_kernel(
     return mark
 
 
-def _form(
-    name: str, maker: Callable[[AtHalf], Exact], kernel: str, dim: int, across: float = 0.0
-) -> Callable[[], Exact]:
-    def form() -> Exact:
-        share, slope, *scales = AT_HALF[kernel]
-        value = scales[dim - 2] / RADIUS**dim
-        pair = at(f"pair_{dim}d", PLACES[dim], dim=dim)
-        w = AtHalf(value, share, value * slope / RADIUS, smoothing(kernel, RADIUS, dim), pair)
-        exact = across_a_border(maker(w), across) if across else maker(w)
-        return replace(exact, inputs={"smoothing": w.smoothing, "gradient_smoothing": w.smoothing, **exact.inputs})
-
-    form.__name__ = f"{name}_{kernel}{'_2d' if dim == 2 else ''}{'_across' if across else ''}"
-    return form
+def _at_half(maker: Callable[[AtHalf], Exact], kernel: str, dim: int, across: float = 0.0) -> Exact:
+    share, slope, *scales = AT_HALF[kernel]
+    value = scales[dim - 2] / RADIUS**dim
+    pair = at(f"pair_{dim}d", PLACES[dim], dim=dim)
+    w = AtHalf(value, share, value * slope / RADIUS, smoothing(kernel, RADIUS, dim), pair)
+    exact = across_a_border(maker(w), across) if across else maker(w)
+    return replace(exact, inputs={"smoothing": w.smoothing, "gradient_smoothing": w.smoothing, **exact.inputs})

@@ -8,7 +8,6 @@ import re
 import numpy as np
 import pytest
 
-from refsim.backends.arrays import Backend
 from refsim.backends.fast import private
 from refsim.backends.fast.private import FEATURES
 from refsim.backends.plain import PlainKernel
@@ -189,17 +188,3 @@ def test_loops_are_files_of_the_cache_folder_and_found_again(run):
     stamp = pathlib.Path(place).stat().st_mtime_ns
     _, hits, *_ = again()
     assert (int(hits), pathlib.Path(place).stat().st_mtime_ns) == (1, stamp)
-
-
-@pytest.mark.parametrize("count", [0, 5, 64, 1000])
-def test_running_sums_of_all_threads_are_numpys(count):
-    values = np.random.default_rng(count).integers(0, 5, count).astype(np.uint8)
-    own, other = (Backend(name).running_sum(values) for name in ("cpu", "numpy"))
-    assert own.dtype == other.dtype
-    assert own.tolist() == other.tolist()
-
-
-def test_running_sums_of_bytes_pass_256_where_kernels_are_python():
-    """A sum of NumPy's bytes stays a byte, which Numba's does not."""
-    script = 'import numpy as n;from refsim.backends.reductions import *;print(running_sum(n.full(200,200,"B"))[-1])'
-    assert python("-c", script, NUMBA_DISABLE_JIT="1", PYTHONWARNINGS="error").stdout.strip() == "40000"

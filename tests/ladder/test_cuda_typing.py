@@ -139,7 +139,7 @@ def launches(monkeypatch, program, arguments):
 
 def support_launches(dtype):
     """Launches of the kernels of searches and array moves, with the types that the searches hand them."""
-    from refsim.backends import device, reductions
+    from refsim.backends import device
     from refsim.core.period import period_group
     from refsim.core.walls import planes
     from refsim.mpm import sorting_cuda as mpm_sorting
@@ -182,8 +182,6 @@ def support_launches(dtype):
         (cell_order.count_cells, (keys, *4 * (integers,))), (cell_order.fill_buckets, 6 * (integers,)),
         (cell_order.order_buckets, (*5 * (integers,), keys)), (device.add_up_tiles, (integers, integers)),
         (device.add_up_within, (integers, integers, integers)),
-        (reductions.sum_chunk.on("cuda"), (integers, integers)),
-        (reductions.write_chunk.on("cuda"), (integers, integers, integers)),
         (cell_boxes.near_cells, (keys, integers, None, n, integers)),
         (cell_boxes.near_cells, (keys, integers, keys, n, integers)),
         (cell_boxes.cell_boxes, (vectors, vectors, vectors, scalars, integers, integers, scalars, vectors, vectors)),
