@@ -45,7 +45,7 @@ def _look(state: State) -> None:
         position, velocity = state.fields["position"], state.fields["velocity"]
         neighbours, bounds = state.shared["neighbours"], state.shared.get("bounds")
         shift = state.fields.get(SHIFT.name)
-        search.audit(position, velocity, state.timestep, neighbours, bounds, shift, before_sort=True)
+        search.audit(position, velocity, state.timestep, neighbours, bounds, shift)
     if lists.built:
         lists.choose_skin(state.steps)
     sort(state, search, before_build=True)

@@ -160,21 +160,19 @@ class NeighbourSearch:
         self.programs.look_ahead(particles, wanted and self.period is None)
 
     def audit(
-        self, position: Any, velocity: Any, timestep: Any, neighbours: Any, bounds: Any = None, shift: Any = None,
-        before_sort: bool = False,
+        self, position: Any, velocity: Any, timestep: Any, neighbours: Any, bounds: Any = None, shift: Any = None
     ) -> None:  # fmt: skip
         """Compare sampled rows of the list with all pairs, where it was last used: at position - dt * velocity - shift.
 
         position, shift (n, 3) [m], velocity (n, 3) [m/s], timestep (2,) with dt [s] second; misses stand in the log
-        after the next build. Pairs with a particle that stands on a plane of `bounds` [m], which may just have stopped
-        it, do not count. With `before_sort` a GPU takes it along with the sorting that follows.
+        after the next build; a GPU takes the audit along with the sorting or build that follows. Pairs with a particle
+        that stands on a plane of `bounds` [m], which may just have stopped it, do not count.
         """
         n = position.shape[0]
         rows = AuditedRows(max(n // AUDITED_ROWS, 1), min(AUDITED_ROWS, n))
         self.log.audited_rows += rows.number
         radius = self.radius * (1 - AUDIT_MARGIN)
-        audit = self.programs.audit_before_sort if before_sort and self.looks_ahead else self.programs.audit
-        audit(position, velocity, timestep, neighbours, rows, radius, bounds, shift)
+        self.programs.audit(position, velocity, timestep, neighbours, rows, radius, bounds, shift)
 
     def _checked(self, result: tuple[Any, int]) -> Any:
         neighbours, most = result
@@ -199,9 +197,7 @@ class StaticSet:
 
     def in_first_order(self, values: np.ndarray) -> np.ndarray:
         """A table of these particles in the order in which they were given."""
-        ordered = np.empty_like(values)
-        ordered[self.order] = values
-        return ordered
+        return values[np.argsort(self.order)]
 
 
 def coincident_pairs(position: np.ndarray) -> list[tuple[int, int]]:

@@ -55,7 +55,7 @@ class CellSearch:
         self.sorter = self.boxes = self.auditor = None
         self.together = (), {}  # lists that are built in one graph, and the graph by how far they reach
         self.counted = ()  # whose bytes the log has
-        self.wanted = False  # whether an audit is to be launched with the next sorting
+        self.wanted = False  # whether an audit is to be launched
 
     def order(self, position):
         keys = self.backend.empty(position.shape[0], np.int64)
@@ -87,6 +87,8 @@ class CellSearch:
         return (moved, table), self.backend.host(order), moved
 
     def build(self, position):
+        if audit := self._taken_audit():
+            audit()
         fluid = self._held("own", position, position, None)
         static = self.lists.get("static")
         if static is not None and static.known is fluid.queries:  # built with it: it is wanted next
@@ -139,12 +141,8 @@ class CellSearch:
         device.gather(array, order, moved)
         return moved
 
-    def audit(self, *given):
-        self.audit_before_sort(*given)
-        self._taken_audit()()
-
-    def audit_before_sort(self, position, velocity, timestep, neighbours, audited, radius, bounds=None, shift=None):
-        """As `audit`, launched beside the first part of the sorting that follows."""
+    def audit(self, position, velocity, timestep, neighbours, audited, radius, bounds=None, shift=None):
+        """Launched beside the first part of the sorting that follows, or before a build without one."""
         places = position, velocity, shift, timestep, bounds, self.period, neighbours
         given = *places, tuple(audited), position.dtype.type(radius)
         if self.auditor is None or any(a is not b for a, b in zip(self.auditor[0], places)):
