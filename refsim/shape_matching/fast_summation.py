@@ -161,7 +161,7 @@ def goal_box(s, solid_position, boxes, spacing):
 
 @kernel(rows_of="node", ordered=True)
 def motion_cells(cell, solid_position, solid_velocity, region_share, boxes, node):
-    """m, m x, m v, m x x v, m x x^T (xx, yy, zz, xy, xz, yz) of one cell, and the number of nodes in it."""
+    """m, m x, m v, m x x v, m x x^T (xx, xy, xz, yy, yz, zz) of one cell, and the number of nodes in it."""
     clear(cell, boxes.first, 17)
     s = boxes.node[cell]
     if s != EMPTY and region_share[s] > 0:
@@ -174,7 +174,7 @@ def motion_cells(cell, solid_position, solid_velocity, region_share, boxes, node
 def motion_box(s, solid_position, solid_velocity, region_center, boxes):
     """How many nodes stand in the box around node s, their mass, and sums about its region's center.
 
-    Sums of m v, m r x v, m r r^T (xx, yy, zz, xy, xz, yz), velocities from the node's, in the positions' precision.
+    Sums of m v, m r x v, m r r^T (xx, xy, xz, yy, yz, zz), velocities from the node's, in the positions' precision.
     """
     real, cell, row, u = type(solid_position[s, 0]), boxes.cell[s], boxes.second, away(s, solid_velocity, boxes)
     c = added(away(s, solid_position, boxes), exact(region_center[s]))
@@ -183,9 +183,9 @@ def motion_box(s, solid_position, solid_velocity, region_center, boxes):
     spin = difference(difference(three_at(7, cell, row), cross(c, mv)), cross(mr, u))
     sums = (
         *difference(mv, scaled(u, m)), *spin, row[10, cell] - c[0] * (mx[0] + mr[0]),
-        row[11, cell] - c[1] * (mx[1] + mr[1]), row[12, cell] - c[2] * (mx[2] + mr[2]),
-        row[13, cell] - c[0] * mx[1] - mr[0] * c[1], row[14, cell] - c[0] * mx[2] - mr[0] * c[2],
-        row[15, cell] - c[1] * mx[2] - mr[1] * c[2],
+        row[11, cell] - c[0] * mx[1] - mr[0] * c[1], row[12, cell] - c[0] * mx[2] - mr[0] * c[2],
+        row[13, cell] - c[1] * (mx[1] + mr[1]), row[14, cell] - c[1] * mx[2] - mr[1] * c[2],
+        row[15, cell] - c[2] * (mx[2] + mr[2]),
     )  # fmt: skip
     return row[16, cell], real(m), converted(sums, real)
 
@@ -197,7 +197,7 @@ def too_small(mass, sums, matching):
     Sums of boxes round about eps64 m L^2 away, L the distance from the body's middle; sum m r^2 of a region in its
     shape is d^2 m or more. Members that coincide have none.
     """
-    return not sums[6] + sums[7] + sums[8] >= type(mass)(0.01) * mass * matching.spacing * matching.spacing
+    return not sums[6] + sums[9] + sums[11] >= type(mass)(0.01) * mass * matching.spacing * matching.spacing
 
 
 @kernel(rows_of="node", ordered=True)

@@ -7,7 +7,7 @@ A slot of a node's table stands for the lattice cell at an offset from the node'
 import math
 
 from refsim.backends.compile import formula
-from refsim.backends.tuples import added, difference, dot, outer, over, scaled
+from refsim.backends.tuples import added, cross, difference, dot, outer, over, scaled, symmetric, times
 
 PRECISION = 1e-17  # of the eigensolver of `best_rotation` in float64
 
@@ -22,24 +22,15 @@ def slot_offset(slot, half_width):
 @formula
 def match_term(share, x, g):
     """Terms of a region's sums, m = m_k/cnt_k [kg]: m, m x, m g and m x g^T, x [m] and g [cells] from its node."""
-    mx, my, mz = share * x[0], share * x[1], share * x[2]
-    a, b, e = g
-    return (
-        share, mx, my, mz, share * a, share * b, share * e,
-        mx * a, mx * b, mx * e, my * a, my * b, my * e, mz * a, mz * b, mz * e,
-    )  # fmt: skip
+    moment = scaled(x, share)
+    return share, *moment, *scaled(g, share), *outer(moment, g)
 
 
 @formula
 def motion_term(share, r, u):
-    """Terms of P = sum m v, L = sum m r x v and sum m r r^T (xx, yy, zz, xy, xz, yz), r [m] from the center."""
-    mu, mv, mw = share * u[0], share * u[1], share * u[2]
-    rx, ry, rz = r
-    mx, my, mz = share * rx, share * ry, share * rz
-    return (
-        mu, mv, mw, ry * mw - rz * mv, rz * mu - rx * mw, rx * mv - ry * mu,
-        mx * rx, my * ry, mz * rz, mx * ry, mx * rz, my * rz,
-    )  # fmt: skip
+    """Terms of P = sum m v, L = sum m r x v and sum m r r^T (xx, xy, xz, yy, yz, zz), r [m] from the center."""
+    momentum, (xx, xy, xz, _, yy, yz, _, _, zz) = scaled(u, share), outer(scaled(r, share), r)
+    return *momentum, *cross(r, momentum), xx, xy, xz, yy, yz, zz
 
 
 @formula
@@ -264,36 +255,24 @@ def rigid_motion(mass, sums, floor):
     that the floor holds back nothing that is determined.
     """
     real = type(mass)
-    v = (sums[0] / mass, sums[1] / mass, sums[2] / mass)
+    v, (xx, xy, xz, yy, yz, zz) = over(sums[0:3], mass), sums[6:12]
     spin = (real(0), real(0), real(0))
-    trace = real(2) * (sums[6] + sums[7] + sums[8])
+    trace = real(2) * (xx + yy + zz)
     if trace > real(0):
-        xx, yy, zz = (sums[7] + sums[8]) / trace, (sums[6] + sums[8]) / trace, (sums[6] + sums[7]) / trace
-        inertia = (xx, yy, zz, -sums[9] / trace, -sums[10] / trace, -sums[11] / trace)
-        momentum = (sums[3] / trace, sums[4] / trace, sums[5] / trace)
+        inertia, momentum = over((yy + zz, -xy, -xz, xx + zz, -yz, xx + yy), trace), over(sums[3:6], trace)
         first = solved(inertia, momentum, floor)
-        spin = added(first, solved(inertia, difference(momentum, times(inertia, first)), floor))
+        spin = added(first, solved(inertia, difference(momentum, times(symmetric(inertia), first)), floor))
     return v, spin
 
 
 @formula
-def times(a, x):
-    """a x for the symmetric a = (xx, yy, zz, xy, xz, yz); dimensionless matrix, any unit of x."""
-    return (
-        a[0] * x[0] + a[3] * x[1] + a[4] * x[2],
-        a[3] * x[0] + a[1] * x[1] + a[5] * x[2],
-        a[4] * x[0] + a[5] * x[1] + a[2] * x[2],
-    )
-
-
-@formula
 def solved(a, b, floor):
-    """x of (a + floor 1) x = b by Cholesky's a = G G^T, a = (xx, yy, zz, xy, xz, yz); dimensionless matrix."""
-    xx, yy, zz = a[0] + floor, a[1] + floor, a[2] + floor
+    """x of (a + floor 1) x = b by Cholesky's a = G G^T, a = (xx, xy, xz, yy, yz, zz); dimensionless matrix."""
+    xx, yy, zz = a[0] + floor, a[3] + floor, a[5] + floor
     g11 = math.sqrt(xx)
-    g21, g31 = a[3] / g11, a[4] / g11
+    g21, g31 = a[1] / g11, a[2] / g11
     g22 = math.sqrt(max(yy - g21 * g21, floor))
-    g32 = (a[5] - g21 * g31) / g22
+    g32 = (a[4] - g21 * g31) / g22
     g33 = math.sqrt(max(zz - g31 * g31 - g32 * g32, floor))
     y1 = b[0] / g11
     y2 = (b[1] - g21 * y1) / g22
