@@ -17,7 +17,7 @@ import numpy as np
 from refsim.backends.runtime import simulated as simulated
 from refsim.backends.threads import choose_layer, places, threads_for
 from refsim.core.errors import InputError
-from refsim.core.operation import BACKENDS, Operation
+from refsim.core.operation import BACKENDS
 
 
 class Backend:
@@ -53,10 +53,6 @@ class Backend:
     def invert(self, order: Any, places: Any) -> None:
         """places[order[i]] = i for a permutation `order` (n,) int32."""
         places[order] = np.arange(len(order), dtype=places.dtype)
-
-    def bind(self, operation: Operation, lookup: Callable[[str], Any], algorithm: str = "") -> Callable[[], None]:
-        """The operation, by `algorithm` where the backend has it, on the values that `lookup` gives by name."""
-        return operation.bind(operation.chosen(self.name, algorithm), lookup)
 
     def array_library(self) -> tuple[Any, Callable[[Any], Any], Callable[[Any], Any]]:
         """(NumPy or CuPy, what shows it an array of this backend, what makes one)."""

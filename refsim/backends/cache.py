@@ -7,7 +7,6 @@ import contextlib
 import functools
 import hashlib
 import os
-import pathlib
 import pickle
 import re
 import shutil
@@ -25,13 +24,13 @@ from refsim.core.errors import InputError
 from refsim.core.reading import open_regular
 from refsim.core.writing import in_turn, write_once
 
-_REFSIM = pathlib.Path(__file__).parents[1]
+_REFSIM = Path(__file__).parents[1]
 _CACHES_KEPT = 200
 _CACHE_NAME = re.compile("[0-9a-f]{16}")  # of the folders that `cache_folder` makes: it deletes no other
 _IMPORT = re.compile(r"^(?:from[ \t]+([\w.]+)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*)|import[ \t]+([\w.]+))", re.MULTILINE)
 
 
-def _package_of(path: pathlib.Path) -> pathlib.Path:
+def _package_of(path: Path) -> Path:
     """Top folder of the package that a source belongs to; the source's own folder if that is no package."""
     package = path.parent
     while (package.parent / "__init__.py").exists():
@@ -39,7 +38,7 @@ def _package_of(path: pathlib.Path) -> pathlib.Path:
     return package
 
 
-def sources_behind(path: pathlib.Path) -> list[pathlib.Path]:
+def sources_behind(path: Path) -> list[Path]:
     """The file and every source of its own package and of refsim that it imports, directly or through others."""
     package = _package_of(path)
     tops = {_REFSIM.name: _REFSIM.parent, package.name: package.parent}
@@ -64,7 +63,7 @@ _GROUP = re.compile(r"^class \w+\(NamedTuple\):\n(?:[ \t].*\n|\n)+", re.MULTILIN
 
 
 @functools.cache
-def _groups_of(package: pathlib.Path) -> str:
+def _groups_of(package: Path) -> str:
     """Files and definitions of all parameter groups of a package.
 
     A kernel takes groups that it does not import. Its compiled code names their classes and reads members by number.
@@ -75,7 +74,7 @@ def _groups_of(package: pathlib.Path) -> str:
     )
 
 
-def _place(source: pathlib.Path) -> str:
+def _place(source: Path) -> str:
     """Name of a source for the digest: within refsim, whose copies, in several environments say, share their kernels.
 
     Another package's folder counts, since it stands for what else the package imports.
@@ -84,7 +83,7 @@ def _place(source: pathlib.Path) -> str:
 
 
 @functools.cache
-def source_digest(path: pathlib.Path) -> str:
+def source_digest(path: Path) -> str:
     """Digest of a kernel file, of the sources behind it (names and contents), and of its package's parameter groups."""
     digest = hashlib.sha256(f"{numba.__version__} {sys.version_info[:2]} {_groups_of(_package_of(path))}".encode())
     for source in sources_behind(path):
@@ -93,11 +92,11 @@ def source_digest(path: pathlib.Path) -> str:
     return digest.hexdigest()[:16]
 
 
-def cache_root() -> pathlib.Path:
+def cache_root() -> Path:
     """Folder of all caches: $REFSIM_CACHE_DIR, else the user's cache folder."""
     chosen = os.environ.get("REFSIM_CACHE_DIR")
     if chosen:
-        return pathlib.Path(chosen)
+        return Path(chosen)
     import platformdirs  # where it is needed: it takes 20 ms
 
     return platformdirs.user_cache_path("refsim", appauthor=False)
@@ -111,7 +110,7 @@ def is_writable() -> bool:
 
 
 @functools.cache
-def cache_folder(path: pathlib.Path) -> str:
+def cache_folder(path: Path) -> str:
     """Cache folder for the kernels of a source file; the folders longest unused are cleared away.
 
     Raises InputError if a folder that can be written to belongs to another user or is open to all.
@@ -137,9 +136,9 @@ def cached(dispatcher: Any, function: Callable) -> Any:
     """The dispatcher with refsim's cache."""
     if not hasattr(dispatcher, "enable_caching") or names("cache") is None:  # plain Python, as in the simulator
         return dispatcher
-    path = pathlib.Path(function.__code__.co_filename)
+    path = Path(function.__code__.co_filename)
     wrapper = path.parent.parent == cache_root()
-    folder = path.parent if wrapper else pathlib.Path(cache_folder(path))
+    folder = path.parent if wrapper else Path(cache_folder(path))
     if not os.access(folder, os.W_OK) or not (is_own(folder.parent) and is_own(folder)):
         return dispatcher
     before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(folder)
@@ -154,7 +153,7 @@ def cached(dispatcher: Any, function: Callable) -> Any:
     def compile_or_load(signature: Any) -> Any:
         """Load the code, or compile and store it; of several processes one compiles, and the others load."""
         stored = os.path.exists(files.path(cache._index_key(signature, dispatcher.targetctx.codegen())))
-        with contextlib.nullcontext() if stored else in_turn(pathlib.Path(f"{place}.lock"), stays=True):
+        with contextlib.nullcontext() if stored else in_turn(Path(f"{place}.lock"), stays=True):
             return compile_here(signature)
 
     dispatcher.compile = compile_or_load

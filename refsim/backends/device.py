@@ -1,7 +1,6 @@
 """Copies and permutations of CUDA arrays, the clock of the step, CUDA graphs, and CuPy's stable sort and sums.
 
-Under the CUDA simulator, and only there, NumPy stands in for CuPy; `refsim.backends.runtime.array_library` says which
-one is used.
+Under the CUDA simulator, and only there, NumPy stands in for CuPy.
 """
 
 import math

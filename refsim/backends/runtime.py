@@ -15,11 +15,6 @@ def simulated() -> bool:
     return os.environ.get("NUMBA_ENABLE_CUDASIM", "0") not in ("", "0")
 
 
-def array_library() -> str:
-    """Name of the library that sorts and compacts arrays for the CUDA backend: CuPy, or NumPy in the simulator."""
-    return "NumPy in place of CuPy (CUDA simulator)" if simulated() else "CuPy"
-
-
 @functools.cache
 def cupy_or_numpy() -> Any:
     """CuPy; NumPy in the simulator."""

@@ -70,10 +70,10 @@ def bind_pass(p: Pass, backend: Backend, sources: Sequence[Mapping[str, Any]]) -
     A name "owner.attribute" is read from its owner at every launch. Raises KeyError where no source has a name that the
     program cannot do without.
     """
-    operation = None
+    operation, program = None, ""
     if p.operation not in PROCEDURES:
-        registered = REGISTRY[p.operation]
-        operation = registered.as_computed_by(registered.chosen(backend.name, p.algorithm))
+        program = REGISTRY[p.operation].chosen(backend.name, p.algorithm)
+        operation = REGISTRY[p.operation].as_computed_by(program)
 
     def lookup(argument: str) -> Any:
         name = p.names.get(argument, argument)
@@ -87,7 +87,7 @@ def bind_pass(p: Pass, backend: Backend, sources: Sequence[Mapping[str, Any]]) -
 
     if operation is None:
         return PROCEDURES[p.operation].bind(lookup)
-    return backend.bind(operation, lookup, p.algorithm)
+    return operation.bind(program, lookup)
 
 
 # Passes side by side

@@ -136,7 +136,7 @@ class NarrowBand:
 
 def _compute(backend: Backend, name: str, **given: Any) -> None:
     """Run operation signed_distance.`name` on values by the names of its arguments and outputs."""
-    backend.bind(REGISTRY[f"signed_distance.{name}"], given.__getitem__)()
+    REGISTRY[f"signed_distance.{name}"].bind(backend.name, given.__getitem__)()
 
 
 def triangle_table(mesh: SurfaceMesh, dtype: str) -> Triangles:
