@@ -203,7 +203,12 @@ class _Child:
                 raise _Gone(f"{reason} within {limit:g} s (--time-limit)") from None
         if not isinstance(message, list) or len(message) != 2:
             self.process.join(1)
-            raise _Gone(f"the program ended its process ({_ending(self.process.exitcode)})")
+            code = self.process.exitcode
+            if code is None:
+                ending = "it closed the pipe that leads out of it"
+            else:
+                ending = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+            raise _Gone(f"the program ended its process ({ending})")
         self.heard = time.monotonic()
         kind, value = message
         if kind in ("import", "call"):
@@ -228,12 +233,6 @@ def _read(pipe: Any, messages: queue.SimpleQueue[Any]) -> None:
             messages.put(json.loads(pipe.recv_bytes(MOST_BYTES)))
     except (EOFError, OSError, ValueError):
         messages.put(None)
-
-
-def _ending(code: int | None) -> str:
-    if code is None:
-        return "it closed the pipe that leads out of it"
-    return f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
 
 
 # In the other process

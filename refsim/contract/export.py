@@ -110,7 +110,7 @@ def export(
         chosen = [k for k in range(len(operation.variants)) if not variants or k in variants]
         both = dtypes or ("float32", "float64")
         files = [_written(folder, operation, dtype, variant) for dtype in both for variant in chosen]
-        told = list(_arguments(operation))
+        told = describe.arguments(operation, "numpy")
         outputs, adds, exact = map(list, (operation.outputs, operation.adds, operation.exact))
         exported.append(VectorOperation(name, operation.paper, operation.equation, told, outputs, adds, exact, files))
     vectors = Vectors(FORMAT, VERSION, exported)
@@ -118,14 +118,6 @@ def export(
     write_file(folder / SCHEMA, msgspec.json.format(msgspec.json.encode(msgspec.json.schema(Vectors)), indent=1))
     write_file(folder / READER, resources.files("refsim.contract").joinpath(READER).read_bytes())
     return vectors
-
-
-def _arguments(operation: Operation) -> Iterator[describe.Argument]:
-    """What is written of the operation: arguments, less the lists of neighbours, and outputs."""
-    names = (*arguments_of_others(operation, "numpy"), *operation.outputs)
-    for argument in describe.arguments(operation, "numpy"):
-        if argument.name.partition(".")[0] in names:
-            yield argument
 
 
 def flat(name: str, value: Any) -> dict[str, Any]:

@@ -409,46 +409,36 @@ class Guards:
         written  the argument is an output, which the program may change
         """
         written = written or name in self.work
-        if isinstance(value, np.ndarray) and self.backend.name != "cuda":
-            return self._fenced(name, value, written)
-        if hasattr(value, "copy_to_host"):
-            if not written:
-                self._compared(name, value)
-            return value
         if isinstance(value, tuple) and hasattr(value, "_fields"):
             parts = zip(value._fields, value)
             return type(value)(*(self.hold(f"{name}.{field}", part, written) for field, part in parts))
-        return value
-
-    def faults(self) -> list[str]:
-        """What the program did to arguments since, one clause for each."""
-        return [fault for check in self.checks if (fault := check())]
-
-    def _fenced(self, name: str, values: np.ndarray, written: bool) -> np.ndarray:
-        memory = np.full(values.nbytes + 2 * GUARD_BYTES, PATTERN, np.uint8)
-        array = np.ndarray(values.shape, values.dtype, memory, GUARD_BYTES)
-        array[...] = values
+        fenced = isinstance(value, np.ndarray) and self.backend.name != "cuda"
+        if not fenced and (written or not hasattr(value, "copy_to_host")):
+            return value
+        before, array, memory = value, value, np.zeros(0, np.uint8)
+        if fenced:
+            memory = np.full(value.nbytes + 2 * GUARD_BYTES, PATTERN, np.uint8)
+            array = np.ndarray(value.shape, value.dtype, memory, GUARD_BYTES)
+            array[...] = value
+        else:
+            before = np.array(self.backend.host(value))
 
         def check() -> str:
-            fences = memory[:GUARD_BYTES], memory[GUARD_BYTES + values.nbytes :]
+            fences = memory[:GUARD_BYTES], memory[GUARD_BYTES + before.nbytes :]
             for fence, where in zip(fences, ("before the start", "behind the end")):
                 if (fence != PATTERN).any():
                     return f"it wrote {where} of {name}"
-            return "" if written else _difference(name, values, array)
-
-        self.checks.append(check)
-        return array
-
-    def _compared(self, name: str, array: Any) -> None:
-        before = np.array(self.backend.host(array))
-
-        def check() -> str:
-            fault = _difference(name, before, np.array(self.backend.host(array)))
-            if fault:
+            fault = "" if written else _difference(name, before, np.array(self.backend.host(array)))
+            if fault and not fenced:
                 array.copy_to_device(before)  # lists serve several trials
             return fault
 
         self.checks.append(check)
+        return array
+
+    def faults(self) -> list[str]:
+        """What the program did to arguments since, one clause for each."""
+        return [fault for check in self.checks if (fault := check())]
 
 
 def _difference(name: str, before: np.ndarray, after: np.ndarray) -> str:
