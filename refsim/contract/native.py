@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from refsim.contract.describe import Argument, arguments, function_of
-from refsim.contract.programs import Programs
-from refsim.core.errors import InputError
+from refsim.contract.programs import Programs, check_names
 from refsim.core.operation import REGISTRY, Operation
 
 TYPES = {  # {type of an argument: in C, in Fortran, for ctypes}; REAL and real_kind are of the precision
@@ -120,9 +119,7 @@ def library(file: str, names: Sequence[str], **declared: Any) -> Programs:
 
     declared  as of Programs. Raises InputError for an operation that does not exist.
     """
-    unknown = ", ".join(name for name in names if name not in REGISTRY)
-    if unknown:
-        raise InputError(f"{file}: there is no operation {unknown}; `refsim list` has them all.")
+    check_names(names)
     return Programs({name: _program(file, REGISTRY[name]) for name in names}, **({"name": file} | declared))
 
 

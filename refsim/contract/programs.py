@@ -15,10 +15,11 @@ import itertools
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+import msgspec
 import numpy as np
 
 from refsim.contract.answers import closed_forms, extended, hard_inputs, large_case, on_case, parameters, usual_value
@@ -28,15 +29,15 @@ from refsim.contract.inputs import KERNELS, Inputs, backend_for, groups_of, shap
 from refsim.contract.properties import additivity, bad_input, invariants, repeats, symmetries
 from refsim.contract.target import NotJudged, Outcome, Target, Trial
 from refsim.core import cases
+from refsim.core.checked import Checked, Count
 from refsim.core.errors import InputError
 from refsim.core.operation import BACKENDS, REGISTRY, CaseValue, Operation, backend_of
 from refsim.smoothing import SHAPES
 
 GROUP = "refsim.contract"  # of entry points
 ATTRIBUTE = "PROGRAMS"  # what is taken from a module where nothing else is named
-DTYPES = ("float32", "float64")
+DTYPES: Any = ("float32", "float64")
 ARRAYS = ("cpu", "cuda")
-DIMS = (2, 3)
 
 AS_PRINTED = "a reading as printed"
 
@@ -46,8 +47,7 @@ Numbers = Sequence[int]
 Seed = int | str | None
 
 
-@dataclass(frozen=True)
-class Programs:
+class Programs(Checked, frozen=True, kw_only=False):
     """A backend under test. What it is declared not to support is not judged, and reported as not judged.
 
     programs  {operation's name: function of arguments by name}; None stands for refsim's own
@@ -65,34 +65,26 @@ class Programs:
               the memory, or the functions return their outputs
     """
 
-    programs: Mapping[str, Program] | None = field(default_factory=dict)
-    arrays: str = "cpu"
-    dtypes: tuple[str, ...] = DTYPES
+    programs: Any = msgspec.field(default_factory=dict)
+    arrays: Literal["numpy", "cpu", "cuda"] = "cpu"
+    dtypes: tuple[Literal["float32", "float64"], ...] = DTYPES
     name: str = "the backend"
     kernels: tuple[str, ...] = tuple(SHAPES)
-    dims: tuple[int, ...] = DIMS
+    dims: tuple[Literal[2, 3], ...] = (2, 3)
     walls: bool = True
     without: tuple[str, ...] = ()
     readings: bool = True
     same_bits: bool = True
-    most_particles: int | None = None
-    convert: Callable[[Any], Any] | None = None
+    most_particles: Count | None = None
+    convert: Any = None
 
     def checked(self) -> "Programs":
         """The same; InputError for names that mean nothing."""
-        if self.arrays not in (ARRAYS if self.programs is not None else BACKENDS):
-            raise InputError(f"{self.name}: there are no arrays of {self.arrays!r}; take one of {', '.join(ARRAYS)}.")
+        if self.programs is not None:
+            among((self.arrays,), ARRAYS, f"{self.name}: there are no arrays of")
+        among(self.kernels, tuple(SHAPES), f"{self.name}: there is no smoothing kernel")
         optional = sorted({name for operation in REGISTRY.values() for name in operation.optional})
-        known = {"dtypes": ("dtype", DTYPES), "kernels": ("smoothing kernel", (*SHAPES,)), "dims": ("dimension", DIMS)}
-        for name, (what, choices) in (known | {"without": ("optional argument", optional)}).items():
-            value = getattr(self, name)
-            if isinstance(value, str) or not isinstance(value, Sequence):
-                right = getattr(Programs, name)
-                raise InputError(f"{self.name}: {name} = {value!r} is no sequence; give a tuple like {right}.")
-            among(value, choices, f"{self.name}: there is no {what}")
-        most = self.most_particles
-        if most is not None and (isinstance(most, bool) or not isinstance(most, int) or most < 1):
-            raise InputError(f"{self.name}: most_particles = {most!r} is no number of particles; give one from 1 on.")
+        among(self.without, optional, f"{self.name}: there is no optional argument")
         if self.convert is not None and not callable(self.convert):
             raise InputError(f"{self.name}: convert = {self.convert!r} is no function; give one of an array.")
         for name, program in (self.programs or {}).items():
@@ -172,7 +164,7 @@ class Programs:
         return REGISTRY[name] if self.programs is None else extended(name)
 
 
-def refsim_programs(backend: str) -> Programs:
+def refsim_programs(backend: Any) -> Programs:
     """refsim's own programs on `backend`."""
     return Programs(None, backend, DTYPES, f"refsim on {backend}")
 
@@ -220,7 +212,7 @@ def programs_of(value: Any, source: str, place: str = "", attribute: str = "") -
             raise InputError(f"{place or source} has no {wanted}; write {wanted} = {{'sph.density': function}} in it.")
         value = getattr(value, wanted)
     if isinstance(value, Programs):
-        return replace(value, name=source).checked()
+        return msgspec.structs.replace(value, name=source).checked()
     if isinstance(value, Mapping):
         return Programs(dict(value), name=source).checked()
     raise InputError(f"{source} is {type(value).__name__}; give a mapping from names of operations to functions.")

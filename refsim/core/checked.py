@@ -43,8 +43,10 @@ class _Named(msgspec.StructMeta):
         try:
             return super().__call__(*given, **named)
         except TypeError:
+            signature = inspect.signature(cls)
+            by_name = all(p.kind is p.KEYWORD_ONLY for p in signature.parameters.values())
             words = f" takes no value without a name; its names are {', '.join(cls.__struct_fields__)}."
-            said = words if given else _misfit(inspect.signature(cls), (), named)
+            said = words if given and by_name else _misfit(signature, given, named)
             if not said:
                 raise
         raise InputError(f"{_called(cls)}{said}")

@@ -316,5 +316,5 @@ def test_declarations_of_other_operations_compile(name, tmp_path, compiler):
 
 
 def test_an_operation_that_is_not_there_is_bad_input():
-    with pytest.raises(InputError, match=r"there is no operation sph.densty"):
+    with pytest.raises(InputError, match=r"'sph.densty' is not an operation; did you mean sph.density"):
         native.library("a.so", ["sph.densty"])

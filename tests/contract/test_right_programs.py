@@ -1,8 +1,8 @@
 """Right programs pass that know no private convention: sums compared by distance, heat as the textbooks have it."""
 
-import dataclasses
 import math
 
+import msgspec
 import numpy as np
 
 from refsim import contract
@@ -73,7 +73,7 @@ def reported(outcomes, allowed):
 
 def test_what_takes_too_long_is_said_by_number_and_size():
     """And holds where it is declared out, or allowed."""
-    limited = {most: dataclasses.replace(OWN, dims=(3,), most_particles=most) for most in (None, 3000)}
+    limited = {most: msgspec.structs.replace(OWN, dims=(3,), most_particles=most) for most in (None, 3000)}
     made = {most: list(contract.trials(flat, "sph.density", (), (0,), ("T3",))) for most, flat in limited.items()}
     for most, allowed, holds in ((None, False, False), (None, True, True), (3000, False, True)):
         data, words, tests = reported(made[most], allowed)
@@ -114,7 +114,7 @@ def without_ghosts(position, mass, smoothing, density, owned):
 
 def test_ranks_with_ghosts_give_the_answer_of_one():
     for program, passed in ((of_a_rank, True), (without_ghosts, False)):
-        programs = dataclasses.replace(OWN, programs={"sph.density": program})
+        programs = msgspec.structs.replace(OWN, programs={"sph.density": program})
         outcomes = [o for o in contract.trials(programs, "sph.density", steps=("T5",)) if "ranks" in o.trial]
         assert [o.passed for o in outcomes] == [passed] * 4
         assert all(passed or " ranks with ghosts is not that of one" in o.words for o in outcomes)
