@@ -34,7 +34,6 @@ OWN_WORK = 600.0  # s without a message between two calls: oracles, neighbour li
 PAUSE = 0.05  # s for which one process is waited for, where several judge
 MOST_BYTES = 1 << 20  # of a message
 LEAST_THREADS = 4
-SHARED = ("cpu", "numpy")  # refsim's own programs that processes share, each with a part of the operations
 PROCESSES = min(2, os.cpu_count() or 1)
 MOST_ENDINGS = 5  # of processes for one operation; each new one imports the programs again
 
@@ -74,30 +73,24 @@ def judge(request: Request) -> tuple[LibraryDescription, Iterator[Outcome]]:
     `MOST_ENDINGS` times for one operation. Raises InputError if the library cannot be imported or the request does not
     fit it.
     """
-    count, child = 1 if request.replay else request.processes, None
-    if request.source in SHARED and not request.replay:
-        from refsim.contract.programs import refsim_programs
-
-        about = _described(refsim_programs(request.source), request)
-    else:
-        child = _Child(request, request.operations)
-        try:
-            kind, value = "", dict[str, Any]()
-            while kind != "about":
-                kind, value = child.message(request.seconds)
-                if kind == "refused":
-                    raise InputError(value)
-            about = LibraryDescription(**value)
-        except BaseException as error:
-            child.close()
-            if isinstance(error, _Gone):
-                raise InputError(f"{request.source} cannot be imported: {error}.") from None
-            raise
-        if count > 1 and len(about.names) > 1:
-            child.close()
-            child = None
-    shares = [about.names[k::count] for k in range(count)] if child is None else [about.names]
-    return about, _merged([_outcomes(names, about.arrays, request, child) for names in shares if names])
+    child = _Child(request, request.operations)
+    try:
+        kind, value = "", dict[str, Any]()
+        while kind != "about":
+            kind, value = child.message(request.seconds)
+            if kind == "refused":
+                raise InputError(value)
+        about = LibraryDescription(**value)
+    except BaseException as error:
+        child.close()
+        if isinstance(error, _Gone):
+            raise InputError(f"{request.source} cannot be imported: {error}.") from None
+        raise
+    count = 1 if request.replay else min(request.processes, len(about.names))
+    if count > 1:
+        child.close()
+    first, shares = None if count > 1 else child, [about.names[k::count] for k in range(count)]
+    return about, _merged([_outcomes(names, about.arrays, request, first) for names in shares])
 
 
 def _described(programs: Any, request: Request) -> LibraryDescription:
