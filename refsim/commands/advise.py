@@ -1,6 +1,7 @@
 """`refsim advise`: the cheapest setting for an error of a panel's observable."""
 
 import argparse
+import math
 from pathlib import Path
 
 from refsim.commands import CommandResult, command, table, takes, write_new
@@ -31,7 +32,10 @@ def execute(options: argparse.Namespace) -> CommandResult:
         return CommandResult({"observables": listed}, table(list(listed.items()), ("observable", "")))
     if name not in abouts():
         raise InputError(f"advise: there is no observable {name!r}; {suggestion(name, abouts())}")
-    advice.checked(error, options.seconds)
+    if not 0 < error < 1:
+        raise InputError(f"advise: an error of {error:g} is not possible; give a share between 0 and 1, 0.01 for 1 %.")
+    if options.seconds is not None and not 0 < options.seconds < math.inf:
+        raise InputError(f"advise: {options.seconds:g} seconds are not possible; give a positive number.")
     of = panel(name)
     if options.seconds is None:
         advised = advice.cheapest(of, error, kind)

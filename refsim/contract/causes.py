@@ -14,16 +14,7 @@ from typing import Any
 import numpy as np
 
 from refsim.contract.bounds import errors, oracle, size, takes_neighbours
-from refsim.contract.inputs import (
-    Inputs,
-    kernel_of,
-    period_of,
-    scaled,
-    shape_acts,
-    subset,
-    with_kernel,
-    without_walls,
-)
+from refsim.contract.inputs import Inputs, kernel_of, period_of, scaled, shape_acts, subset, with_kernel, without_walls
 from refsim.contract.target import RACE, REPEATS, Judged, Outcome, Target, named_worst, on_one_core, worst
 from refsim.core.errors import InputError
 from refsim.neighbours.reference import pair_blocks

@@ -50,19 +50,25 @@ def arguments(operation: Operation, arrays: str) -> list[Argument]:
     given = {name: value_of(operation, name, inputs, near, walls, place) for name in names}
     sizes = {case.count: "n", len(given.get("nodes", ())): "nodes"}
     described = []
+
+    def add(name: str, role: str, value: Any, optional: bool, meaning: str) -> None:
+        kind, units = "None" if value is None else type(value).__name__, re.findall(r"\[([^\]]+)\]", meaning)
+        if hasattr(value, "dtype") and np.ndim(value):
+            kind = f"{value.dtype} ({', '.join(sizes.get(size, str(size)) for size in value.shape)})"
+        described.append(Argument(name, role, kind, optional, meaning, units[-1] if units else "-"))
+
     for name, value in given.items():
         role = "add to" if name in operation.adds else "out" if name in operation.outputs else "in"
-        described.append(_argument(name, role, _kind(value, sizes), name in operation.optional, _meaning(name, value)))
+        optional, group, field = name in operation.optional, type(value), fields().get(name)
         if hasattr(value, "_fields"):
-            said = member_meanings(type(value))
+            add(name, role, value, optional, f"{group.__module__}.{group.__name__}")
+            said = member_meanings(group)
             for member, part in zip(value._fields, value):
-                described.append(_argument(f"{name}.{member}", "", _kind(part, sizes), False, said[member]))
+                add(f"{name}.{member}", "", part, False, said[member])
+        else:
+            meaning = f"{field.meaning} [{field.unit}]" if field else _arguments().get(name, "")
+            add(name, role, value, optional, meaning)
     return described
-
-
-def _argument(name: str, role: str, kind: str, optional: bool, meaning: str) -> Argument:
-    units = re.findall(r"\[([^\]]+)\]", meaning)
-    return Argument(name, role, kind, optional, meaning, units[-1] if units else "-")
 
 
 def member_meanings(group: type) -> dict[str, str]:
@@ -107,20 +113,6 @@ def _changed(usual: Inputs, inputs: Inputs, overrides: Mapping[str, Any]) -> Ite
                 codes = {number: word for word, number in cases.CODES.get((type(value), member), {}).items()}
                 word = f" ({codes[int(one)]})" if codes else ""
                 yield f"{name}.{member} = {one:g}{word}"
-
-
-def _kind(value: Any, sizes: Mapping[int, str]) -> str:
-    if not hasattr(value, "_fields") and hasattr(value, "dtype") and np.ndim(value):
-        shape = ", ".join(sizes.get(size, str(size)) for size in value.shape)
-        return f"{value.dtype} ({shape})"
-    return "None" if value is None else type(value).__name__
-
-
-def _meaning(name: str, value: Any) -> str:
-    if hasattr(value, "_fields"):
-        return f"{type(value).__module__}.{type(value).__name__}"
-    field = fields().get(name)
-    return f"{field.meaning} [{field.unit}]" if field else _arguments().get(name, "")
 
 
 @functools.cache

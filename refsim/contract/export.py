@@ -177,20 +177,14 @@ class _Vector:
             *_, largest = bounds.growing(name, answer, scale, bounds.rows_of(name, before[name]))
             bound = np.where(self.free.get(name, False), np.inf, largest.max(tuple(range(1, largest.ndim))))
             if self.rows is not None and self.inputs.per_particle(name):
-                count = self.inputs.case.count
-                answer, bound = _spread(answer, self.rows, count, 0.0), _spread(bound, self.rows, count, np.inf)
+                (some, most), count = (answer, bound), self.inputs.case.count
+                answer, bound = np.zeros((count, *some.shape[1:])), np.full(count, np.inf)
+                answer[self.rows], bound[self.rows] = some, most
             start = before[name].astype(float) if name in operation.adds else 0.0
             values[f"answer/{name}"] = start + answer
             values[f"bound/{name}"] = bound
         prefix = f"{self.name}/" if self.name else ""
         return {f"{prefix}{name}": np.asarray(value, order="C") for name, value in values.items()}
-
-
-def _spread(values: np.ndarray, rows: np.ndarray, count: int, other: float) -> np.ndarray:
-    """Values of some rows among those of all particles."""
-    whole = np.full((count, *values.shape[1:]), other)
-    whole[rows] = values
-    return whole
 
 
 def _vectors(target: Target) -> Iterator[_Vector]:

@@ -19,6 +19,7 @@ TURNS = {
     2: ([[0, -1, 0], [1, 0, 0], [0, 0, 1]], [[0, 1, 0], [1, 0, 0], [0, 0, 1]]),
     3: ([[0, 0, -1], [1, 0, 0], [0, 1, 0]], [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]),
 }
+IN = {2: " in the plane", 3: ""}  # behind a trial's name
 GRID = 2.0**-12  # positions on this grid are shifted without rounding
 RANKS = (2, 4)  # that share the particles of a program that takes ghosts
 
@@ -265,25 +266,21 @@ def _repeated(target: Target, case: str, counts: tuple[int | None, ...]) -> Outc
         with on_threads(threads_of(target.place, threads)), on_core:
             answers.append(target.launch(inputs, neighbours, walls)[1])
     first = answers[0]
-    changed = {n: np.max([size(a[n] - v) for a in answers], 0) for n, v in first.items() if v.dtype.kind == "f"}
     if all(a[n].tobytes() == v.tobytes() for a in answers for n, v in first.items()):
         return target.outcome(0.0)
-    name = max(changed, key=lambda n: float(np.nanmax(changed[n], initial=0.0)), default="")
-    rows = int(np.count_nonzero(changed[name])) if name else 0
-    most = float(np.nanmax(size(first[name]), initial=0.0)) if name else 0.0
-    share = float(np.nanmax(changed[name], initial=0.0)) / most if most > 0 else np.inf
-    rounding = share < 100 * float(np.finfo(target.dtype).eps)
-    if rounding and not target.same_bits:
+    name, rows, share = "", 0, np.inf
+    changed = {n: np.max([size(a[n] - v) for a in answers], 0) for n, v in first.items() if v.dtype.kind == "f"}
+    if changed:
+        name = max(changed, key=lambda n: float(np.nanmax(changed[n], initial=0.0)))
+        rows, most = int(np.count_nonzero(changed[name])), float(np.nanmax(size(first[name]), initial=0.0))
+        share = float(np.nanmax(changed[name], initial=0.0)) / most if most > 0 else np.inf
+    if share >= 100 * float(np.finfo(target.dtype).eps):
+        other = f"values of {name} for the same inputs ({rows} rows, by {share:.2g} of the largest): {RACE}"
+    elif target.same_bits:
+        other = f"bits for the same inputs, within rounding ({rows} rows): a race, or atomic sums"
+    else:
         return target.outcome(0.0)
-    message = (
-        f"your program gives other bits for the same inputs, within rounding ({rows} rows): a race, or atomic sums"
-    )
-    if not rounding:
-        message = (
-            f"your program gives other values of {name} for the same inputs ({rows} rows, by {share:.2g} of the"
-            f" largest): {RACE}"
-        )
-    return target.outcome(np.inf, message)
+    return target.outcome(np.inf, f"your program gives other {other}")
 
 
 def additivity(target: Target) -> Iterator[Trial]:
@@ -293,11 +290,7 @@ def additivity(target: Target) -> Iterator[Trial]:
     free = [n for n in operation.outputs if n not in left_out and n not in operation.arguments("numpy")]
     for dim in target.dims if free else ():
         run = functools.partial(_from_another_start, target, CLOUDS[dim], free)
-        yield Trial(f"from another start{_in(dim)}", run)
-
-
-def _in(dim: int) -> str:
-    return " in the plane" if dim == 2 else ""
+        yield Trial(f"from another start{IN[dim]}", run)
 
 
 def _from_another_start(target: Target, case: str, free: list[str]) -> Outcome:
@@ -338,7 +331,7 @@ def bad_input(target: Target) -> Iterator[Trial]:
     for dim in target.dims:
         usual = Usual(target, CLOUDS[dim])
         for name in spoilable(target.operation, usual.inputs):
-            yield Trial(f"NaN in {name}{_in(dim)}", functools.partial(_spoiled, usual, name))
+            yield Trial(f"NaN in {name}{IN[dim]}", functools.partial(_spoiled, usual, name))
 
 
 def spoilable(operation: Operation, inputs: Inputs) -> Iterator[str]:

@@ -42,16 +42,16 @@ def trajectory(folder: Path) -> list[Snapshot]:
     """
     if not folder.is_dir():
         raise InputError(f"there is no folder {folder}; give the folder of the trajectory.")
-    snapshots: list[Snapshot] = []
     if (folder / PARTICLES).exists():
-        for frame in open_run(folder):
-            given = {name: frame[name] for name in ARRAYS if name in frame.fields}
-            snapshots.append(replace(_checked(folder / PARTICLES, frame.time, given), behind=True))
-        return snapshots
+        return [
+            replace(
+                _checked(folder / PARTICLES, frame.time, {n: frame[n] for n in ARRAYS if n in frame.fields}),
+                behind=True,
+            )
+            for frame in open_run(folder)
+        ]
     times = _times(folder)
-    for path in sorted(folder.iterdir()):
-        if path.suffix in READERS:
-            snapshots.append(_frame(path, times.get(path.name)))
+    snapshots = [_frame(path, times.get(path.name)) for path in sorted(folder.iterdir()) if path.suffix in READERS]
     if not snapshots:
         raise InputError(
             f"{folder} has no frames; give npz, bgeo, vtp, vtu or vtk files, or the folder of a run of refsim."
@@ -73,7 +73,7 @@ def _frame(path: Path, listed: float | None) -> Snapshot:
     if time is None:
         lines = "a line 'FILE SECONDS' for each frame (VTK: or the field data TimeValue [s], or a .pvd file)"
         raise InputError(f"{path} has no time; write times.txt beside it, {lines}.")
-    return _checked(path, time, {name: given[name] for name in ARRAYS if name in given})
+    return _checked(path, time, given)
 
 
 def _times(folder: Path) -> dict[str, float]:
@@ -173,14 +173,15 @@ READERS |= dict.fromkeys((".vtp", ".vtu", ".vtk"), _vtk)
 
 
 def _checked(path: Path, time: float, given: Mapping[str, np.ndarray]) -> Snapshot:
-    count = len(given["position"])
-    shapes = {"position": (count, 3), "velocity": (count, 3), "mass": (count,)}
-    for name, values in given.items():
-        if values.shape != shapes[name]:
-            raise InputError(f"{path}: {name} has shape {values.shape}; it needs {shapes[name]}.")
+    count, arrays = len(given["position"]), dict[str, Any]()
+    for name, shape in {"position": (count, 3), "velocity": (count, 3), "mass": (count,)}.items():
+        if name not in given:
+            continue
+        arrays[name] = values = np.asarray(given[name], dtype=float)
+        if values.shape != shape:
+            raise InputError(f"{path}: {name} has shape {values.shape}; it needs {shape}.")
         if not np.isfinite(values).all():
             raise InputError(f"{path}: {name} has values that are not finite.")
     if not count or not math.isfinite(time):
         raise InputError(f"{path}: {count} particles at {time:g} s; a frame needs particles and a time.")
-    arrays: dict[str, Any] = {name: np.asarray(values, dtype=float) for name, values in given.items()}
     return Snapshot(time, **arrays)

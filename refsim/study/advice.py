@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from refsim.core.errors import InputError
 from refsim.core.tables import in_bytes
 from refsim.study.panels import OWN, Panel, Point
 from refsim.study.result import percent
@@ -91,14 +90,6 @@ def in_words(of: Panel, error: float) -> str:
     about, scale = of.about, of.reference().scale
     shown = about.unit and about.unit != "%" and (about.limit_of or scale > 1)
     return percent(error) + (f" ({error * scale:.2g} {about.unit})" if shown else "")
-
-
-def checked(error: float | None, seconds: float | None) -> None:
-    """Raises InputError for an error or seconds that are not possible."""
-    if error is not None and not 0 < error < 1:
-        raise InputError(f"advise: an error of {error:g} is not possible; give a share between 0 and 1, 0.01 for 1 %.")
-    if seconds is not None and not 0 < seconds < np.inf:
-        raise InputError(f"advise: {seconds:g} seconds are not possible; give a positive number.")
 
 
 def text_of(of: Panel, error: float, kind: str, sufficient: tuple[float, Point] | None) -> str:

@@ -171,23 +171,17 @@ def points_of(given: Sweep, folder: Path, source: str) -> list[Point]:
     for listed, values in itertools.product(given.points or [{}], itertools.product(*axes.values())):
         chosen = listed | dict(zip(axes, values))
         tables = copy.deepcopy(base)
+        seeded = [effect for effect in tables["effects"].values() if SEED in effect]
+        if SEED in chosen and not seeded:
+            raise InputError(f"{source}: no effect of the scene has a {SEED!r}: seeds change nothing; leave them out.")
         for name, value in chosen.items():
-            if name == SEED:
-                _seed(tables, value, source)
-            else:
+            for effect in seeded if name == SEED else ():
+                effect[SEED] = value
+            if name != SEED:
                 set_parameter(tables, name, value, source)
         chosen_values = ", ".join(f"{name} = {value}" for name, value in chosen.items())
         points.append(Point(chosen, scene_from_dict(tables, f"{source}: {given.scene} with {chosen_values}")))
     return points
-
-
-def _seed(tables: Any, seed: int, source: str) -> None:
-    """Set every `seed` of a scene."""
-    seeded = [effect for effect in tables["effects"].values() if SEED in effect]
-    if not seeded:
-        raise InputError(f"{source}: no effect of the scene has a {SEED!r}, so seeds change nothing; leave them out.")
-    for effect in seeded:
-        effect[SEED] = seed
 
 
 def sweep(

@@ -16,8 +16,9 @@ from refsim.smoothing.shapes import WENDLAND_C2
 
 def test_what_a_program_left_is_known_and_the_default_kernel_is_that_of_runs():
     for dtype in ("float32", "int32", "uint32"):
-        values = np.array([inputs.unset(np.dtype(dtype)), 3], dtype)
-        assert inputs._unset(values).tolist() == [True, False]
+        whole = {"a": np.full(2, inputs.unset(np.dtype(dtype)), dtype)}
+        given = whole, {"a": np.append(whole["a"][1:], np.array([3], dtype))}
+        assert [list(inputs.unwritten(x, y)) for x in given for y in given] == [["a"], [], [], []]
     for shape in range(1, 5):
         kernel = Smoothing(*[1.0] * 5, np.int32(shape), 2)
         assert isinstance(inputs.as_in_runs(kernel).shape, tuple) == (shape == WENDLAND_C2)
