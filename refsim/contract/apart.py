@@ -204,10 +204,7 @@ class _Child:
             raise _Gone(f"the program ended its process ({ending})")
         self.heard = time.monotonic()
         kind, value = message
-        if kind in ("import", "call"):
-            self.called = kind
-        elif kind in ("returned", "about", "refused", "fault"):
-            self.called = ""
+        self.called = kind if kind in ("import", "call") else ""
         return kind, value
 
     def close(self) -> None:
@@ -256,28 +253,19 @@ def _work(pipe: Any, request: Request, path: list[str]) -> None:
         else:
             faulthandler.cancel_dump_traceback_later()
 
-    code = 1
+    code, refusal = 1, "refused"
     try:
-        try:
-            tell("import")
-            with np.errstate(), warnings.catch_warnings():  # a library may change both for the whole process
-                programs = library.load(request.source)
-                about = _described(programs, request)
-        except BaseException as error:
-            known = isinstance(error, InputError)
-            tell("refused", str(error) if known else f"{request.source} cannot be imported: {error_line(error)}.")
-            return
+        tell("import")
+        with np.errstate(), warnings.catch_warnings():  # a library may change both for the whole process
+            programs = library.load(request.source)
+            about = _described(programs, request)
+        refusal = "fault"
         tell("about", dataclasses.asdict(about))
+        calling = lambda case: tell("returned" if case is None else "call", case)  # noqa: E731
+        chosen = request.dtypes, request.variants, request.steps, calling, request.seed
         for operation in about.names:
             tell("begin", [operation, "", 0, "-", "the start", 0])
-
-            def calling(case: str | None) -> None:
-                tell("returned" if case is None else "call", case)
-
-            steps = library.ladder(
-                programs, operation, request.dtypes, request.variants, request.steps, calling, request.seed
-            )
-            for step in steps:
+            for step in library.ladder(programs, operation, *chosen):
                 if operation == about.names[0] and step.number < request.first:
                     continue
                 trial, target = step.outcome(), step.target
@@ -294,8 +282,10 @@ def _work(pipe: Any, request: Request, path: list[str]) -> None:
             tell("done", operation)
         code = 0
     except BaseException as error:
+        how = "it ended its step by" if refusal == "fault" else f"{request.source} cannot be imported:"
+        said = str(error) if isinstance(error, InputError) else error_line(error, how) + "." * (refusal == "refused")
         with contextlib.suppress(BaseException):
-            tell("fault", str(error) if isinstance(error, InputError) else error_line(error, "it ended its step by"))
+            tell(refusal, said)
     finally:
         for stream in (sys.stdout, sys.stderr):
             with contextlib.suppress(BaseException):
