@@ -43,21 +43,17 @@ def by_name(
     ordered, named = _parameters(program, names, label)
 
     def call(*values: Any, owned: int | None = None) -> None:
-        given = dict(zip(names, (*values, owned)))
+        given, how = dict(zip(names, (*values, owned))), "it raised"
         try:
             taken = given if convert is None else {n: converted(given[n], convert) for n in (*ordered, *named)}
             returned = program(*[taken[n] for n in ordered], **{n: taken[n] for n in named})
-        except KeyboardInterrupt:
-            raise
-        except BaseException as error:  # SystemExit is a failure of the program, and no end of the ladder
-            raise ProgramFailed(error_line(error, "it raised")) from error
-        try:
+            how = "its answer raised"  # an object of its own kind
             if returned is not None:
                 _hand_over(returned, operation, given, arrays)
-        except ProgramFailed:
+        except (KeyboardInterrupt, ProgramFailed):
             raise
-        except Exception as error:  # an object of its own kind
-            raise ProgramFailed(error_line(error, "its answer raised")) from error
+        except BaseException as error:  # SystemExit is a failure of the program, and no end of the ladder
+            raise ProgramFailed(error_line(error, how)) from error
 
     call.arguments = names[:-1]  # type: ignore[attr-defined]
     call.takes = frozenset({*ordered, *named})  # type: ignore[attr-defined]

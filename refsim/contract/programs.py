@@ -180,7 +180,7 @@ def load(source: str) -> Programs:
     if source in BACKENDS:
         return refsim_programs(source)
     place, _, attribute = source.rpartition(":") if ":" in source else (source, "", "")
-    file = place.endswith(".py")
+    file, how = place.endswith(".py"), "cannot be imported"
     entries = () if file else importlib.metadata.entry_points(group=GROUP, name=source)
     try:
         if file:
@@ -189,19 +189,15 @@ def load(source: str) -> Programs:
             module = next(iter(entries)).load()
         else:
             module = importlib.import_module(place)
+        how = "offers no usable programs"  # as a mapping of its own kind may
+        return programs_of(module, source, place, attribute)
     except (InputError, KeyboardInterrupt):
         raise
     except BaseException as error:  # a module may raise whatever it likes, SystemExit too
         if isinstance(error, ModuleNotFoundError) and not entries and f"{place}.".startswith(f"{error.name}."):
             hint = "give a file (folder/file.py), a module that Python can import, or an entry point's name"
             raise InputError(f"There is no module {place!r} and no such entry point of {GROUP}; {hint}.") from None
-        raise InputError(f"{source} cannot be imported: {error_line(error)}.") from None
-    try:
-        return programs_of(module, source, place, attribute)
-    except InputError:
-        raise
-    except Exception as error:  # so may a mapping of its own kind
-        raise InputError(f"{source} offers no usable programs: {error_line(error)}.") from None
+        raise InputError(f"{source} {how}: {error_line(error)}.") from None
 
 
 def programs_of(value: Any, source: str, place: str = "", attribute: str = "") -> Programs:
