@@ -6,6 +6,7 @@ import numpy as np
 
 from refsim.core import cases
 from refsim.core.cases import VARIATIONS, Case, Exact, Variation, at, closed_form, groups, hard_input, particles, takes
+from refsim.core.effect import Lattice
 from refsim.scene.solids import lattice_of
 from refsim.shape_matching import Matching, ShapeMatching, operations
 from refsim.shape_matching.boxes import boxes_of
@@ -102,6 +103,7 @@ VARIATIONS[Matching] = Variation(
     held={"half_width": _TABLES, "precision": _SOLVER, "eps": _ROUNDING},
     other={"twist_floor": lambda floor: 1e4 * floor, "inertia_floor": lambda floor: 1e4 * floor},
 )
+VARIATIONS[Lattice] = Variation(other={"dim": lambda dim: 5 - dim})
 takes("shape_matching.direct_neighbours", "shape_matching.regions", lattice="")
 takes("shape_matching.match", matching="spacing twist_floor")
 takes("shape_matching.pull", matching="spacing stiffness")
