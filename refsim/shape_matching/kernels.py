@@ -58,7 +58,7 @@ def classify(i, identity, direct, lattice, phase):
             for slot in range(27):
                 if direct[s, slot] != EMPTY:
                     beside += 1
-            kind = INTERIOR if beside == (27 if lattice.dim == 3 else 9) else SURFACE
+            kind = SURFACE if beside < (27 if lattice.dim == 3 else 9) else INTERIOR
         phase[i] = kind
 
 
