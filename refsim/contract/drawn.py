@@ -55,7 +55,8 @@ def drawn_inputs(target: Target) -> Iterator[Trial]:
             yield Trial(f"drawn {target.seed}.many", functools.partial(_many, target))
         if target.by_ranks and target.operation.halo_depth == 1:
             name = f"drawn {target.seed}.ranks"
-            yield Trial(name, functools.partial(_by_ranks, target, name))
+            usual = Usual(target, _inputs(target, draw(target, name)))
+            yield Trial(name, functools.partial(by_ranks, usual, RANKS[target.seed % len(RANKS)]))
 
 
 def draw(target: Target, name: str) -> Drawn:
@@ -160,14 +161,6 @@ def _many(target: Target) -> Outcome | None:
         return many(target, name)
     except NotJudged:
         return None
-
-
-def _by_ranks(target: Target, name: str) -> Outcome:
-    """A drawn input that some ranks share."""
-    drawn = draw(target, name)
-    usual = Usual(target, name)
-    usual.__dict__["inputs"] = _inputs(target, drawn)
-    return by_ranks(usual, RANKS[int(target.seed or 0) % len(RANKS)])
 
 
 # The smallest failing input

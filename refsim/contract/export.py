@@ -205,7 +205,7 @@ def _vectors(target: Target) -> Iterator[_Vector]:
     for case in CLOUDS.values():
         yield from _conserved(target, case)
     for case in CLOUDS.values():
-        usual, like = properties.Usual(target, case), f"{case}_on_a_grid"
+        usual, like = properties.Usual(target, properties.on_grid(target, case)), f"{case}_on_a_grid"
         others = properties.descriptions(usual)
         if others:
             yield _Vector(like, "T5", usual.inputs, usual.expected)
@@ -213,7 +213,7 @@ def _vectors(target: Target) -> Iterator[_Vector]:
             inputs = described()[0]
             yield _Vector(f"{like}_{name.replace(' ', '_')}", "T5", inputs, oracle(operation, inputs), like)
     for case in CLOUDS.values():
-        usual = properties.Usual(target, case)
+        usual = properties.Usual(target, properties.on_grid(target, case))
         for name in properties.spoilable(operation, usual.inputs):
             given, right = properties.Spoiled(usual, name), usual.inputs
             at = f"{case}_nan_in_{name}"

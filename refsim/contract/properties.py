@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -124,7 +125,7 @@ def symmetries(target: Target) -> Iterator[Trial]:
     In a periodic box also other images of some particles; of a program that takes ghosts also several ranks.
     """
     for case in CLOUDS.values():
-        usual = Usual(target, case)
+        usual = Usual(target, on_grid(target, case))
         for name, other in descriptions(usual).items():
             yield Trial(f"{name} of {case}", functools.partial(_compared, usual, name, other))
         for ranks in RANKS if target.by_ranks and target.operation.halo_depth == 1 else ():
@@ -150,15 +151,12 @@ def descriptions(usual: "Usual") -> dict[str, Callable[[], Description]]:
     return described
 
 
+@dataclass(frozen=True, eq=False)
 class Usual:
-    """A case as it stands, and the answer to it, computed when the first trial needs it."""
+    """Inputs as they stand, and the answer to them, computed when the first trial needs it."""
 
-    def __init__(self, target: Target, case: str) -> None:
-        self.target, self.case = target, case
-
-    @functools.cached_property
-    def inputs(self) -> Inputs:
-        return on_grid(self.target, self.case)
+    target: Target
+    inputs: Inputs
 
     @functools.cached_property
     def expected(self) -> dict[str, tuple[Any, Any]]:
@@ -166,9 +164,9 @@ class Usual:
         return oracle(self.target.operation, self.inputs)
 
     @functools.cached_property
-    def answer(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], dict[str, tuple[Any, Any]]]:
-        """(outputs before, outputs after, the oracle's answer)."""
-        return *self.target.launch(self.inputs), self.expected
+    def launched(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """(outputs before, outputs after) a call."""
+        return self.target.launch(self.inputs)
 
     @functools.cached_property
     def names(self) -> list[str]:
@@ -180,8 +178,8 @@ class Usual:
 
 def _compared(usual: Usual, name: str, other: Callable[[], Description]) -> Outcome:
     """The other description's answer, brought back, against this one's; twice the bound, once for each."""
-    target, inputs = usual.target, usual.inputs
-    before, after, answer = usual.answer
+    target, inputs, answer = usual.target, usual.inputs, usual.expected
+    before, after = usual.launched
     described, back = other()
     _, moved = target.launch(described)
     scales = {n: (after[n] - (before[n] if n in target.operation.adds else 0), answer[n][1]) for n in after}
@@ -329,7 +327,7 @@ def bad_input(target: Target) -> Iterator[Trial]:
     not finite, or has such a residual or shift, is the search's to report.
     """
     for dim in target.dims:
-        usual = Usual(target, CLOUDS[dim])
+        usual = Usual(target, on_grid(target, CLOUDS[dim]))
         for name in spoilable(target.operation, usual.inputs):
             yield Trial(f"NaN in {name}{IN[dim]}", functools.partial(_spoiled, usual, name))
 

@@ -32,7 +32,7 @@ def told(inputs):
 @pytest.mark.parametrize("variant", [0, 2])
 def test_other_descriptions_of_a_cloud_are_as_ever(dim, variant, recorded):
     """Moved, turned, reordered; each brings an answer back to the first rows and axes."""
-    usual = Usual(target_of("sph.momentum", variant), CLOUDS[dim])
+    usual = Usual(target := target_of("sph.momentum", variant), on_grid(target, CLOUDS[dim]))
     found = {"itself": told(usual.inputs)}
     for name, other in descriptions(usual).items():
         inputs, back = other()
