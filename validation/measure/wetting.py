@@ -37,6 +37,7 @@ DETACHED, FILM = 170.0, 15.0  # degrees beyond which there is no cap to speak of
 SHAPELESS = 15.0  # degrees by which the two angles of a cap differ at most
 SHARES = {2: (2.0, 5.0, 8.0, 12.0, 16.0, 20.0, 25.0), 3: (3.0, 4.0, 5.0, 7.0, 10.0, 13.0, 16.0, 20.0, 24.0)}
 BEYOND = (0.0, 50.0)  # where no cap is expected
+ADVANCED = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0)  # of an advanced density, which its walls pull themselves
 MODELS = ("akinci",)
 AXES = ("dim", "support", "stiffness", "kernels", "liquid")
 
@@ -80,7 +81,7 @@ LARGER = {2: 24.0, 3: 11.0}
 def points(models: tuple[str, ...] = MODELS, dims: tuple[int, ...] = (2, 3)) -> Iterator[Point]:
     """The map at its base with three seeds, a larger size and two other starts; along h/d and S with one."""
     for dim in dims if "akinci" in models else ():
-        for share in SHARES[dim] if dim == 3 else ():
+        for share in ADVANCED if dim == 3 else ():
             for seed in (1, 2, 3):
                 yield Point(share, dim, radius=SIZE[dim], seed=seed, kernels="wendland", liquid="continuity")
         for share in (*SHARES[dim], *BEYOND):

@@ -106,7 +106,7 @@ def wetting_checks(results: Results, check: Checks) -> None:
             continue
         name, label = setting_name(entry), setting_words(entry)
         angles = np.array([drop["angle"] for drop in caps])
-        check("span", float(np.ptp(angles)), name, label)
+        check("span" if summed(entry) else "span_advanced", float(np.ptp(angles)), name, label)
         share, cosine = np.array([drop["share"] for drop in caps]), np.cos(np.radians(angles))
         rest = cosine - np.polyval(np.polyfit(share, cosine, 1), share)
         line = "line" if entry["dim"] == 3 else "line_2d"  # in 2D drops stand in rows
