@@ -60,7 +60,6 @@ class Checked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     Raises InputError, which names effect or class, field and value.
     """
 
-    says_why: ClassVar[tuple[str, ...]] = ()  # fields whose impossible choices the class explains in a check of its own
     removed: ClassVar[Mapping[str, str]] = {}  # former choices, and what to give in their place
 
     def __post_init__(self) -> None:
@@ -71,8 +70,6 @@ class Checked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
                 msgspec.structs.force_setattr(self, name, kept)
         for name, kind in _kinds(type(self)):
             value = getattr(self, name)
-            if name in self.says_why and isinstance(value, str):
-                continue
             try:
                 msgspec.convert(as_plain(value), kind)
             except (msgspec.ValidationError, OverflowError) as error:

@@ -11,6 +11,7 @@ import numpy as np
 from refsim.backends.compile import formula, kernel
 from refsim.backends.tuples import difference, put, scaled, three
 from refsim.heat import formulas
+from refsim.heat.operations import Body
 from refsim.heat.stages import chebyshev_omega, chebyshev_passes
 from refsim.neighbours.formulas import to_nearest_image
 from refsim.neighbours.pairs import neighbour_sum, pair
@@ -34,20 +35,14 @@ def held(i, reservoir):
 
 
 @formula
-def inverse_capacity(i, mass, volume, heat_capacity, reservoir, conduction):
+def inverse_capacity(i, body, conduction):
     """1/C_i [K/J], C_i = m_i c_i, or V_i (Shao & Song M11); 0 for a reservoir, whose temperature is held."""
     real = type(conduction.support_radius)
-    if held(i, reservoir):
+    if held(i, body.reservoir):
         return real(0)
     if conduction.unit_capacity:
-        return real(1) / volume[i]
-    return real(1) / (mass[i] * heat_capacity[i])
-
-
-@formula
-def capacity_of(i, body, conduction):
-    """`inverse_capacity` of particle i of a body [K/J]."""
-    return inverse_capacity(i, body.mass, body.volume, body.heat_capacity, body.reservoir, conduction)
+        return real(1) / body.volume[i]
+    return real(1) / (body.mass[i] * body.heat_capacity[i])
 
 
 @formula
@@ -93,12 +88,13 @@ def exchange_rate(
     neighbours, conduction, period, exchange_rate,
 ):  # fmt: skip
     """s_i/dt = sum_j |G_ij|/C_i [1/s]."""
+    body = Body(position, mass, volume, heat_capacity, conductivity, reservoir, compensation_x, compensation_rest)
     total = neighbour_sum(
         rate_pair, i, lane, neighbours, position, period, volume, conductivity, compensation_x, compensation_rest,
         conduction,
     )  # fmt: skip
     if first_lane(lane):
-        exchange_rate[i] = total * inverse_capacity(i, mass, volume, heat_capacity, reservoir, conduction)
+        exchange_rate[i] = total * inverse_capacity(i, body, conduction)
 
 
 @pair

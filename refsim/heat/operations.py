@@ -172,12 +172,8 @@ def compensation(position, velocity, volume, reservoir, conduction, period, comp
     "s_i/dt = sum_j |G_ij|/C_i of (4)", outputs="exchange_rate", tolerance=8.0,
     reason="a few roundings in each of distance, shape, mean conductivity, products and sum",
 )  # fmt: skip
-def exchange_rate(
-    position, mass, volume, heat_capacity, conductivity, reservoir, compensation_x, compensation_rest, conduction,
-    period,
-):  # fmt: skip
+def exchange_rate(body: Body, conduction, period):
     """s_i/dt [1/s], 0 for reservoirs: explicit steps keep the range up to dt = 1/(the largest)."""
-    body = Body(position, mass, volume, heat_capacity, conductivity, reservoir, compensation_x, compensation_rest)
     pairs = Exchanges(body, Step((0.0, 1.0), conduction, period))
     rate = pairs.inverse * pairs.sum(np.abs(pairs.weight))
     return {"exchange_rate": (rate, rate)}

@@ -10,7 +10,7 @@ from refsim.backends.fast.staging import AT_A_TIME, buffer, gathered
 from refsim.backends.reductions import CHUNKS, limits
 from refsim.backends.tuples import three
 from refsim.heat.formulas import missing_factor
-from refsim.heat.kernels import capacity_of, flow_to, scaled_distance, weight_at
+from refsim.heat.kernels import flow_to, inverse_capacity, scaled_distance, weight_at
 from refsim.heat.shapes import ExchangeRows
 from refsim.neighbours.formulas import to_nearest_image
 from refsim.neighbours.pairs import neighbour_sum, pair
@@ -96,7 +96,7 @@ def exchange_weights(chunk, conductor, neighbours, step, exchanges, inverse, par
     most = real(0)
     for i in range(begin, end):
         total = weigh_and_pack(i, conductor, neighbours, step.timestep[1], step.conduction, step.period, exchanges)
-        inverse[i] = capacity_of(i, conductor, step.conduction)
+        inverse[i] = inverse_capacity(i, conductor, step.conduction)
         diagonal = inverse[i] * total
         if not diagonal < real(np.inf):
             diagonal = real(np.inf)

@@ -10,7 +10,7 @@ import numpy as np
 from refsim.backends import device
 from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel, formula
 from refsim.backends.primitives import four_of, largest_of_block, sum_of_block, wait_for_all
-from refsim.heat.kernels import capacity_of, compensate_one, factor_in, weight_at
+from refsim.heat.kernels import compensate_one, factor_in, inverse_capacity, weight_at
 from refsim.heat.reductions import flow_along, new_direction, new_solution, step_ratio
 from refsim.heat.shapes import ExchangeColumns
 from refsim.neighbours.formulas import to_nearest_image
@@ -84,7 +84,7 @@ def exchange_weights(placed, conductor, step, temperature, exchanges, inverse, l
         total, given = over_lanes(total, (lane, lanes)), over_lanes(given, (lane, lanes))
         if lane == 0:
             flow[i] = given
-            inverse[i] = capacity_of(i, conductor, conduction)
+            inverse[i] = inverse_capacity(i, conductor, conduction)
             diagonal = inverse[i] * total
             if not diagonal < real(np.inf):
                 diagonal = real(np.inf)

@@ -39,7 +39,6 @@ class Melting(Effect, KeepsLedger, SumsDensity, FollowsScene, frozen=True, kw_on
     """
 
     name: ClassVar[str] = "melting"
-    says_why: ClassVar[tuple[str, ...]] = ("bookkeeping",)
     ledger_units: ClassVar[Mapping[str, str]] = {"solid_particles": "-", "solid_mass": "kg", "rest_volume": "m^3"}
     ledger_expected: ClassVar[Mapping[str, str]] = {
         "solid_particles": "falls as solids melt", "solid_mass": "falls as solids melt", "rest_volume": "stays",
@@ -57,12 +56,6 @@ class Melting(Effect, KeepsLedger, SumsDensity, FollowsScene, frozen=True, kw_on
         return self.bookkeeping == "immiscible"  # a melt that keeps its rest density makes two liquids
 
     def check(self, grid: Discretisation, others: Others) -> None:
-        if self.bookkeeping not in (None, "immiscible", "water"):
-            raise InputError(
-                f"{self.name}: bookkeeping = {self.bookkeeping!r} is not possible; give 'immiscible' or 'water' (the"
-                " rest density cannot change at constant mass: a density ratio of 10 multiplies Tait's pressure by"
-                " 10^7)."
-            )
         if others["heat_conduction"].melting_point is None:  # type: ignore[attr-defined]
             raise InputError(f"{self.name}: heat_conduction has no melting_point; set it.")
 
