@@ -31,7 +31,7 @@ from refsim.surface_energy.recorded.cells_cuda import (
 )
 
 LANES = 2  # for a nearest particle
-EXIT_LANES = 2 if simulated() else 4  # for a vertex
+EXIT_LANES = 2 if simulated() else 8  # for a vertex
 MARGIN = formulas.EQUALLY_NEAR  # [h] by which a row of cells must be farther to have no particle as near
 
 
