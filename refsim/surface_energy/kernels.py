@@ -7,10 +7,8 @@ import math
 
 from refsim.backends import arrays
 from refsim.backends.compile import formula, kernel
-from refsim.backends.runtime import simulated
 from refsim.backends.tuples import added, cross, difference, dot, over, put, scaled, three
 from refsim.neighbours.formulas import lower_bound
-from refsim.neighbours.rows import first_lane, lane_slots, over_lanes
 from refsim.sparse_grid.formulas import node_coordinates, step_node
 from refsim.surface_energy import formulas
 
@@ -447,14 +445,13 @@ def inset(v, vertex_position, vertex_normal, surface_term, inset_position):
         inset_position[v, c] = vertex_position[v, c] - distance * vertex_normal[v, c]
 
 
-@kernel(lanes=1 if simulated() else 8)
-def surface_force(i, lane, sample_position, sample_area, sample_normal, spline_cells, blocks, surface_term, node_force):
+@kernel
+def surface_force(i, sample_position, sample_area, sample_normal, spline_cells, blocks, surface_term, node_force):
     """(4.5), (4.18*): force on node i [N], -k sum_s A_s (I - n n^T) grad B_i(x_s); k has the sign of thesis M1."""
     real = type(surface_term.cell_size)
     total = real(0), real(0), real(0)
     space = blocks.neighbour.shape[1] == 27
-    first_row, step = lane_slots(lane)
-    for row in range(first_row, 9 if space else 3, step):
+    for row in range(9 if space else 3):
         ky, kz = row % 3, row // 3
         for kx in range(3):
             cell = step_node(blocks, i, -kx, -ky, -kz)
@@ -476,9 +473,7 @@ def surface_force(i, lane, sample_position, sample_area, sample_normal, spline_c
                 slope = sx * wy * wz, wx * sy * wz, wx * wy * sz
                 u = formulas.tangential(three(sample_normal, s), slope)
                 total = added(total, scaled(u, sample_area[s]))
-    total = over_lanes(total[0], lane), over_lanes(total[1], lane), over_lanes(total[2], lane)
-    if first_lane(lane):
-        put(node_force, i, scaled(total, -surface_term.tension / surface_term.cell_size))
+    put(node_force, i, scaled(total, -surface_term.tension / surface_term.cell_size))
 
 
 @kernel

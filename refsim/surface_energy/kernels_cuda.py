@@ -12,7 +12,7 @@ from refsim.backends import device
 from refsim.sparse_grid import nodes
 from refsim.sparse_grid.block_search_cuda import count_points
 from refsim.surface_energy.kernels import look_up_members
-from refsim.surface_energy.recorded import level_set_cuda, samples_cuda, stages
+from refsim.surface_energy.recorded import level_set_cuda, pulls_cuda, samples_cuda, stages
 from refsim.surface_energy.recorded.cells_cuda import COUNTS, MADE, VERTICES
 
 SPARE = 3  # vertices and facets for which there is capacity beyond those that exist
@@ -175,9 +175,8 @@ def normal_arrays(position, blocks, term, coefficients, outward, normal):
     return a | {"sample_place": position, "outward": outward, "coefficients": coefficients, "sample_normal": normal}
 
 
-def surface_force(sample_position, sample_area, sample_normal, blocks, surface_term, node_force):
+def surface_force(sample_position, sample_area, sample_normal, spline_cells, blocks, surface_term, scratch, node_force):
     """(4.18*): first over the samples of each cell, then over the cells that reach a node."""
-    a = arrays(blocks, sample_position.dtype, surface_term, facets=sample_position.shape[0])
-    a |= {"sample_position": sample_position, "sample_area": sample_area, "sample_normal": sample_normal}
-    stages.locate_samples(a)
-    stages.pull(a | {"node_force": node_force})
+    pulls = scratch.array("pulls", (pulls_cuda.SUMS, sample_area.shape[0] + 1), sample_area.dtype)
+    pulls_cuda.sum_pulls(sample_position, sample_normal, sample_area, spline_cells, blocks, surface_term, pulls)
+    pulls_cuda.pull_nodes(spline_cells, blocks, pulls, surface_term, node_force)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from refsim.backends import device
-from refsim.backends.arrays import Backend
+from refsim.backends.arrays import Backend, Scratch
 from refsim.core.errors import InputError, RunStopped
 from refsim.isosurface import Mesh, case_tables
 from refsim.sparse_grid import Blocks, PointList, nodes
@@ -102,7 +102,12 @@ class DeviceReconstruction(Reconstruction):
         graph = self._graph
         if self.reused and graph is not None and samples is graph.samples and blocks is graph.blocks:
             return graph.force()
-        return super().force(samples, blocks)
+        from refsim.surface_energy.kernels_cuda import surface_force  # it imports from here
+
+        force, cells = self._empty((nodes(blocks), 3)), self.grid.by_cell(samples.position, blocks, 0.5)
+        place, normal, area, _ = samples
+        surface_force(place, area, normal, cells, blocks, self.term, Scratch(self.backend), force)
+        return force
 
 
 class SurfaceGraph:

@@ -154,7 +154,7 @@ def sum_fit(bins, fit_splines, fit_target, blocks, coefficients, counts, reached
 
 
 @cuda_formula
-def load_columns(b, rank, blocks, sums, near):
+def load_columns(b, rank, first, blocks, sums, near):
     """near[c]: columns of `sums` of the cells that reach the nodes of block b: of its own and of those up to two below.
 
     The last column for cells without points. All of it is read without a condition, so that reads do not wait for each
@@ -174,9 +174,20 @@ def load_columns(b, rank, blocks, sums, near):
             z, y = np.uint32(2), at // np.uint32(10)
             x = at - np.uint32(10) * y
         cell = step_node(blocks, CELLS * b, np.int32(x) - 2, np.int32(y) - 2, np.int32(z) - 2)
-        found = rank[number(max(cell, 0))]
+        found = column_of(number(max(cell, 0)), rank, first)
         near[c] = found if cell >= 0 and found >= 0 else none
     cuda.syncthreads()
+
+
+@formula
+def column_of(cell, rank, first):
+    """The column of a cell's sums, int32: its rank, or its first point; -1 for a cell without points."""
+    column = np.int32(-1)
+    if rank is not None:
+        column = rank[cell]
+    if first is not None and first[cell + 1] > first[cell]:
+        column = first[cell]
+    return column
 
 
 @cuda_formula
@@ -218,7 +229,7 @@ def begin_fit(held_in_block, rank, blocks, reached, change, surface_term, node_w
     real = type(surface_term.cell_size)
     weight, value = real(0), real(0)
     if reached_from(held_in_block, blocks, b):
-        load_columns(b, rank, blocks, change, near)
+        load_columns(b, rank, None, blocks, change, near)
         wait_for_last()
         whole = sum_around(near, blocks, 0, 1, reached)
         if whole > real(formulas.LEAST_SUM):

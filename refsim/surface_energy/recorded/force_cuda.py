@@ -8,19 +8,10 @@ from refsim.backends.tuples import put, scaled, three
 from refsim.sparse_grid.block_search_cuda import number
 from refsim.sparse_grid.formulas import node_coordinates
 from refsim.surface_energy import formulas
-from refsim.surface_energy.recorded.cells_cuda import CELLS, MADE, SAMPLED, SAMPLES, count_point
+from refsim.surface_energy.recorded.cells_cuda import CELLS, MADE, SAMPLED, SAMPLES
 from refsim.surface_energy.recorded.fit_cuda import REACHING, load_columns, place_in_row, reached_from, sum_around
 
 ROWS = 9  # of nodes along x that the samples of a cell reach, a thread to each; 3 in the plane
-
-
-@cuda_kernel(rows_of="facets")
-def locate_samples(sample_position, vertex_edge, facets, blocks, surface_term, counts, of_cells):
-    """Cell of each sample, and its number among those of the cell."""
-    s = cuda.grid(1)
-    if s < counts[MADE]:
-        guess = (vertex_edge[facets[s, 0]] // 3) >> 6
-        count_point(s, three(sample_position, s), guess, blocks, surface_term, *of_cells)
 
 
 @cuda_kernel(rows_of="fit_cell", early=True)
@@ -84,7 +75,7 @@ def pull_nodes(held_in_block, rank, blocks, pulls, surface_term, node_force, cou
     near = cuda.shared.array(REACHING, np.int32)
     t = real(0), real(0), real(0)
     if reached_from(held_in_block, blocks, b):
-        load_columns(b, rank, blocks, pulls, near)
+        load_columns(b, rank, None, blocks, pulls, near)
         wait_for_last()
         x, y = sum_around(near, blocks, 0, 3, pulls), sum_around(near, blocks, 1, 3, pulls)
         t = x, y, sum_around(near, blocks, 2, 3, pulls)

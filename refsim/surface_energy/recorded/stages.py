@@ -106,12 +106,6 @@ def sweep(a: Arrays) -> None:
         launch({**a, "reached": None}, fit_cuda.sum_fit, fit_cuda.correct)
 
 
-def locate_samples(a: Arrays) -> None:
-    """The cells of samples that `place_samples` has not placed."""
-    device.fill(a["held_samples"], 0)
-    launch(a, force_cuda.locate_samples)
-
-
 def pull(a: Arrays) -> None:
     """The force of the samples on the nodes [N]."""
     own = {"held": a["held_samples"], "first": a["samples_first"], "into": np.int32(cells_cuda.SAMPLED), "each": 1}
