@@ -131,8 +131,8 @@ def gradient_factor(r, smoothing):
 
 @formula
 def undivided_factor(r, smoothing):
-    """`gradient_factor`, for Wendland's C2, whose W' has a factor r, without a quotient: for sums over volumes V_j, as
-    the compiler takes the constants together, which only V_j keeps within single precision."""
+    """f = W'(r)/r [1/m^(dim + 2)], of Wendland's C2, whose W' has a factor r, without a quotient: for sums over volumes
+    V_j, as the compiler takes the constants together, which only V_j keeps within single precision."""
     real = type(r)
     if shape_of(smoothing) != WENDLAND_C2:
         return gradient_factor(r, smoothing)
