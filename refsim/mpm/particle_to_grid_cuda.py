@@ -19,9 +19,7 @@ ROWS = 192  # threads of a block that scatters: three for each of 64 cells
 REACH = 216  # nodes in the reach of a block: 6 x 6 x 6, or 10 x 10 in the plane
 SUMS = 4 * REACH  # mass and momentum of each
 ALL_SUMS = 3 * SUMS  # one for each row of a stencil
-CHUNK = 256  # points of a block in shared memory at a time
-PADDED = CHUNK + CHUNK // 8  # one place more after eight, so that the points of cells in a row lie in different banks
-APART = 75  # between particles of a cell that are added in turn: those of eleven cells lie in different banks
+APART = 75  # between points of a cell that are added in turn: those of eleven cells lie in different banks
 IN_TURN = 3 * APART
 RECORD = 17  # numbers of a point: offsets, mass, value and gradient of its field, moment of its stress
 
@@ -150,8 +148,8 @@ def add_kept_row(total, row, background, records, at, kernel_gradient):
 
 
 @cuda_kernel(block_for_each_row=True, threads=ROWS)
-def scatter_particles(places, particles, medium, cluster, kernel_gradient, scratch):
-    """Sums of each block's particles on the nodes in their reach."""
+def scatter(places, position, carriers, particles, medium, cluster, kernel_gradient, scratch):
+    """Sums of each block's points at `position` on the nodes in their reach; particles, unless there are carriers."""
     bins, background, b = places.bins, medium.background, number(cuda.blockIdx.x)
     if bins.first[64 * b] == bins.first[64 * b + 64]:
         return
@@ -164,16 +162,20 @@ def scatter_particles(places, particles, medium, cluster, kernel_gradient, scrat
     for n in range(36):
         total[n] = type(background.cell_size)(0)
     origin = node_coordinates(places.blocks, b * 64)
-    known = particles.position.shape[1] == 3 and particles.velocity.shape[1] == 3  # to the compiler, too
+    known = position.shape[1] == 3 and particles.velocity.shape[1] == 3  # to the compiler, too
     known = known and particles.affine.shape[1] == 9
-    # Every thread loads one particle, three of each cell, so that all threads have equally many to add up.
+    # Every thread loads one point, three of each cell, so that all threads have equally many to add up.
     cell_of, rank = quotient(thread, 3), thread - 3 * quotient(thread, 3)
     at, end = bins.first[64 * b + cell_of] + rank, bins.first[64 * b + cell_of + 1]
     while cuda.syncthreads_or(np.int32(first < last)) and known:
         if at < end:
             i = number(bins.point[number(at)])
-            f, _ = place(i, particles.position, places.cell, origin, background)
-            mass, q, g, moment = particle_field(i, f, particles, medium, cluster, kernel_gradient)
+            f, _ = place(i, position, places.cell, origin, background)
+            if carriers is None:
+                mass, q, g, moment = particle_field(i, f, particles, medium, cluster, kernel_gradient)
+            else:
+                mass, q, g = carrier_field(i, f, carriers, particles, medium, cluster)
+                moment = mass
             keep_field(records, number(rank * APART + cell_of), f, mass, q, g, moment)
         cuda.syncthreads()
         for k in range(3):
@@ -181,37 +183,6 @@ def scatter_particles(places, particles, medium, cluster, kernel_gradient, scrat
                 add_kept_row(total, row, background, records, own_cell + k * APART, kernel_gradient)
         at += 3
         first += 3
-    deposit(total, own_cell, row, background, shared, scratch, b)
-
-
-@cuda_kernel(block_for_each_row=True, threads=ROWS)
-def scatter_carriers(places, carriers, particles, medium, cluster, scratch):
-    """Sums of each block's embedded points on the nodes in their reach."""
-    bins, background, b = places.bins, medium.background, cuda.blockIdx.x
-    start, end = bins.first[64 * b], bins.first[64 * b + 64]
-    if start == end:
-        return
-    thread = cuda.threadIdx.x
-    own_cell, row = thread & 63, thread >> 6
-    first, last = bins.first[64 * b + own_cell], bins.first[64 * b + own_cell + 1]
-    shared = cuda.shared.array(ALL_SUMS, scratch.dtype)
-    records = cuda.shared.array((RECORD, PADDED), scratch.dtype)
-    total = cuda.local.array(36, scratch.dtype)
-    for n in range(36):
-        total[n] = type(background.cell_size)(0)
-    origin = node_coordinates(places.blocks, b * 64)
-    while start < end:
-        stop = min(start + CHUNK, end)
-        for at in range(start + thread, stop, ROWS):
-            c = bins.point[at]
-            f, _ = place(c, carriers.carrier_position, places.cell, origin, background)
-            mass, q, g = carrier_field(c, f, carriers, particles, medium, cluster)
-            keep_field(records, at - start + ((at - start) >> 3), f, mass, q, g, mass)
-        cuda.syncthreads()
-        for at in range(max(first, start), min(last, stop)):
-            add_kept_row(total, row, background, records, at - start + ((at - start) >> 3), None)
-        cuda.syncthreads()
-        start = stop
     deposit(total, own_cell, row, background, shared, scratch, b)
 
 
@@ -232,7 +203,7 @@ def particle_to_grid(
 ):
     """(4.10), (4.15), (4.17): m_j and (mv)_j with the impulse of the liquid's stress."""
     places, scratch = grid.places("particles"), grid.scratch
-    scatter_particles(places, particles, medium, cluster, kernel_gradient, scratch)
+    scatter(places, particles.position, None, particles, medium, cluster, kernel_gradient, scratch)
     collect(places.bins, grid.blocks, False, scratch, node_momentum, node_mass)
 
 
@@ -241,5 +212,5 @@ def carriers_to_grid(
 ):
     """(4.15) of the embedded points, added to m_j and (mv)_j."""
     places, scratch = grid.places("carriers"), grid.scratch
-    scatter_carriers(places, carriers, particles, medium, cluster, scratch)
+    scatter(places, carriers.carrier_position, carriers, particles, medium, cluster, None, scratch)
     collect(places.bins, grid.blocks, True, scratch, node_momentum, node_mass)
