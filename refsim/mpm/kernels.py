@@ -7,9 +7,9 @@ from refsim.backends.reductions import reduction
 from refsim.backends.tuples import added, difference, nine, over, product, put, scaled, symmetric, three, transposed
 from refsim.mpm import formulas
 from refsim.mpm.groups import Nodes, Owned, Samples
-from refsim.mpm.limits import FARTHEST
+from refsim.mpm.limits import FARTHEST, LOST, OUTSIDE
 from refsim.sparse_grid.block_search import points_by_cell
-from refsim.sparse_grid.formulas import BLOCK, block_key, node_coordinates, step_node
+from refsim.sparse_grid.formulas import BLOCK, block_key, find_node_near, node_coordinates, number, step_node
 
 # Cells and stencils
 
@@ -22,6 +22,21 @@ def point_key(i, position, inverse_cell, bits):
     jz = formulas.base_coordinate(position[i, 2], inverse_cell) if bits == 2 else 0
     lost = jx > FARTHEST or jy > FARTHEST or jz > FARTHEST
     return -1 if lost else block_key(jx, jy, jz, bits)
+
+
+@formula
+def cell_of(i, position, inverse_cell, blocks, complete, guess):
+    """Number (dimensionless) of the base node of point i; block `guess` is looked at first.
+
+    OUTSIDE where no block holds it, or one in whose reach blocks are missing; LOST where it is too far or NaN.
+    """
+    jx = formulas.base_coordinate(position[i, 0], inverse_cell)
+    jy = formulas.base_coordinate(position[i, 1], inverse_cell)
+    jz = formulas.base_coordinate(position[i, 2], inverse_cell) if blocks.neighbour.shape[1] == 27 else 0
+    if jx > FARTHEST or jy > FARTHEST or jz > FARTHEST:
+        return LOST
+    node = find_node_near(blocks, jx, jy, jz, guess)
+    return node if node >= 0 and complete[number(node >> 6)] != 0 else OUTSIDE
 
 
 @formula

@@ -5,48 +5,28 @@ Points are taken in chunks; within a chunk the block of the point before is trie
 
 import numpy as np
 
-from refsim.backends.compile import formula, kernel
+from refsim.backends.compile import kernel
 from refsim.backends.reductions import CHUNKS, limits
-from refsim.mpm.formulas import base_coordinate
-from refsim.mpm.kernels import point_key
-from refsim.mpm.limits import FARTHEST
-from refsim.neighbours.formulas import lower_bound
+from refsim.mpm.kernels import cell_of, point_key
+from refsim.mpm.limits import LOST, OUTSIDE
 from refsim.sparse_grid.block_search import points_by_block
-from refsim.sparse_grid.formulas import block_bits, block_key, place_in_block
-
-
-@formula
-def find_chunk(begin, end, position, inverse_cell, keys, complete, bits, cell):
-    """`write_cells` for the points from `begin` to `end`; (points outside all blocks, points too far away or NaN)."""
-    missing, lost = 0, 0
-    last, block = np.int64(-1), np.int64(0)
-    for i in range(begin, end):
-        jx = base_coordinate(position[i, 0], inverse_cell)
-        jy = base_coordinate(position[i, 1], inverse_cell)
-        jz = base_coordinate(position[i, 2], inverse_cell) if bits == 2 else 0
-        if jx > FARTHEST or jy > FARTHEST or jz > FARTHEST:
-            lost += 1
-            cell[i] = -1
-            continue
-        key = block_key(jx, jy, jz, bits)
-        if key != last:
-            last = key
-            block = np.int64(lower_bound(keys, key))
-            if block == keys.shape[0] or keys[block] != key or complete[block] == 0:
-                block = np.int64(-1)
-        if block < 0:
-            missing += 1
-            cell[i] = -1
-        else:
-            cell[i] = block * 64 + place_in_block(jx, jy, jz, bits)
-    return missing, lost
 
 
 @kernel(rows_of="counts")
-def write_cells(chunk, position, inverse_cell, keys, complete, bits, counts, cell):
+def write_cells(chunk, position, inverse_cell, blocks, complete, counts, cell):
     """Cell of each point: number of its base node; -1 outside all blocks. counts[chunk] = (missing, lost)."""
     begin, end = limits(chunk, cell.shape[0])
-    counts[chunk, 0], counts[chunk, 1] = find_chunk(begin, end, position, inverse_cell, keys, complete, bits, cell)
+    missing, lost, block = 0, 0, np.int64(-1)
+    for i in range(begin, end):
+        node = np.int64(cell_of(i, position, inverse_cell, blocks, complete, block))
+        if node >= 0:
+            block = node >> 6
+        elif node == LOST:
+            lost += 1
+        else:
+            missing += 1
+        cell[i] = max(node, OUTSIDE)
+    counts[chunk, 0], counts[chunk, 1] = missing, lost
 
 
 @kernel
@@ -65,7 +45,7 @@ def block_keys(position, inverse_cell, dim):
 def find_cells(position, inverse_cell, blocks, complete, cell):
     """Write the points' cells; (points outside all blocks, points too far away or NaN)."""
     counts = np.zeros((CHUNKS, 2), np.int64)
-    write_cells(position, inverse_cell, blocks.keys, complete, block_bits(blocks), counts, cell)
+    write_cells(position, inverse_cell, blocks, complete, counts, cell)
     missing, lost = counts.sum(0)
     return int(missing), int(lost)
 

@@ -6,34 +6,21 @@ import numpy as np
 
 from refsim.backends import device
 from refsim.backends.compile import cuda, cuda_kernel, formula, row_kernel
-from refsim.mpm.formulas import base_coordinate
 from refsim.mpm.groups import SETS, Bins, Owned, Samples
-from refsim.mpm.kernels import embed_samples, point_key
-from refsim.mpm.limits import DEEP, FARTHEST
-from refsim.neighbours.formulas import BITS, OFFSET, lower_bound
+from refsim.mpm.kernels import cell_of, embed_samples, point_key
+from refsim.mpm.limits import DEEP, LOST, OUTSIDE
 from refsim.sparse_grid import block_table_cuda
 from refsim.sparse_grid.block_search_cuda import begin_lists, count_points, fill_lists, lists_of, number, sorted_points
 from refsim.sparse_grid.block_table_cuda import EMPTY, enter_point
-from refsim.sparse_grid.formulas import COORDINATE, block_bits, block_key, place_in_block
 
 
 @row_kernel
-def write_cells(i, position, inverse_cell, keys, complete, bits, counts, cell):
+def write_cells(i, position, inverse_cell, blocks, complete, counts, cell):
     """Cell of each point: number of its base node; -1 outside all blocks. counts = (missing, lost)."""
-    jx = base_coordinate(position[i, 0], inverse_cell)
-    jy = base_coordinate(position[i, 1], inverse_cell)
-    jz = base_coordinate(position[i, 2], inverse_cell) if bits == 2 else 0
-    if jx > FARTHEST or jy > FARTHEST or jz > FARTHEST:
-        cuda.atomic.add(counts, 1, 1)
-        cell[i] = -1
-    else:
-        key = block_key(jx, jy, jz, bits)
-        b = lower_bound(keys, key)
-        if b == keys.shape[0] or keys[b] != key or complete[b] == 0:
-            cuda.atomic.add(counts, 0, 1)
-            cell[i] = -1
-        else:
-            cell[i] = b * 64 + place_in_block(jx, jy, jz, bits)
+    node = cell_of(i, position, inverse_cell, blocks, complete, -1)
+    if node < 0:
+        cuda.atomic.add(counts, OUTSIDE - node, 1)
+    cell[i] = max(node, OUTSIDE)
 
 
 @row_kernel(rows_of="position")
@@ -53,7 +40,7 @@ def block_keys(position, inverse_cell, dim):
 def find_cells(position, inverse_cell, blocks, complete, cell):
     """Write the points' cells; (points outside all blocks, points too far away or NaN)."""
     counts = device.as_numba(device.cupy_or_numpy().zeros(2, np.int32))
-    write_cells(position, inverse_cell, blocks.keys, complete, block_bits(blocks), counts, cell)
+    write_cells(position, inverse_cell, blocks, complete, counts, cell)
     missing, lost = device.as_cupy(counts).tolist()
     return missing, lost
 
@@ -99,40 +86,6 @@ def sorted_bins(cell, blocks):
 # Sorting without the host, so that a CUDA graph can hold it: all blocks exist.
 
 
-@formula
-def block_beside(hint, x, y, z, keys, neighbour):
-    """Number of the block with these integer coordinates if the block `hint` touches it, else -1."""
-    if hint < 0 or hint >= keys.shape[0]:
-        return np.int32(-1)
-    base = keys[number(hint)]
-    dx = np.int32(x - np.int32(base & COORDINATE) + (OFFSET + 1))
-    dy = np.int32(y - np.int32((base >> BITS) & COORDINATE) + (OFFSET + 1))
-    dz = np.int32(z - np.int32(base >> (2 * BITS)) + (OFFSET + 1))
-    if dx < 0 or dx > 2 or dy < 0 or dy > 2 or dz < 0 or dz > 2:
-        return np.int32(-1)
-    if neighbour.shape[1] == 27:
-        return neighbour[number(hint), number(dx + 3 * dy + 9 * dz)]
-    return neighbour[number(hint), number(dx + 3 * dy)] if dz == 1 else np.int32(-1)
-
-
-@formula
-def find_place(jx, jy, jz, bits, hint, blocks):
-    """(block, number in it) of node j; block -1 if there is none. `hint` and the blocks around it are tried first."""
-    x, y, z = np.int32(jx), np.int32(jy), np.int32(jz)
-    rest = (1 << bits) - 1
-    local = np.int32(((y & rest) << bits) | (x & rest))
-    if bits == 2:
-        local |= np.int32((z & rest) << 4)
-        z = np.int32(z >> 2)
-    b = block_beside(hint, np.int32(x >> bits), np.int32(y >> bits), z, blocks.keys, blocks.neighbour)
-    if b < 0:
-        key = block_key(jx, jy, jz, bits)
-        at = lower_bound(blocks.keys, key)
-        if at < blocks.keys.shape[0] and blocks.keys[at] == key:
-            b = np.int32(at)
-    return b, local
-
-
 @cuda_kernel
 def count_cells(position, inverse_cell, blocks, complete, held, noted, place, cell):
     """Cell of each point, and how many of its cell were counted before it; -1 outside all blocks.
@@ -142,25 +95,15 @@ def count_cells(position, inverse_cell, blocks, complete, held, noted, place, ce
     """
     i = number(cuda.grid(1))
     if i < cell.shape[0]:
-        deep = blocks.neighbour.shape[1] == 27
-        jx = base_coordinate(position[i, 0], inverse_cell)
-        jy = base_coordinate(position[i, 1], inverse_cell)
-        jz = base_coordinate(position[i, 2], inverse_cell) if deep else 0
-        node = np.int32(-1)
-        if jx <= FARTHEST and jy <= FARTHEST and jz <= FARTHEST:
-            if deep:
-                b, local = find_place(jx, jy, jz, 2, cell[i] >> 6, blocks)
-            else:
-                b, local = find_place(jx, jy, jz, 3, cell[i] >> 6, blocks)
-            state = complete[number(b)] if b >= 0 else 0
-            if state != 0:
-                node = np.int32(b * 64 + local)
-                place[i] = cuda.atomic.add(held, number(node), 1)
-            if noted is not None and state != DEEP:
+        node = cell_of(i, position, inverse_cell, blocks, complete, cell[i] >> 6)
+        if node >= 0:
+            place[i] = cuda.atomic.add(held, number(node), 1)
+        if noted is not None:
+            if node == LOST:
+                cuda.atomic.add(noted, 1, 1)
+            elif node < 0 or complete[number(node >> 6)] != DEEP:
                 cuda.atomic.add(noted, 0, 1)
-        elif noted is not None:
-            cuda.atomic.add(noted, 1, 1)
-        cell[i] = node
+        cell[i] = max(node, OUTSIDE)
 
 
 @cuda_kernel(rows_of="point")
