@@ -206,15 +206,15 @@ class Kernel:
     The body takes the row's number `i`, with `lanes` also `lane`, and then the arguments, outputs last. Rows are those
     of the last argument, or of `rows_of`. With `lanes` (the name of a list, True for `neighbours`, or a number) so many
     neighbouring CUDA threads share a row: `lane` is (number of the thread, number of threads), and None on a CPU.
-    `ordered` and `packed` are options of `cpu_kernel`, `registers` of `cuda_kernel`. Only with `allocates` may the
-    body, or a formula that it calls, make an array on the CPU.
+    `ordered` and `packed` are options of `cpu_kernel`, `registers` and `looping`, for bodies that do little, of
+    `cuda_kernel`. Only with `allocates` may the body, or a formula that it calls, make an array on the CPU.
 
     Called itself, it runs the program for the backend on which the array of rows lives.
     """
 
     def __init__(
         self, function: Callable, *, rows_of: str | None = None, lanes: bool | str | int = False, ordered: bool = False,
-        packed: bool = False, allocates: bool = False, registers: int | None = None,
+        packed: bool = False, allocates: bool = False, registers: int | None = None, looping: bool = False,
     ) -> None:  # fmt: skip
         names = list(inspect.signature(function).parameters)
         function.shown_as = f"{function.__name__}_of_row"  # type: ignore[attr-defined]
@@ -225,7 +225,7 @@ class Kernel:
         self.lanes = "neighbours" if lanes is True else lanes
         self.options: dict[str, dict[str, Any]] = {
             "cpu": {"ordered": ordered, "packed": packed, "module": function.__module__},
-            "cuda": {"rows_of": self.rows, "lanes": self.lanes or 1, "registers": registers},
+            "cuda": {"rows_of": self.rows, "lanes": self.lanes or 1, "registers": registers, "looping": looping},
         }
         self.__name__, self.__doc__, self.__module__ = function.__name__, function.__doc__, function.__module__
         self.__wrapped__ = function
@@ -239,8 +239,10 @@ class Kernel:
         if self.lanes and backend == "cuda":
             lanes = f"len({self.lanes}.lanes)" if isinstance(self.lanes, str) else self.lanes
             lane, row = "(lane, lanes), ", f"lanes = {lanes}\n    i, lane = cuda.grid(1) // lanes, cuda.grid(1) % lanes"
-        loop = f"if i < {self.rows}.shape[0]:\n        body(i, {lane}{given})"
-        return f"def {self.__name__}({given}):\n    {row}\n    {loop}\n"
+        taken = f"if i < {self.rows}.shape[0]"
+        if self.options["cuda"]["looping"] and backend == "cuda":
+            row, taken = "", f"for i in range(cuda.grid(1), {self.rows}.shape[0], cuda.gridsize(1))"
+        return f"def {self.__name__}({given}):\n    {row}\n    {taken}:\n        body(i, {lane}{given})\n"
 
     def on(self, backend: str) -> Any:
         """The kernel for `backend`, "cpu" or "cuda"; made at first use."""

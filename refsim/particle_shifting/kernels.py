@@ -97,7 +97,7 @@ def body_of(i, drawn_body):
     return int(drawn_body[i])
 
 
-@kernel
+@kernel(looping=True)
 def shift(i, way, drawn_body, shifting, velocity_range, timestep, shift):
     """Displacement of a step beside dt v [m]."""
     u, k = velocity_range, body_of(i, drawn_body)

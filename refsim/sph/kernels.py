@@ -297,14 +297,14 @@ def wall_moves(place, wall_motion):
     return below or place[0] > high[0] or place[1] > high[1] or place[2] > high[2]
 
 
-@kernel
+@kernel(looping=True)
 def volume_before(i, mass, rest_density, advanced_excess, fluid, volume):
     """V = m/rho [m^dim] of the density that the step before advanced."""
     rest = fluid.rest_density if rest_density is None else rest_density[i]
     volume[i] = mass[i] / (rest + advanced_excess[i])
 
 
-@kernel
+@kernel(looping=True)
 def keep_density(i, density_excess, acceleration, lean, borne, advanced_excess):
     """The excess of the density [kg/m^dim], from which the next step goes on, and b of `borne_share` [-]."""
     advanced_excess[i] = density_excess[i]
@@ -312,7 +312,7 @@ def keep_density(i, density_excess, acceleration, lean, borne, advanced_excess):
         borne[i] = formulas.borne_share(dot(lean, lean), dot(lean, three(acceleration, i)))
 
 
-@kernel
+@kernel(looping=True)
 def state(i, density, fluid, pressure):
     """J(9) or Tait's equation of state [Pa]."""
     pressure[i] = formulas.state_pressure(density[i], fluid)
@@ -470,7 +470,7 @@ def central_pair(r, x_ij, velocity_i, velocity_j, mass_j, density_j, smoothing, 
 central_viscous = force(central_pair, "central_viscous", divided="density", period=True)
 
 
-@kernel
+@kernel(looping=True)
 def gravity(i, field, acceleration):
     """Uniform acceleration [m/s^2]."""
     for c in range(3):
