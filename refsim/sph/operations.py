@@ -399,6 +399,18 @@ def farthest(shift):
     return 0.0 if shift is None else (np.asarray(shift, dtype=float) ** 2).sum(1).max(initial=0)
 
 
+def stepped(acceleration, timestep, shift, position_residual, velocity, position):
+    """(v [m/s], x [m], (what rounding x leaves [m], its scale) or None) of the leap-frog without walls."""
+    kick, drift = (float(t) for t in timestep)
+    i = Fields(velocity=velocity, acceleration=acceleration, shift=0.0 if shift is None else shift)
+    v = ref.kicked(i, kick)
+    change = ref.drifted(i, v, drift)
+    if position_residual is None:
+        return v, Terms(position, rank=1) + change, None
+    total, rest = carried(position, position_residual, *change)
+    return v, Terms(*total, 1), rest
+
+
 @operation(
     "leap-frog with a changing step", paper="standard", outputs="position_residual velocity position displacement",
     optional="bounds position_residual shift",
@@ -415,14 +427,7 @@ def kick_drift(acceleration, build_position, bounds, timestep, shift, position_r
     displacement: [largest squared displacement since the list was built [m^2], number of stopped particles, largest
     squared shift [m^2]].
     """
-    kick, drift = (float(t) for t in timestep)
-    i = Fields(velocity=velocity, acceleration=acceleration, shift=0.0 if shift is None else shift)
-    v = ref.kicked(i, kick)
-    change = ref.drifted(i, v, drift)
-    x, rest = Terms(position, rank=1) + change, None
-    if position_residual is not None:
-        total, rest = carried(position, position_residual, *change)
-        x = Terms(*total, 1)
+    v, x, rest = stepped(acceleration, timestep, shift, position_residual, velocity, position)
     x_at, v_at, rest, stopped = at_planes(bounds, np.asarray(position), x.value, v.value, rest)
     x, v = Terms(x_at, x.size, 1), Terms(v_at, v.size, 1)
     moved = x.value - np.asarray(build_position, dtype=float)

@@ -164,14 +164,13 @@ def test_faces_and_cells_of_solids_are_as_ever(recorded):
     share, centre = made.cells(0.13, 2)
     points = drawn.uniform([0.6, 1.6, 2.6], [1.4, 2.4, 3.4], (60, 3))
     found |= {"cells": (share, centre), "filled": made.filled(points, 0.1), "distance": made.distance(points)}
-    found["band"] = (made.band.nbytes, made.band.spacing, made.band.band, made.band.project(points[:20]))
+    found["band"] = (made.band.spacing, made.band.band, made.band.project(points[:20]))
     turned = placed_mesh(str(CUBE), None, 0.0, (10.0, 20.0, 30.0))
     sized = placed_mesh(str(CUBE), (1.0, 2.0, 3.0), 0.4, (0.0, 0.0, 0.0))
     found["turned"] = turned.vertices, turned.origin, sized.vertices
     area = drawn.uniform(0, 0.2, 50)
     found["counts"] = facet_counts(area, 0.9, 0.2), facet_counts(area, 0.9, 0.2, separately=True)
     recorded(found)
-    assert made.band.nbytes == sum(np.asarray(a).nbytes for a in made.band.field[:5])
 
 
 @pytest.mark.parametrize("spacing, band", [

@@ -43,11 +43,9 @@ class ParticleWalls(Effect, BringsWalls, FollowsScene, SumsDensity, frozen=True,
         """
         liquid = liquid_of(others)
         model = self.model or ("extrapolated" if liquid.with_scene_defaults(others).advances() else "mirrored")
-        if not self.no_slip:
-            return msgspec.structs.replace(self, model=model)
-        if self.viscosity > 0:
+        if self.no_slip and self.viscosity > 0:
             raise InputError(f"{self.name}: no_slip follows the liquid's viscosity; leave out its viscosity.")
-        if liquid.dynamic_viscosity == 0:
+        if self.no_slip and liquid.dynamic_viscosity == 0:
             raise InputError(
                 f"{self.name}: no_slip needs a liquid with viscosity; give {liquid.name} a dynamic_viscosity."
             )
@@ -97,14 +95,14 @@ class ParticleWalls(Effect, BringsWalls, FollowsScene, SumsDensity, frozen=True,
         groups: dict[str, Any] = lean(grid, others) if self.extrapolates() else {}
         if self.no_slip:
             steepness = int32(STEEPNESS[liquid_of(others).central()])
-            return groups | {"holding": Holding(grid.real(self._holding(grid, others)), steepness)}
+            return groups | {"holding": Holding(grid.real(self._holding(grid, others)[0]), steepness)}
         return groups | ({"wall_viscosity": WallViscosity(grid.real(self.viscosity))} if self.viscosity > 0 else {})
 
-    def _holding(self, grid: Discretisation, others: Others) -> float:
-        """Coefficient of the friction by which liquid does not slip [Pa s]."""
-        liquid, volumes = liquid_of(others), self.layer_volumes(grid, others)
-        share = holding_share(grid.support_radius / grid.spacing, grid.dim, liquid.central(), volumes)
-        return share * liquid.line_viscosity(grid)
+    def _holding(self, grid: Discretisation, others: Others) -> tuple[float, float]:
+        """(coefficient of the friction by which liquid does not slip [Pa s], `holding_rate` [-])."""
+        liquid = liquid_of(others)
+        given = grid.support_radius / grid.spacing, grid.dim, liquid.central(), self.layer_volumes(grid, others)
+        return holding_share(*given) * liquid.line_viscosity(grid), holding_rate(*given)
 
     def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
         if not self.rubs():
@@ -113,9 +111,7 @@ class ParticleWalls(Effect, BringsWalls, FollowsScene, SumsDensity, frozen=True,
         if not self.no_slip:
             half = 0.5 * grid.support_radius
             return {"wall friction": StepLimit.constant(0.125 * half**2 * density / self.viscosity)}
-        central, volumes = liquid_of(others).central(), self.layer_volumes(grid, others)
-        rate = holding_rate(grid.support_radius / grid.spacing, grid.dim, central, volumes)
-        seconds = RESOLVED * density * grid.spacing**2 / (self._holding(grid, others) * rate)
+        seconds = RESOLVED * density * grid.spacing**2 / math.prod(self._holding(grid, others))
         return {"wall friction": StepLimit.constant(seconds)}
 
 

@@ -245,16 +245,13 @@ def wall_kernel_sums(
     from refsim.smoothing.reference import kernel_value
 
     kernel = smoothing(shape, support_radius, dim)
-    sums = np.full(len(position), kernel_value(0.0, kernel))
     tree = cKDTree(position - position.min(0), boxsize=period)  # 0 for no period; the layer goes once around each
     pairs = tree.query_pairs(support_radius, output_type="ndarray")
     apart = position[pairs[:, 0]] - position[pairs[:, 1]]
     if any(period):
         apart = nearest_image(apart, period)
     w = kernel_value(np.linalg.norm(apart, axis=1), kernel)
-    np.add.at(sums, pairs[:, 0], w)
-    np.add.at(sums, pairs[:, 1], w)
-    return sums
+    return kernel_value(0.0, kernel) + np.bincount(pairs.ravel(), np.repeat(w, 2), len(position))
 
 
 def lattice_layers(shape: str, support_radius: float, spacing: float, dim: int) -> tuple[list[float], float]:

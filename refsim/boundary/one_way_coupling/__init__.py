@@ -20,7 +20,7 @@ from refsim.boundary import adami_2012
 from refsim.boundary.adami_2012 import ParticleWalls
 from refsim.boundary.akinci_2012 import lattice_layers, wall_kernel_sums
 from refsim.boundary.one_way_coupling import operations as operations
-from refsim.boundary.penetration import CORRECTIONS, correction_pass, penetration_groups
+from refsim.boundary.penetration import CORRECTIONS, penetration_groups
 from refsim.core.capabilities import CorrectsPositions, HasErrata, HoldsOtherMemory, KeepsLedger
 from refsim.core.checked import NotNegative, Printed, Share
 from refsim.core.effect import Discretisation, Field, Others, Pass
@@ -218,7 +218,8 @@ class MeshBoundary(
         if self.adhesion > 0:
             made.append(Pass("akinci_2013.adhesion", updates=("acceleration",)))
         if self.correction != "none":
-            made.append(correction_pass())
+            moved = ("corrections", "velocity", "position")
+            made.append(Pass("penetration.kick_drift", updates=moved, stage="motion"))
         return tuple(made)
 
     def list_radius(self, grid: Discretisation) -> float:

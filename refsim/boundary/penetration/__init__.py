@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from refsim.boundary.penetration import operations as operations
-from refsim.core.effect import Field, Pass, int32
+from refsim.core.effect import Field, int32
 
 CORRECTIONS = Field(
     "corrections", "-", "number of penetration corrections of the particle, patent P8", dtype="int32", state=True
@@ -25,11 +25,6 @@ class Penetration(NamedTuple):
     printed: int  # reflect also velocities that point out of the solid (patent E27)
     lower: Any  # (3,) corners of the box around all marked cells [m]
     upper: Any  # (3,) the box's other corner [m]
-
-
-def correction_pass() -> Pass:
-    """The pass that moves the particles; it updates field `corrections`, too."""
-    return Pass("penetration.kick_drift", updates=("corrections", "velocity", "position"), stage="motion")
 
 
 def penetration_groups(

@@ -17,22 +17,9 @@ UNIT = 0.625  # spacing of the bands [spacings of the case]
 
 
 @functools.cache
-def _octahedron() -> DistanceField:
+def octahedron() -> DistanceField:
     """Band of an octahedron of radius 1.7, nodes UNIT apart, about the origin."""
     return signed_distance(surface_mesh(1.7 * OCTAHEDRON, FACES), UNIT, dtype="float64").field
-
-
-def octahedron(center: np.ndarray, size: float, dtype: str) -> DistanceField:
-    """The same band about another point and `size` times as large [m]."""
-    whole, real = _octahedron(), np.dtype(dtype).type
-    spacing = real(UNIT * size)
-    return whole._replace(
-        distance=(whole.distance * size).astype(dtype),
-        spacing=spacing,
-        inverse_spacing=np.float64(inverse_cell(spacing, dtype)),
-        band=real(whole.band * size),
-        **{f"origin_{axis}": np.float64(x) for axis, x in zip("xyz", center)},
-    )
 
 
 # some particles have been corrected before
@@ -49,7 +36,13 @@ def _solid(case, grid):
     middle = np.median(case.position, axis=0) if case.count else np.zeros(3)
     coarse = case.count > 0 and np.abs(middle).max() > 1e5 * case.spacing
     center = middle + case.spacing * np.array([5.13 if coarse else 0.13, -0.21, 0.07])
-    return penetration_groups(octahedron(center, case.spacing, grid.dtype), grid.dtype, 0.4, 0.1, True, False)
+    whole, size, spacing = octahedron(), case.spacing, grid.real(UNIT * case.spacing)
+    field = whole._replace(
+        distance=(whole.distance * size).astype(grid.dtype), spacing=spacing, band=grid.real(whole.band * size),
+        inverse_spacing=np.float64(inverse_cell(spacing, grid.dtype)),
+        **{f"origin_{axis}": np.float64(x) for axis, x in zip("xyz", center)},
+    )  # fmt: skip
+    return penetration_groups(field, grid.dtype, 0.4, 0.1, True, False)
 
 
 as_printed = other("penetration", swept=0, printed=1)

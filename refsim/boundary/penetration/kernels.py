@@ -9,7 +9,7 @@ from refsim.backends.compile import formula
 from refsim.backends.reductions import reduction
 from refsim.backends.tuples import added, difference, dot, over, scaled, three
 from refsim.boundary.penetration.formulas import pushed, rebound, reflected
-from refsim.boundary.signed_distance.formulas import beyond_inside, place_in_field, trilinear
+from refsim.boundary.signed_distance.formulas import place_in_field, trilinear, value_beyond
 from refsim.sparse_grid.formulas import find_node
 from refsim.sph.formulas import between_ends
 from refsim.sph.kernels import squared_shift, stepped_along
@@ -26,10 +26,8 @@ def marked_distance(x, solid_field):
     """(phi [m], its slope along x, y, z) at a point: interpolated in a marked cell, +-band and slope 0 in others."""
     _, (jx, jy, jz) = place_in_field(x, solid_field)
     if find_node(solid_field, jx, jy, jz) < 0:
-        far, flat = solid_field.band, type(x[0])(0)
-        if beyond_inside(solid_field, jx, jy, jz):
-            far = -far
-        return far, (flat, flat, flat)
+        flat = type(x[0])(0)
+        return value_beyond(solid_field, jx, jy, jz), (flat, flat, flat)
     return trilinear(x, solid_field)
 
 

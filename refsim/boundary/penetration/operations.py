@@ -5,7 +5,7 @@ import numpy as np
 from refsim.boundary.penetration import reference as ref
 from refsim.boundary.signed_distance.reference import Sampled
 from refsim.core.operation import operation, without
-from refsim.sph.operations import at_planes, carried, farthest
+from refsim.sph.operations import at_planes, farthest, stepped
 
 PUSHES, LEFT = 16, 128
 ROUNDING = 4e-7  # of a position, relative, in float32
@@ -33,20 +33,10 @@ def kick_drift(
     phi < -h/128. position_residual, displacement: as `sph.kick_drift`; a corrected place has no residual. The scale
     counts distance and normal; it is infinite where a distance on the path is within rounding of 0.
     """
-    kick, drift = (float(t) for t in timestep)
-    a = np.asarray(acceleration, dtype=float)
-    old_v, old_x = np.asarray(velocity, dtype=float), np.asarray(position, dtype=float)
-    count, sampled = (
-        np.asarray(corrections, dtype=np.int64),
-        Sampled(solid_field, 1 / float(solid_field.inverse_spacing)),
-    )
+    old_x, count = np.asarray(position, dtype=float), np.asarray(corrections, dtype=np.int64)
+    sampled = Sampled(solid_field, 1 / float(solid_field.inverse_spacing))
     box = tuple(np.asarray(corner, dtype=float) for corner in (penetration.lower, penetration.upper))
-    v, v_scale = old_v + kick * a, np.abs(old_v) + np.abs(kick * a)
-    extra = np.zeros_like(v) if shift is None else np.asarray(shift, dtype=float)
-    change, change_scale = drift * v + extra, np.abs(drift) * v_scale + np.abs(extra)
-    x, x_scale, rest = old_x + change, np.abs(old_x) + change_scale, None
-    if position_residual is not None:
-        (x, x_scale), rest = carried(position, position_residual, change, change_scale)
+    (v, v_scale), (x, x_scale), rest = stepped(acceleration, timestep, shift, position_residual, velocity, position)
     hit, jumped, grazing = np.zeros((3, len(x)), dtype=bool)
     margin, exact = np.full((2, len(x)), np.inf)
     if penetration.swept and len(x):

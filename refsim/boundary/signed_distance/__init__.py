@@ -100,11 +100,6 @@ class NarrowBand:
         origin = dict.fromkeys(("origin_x", "origin_y", "origin_z"), np.float64(0))
         return replace(self, field=self.field._replace(**origin))
 
-    @property
-    def nbytes(self) -> int:
-        """Bytes of the field."""
-        return sum(int(np.prod(a.shape)) * a.dtype.itemsize for a in self.field[:5])
-
     def at(self, points: Any) -> tuple[Any, Any]:
         """(distance (n,) [m], slope (n, 3)) at points (n, 3) [m] of the scene, arrays of the backend.
 

@@ -80,27 +80,23 @@ def place_in_field(place, field):
 
 @formula
 def band_value(field, jx, jy, jz):
-    """phi_j [m] at the node with integer coordinates j; without a block phi = -band inside and +band outside.
+    """phi_j [m] at the node with integer coordinates j."""
+    node = find_node(field, jx, jy, jz)
+    return field.distance[node] if node >= 0 else value_beyond(field, jx, jy, jz)
+
+
+@formula
+def value_beyond(field, jx, jy, jz):
+    """phi_j [m] at a node without a block: -band inside and +band outside.
 
     A missing block holds no node of the band, so it lies entirely on the side that follows the last block before it
     along x in the same row of blocks (patent E26).
     """
-    node = find_node(field, jx, jy, jz)
-    if node >= 0:
-        return field.distance[node]
-    if beyond_inside(field, jx, jy, jz):
-        return -field.band
-    return field.band
-
-
-@formula
-def beyond_inside(field, jx, jy, jz):
-    """Whether a node j without a block lies inside: flag = that of the last block before it in its row of blocks."""
     key = block_key(jx, jy, jz, 2)
     before = lower_bound(field.keys, key) - 1
-    if before < 0:
-        return False
-    return (field.keys[before] >> BITS) == (key >> BITS) and field.inside_after[before] != 0
+    if before >= 0 and field.keys[before] >> BITS == key >> BITS and field.inside_after[before]:
+        return -field.band
+    return field.band
 
 
 @formula

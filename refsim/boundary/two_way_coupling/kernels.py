@@ -111,6 +111,13 @@ def force_pair(
     return force[0], force[1], force[2]
 
 
+@pair
+def wall_push_pair(r, x_ij, density_i, rest_density_i, pressure_i, volume_j, smoothing):
+    """Shao & Song (2) at a wall particle, m_i phi_b = Psi_b: -Psi_b p_i/rho_i^2 W' e_ib [m/s^2]."""
+    f = -(rest_density_i * volume_j) * pressure_i / (density_i * density_i) * gradient_factor(r, smoothing)
+    return f * x_ij[0], f * x_ij[1], f * x_ij[2]
+
+
 @kernel(lanes=True)
 def forces(
     i, lane, position, velocity, mass, density, rest_density, phase, pressure, volume, relative_contribution,
@@ -129,30 +136,18 @@ def forces(
     a = over(force, mass[i])
     if walls is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
         if phase[i] == FLUID:
-            a = added(a, wall_push(i, lane, position, density, rest_density, pressure, walls, smoothing))
+            of_walls = neighbour_sum(
+                wall_push_pair, i, lane, walls, position, None, density, rest_density, pressure, walls.volume, smoothing
+            )  # fmt: skip
+            a = added(a, of_walls)
     add_vector(acceleration, i, lane, a)
-
-
-@pair
-def wall_push_pair(r, x_ij, density_i, rest_density_i, pressure_i, volume_j, smoothing):
-    """Shao & Song (2) at a wall particle, m_i phi_b = Psi_b: -Psi_b p_i/rho_i^2 W' e_ib [m/s^2]."""
-    f = -(rest_density_i * volume_j) * pressure_i / (density_i * density_i) * gradient_factor(r, smoothing)
-    return f * x_ij[0], f * x_ij[1], f * x_ij[2]
-
-
-@formula
-def wall_push(i, lane, position, density, rest_density, pressure, walls, smoothing):
-    """Acceleration [m/s^2] of particle i by walls after Shao & Song (2)."""
-    return neighbour_sum(
-        wall_push_pair, i, lane, walls, position, None, density, rest_density, pressure, walls.volume, smoothing
-    )
 
 
 @formula
 def head(x_ij, velocity, followed_velocity, lean, delay):
     """(g - a_k).(x_k - x_j) [m^2/s^2], a_k the acceleration of a solid's particle."""
     a = over(difference(velocity, followed_velocity), delay.tau)
-    return (lean[0] - a[0]) * x_ij[0] + (lean[1] - a[1]) * x_ij[1] + (lean[2] - a[2]) * x_ij[2]
+    return dot(difference(lean, a), x_ij)
 
 
 @pair
