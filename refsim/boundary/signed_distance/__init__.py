@@ -4,6 +4,7 @@ Nodes lie at h j relative to the mesh's origin. They are stored in blocks of 64,
 sorted keys. The distance is negative inside.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -239,55 +240,60 @@ def signed_distance(
     count = mesh.area * 2 * band / spacing**3
     what = f"signed distance: {mesh.source!r} at a spacing of {spacing:.4g} m"
     countable(what, [count], NODE_BYTES, "nodes", "give a larger spacing")
-    host = triangle_table(mesh, dtype)
-    triangles = Triangles(*map(backend.asarray, host))
     grid = band_grid(spacing, band, dtype)
-    blocks, lists = band_blocks(backend, triangles, grid)
-    count = nodes(blocks)
-    unsigned, closest = backend.empty(count, dtype), backend.empty(count, np.int32)
-    _compute(
-        backend, "nearest", triangles=triangles, band_grid=grid, band_blocks=blocks, triangle_lists=lists,
-        unsigned_distance=unsigned, closest=closest,
-    )  # fmt: skip
-    distance, inside_after = backend.empty(count, dtype), backend.zeros(blocks.keys.shape[0], np.uint8)
-    unclear = unclear_features(mesh)
-    wound = Clusters(*map(backend.asarray, clusters(mesh.corners, dtype))) if unclear is not None else None
-    _compute(
-        backend, "signs", triangles=triangles, band_grid=grid, band_blocks=blocks, closest=closest,
-        unsigned_distance=unsigned, winding_clusters=wound, distance=distance,
-        unclear=None if unclear is None else backend.asarray(unclear),
-    )  # fmt: skip
-    rows = backend.asarray(block_rows(backend.host(blocks.keys)))
-    _compute(
-        backend, "fill", band_grid=grid, row_first=rows, closest=closest, distance=distance, inside_after=inside_after
-    )
-    field = DistanceField(
-        blocks.keys, blocks.neighbour, distance, closest, inside_after, grid.spacing, grid.inverse_spacing, grid.band,
-        *(np.float64(x) for x in mesh.origin),
-    )  # fmt: skip
-    return NarrowBand(mesh, backend, grid, triangles, field)
+    made = unfilled(backend, mesh, grid, unclear_features(mesh))
+    made["inside_after"] = backend.zeros(made["band_blocks"].keys.shape[0], np.uint8)
+    _compute(backend, "fill", **made)
+    return NarrowBand(mesh, backend, grid, made["triangles"], field_of(made, mesh.origin))
 
 
-def band_blocks(backend: Backend, triangles: Triangles, grid: BandGrid) -> tuple[Blocks, TriangleLists]:
-    """Blocks within the band of a triangle, and the triangles near each block."""
-    count = backend.empty(triangles.corner.shape[0], np.int32)
-    _compute(backend, "count_blocks", triangles=triangles, band_grid=grid, block_count=count)
-    first = backend.running_sum(count)
-    pairs = int(backend.host(first[count.shape[0] :])[0])
-    key, triangle = backend.empty(pairs, np.int64), backend.empty(pairs, np.int32)
-    _compute(
-        backend, "list_blocks", triangles=triangles, band_grid=grid, block_first=first, pair_key=key,
-        pair_triangle=triangle,
+def field_of(made: Mapping[str, Any], origin: np.ndarray) -> DistanceField:
+    """The kernels' field of arrays that are `made`, about an origin (3,) [m]."""
+    blocks, grid = made["band_blocks"], made["band_grid"]
+    return DistanceField(
+        blocks.keys, blocks.neighbour, made["distance"], made["closest"], made["inside_after"], grid.spacing,
+        grid.inverse_spacing, grid.band, *map(np.float64, origin),
     )  # fmt: skip
+
+
+def unfilled(
+    backend: Backend, mesh: SurfaceMesh, grid: BandGrid, unclear: np.ndarray | None = None
+) -> dict[str, Any]:  # fmt: skip
+    """Arrays of a band by the names of the kernels' arguments; beyond the band `distance` has no sign yet."""
+    dtype = np.dtype(type(grid.band)).name
+    triangles = Triangles(*map(backend.asarray, triangle_table(mesh, dtype)))
+    made: dict[str, Any] = {"triangles": triangles, "band_grid": grid, "unclear": None, "winding_clusters": None}
+    if unclear is not None:
+        made["unclear"] = backend.asarray(unclear)
+        made["winding_clusters"] = Clusters(*map(backend.asarray, clusters(mesh.corners, dtype)))
+    count = len(mesh.faces)
+    made["block_count"] = backend.empty(count, np.int32)
+    _compute(backend, "count_blocks", **made)
+    made["block_first"] = backend.running_sum(made["block_count"])
+    pairs = int(backend.host(made["block_first"][count:])[0])
+    made |= {"pair_key": backend.empty(pairs, np.int64), "pair_triangle": backend.empty(pairs, np.int32)}
+    _compute(backend, "list_blocks", **made)
+    blocks, made["triangle_lists"] = by_block(backend, made["pair_key"], made["pair_triangle"])
+    made["band_blocks"], count = blocks, nodes(blocks)
+    made |= {"unsigned_distance": backend.empty(count, dtype), "closest": backend.empty(count, np.int32)}
+    _compute(backend, "nearest", **made)
+    made["distance"] = backend.empty(count, dtype)
+    _compute(backend, "signs", **made)
+    made["row_first"] = backend.asarray(block_rows(backend.host(blocks.keys)))
+    return made
+
+
+def by_block(backend: Backend, key: Any, triangle: Any) -> tuple[Blocks, TriangleLists]:
+    """Blocks within the band of a triangle, and the triangles near each block, of pairs of both."""
     xp, to_xp, from_xp = backend.array_library()
     key, triangle = to_xp(key), to_xp(triangle)
     order = xp.argsort(key, kind="stable")
     key, triangle = key[order], triangle[order]
-    begins = xp.ones(pairs, dtype=bool)
+    begins = xp.ones(len(key), dtype=bool)
     begins[1:] = key[1:] != key[:-1]
     place = xp.flatnonzero(begins)
     keys = key[place]
-    ends = xp.full(1, pairs, np.int32)
+    ends = xp.full(1, len(key), np.int32)
     lists = TriangleLists(from_xp(xp.concatenate([place.astype(np.int32), ends])), from_xp(triangle))
     return Blocks(*map(from_xp, blocks_of(keys, 3, xp))), lists
 

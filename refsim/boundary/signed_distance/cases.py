@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 
+from refsim.backends.arrays import choose
 from refsim.boundary import signed_distance
 from refsim.boundary.mesh import SurfaceMesh
 from refsim.boundary.signed_distance import BandGrid, DistanceField, TriangleLists, Triangles, band_grid, operations
@@ -92,40 +93,16 @@ def band_of(name: str, dtype: str) -> dict:
     case = CASES[name]()
     mesh = SHAPES[name]() if name in SHAPES else bodies(case)
     h = SPACINGS.get(name, 0.25 * case.spacing)
-    triangles, grid = signed_distance.triangle_table(mesh, dtype), band_grid(h, BANDS.get(name, 2.5) * h, dtype)
-    band: dict = {"triangles": triangles, "band_grid": grid} | follow(triangles, grid, dtype)
-    band["unclear"] = case.random("unclear").integers(0, 2, (len(mesh.faces), 7)).astype(np.uint8)
-    band["winding_clusters"] = clusters(mesh.corners, dtype)
+    grid = band_grid(h, BANDS.get(name, 2.5) * h, dtype)
+    band = signed_distance.unfilled(choose("numpy"), mesh, grid)
+    filled = operations.fill(grid, band["row_first"], band["closest"], band["distance"])
+    band["inside_after"] = filled["inside_after"][0].astype(np.uint8)
+    whole = band | {"distance": filled["distance"][0].astype(dtype)}
     origin = case.position[0] - _shift(case) if name not in SHAPES and case.count else np.zeros(3)
-    x, y, z = map(np.float64, origin)
-    band["distance_field"] = band["distance_field"]._replace(origin_x=x, origin_y=y, origin_z=z)
-    return band | {"query": (origin + queries(case, mesh, grid)).astype(dtype)}
-
-
-def follow(triangles: Triangles, grid: BandGrid, dtype: str) -> dict:
-    """Later arguments from triangles and grid."""
-    count = operations.count_blocks(triangles, grid)["block_count"][0].astype(np.int32)
-    first = np.concatenate([[0], np.cumsum(count)]).astype(np.int32)
-    pairs = {n: v for n, (v, _) in operations.list_blocks(triangles, grid, first).items()}
-    key, triangle = pairs["pair_key"].astype(np.int64), pairs["pair_triangle"].astype(np.int32)
-    order = np.argsort(key, kind="stable")
-    keys, begin = np.unique(key[order], return_index=True)
-    blocks = blocks_of(keys, 3)
-    lists = TriangleLists(np.append(begin, len(key)).astype(np.int32), triangle[order])
-    near = {n: v for n, (v, _) in operations.nearest(triangles, grid, blocks, lists).items()}
-    unsigned, closest = near["unsigned_distance"].astype(dtype), near["closest"].astype(np.int32)
-    signed = operations.signs(triangles, grid, blocks, closest, unsigned, None, None)["distance"][0].astype(dtype)
-    rows = signed_distance.block_rows(keys)
-    filled = operations.fill(grid, rows, closest, signed)
-    after = filled["inside_after"][0].astype(np.uint8)
-    field = DistanceField(
-        blocks.keys, blocks.neighbour, filled["distance"][0].astype(dtype), closest, after, grid.spacing,
-        grid.inverse_spacing, grid.band, *3 * (np.float64(0),),
-    )  # fmt: skip
-    return {
-        "block_count": count, "block_first": first, "pair_key": key, "pair_triangle": triangle, "band_blocks": blocks,
-        "triangle_lists": lists, "unsigned_distance": unsigned, "closest": closest, "distance": signed,
-        "row_first": rows, "inside_after": after, "distance_field": field,
+    return band | {
+        "distance_field": signed_distance.field_of(whole, origin), "winding_clusters": clusters(mesh.corners, dtype),
+        "unclear": case.random("unclear").integers(0, 2, (len(mesh.faces), 7)).astype(np.uint8),
+        "query": (origin + queries(case, mesh, grid)).astype(dtype),
     }  # fmt: skip
 
 
