@@ -7,7 +7,7 @@ and would pass through one layer: the planes of the box stop it, and the run cou
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -15,16 +15,13 @@ from refsim.boundary import adami_2012
 from refsim.boundary.adami_2012 import LEAST_SHARE, ParticleWalls
 from refsim.core.capabilities import FACES, BringsWalls, Face, HasErrata, HasPlanes, effects_with
 from refsim.core.checked import NotNegative, Printed
-from refsim.core.effect import Discretisation, Others
+from refsim.core.effect import Discretisation, InitialState, Others
 from refsim.core.errors import InputError
 from refsim.core.period import Lengths
 from refsim.core.walls import WallMotion, WallParticles, planes
 from refsim.scene.solids import countable
 from refsim.smoothing import lattice, smoothing
 from refsim.sph import acceleration_of, gravity_of, liquid_of
-
-if TYPE_CHECKING:
-    from refsim.core.effect import InitialState
 
 # Spacings of the support radius from which on one layer pushes less the nearer a particle is (docs/liquid.md)
 WIDE = 2.5
@@ -196,7 +193,7 @@ class BoxWalls(ParticleWalls, HasPlanes, HasErrata, frozen=True, kw_only=True):
                 ends[side, axis] += 0.5 * outward * grid.spacing
         return ends
 
-    def initial(self, grid: Discretisation, state: "InitialState", others: Others) -> Mapping[str, np.ndarray]:
+    def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
         """No values of its own; raises InputError for particles that start behind a wall."""
         first = 0 if grid.solids is None else len(grid.solids.lattice.key)  # ShapeMatching tests particles of solids
         self.check_inside(grid, state.position[first:], 1e-3 * grid.spacing, first)  # for the rounding of the planes
@@ -211,7 +208,8 @@ def box_layers(
 
     Along a `period` [m] they begin half a spacing inside and go once around.
     """
-    axes, beyond = [], []
+    axes: list[np.ndarray] = []
+    walled, opened = np.zeros((2, 1, 1, 1), bool)
     for axis in range(3):
         if axis >= dim:
             axes.append(np.zeros(1))
@@ -223,16 +221,14 @@ def box_layers(
             inner = np.linspace(low, high, max(2, round((high - low) / spacing) + 1))
             deeper = spacing * np.arange(1, layers)
             axes.append(np.concatenate([low - deeper[::-1], inner, high + deeper]))
-        inside = np.arange(len(axes[-1]))
-        bounded = axis < dim and period[axis] == 0
-        beyond.append((bounded & (inside < layers), bounded & (inside >= len(inside) - layers)))
-    open_ones = [["-" + name in open_faces, "+" + name in open_faces] for name in "xyz"]
-    index = np.indices([len(a) for a in axes]).reshape(3, -1).T
-    out = np.stack([[beyond[c][side][index[:, c]] for side in (0, 1)] for c in range(3)])  # (3, 2, m)
-    walled = out & ~np.array(open_ones)[:, :, None]
-    kept = walled.any((0, 1)) & ~(out & ~walled).any((0, 1)) if layers > 1 else walled.any((0, 1))
-    index = index[kept]
-    return np.stack([axes[c][index[:, c]] for c in range(3)], axis=1)
+            for side, beyond in (("-", axes[-1] < lower[axis]), ("+", axes[-1] > upper[axis])):
+                along = beyond.reshape(np.roll((-1, 1, 1), axis))
+                if side + "xyz"[axis] in open_faces:
+                    opened = opened | along
+                else:
+                    walled = walled | along
+    kept = np.broadcast_to(walled & ~opened if layers > 1 else walled, [len(places) for places in axes])
+    return np.stack([places[k] for places, k in zip(axes, np.nonzero(kept))], axis=1)
 
 
 def wall_kernel_sums(

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import msgspec
@@ -23,7 +23,7 @@ from refsim.boundary.one_way_coupling import operations as operations
 from refsim.boundary.penetration import CORRECTIONS, penetration_groups
 from refsim.core.capabilities import CorrectsPositions, HasErrata, HoldsOtherMemory, KeepsLedger
 from refsim.core.checked import NotNegative, Printed, Share
-from refsim.core.effect import Discretisation, Field, Others, Pass
+from refsim.core.effect import Discretisation, Field, InitialState, Others, Pass
 from refsim.core.errors import InputError
 from refsim.core.walls import WallParticles
 from refsim.scene.shapes import HOLLOW
@@ -36,10 +36,7 @@ FINEST = 0.01
 EVEN = 2.5  # spacings of a support below which liquid that fills an uneven vessel is noted for its pressure
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from refsim.boundary.one_way_coupling.placing import PlacedSolid
-    from refsim.core.effect import InitialState
 
 
 class MeshBoundary(

@@ -1,7 +1,7 @@
 """Two-way coupling of liquid and solid particles through pressure and viscosity (Shao & Song 2017, (1) to (3))."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -9,13 +9,9 @@ from refsim import sph
 from refsim.boundary.two_way_coupling import operations as operations
 from refsim.core.capabilities import HasErrata, LimitsMassRatio, SumsDensity
 from refsim.core.checked import Printed
-from refsim.core.effect import Discretisation, Effect, Field, Others, Pass, StepLimit, int32
+from refsim.core.effect import Discretisation, Effect, Field, InitialState, Others, Pass, StepLimit, int32
 from refsim.core.errors import InputError
 from refsim.shape_matching import PHASE
-
-if TYPE_CHECKING:
-    from refsim.core.effect import InitialState
-    from refsim.sph import WeaklyCompressible
 
 # Largest ratio of particle masses for which the energy rises no more than with equal masses (docs/stability.md): of
 # solids in a liquid, the largest measured; of liquids that melting has produced
@@ -78,12 +74,12 @@ class Coupling(NamedTuple):
     density_weighted: int  # pairs of liquid have a common pressure, weighted by densities
 
 
-def delay(grid: Discretisation, liquid: "WeaklyCompressible") -> float:
+def delay(grid: Discretisation, liquid: sph.WeaklyCompressible) -> float:
     """tau of the followed velocity [s]."""
     return DELAY * grid.support_radius / liquid.sound_speed
 
 
-def told_at_start(grid: Discretisation, state: "InitialState", others: Others) -> dict[str, np.ndarray]:
+def told_at_start(grid: Discretisation, state: InitialState, others: Others) -> dict[str, np.ndarray]:
     """Wetness [-], pressure [Pa] and u [m/s] of solids' particles at the start, from particle to particle within h.
 
     Liquid that stands on no wall has no pressure and falls; so does what it wets, with a_k = g and u = v - tau g.
@@ -169,7 +165,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
                 " weakly_compressible at 'laplacian', or set density = 'continuity'."
             )
 
-    def _check_advanced(self, liquid: "WeaklyCompressible", others: Others) -> None:
+    def _check_advanced(self, liquid: sph.WeaklyCompressible, others: Others) -> None:
         if "melting" in others and others["melting"].sums_density(False):  # type: ignore[attr-defined]
             raise InputError(
                 f"{self.name}: a liquid with density = 'continuity' has one rest density, and melting brings another;"
@@ -191,7 +187,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
             return (sph.DENSITY, sph.PRESSURE, REST_DENSITY, PHASE, SOLID_NUMBER, FOLLOWED_VELOCITY, *FILM, *TOLD)
         return (sph.DENSITY, sph.PRESSURE, REST_DENSITY, PHASE, RELATIVE_CONTRIBUTION, VOLUME)
 
-    def initial(self, grid: Discretisation, state: "InitialState", others: Others) -> Mapping[str, np.ndarray]:
+    def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
         rest_density = np.full(grid.count, sph.liquid_of(others).rest_density)
         number = np.zeros(grid.count, np.int32)
         if grid.solids is not None:
