@@ -24,7 +24,7 @@ WIDTH = 120
 
 def force(
     of: Callable, name: str = "", *, divided: str = "", times: str = "", walled: Callable | None = None,
-    period: bool = False, given: Mapping[str, str] | None = None,
+    period: bool = False, given: Mapping[str, str] | None = None, around: str = "neighbours",
 ) -> Kernel:  # fmt: skip
     """The kernel that adds to the acceleration [m/s^2] the sum of the terms of the pair function `of`.
 
@@ -34,20 +34,23 @@ def force(
     walled   formula of the walls' part, of (i, lane, position, density, pressure, walls, smoothing, fluid, period)
     period   whether separations are to the nearest image in a periodic box
     given    expressions for what the pair function takes and the kernel does not
+    around   "neighbours", or "walls", wall particles with `place` and `volume`, by one thread for each particle
     """
-    called, given, box = _called(of), given or {}, "period" if period else "None"
+    called, box, lanes = _called(of), "period" if period else "None", around == "neighbours"
+    given = (given or {}) if lanes else {"place": "walls.position", "volume": "walls.volume"}
+    lane = "lane" if lanes else "None"
     parts = [part for part in parts_of(of) if part[0] not in (DISTANCE, SEPARATION)]
     summed = dict.fromkeys(part for part, _ in parts)
     groups = [part for part, index in parts if not index and part not in given]
-    taken = [part for part, index in parts if index] + [divided] * bool(divided)
-    taken += ["neighbours", *["walls"] * bool(walled), *groups, *[times.partition(".")[0]] * bool(times)]
+    taken = [part for part, index in parts if index and part not in given] + [divided] * bool(divided)
+    taken += [around, *["walls"] * bool(walled), *groups, *[times.partition(".")[0]] * bool(times)]
     taken += [*["fluid"] * bool(walled), *["period"] * period, "acceleration"]
     lines = [
-        *_call(f"def {name or of.__name__.removesuffix('_pair')}(", ["i", "lane", "position", *taken], "):"),
-        f'    """Sum of `{called}` over the neighbours; added to the acceleration [m/s^2]."""',
+        *_call(f"def {name or of.__name__.removesuffix('_pair')}(", ["i", *["lane"] * lanes, "position", *taken], "):"),
+        f'    """Sum of `{called}` over the {around}; added to the acceleration [m/s^2]."""',
         *_call(
             "    a = neighbour_sum(",
-            [called, "i", "lane", "neighbours", "position", box, *(given.get(part, part) for part in summed)], ")",
+            [called, "i", lane, around, "position", box, *(given.get(part, part) for part in summed)], ")",
         ),
     ]  # fmt: skip
     if times:
@@ -58,8 +61,8 @@ def force(
         smoothing = next(group for group in ("gradient_smoothing", "smoothing") if group in groups)
         walls = f"i, lane, position, density, pressure, walls, {smoothing}, fluid, {box}"
         lines += ["    if walls is not None:", f"        a = added(a, {_called(walled, of)}({walls}))"]
-    lines.append("    add_vector(acceleration, i, lane, a)")
-    return Kernel(_made(of, lines, *([walled] if walled else [])), lanes=True)
+    lines.append(f"    add_vector(acceleration, i, {lane}, a)")
+    return Kernel(_made(of, lines, *([walled] if walled else [])), lanes=lanes)
 
 
 def together(

@@ -2,6 +2,7 @@
 
 from refsim.backends.compile import kernel
 from refsim.backends.tuples import dot, over
+from refsim.neighbours.forces import force
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector
 from refsim.smoothing.formulas import gradient_factor, kernel_value, safe_distance, viscosity_laplacian
@@ -110,11 +111,4 @@ def holding_pair(r, x_ij, velocity_i, place_j, volume_j, smoothing, holding, wal
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 
-@kernel
-def hold(i, position, velocity, density, walls, smoothing, holding, wall_motion, period, acceleration):
-    """Friction of walls that hold the liquid; added to the acceleration [m/s^2]."""
-    force = neighbour_sum(
-        holding_pair, i, None, walls, position, period, velocity, walls.position, walls.volume, smoothing, holding,
-        wall_motion,
-    )  # fmt: skip
-    add_vector(acceleration, i, None, over(force, density[i]))
+hold = force(holding_pair, "hold", divided="density", period=True, around="walls")

@@ -1,7 +1,8 @@
 """What one neighbour and one particle do at the boundary particles of a mesh."""
 
 from refsim.backends.compile import kernel
-from refsim.backends.tuples import dot
+from refsim.backends.tuples import added, dot, scaled
+from refsim.neighbours.forces import force
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector
 from refsim.smoothing.formulas import kernel_slope, kernel_value, safe_distance, viscosity_laplacian
@@ -9,34 +10,24 @@ from refsim.sph.kernels import own_share, wall_moves
 
 
 @pair
-def wall_viscosity_pair(r, density_i, position_j, volume_j, smoothing, fluid, wall_viscosity, wall_motion):
-    """Patent P6 with E30: factor mu Psi_b/rho_i^2 lap W_ib of v_b - v_i [1/s], and the same of a particle that moves.
+def wall_viscosity_pair(
+    r, velocity_i, density_i, place_j, volume_j, smoothing, fluid, wall_viscosity, wall_motion
+):  # fmt: skip
+    """Patent P6 with E30, viscous part: mu Psi_b/rho_i^2 lap W_ib (v_b - v_i) [m/s^2], b at rest or moving.
 
     From F_ib = mu (m_i/rho_i) (Psi_b/rho_i) (v_b - v_i) lap W_ib, Psi_b = rho0 V_b.
     """
     wall_mass = fluid.rest_density * volume_j
     g = wall_viscosity.coefficient * wall_mass / (density_i * density_i) * viscosity_laplacian(r, smoothing)
-    moving = type(r)(0)
+    a = scaled(velocity_i, -g)
     if wall_motion is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
-        if wall_moves(position_j, wall_motion):
-            moving += g
-    return g, moving
+        if wall_moves(place_j, wall_motion):
+            v = wall_motion.velocity
+            a = added(a, scaled((v[0], v[1], v[2]), g))
+    return a[0], a[1], a[2]
 
 
-@kernel
-def wall_viscosity(
-    i, position, velocity, density, walls, smoothing, fluid, wall_viscosity, wall_motion, period, acceleration
-):  # fmt: skip
-    """Patent P6, viscous part; boundary particles are at rest, or move beyond the planes of `wall_motion` [m/s^2]."""
-    total, moving = neighbour_sum(
-        wall_viscosity_pair, i, None, walls, position, period, density, walls.position, walls.volume, smoothing, fluid,
-        wall_viscosity, wall_motion,
-    )  # fmt: skip
-    for c in range(3):
-        change = -total * velocity[i, c]
-        if wall_motion is not None:
-            change += moving * wall_motion.velocity[c]
-        acceleration[i, c] += change
+wall_viscosity = force(wall_viscosity_pair, period=True, around="walls")
 
 
 @pair

@@ -1,10 +1,8 @@
 """What one neighbour and one particle do in Akinci et al. 2013."""
 
-from refsim.backends.compile import kernel
 from refsim.backends.tuples import added, difference, scaled
 from refsim.neighbours.forces import force
-from refsim.neighbours.pairs import neighbour_sum, pair
-from refsim.neighbours.rows import add_vector
+from refsim.neighbours.pairs import pair
 from refsim.smoothing.formulas import safe_distance
 from refsim.sph.kernels import with_momentum
 from refsim.surface_normal.formulas import axial_part
@@ -48,8 +46,4 @@ def adhesion_pair(r, x_ij, volume_j, smoothing, fluid, adhesion):
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 
-@kernel
-def adhesion(i, position, walls, smoothing, fluid, adhesion, acceleration):
-    """Adhesion to the wall particles; added to the acceleration [m/s^2]."""
-    a = neighbour_sum(adhesion_pair, i, None, walls, position, None, walls.volume, smoothing, fluid, adhesion)
-    add_vector(acceleration, i, None, a)
+adhesion = force(adhesion_pair, around="walls")
