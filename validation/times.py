@@ -390,7 +390,7 @@ they read 68 bytes of each neighbour for 52. With a third fewer instructions and
 to 0.1 ms less, so that it is these reads that limit them; at the papers' rate of bytes the step would take 1.3 times as
 long, and 1.2 needs 60 bytes. Rows of 28 November are relative to the cube's step of then, 2.98 ms.
 MPM's surface is 44 launches; instructions limit its searches and sweeps. Its row was read on a busy host: on an idle
-one it takes 0.375 ms, 1.37 plain steps.
+one it takes 0.363 ms, 1.32 plain steps.
 Melting is 33, and a list in 59 % of the steps, because fast water flows among solids.
 """
 THREADS = """
