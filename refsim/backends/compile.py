@@ -158,11 +158,9 @@ class CudaKernel:
                 self.launches[kinds](blocks, self.threads, arguments, self.early and begins_early())
                 return
             self.dispatcher[blocks, self.threads, stream()](*arguments)  # compiles
-            launch = None if kinds is None else direct_launch(self.dispatcher, arguments)
-            if launch is not None:
-                self.launches[kinds] = launch
-            elif kinds is not None:
-                self.launches = None
+            if kinds is not None:
+                launch = direct_launch(self.dispatcher, arguments)
+                self.launches = launch and self.launches | {kinds: launch}
 
 
 @functools.cache

@@ -6,6 +6,7 @@ private names of numba-cuda; if they are missing, kernels are launched through t
 """
 
 import ctypes
+import functools
 import warnings
 from typing import Any
 
@@ -31,20 +32,16 @@ class Launch:
         private: Any = names("launch")  # without them an AttributeError
         types = tuple(private.typeof(argument, private.Purpose.argument) for argument in arguments)
         self.kernel = dispatcher.overloads[types]._codelibrary.get_cufunc().kernel
-        self.converted = private._to_core_stream  # makes a stream one of `cuda.core`'s
         self.launch, self.config = launch, LaunchConfig
-        self.streams = {branch(): self.converted(stream())}
+        self.stream_of = functools.cache(lambda number: private._to_core_stream(stream()))  # of the branch at work
 
     def __call__(self, blocks: int, threads: int, arguments: tuple, early: bool) -> None:
         values: list[Any] = []
         unfold(arguments, values)
-        number = branch()
-        if number not in self.streams:
-            self.streams[number] = self.converted(stream())
         shape: dict[str, Any] = {"grid": (blocks, 1, 1), "block": (threads, 1, 1)}
         if early and hasattr(self.config, EARLY):
             shape[EARLY] = True
-        self.launch(self.streams[number], self.config(**shape), self.kernel, *values)
+        self.launch(self.stream_of(branch()), self.config(**shape), self.kernel, *values)
 
 
 def direct_launch(dispatcher: Any, arguments: tuple) -> Launch | None:
