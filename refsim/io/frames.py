@@ -215,12 +215,6 @@ class ParticleWriter:
         if self._lock.is_locked:
             unlock(self._lock)
 
-    def __enter__(self) -> ParticleWriter:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
-
 
 def heads_of(path: Path) -> list[Head]:
     """The heads of the frames of a collection, in order of time. Raises InputError where there is none."""

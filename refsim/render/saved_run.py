@@ -13,7 +13,7 @@ from refsim.boundary.one_way_coupling import MeshBoundary
 from refsim.boundary.one_way_coupling.placing import PlacedSolid
 from refsim.core.errors import InputError
 from refsim.io.frames import Frame
-from refsim.io.results import PARTICLES, Run
+from refsim.io.results import Run
 from refsim.render.surfaces import Distance, depth
 from refsim.scene.plan import Plan, make_plan
 from refsim.sph import acceleration_of
@@ -172,12 +172,7 @@ class SavedRun:
 
 def open_run(path: str | os.PathLike[str]) -> SavedRun:
     """The run in a folder that `refsim run` or `simulate` has written. Raises InputError where there is none."""
-    folder = Path(path)
-    if folder.name == PARTICLES:
-        folder = folder.parent
-    if not folder.is_dir():
-        raise InputError(f"there is no run in {os.fspath(path)!r}; give the folder that `refsim run` has written.")
-    files = Run(folder, check=True)
+    files = Run(Path(path), check=True)
     return SavedRun(files, make_plan(files.scene))
 
 

@@ -3,6 +3,7 @@
 import errno
 import os
 import xml.etree.ElementTree
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -90,7 +91,7 @@ def assert_files(path, frames):
 def test_every_frame_comes_back_bit_for_bit(tmp_path, counts, at_once):
     path = tmp_path / "run.pvd"
     frames = [frame(step, n) for step, n in enumerate(counts)]
-    with ParticleWriter(path, FIELDS) as writer:
+    with closing(ParticleWriter(path, FIELDS)) as writer:
         assert writer.last_time is None
         for first in range(0, len(frames), at_once):
             some = frames[first : first + at_once]
@@ -120,11 +121,11 @@ def test_single_frame_through_the_real_reader(tmp_path, dtype, n):
 def test_append_drops_later_frames(tmp_path, resume_time, counts):
     path = tmp_path / "run.pvd"
     old = [frame(step, n) for step, n in enumerate(counts)]
-    with ParticleWriter(path, FIELDS) as writer:
+    with closing(ParticleWriter(path, FIELDS)) as writer:
         write_frames(writer, old)
     kept = [one for one in old if one[0] <= resume_time]
     new = [frame(step + 100, n) for step, n in enumerate(counts[::-1])]
-    with ParticleWriter(path, FIELDS, resume_time=resume_time) as writer:
+    with closing(ParticleWriter(path, FIELDS, resume_time=resume_time)) as writer:
         assert writer.last_time == (kept[-1][0] if kept else None)
         write_frames(writer, new)
     assert_files(path, kept + new)
@@ -132,9 +133,9 @@ def test_append_drops_later_frames(tmp_path, resume_time, counts):
 
 def test_a_new_run_takes_the_place_of_the_old_one_with_its_first_frame(tmp_path, disk):
     path = tmp_path / "run.pvd"
-    with ParticleWriter(path, FIELDS) as writer:
+    with closing(ParticleWriter(path, FIELDS)) as writer:
         write_frames(writer, [frame(step) for step in range(3)])
-    with ParticleWriter(path, {"a": (1, "int32")}) as writer:
+    with closing(ParticleWriter(path, {"a": (1, "int32")})) as writer:
         assert_files(path, [frame(step) for step in range(3)])
         disk.error = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         new = (5.0, np.zeros((2, 3)), {"a": np.arange(2, dtype="int32")})
@@ -152,7 +153,7 @@ def test_what_made_the_frames_is_said_until_another_origin_replaces_it(tmp_path)
     for append, origin, scene in (
         (False, Origin("one"), "one"), (True, None, "one"), (True, Origin("two"), "two"), (False, None, ""),
     ):  # fmt: skip
-        with ParticleWriter(path, FIELDS, resume_time=0.0 if append else None, origin=origin) as writer:
+        with closing(ParticleWriter(path, FIELDS, resume_time=0.0 if append else None, origin=origin)) as writer:
             write_frames(writer, [frame(step) for step in range(int(append), 2)])
         assert read_origin(path).scene == scene
 
@@ -161,7 +162,7 @@ def test_what_made_the_frames_is_said_until_another_origin_replaces_it(tmp_path)
 def test_damage_anywhere_is_told(tmp_path):
     """A flipped bit at the ends of the head and at seeded places, zeros, a file cut."""
     path, rng = tmp_path / "run.pvd", np.random.default_rng(5)
-    with ParticleWriter(path, FIELDS) as writer:
+    with closing(ParticleWriter(path, FIELDS)) as writer:
         write_frames(writer, [frame(step) for step in range(3)])
     file = frame_files(path)[1]
     whole = file.read_bytes()
@@ -178,12 +179,12 @@ def test_damage_anywhere_is_told(tmp_path):
 
 def test_one_writer_at_a_time(tmp_path):
     path = tmp_path / "run.pvd"
-    with ParticleWriter(path, FIELDS) as writer:
+    with closing(ParticleWriter(path, FIELDS)) as writer:
         write_frames(writer, [frame(0)])
         with pytest.raises(InputError, match="another process"):
             ParticleWriter(path, FIELDS, resume_time=np.inf)
         write_frames(writer, [frame(1)])
-    with ParticleWriter(path, FIELDS, resume_time=np.inf) as writer:
+    with closing(ParticleWriter(path, FIELDS, resume_time=np.inf)) as writer:
         write_frames(writer, [frame(2)])
     assert len(open_run(path)) == 3
 
@@ -219,7 +220,7 @@ def test_a_stop_between_any_two_calls(tmp_path, disk, error):
             writer.append([Frame(*one) for one in frames[2:5]]) if died else write_frames(writer, frames[4:5])
             assert_files(path, frames[:5])
         writer.close()
-        with ParticleWriter(path, FIELDS, resume_time=0.1) as writer:
+        with closing(ParticleWriter(path, FIELDS, resume_time=0.1)) as writer:
             assert writer.last_time == 0.1
             write_frames(writer, frames[5:])
         assert_files(path, [*frames[:2], frames[5]])

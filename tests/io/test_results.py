@@ -4,6 +4,7 @@ import importlib.util
 import json
 import pathlib
 import shutil
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -41,7 +42,7 @@ def folder(tmp_path_factory):
 def shuffled(path):
     """A file whose two frames hold the particles in different orders, then one particle fewer."""
     random = np.random.default_rng(3)
-    with ParticleWriter(path, {"identity": (1, "int32"), "mark": (2, "float64")}) as writer:
+    with closing(ParticleWriter(path, {"identity": (1, "int32"), "mark": (2, "float64")})) as writer:
         for k, n in enumerate((6, 6, 5)):
             order = random.permutation(n).astype(np.int32)
             position = np.stack([order, order + k, 0 * order], 1).astype(float)

@@ -3,6 +3,7 @@
 import importlib.util
 import re
 import sys
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -150,7 +151,7 @@ def test_solids_and_their_melt_have_colours_of_their_own(tmp_path):
 @pytest.mark.parametrize("place", ["nowhere", "file.txt"])
 def test_what_is_no_run_is_refused(tmp_path, place):
     (tmp_path / "file.txt").write_text("no run")
-    with pytest.raises(InputError, match="there is no run"):
+    with pytest.raises(InputError, match="there are no frames of"):
         open_run(tmp_path / place)
 
 
@@ -199,7 +200,7 @@ def strayed(folder, count):
     x = simulation.field("position").astype("float32")
     x[:count] += [60.0, 0.0, 0.0]
     origin = origin_of(simulation.plan)
-    with ParticleWriter(folder / "particles.pvd", {"identity": (1, "int32")}, origin=origin) as writer:
+    with closing(ParticleWriter(folder / "particles.pvd", {"identity": (1, "int32")}, origin=origin)) as writer:
         writer.append([Frame(0.0, x, {"identity": np.arange(len(x), dtype="int32")})])
     return folder
 

@@ -4,6 +4,7 @@ import base64
 import gzip
 import json
 import re
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -64,7 +65,7 @@ def test_a_particle_keeps_its_place_and_its_colour_when_the_run_sorts_its_partic
     simulation, random = Simulation(scene), np.random.default_rng(5)
     x = simulation.field("position")
     fields, origin = {"number": (1, "float32"), "identity": (1, "int32")}, origin_of(simulation.plan)
-    with ParticleWriter(tmp_path / "particles.pvd", fields, origin=origin) as writer:
+    with closing(ParticleWriter(tmp_path / "particles.pvd", fields, origin=origin)) as writer:
         for frame in range(4):
             order = random.permutation(len(x)).astype("int32")
             told = {"identity": order, "number": order.astype("float32")}
@@ -88,7 +89,7 @@ def test_a_large_run_makes_a_file_of_at_most_60_megabytes(tmp_path):
     names = [name for name in simulation.plan.particle_fields if name not in ("position", "identity")]
     names += [f"more_{k}" for k in range(FIELDS + 1 - len(names))]
     fields = dict.fromkeys(names, (1, "float32")) | {"identity": (1, "int32")}
-    with ParticleWriter(tmp_path / "particles.pvd", fields, origin=origin_of(simulation.plan)) as writer:
+    with closing(ParticleWriter(tmp_path / "particles.pvd", fields, origin=origin_of(simulation.plan))) as writer:
         for frame in range(5):
             values = {name: random.normal(size=len(x)).astype("float32") for name in names}
             place = (x + random.normal(size=x.shape)).astype("float32")
