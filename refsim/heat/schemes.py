@@ -67,9 +67,9 @@ def written(rows, scratch, real):
     return table, number
 
 
-def planned(largest, conduction, scratch, real):
+def planned(passes, largest, conduction, scratch, real):
     """(table, number) of Chebyshev's iteration found where the particles are; the host does not wait for it."""
-    table = scratch.array("heat table", (int(conduction.planned_passes), 4), real)
+    table = scratch.array(f"heat table {passes}", (passes, 4), real)
     number = scratch.array("heat number", 1, np.int32)
     kernels.plan_chebyshev(largest, conduction, table, number)
     return table, number
@@ -151,21 +151,17 @@ def backward_euler(body, melting, neighbours, step, scratch, enthalpy, temperatu
     """
     exchanges, inverse, largest, flow = weighed(body, neighbours, step, scratch, temperature)
     start = None if enthalpy is None else copied(temperature, "heat start", scratch)
-    plan, real = None, temperature.dtype
     if most_passes and step.conduction.planned_passes and scratch.backend.name == "cuda":
-        plan = planned(largest, step.conduction, scratch, real)
+        passes = int(step.conduction.planned_passes)
     else:
         most = known(largest, enthalpy, temperature, scratch)
         if most is None:
             return
         passes = max(1, stages.chebyshev_passes(most, float(step.conduction.tolerance)))
-        if passes <= most_passes:
-            table = np.empty((passes, 4))
-            kernels.plan_chebyshev.body(0, [most], step.conduction, table, [None])
-            plan = written(table, scratch, real)
-    if plan is None:
+    if passes > most_passes:
         solve(exchanges, inverse, flow, step.conduction, scratch, temperature)
     else:
+        plan = planned(passes, largest, step.conduction, scratch, temperature.dtype)
         run_stages(plan, exchanges, inverse, flow, None, scratch, None, temperature)
     if enthalpy is not None:
         kernels.take_up(start, substance_of(body, melting), enthalpy, temperature)
