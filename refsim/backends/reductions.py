@@ -4,6 +4,7 @@ On a CPU each chunk of the rows has its own; a GPU reduces in each block of thre
 Neither maxima nor counts (up to 2^24 in float32) depend on the order of the blocks, so that results repeat bit for bit.
 """
 
+import functools
 import inspect
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -135,40 +136,35 @@ class Reduction(Kernel):
     def program(self, backend: str) -> Callable:
         """What sets the numbers; of a GPU's, `cleared` does only what remains where they are zero already."""
         if backend not in self._programs:
-            self._programs[backend] = made = self._of_cuda() if backend == "cuda" else self._of_cpu()
-            made.into, made.least = self.into, self.least  # type: ignore[attr-defined]
+            self._programs[backend] = made = self._program(self._on_cuda if backend == "cuda" else self._on_cpu)
+            if backend == "cuda":
+                made.cleared = self._program(self.on("cuda"))  # type: ignore[attr-defined]
         return self._programs[backend]
 
-    def _like_body(self, program: Callable) -> Callable:
-        program.__name__, program.__doc__, program.__wrapped__ = self.__name__, self.__doc__, self.__wrapped__  # type: ignore[attr-defined]
-        program.__signature__ = self._signature  # type: ignore[attr-defined]
+    def _program(self, run: Callable) -> Callable:
+        """A function of the body's arguments and `into`."""
+
+        @functools.wraps(self.__wrapped__)
+        def program(*values: Any) -> None:
+            run(*values)
+
+        program.__signature__, program.into, program.least = self._signature, self.into, self.least  # type: ignore[attr-defined]
         return program
 
-    def _of_cpu(self) -> Callable:
-        counted = [k for k, kind in enumerate(self.how) if kind == "count"]
+    def _on_cpu(self, *values: Any) -> None:
+        *given, out = values
+        partial = np.full((CHUNKS, *out.shape), self.least, out.dtype)
+        self.on("cpu")(*given, partial)
+        out[:] = partial.max(0)
+        for k, kind in enumerate(self.how):
+            if kind == "count":
+                out[k] = partial[:, k].sum(0)
 
-        def program(*values: Any) -> None:
-            *given, out = values
-            partial = np.full((CHUNKS, *out.shape), self.least, out.dtype)
-            self.on("cpu")(*given, partial)
-            out[:] = partial.max(0)
-            if counted:
-                out[counted] = partial[:, counted].sum(0)
-
-        return self._like_body(program)
-
-    def _of_cuda(self) -> Callable:
+    def _on_cuda(self, *values: Any) -> None:
         from refsim.backends import device  # loads numba.cuda
 
-        def cleared(*values: Any) -> None:
-            self.on("cuda")(*values)
-
-        def program(*values: Any) -> None:
-            device.fill(values[-1], self.least)
-            cleared(*values)
-
-        program.cleared = self._like_body(cleared)  # type: ignore[attr-defined]
-        return self._like_body(program)
+        device.fill(values[-1], self.least)
+        self.on("cuda")(*values)
 
     def _named(self, backend: str) -> dict[str, Any]:
         names = {**super()._named(backend), "limits": limits}
