@@ -183,14 +183,6 @@ def position_doubt(s, solid_position, matching):
 
 
 @formula
-def match_quick(s, sums, solid_position, matching, rotation):
-    """(whether it is found, q): rotation of a region if it is near the one before and well determined."""
-    real = type(matching.spacing)
-    least = real(SMALL) * matching.spacing + real(16) * position_doubt(s, solid_position, matching)
-    return formulas.quick_rotation(sums, rotation[s], sums[0] * least, matching.precision)
-
-
-@formula
 def match_end(s, sums, solid_position, region_share, region, matching, region_center, region_anchor, rotation):
     """Center, rotation and anchor of the region of node s, from its sums; of an empty one the node's own position.
 
@@ -198,22 +190,17 @@ def match_end(s, sums, solid_position, region_share, region, matching, region_ce
     n eps sum |terms| in an entry of A, in any order, and sum |terms| <= 2 w S. Below that, and below the error that
     the positions' rounding makes, A determines no rotation.
     """
-    real = type(sums[0])
-    near, q = match_quick(s, sums, solid_position, matching, rotation)
+    real, doubt = type(sums[0]), position_doubt(s, solid_position, matching)
+    least = real(SMALL) * matching.spacing + real(16) * doubt
+    near, q = formulas.quick_rotation(sums, rotation[s], sums[0] * least, matching.precision)
     if not near:
         exact, size = careful_sums(s, solid_position, region_share, region, matching.half_width)
         n, w = np.float64(region.shape[1]), np.float64(matching.half_width)
-        lost = 2 * w * n * EPSILON * size + exact[0] * np.float64(position_doubt(s, solid_position, matching))
+        lost = 2 * w * n * EPSILON * size + exact[0] * np.float64(doubt)
         before = converted((rotation[s, 0], rotation[s, 1], rotation[s, 2], rotation[s, 3]), np.float64)
         q = converted(solved_rotation(exact, before, np.float64(matching.twist_floor), lost), real)
         sums = converted(exact, real)
-    match_write(s, sums, q, matching, region_center, region_anchor, rotation)
-
-
-@formula
-def match_write(s, sums, q, matching, region_center, region_anchor, rotation):
-    """Center and anchor of the region of node s, from its sums and its rotation q."""
-    zero = type(sums[0])(0)
+    zero = real(0)
     center, anchor = (zero, zero, zero), (zero, zero, zero)
     if sums[0] > zero:
         put(rotation, s, q)
