@@ -271,7 +271,11 @@ class PairCohesion(
 
     def check(self, grid: Discretisation, others: Others) -> None:
         self.check_coefficients()
+        self.check_others(grid, others)
         self.check_collapse(grid, others)
+
+    def check_others(self, grid: Discretisation, others: Others) -> None:
+        """Raise InputError where its other parameters are not possible."""
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         """The pass of the pair force, where it is all that the model has."""
@@ -379,7 +383,11 @@ class PairCohesion(
                 f" leaves about {share:.2g} of its nominal tension: take the coefficient of calibrate(..., density ="
                 " 'continuity')"
             )
-        return tuple(notes)
+        return (*notes, *self.own_notes(grid, others))
+
+    def own_notes(self, grid: Discretisation, others: Others) -> Iterator[str]:
+        """Those of this model alone."""
+        return iter(())
 
     def margins(self, grid: Discretisation, others: Others) -> Iterator[Margin]:
         if (number := self.collapse_number(grid, others)) > 0:
@@ -436,18 +444,18 @@ def spreading_note(name: str, term: str) -> str:
     )
 
 
-def angular_momentum_note(name: str, term: str, others: Others, direction: str = "") -> str:
-    """Note if a term that is not parallel to e_ij alone changes the angular momentum of a free liquid; else "".
+def angular_momentum_note(name: str, term: str, others: Others, direction: str = "") -> Iterator[str]:
+    """Note if a term that is not parallel to e_ij alone changes the angular momentum of a free liquid.
 
     With viscosity J(11), which changes it far more, the note of weakly_compressible says so instead; nor do shifts keep
     it.
     """
     fluid = liquid_of(others)
     if direction == "axial" or shifted(others) or (fluid.dynamic_viscosity > 0 and not fluid.central()):
-        return ""
+        return
     remedy = "take area_direction = 'axial', or leave the term out" if direction else "leave the term out"
     how = "with this viscosity" if fluid.central() else "without viscosity"
-    return (
+    yield (
         f"{name}: {how} angular momentum would be conserved, but the {term} does not act along the pair and"
         f" changes it: {remedy} if that matters"
     )

@@ -88,14 +88,12 @@ class Akinci2013(cohesion.PairCohesion, HasErrata, frozen=True, kw_only=True):
     adhesion: NotNegative = 0.0
     literal: Printed = ()
 
-    def check(self, grid: Discretisation, others: Others) -> None:
-        self.check_coefficients()
+    def check_others(self, grid: Discretisation, others: Others) -> None:
         if "gamma" in self.printed() and self.area_acceleration is not None:
             raise InputError(
                 f"{self.name}: literal 'gamma' sets the coefficient of the area term, and so does area_acceleration;"
                 " give one of them."
             )
-        self.check_collapse(grid, others)
 
     def area_coefficient(self, grid: Discretisation, others: Others) -> float:
         """eps [m/s^2], given or from gamma."""
@@ -145,9 +143,6 @@ class Akinci2013(cohesion.PairCohesion, HasErrata, frozen=True, kw_only=True):
             "adhesion": Adhesion(real(beta), real(0.007 * beta / volume)),
         }
 
-    def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
-        return (*super().notes(grid, others), *self._unstable(grid, others))
-
     def margins(self, grid: Discretisation, others: Others) -> Iterator[Margin]:
         yield from super().margins(grid, others)
         if self._has_area() and self.coheres() and self._measured_at(grid, others) is None:
@@ -162,12 +157,11 @@ class Akinci2013(cohesion.PairCohesion, HasErrata, frozen=True, kw_only=True):
             )
             yield Margin(name, value, largest, beyond=consequence)
 
-    def _unstable(self, grid: Discretisation, others: Others) -> Iterator[str]:
+    def own_notes(self, grid: Discretisation, others: Others) -> Iterator[str]:
         """Notes on an area term that changes angular momentum, stands alone, or adds kinetic energy."""
         if not self._has_area():
             return
-        if note := cohesion.angular_momentum_note(self.name, "area term", others, self.area_direction):
-            yield note
+        yield from cohesion.angular_momentum_note(self.name, "area term", others, self.area_direction)
         if not self.coheres():
             yield cohesion.spreading_note(self.name, "area term")
         elif "iisph" in others:

@@ -3,6 +3,7 @@
 Every pair attracts at every distance; only the pressure keeps particles apart.
 """
 
+from collections.abc import Iterator
 from typing import Any, ClassVar, NamedTuple
 
 from numpy.typing import NDArray
@@ -39,15 +40,12 @@ class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
     kappa: NotNegative | None = None
     clamp_distance: bool = True
 
-    def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
-        notes = super().notes(grid, others)
-        if self.clamp_distance:
-            return notes
-        return (
-            *notes,
-            f"{self.name}: without clamp_distance nearer pairs attract more: particles were found to pile up until"
-            " drops burst",
-        )
+    def own_notes(self, grid: Discretisation, others: Others) -> Iterator[str]:
+        if not self.clamp_distance:
+            yield (
+                f"{self.name}: without clamp_distance nearer pairs attract more: particles were found to pile up until"
+                " drops burst"
+            )
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         kappa = self.coefficient(grid, others)

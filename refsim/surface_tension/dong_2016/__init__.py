@@ -88,8 +88,7 @@ class Dong2016(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, kw_o
             return self
         return msgspec.structs.replace(self, filter_density=not cohesion.density_complete_at_surface(others))
 
-    def check(self, grid: Discretisation, others: Others) -> None:
-        self.check_coefficients()
+    def check_others(self, grid: Discretisation, others: Others) -> None:
         if self._rest_distance(grid) >= grid.support_radius:
             raise InputError(
                 f"{self.name}: rest_distance = {self._rest_distance(grid)} m is not below the support radius of"
@@ -101,7 +100,6 @@ class Dong2016(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, kw_o
                 f"{self.name}: with rest_distance = {self._rest_distance(grid)} m the pair force has no surface tension"
                 " on the lattice; give it as stiffness."
             )
-        self.check_collapse(grid, others)
 
     def correction_coefficient(self, grid: Discretisation, others: Others) -> float:
         """lambda [m^2/s^2], given or from sigma."""
@@ -156,9 +154,9 @@ class Dong2016(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, kw_o
             correction = NormalCorrection(real(coefficient), int32("E21" not in self.printed()))
         return groups | {"molecular_force": force, "normal_correction": correction}
 
-    def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
-        turning = cohesion.angular_momentum_note(self.name, "correction", others) if self._corrects() else ""
-        return (*super().notes(grid, others), *filter(None, [turning]))
+    def own_notes(self, grid: Discretisation, others: Others) -> Iterator[str]:
+        if self._corrects():
+            yield from cohesion.angular_momentum_note(self.name, "correction", others)
 
     def margins(self, grid: Discretisation, others: Others) -> Iterator[Margin]:
         yield from super().margins(grid, others)

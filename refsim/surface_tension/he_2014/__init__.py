@@ -90,18 +90,16 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
     kappa: NotNegative | None = None
     air_pressure: NotNegative = 0.0
 
-    def check(self, grid: Discretisation, others: Others) -> None:
+    def check_coefficients(self) -> None:
         if self.surface_tension is not None and self.kappa is not None:
             raise InputError(f"{self.name}: both of surface_tension and kappa given; give one of them, or neither.")
-        self.check_collapse(grid, others)
 
-    def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
-        tension = self._own_tension(grid, others)
-        note = (
-            f"{self.name}: the gradient energy does not act in the bulk: drops were found to spread, or to come to rest"
-            " in the shape they have, with particles that gather in pairs"
-        )
-        return (*super().notes(grid, others), *([note] if tension > 0 else []))
+    def own_notes(self, grid: Discretisation, others: Others) -> Iterator[str]:
+        if self._own_tension(grid, others) > 0:
+            yield (
+                f"{self.name}: the gradient energy does not act in the bulk: drops were found to spread, or to come to"
+                " rest in the shape they have, with particles that gather in pairs"
+            )
 
     def stiffness_limits(self, grid: Discretisation, others: Others) -> Iterator[tuple[float, float, str]]:
         if tension := self._own_tension(grid, others):

@@ -166,8 +166,7 @@ class JiangZhu2023(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, 
             self, density_correction=self.coheres() and not cohesion.density_complete_at_surface(others)
         )
 
-    def check(self, grid: Discretisation, others: Others) -> None:
-        self.check_coefficients()
+    def check_others(self, grid: Discretisation, others: Others) -> None:
         if self.soft_upper <= self.soft_lower:
             raise InputError(
                 f"{self.name}: soft_upper = {self.soft_upper} is not above soft_lower = {self.soft_lower}; give"
@@ -175,7 +174,6 @@ class JiangZhu2023(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, 
             )
         if self._marked() or self._corrects():
             self._detection(others).check(grid, others)
-        self.check_collapse(grid, others)
 
     def signed_gamma(self, grid: Discretisation, others: Others) -> float:
         """gamma [m^4/(kg s^2)], with the printed sign of J(16) if Jiang & Zhu E4 is taken literally."""
@@ -232,11 +230,6 @@ class JiangZhu2023(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, 
             "area": area,
         }
 
-    def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
-        borrows = self.coheres() and self._marked() and SurfaceDetection.name not in others
-        said = self._detection(others).notes(grid, others) if borrows else ()
-        return (*super().notes(grid, others), *self._unstable(grid, others), *said)
-
     def margins(self, grid: Discretisation, others: Others) -> Iterator[Margin]:
         yield from super().margins(grid, others)
         if not self.coheres():
@@ -269,8 +262,8 @@ class JiangZhu2023(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, 
             )
             yield Margin(name, value, largest, beyond=consequence)
 
-    def _unstable(self, grid: Discretisation, others: Others) -> Iterator[str]:
-        """Notes on pairs that are switched, and on an area term that changes angular momentum."""
+    def own_notes(self, grid: Discretisation, others: Others) -> Iterator[str]:
+        """Notes on pairs that are switched, on an area term that changes angular momentum, and on its own detection."""
         if not self.coheres():
             return
         if self._marked():
@@ -278,9 +271,10 @@ class JiangZhu2023(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, 
                 f"{self.name}: pair_mode {self.pair_mode!r} switches tension on and off as particles enter and leave"
                 " the surface set, so that drops boil or fall apart: 'all' comes to rest"
             )
-        note = cohesion.angular_momentum_note(self.name, "area term", others, self.area_direction)
-        if self._area() != "none" and note:
-            yield note
+        if self._area() != "none":
+            yield from cohesion.angular_momentum_note(self.name, "area term", others, self.area_direction)
+        if self._marked() and SurfaceDetection.name not in others:
+            yield from self._detection(others).notes(grid, others)
 
     def force_of(self, coefficient: float, r: NDArray, grid: Discretisation, others: Others) -> NDArray:
         """C(r) [N/kg^2] of J(16) and J(17)."""
