@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -131,10 +132,17 @@ def drops_of(model: str, free: bool = False) -> Drops:
     return Drops(free, **{**given, **by_dimension})
 
 
-class MeasuredByDrops(ReturnsDensity):
+class MeasuredByDrops(ReturnsDensity, FollowsScene):
     """What a model has whose tension in the default liquid is that of measured drops."""
 
     name: ClassVar[str]
+
+    def with_scene_defaults(self: Any, others: Others) -> Any:
+        """Corrections of the density at a surface, left out, are on but where it is complete there."""
+        left_out = [name for name in self.in_papers if getattr(self, name) is None]
+        if not left_out:
+            return self
+        return msgspec.structs.replace(self, **dict.fromkeys(left_out, not density_complete_at_surface(others)))
 
     def share_of_nominal(self, grid: Discretisation, others: Others) -> float:
         """Measured over nominal tension in the default liquid, whose particles are shifted; else 1.
@@ -154,16 +162,16 @@ class MeasuredByDrops(ReturnsDensity):
         factors = [_between(table, support, stiffness) for table in tables]
         return share * float(np.interp(math.log(radius), np.log(radii), factors))
 
+    def keeps_drops(self) -> bool:
+        return bool(drops_of(self.name).measured) and self == self._plain()
+
     def _plain(self) -> Any:
         """The model with nothing but its tension given, as in the drops that were measured."""
         return type(self)(**{SIGMA: getattr(self, SIGMA)})
 
     def _as_measured(self, others: Others) -> bool:
         """Whether model and kernels are those of the drops that were measured."""
-        plain = self._plain()
-        if isinstance(plain, FollowsScene):
-            plain = plain.with_scene_defaults(others)
-        return self == plain and liquid_of(others).kernels == "wendland"
+        return self == self._plain().with_scene_defaults(others) and liquid_of(others).kernels == "wendland"
 
     def _measured_at(self, grid: Discretisation, others: Others) -> float | None:
         """S = sigma/(rho0 c^2 d), where the coefficient follows from measured drops."""
@@ -301,9 +309,6 @@ class PairCohesion(
         if given is not None:
             return given
         return sigma / self.unit_tension(grid, others) / self.share_of_nominal(grid, others) if sigma else 0.0
-
-    def keeps_drops(self) -> bool:
-        return bool(drops_of(self.name).measured) and self == self._plain()
 
     def unit_tension(self, grid: Discretisation, others: Others) -> float:
         """sigma [N/m] of a coefficient of one."""

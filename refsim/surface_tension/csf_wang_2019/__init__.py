@@ -9,10 +9,9 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, NamedTuple
 
-import msgspec
 import numpy as np
 
-from refsim.core.capabilities import FollowsScene, HasErrata, HasTension, KnowsLimits, Margin, PullsParticles
+from refsim.core.capabilities import HasErrata, HasTension, KnowsLimits, Margin, PullsParticles
 from refsim.core.checked import NotNegative, Positive, Printed
 from refsim.core.effect import Discretisation, Effect, Field, Others, Pass, StepLimit, int32
 from refsim.smoothing import lattice, smoothing
@@ -69,7 +68,7 @@ LEAST_VISCOSITY = 0.45
 
 
 class CsfWang2019(
-    Effect, MeasuredByDrops, HasTension, KnowsLimits, HasErrata, FollowsScene, PullsParticles, frozen=True, kw_only=True
+    Effect, MeasuredByDrops, HasTension, KnowsLimits, HasErrata, PullsParticles, frozen=True, kw_only=True
 ):
     """Surface tension of a free liquid surface as a force along its normal, by its curvature.
 
@@ -101,14 +100,6 @@ class CsfWang2019(
     normalise: bool = True
     density_correction: bool | None = None
     literal: Printed = ()
-
-    def with_scene_defaults(self, others: Others) -> "CsfWang2019":
-        if self.density_correction is not None:
-            return self
-        return msgspec.structs.replace(self, density_correction=not cohesion.density_complete_at_surface(others))
-
-    def keeps_drops(self) -> bool:
-        return self == self._plain()
 
     def _plain(self) -> "CsfWang2019":
         return type(self)(surface_tension=self.surface_tension, tension_gradient=self.tension_gradient)

@@ -8,11 +8,10 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Literal, NamedTuple
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim.core.capabilities import FollowsScene, HasErrata, Margin
+from refsim.core.capabilities import HasErrata, Margin
 from refsim.core.checked import NotNegative, Positive, Printed
 from refsim.core.effect import Discretisation, Others, Pass, int32
 from refsim.core.errors import InputError
@@ -46,7 +45,7 @@ class NormalCorrection(NamedTuple):
     symmetric: int  # 0: V_j = m_j/rho_j (Dong E21)
 
 
-class Dong2016(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=True):
+class Dong2016(cohesion.PairCohesion, HasErrata, frozen=True, kw_only=True):
     """Surface tension of a free liquid surface by a Lennard-Jones-like pair force.
 
     surface_tension   sigma [N/m]: that of measured drops in the default liquid; else nominal, turned into k by a sum
@@ -82,11 +81,6 @@ class Dong2016(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, kw_o
     filter_density: bool | None = None
     solver: Literal["shared", "hu_adams"] = "shared"
     literal: Printed = ()
-
-    def with_scene_defaults(self, others: Others) -> "Dong2016":
-        if self.filter_density is not None:
-            return self
-        return msgspec.structs.replace(self, filter_density=not cohesion.density_complete_at_surface(others))
 
     def check_others(self, grid: Discretisation, others: Others) -> None:
         if self._rest_distance(grid) >= grid.support_radius:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim import surface_normal
-from refsim.core.capabilities import FollowsScene, HasErrata, Margin
+from refsim.core.capabilities import HasErrata, Margin
 from refsim.core.checked import NotNegative, Positive, Printed
 from refsim.core.effect import Discretisation, Field, Others, Pass, int32
 from refsim.core.errors import InputError
@@ -101,7 +101,7 @@ def force_function(r: NDArray, support_radius: float, dim: int, alpha: float, be
     return alpha * poly6(INNER * support_radius) - beta * poly6(support_radius)
 
 
-class JiangZhu2023(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, kw_only=True):
+class JiangZhu2023(cohesion.PairCohesion, HasErrata, frozen=True, kw_only=True):
     """Surface tension of a free liquid surface by a pair force that changes sign and by area minimisation.
 
     surface_tension     sigma [N/m]; nominal: turned into gamma by the Kirkwood-Buff integral.
@@ -159,12 +159,10 @@ class JiangZhu2023(cohesion.PairCohesion, HasErrata, FollowsScene, frozen=True, 
     soft_upper: Positive = 1.0
     literal: Printed = ()
 
-    def with_scene_defaults(self, others: Others) -> JiangZhu2023:
-        if self.density_correction is not None:
-            return self
-        return msgspec.structs.replace(
-            self, density_correction=self.coheres() and not cohesion.density_complete_at_surface(others)
-        )
+    def with_scene_defaults(self, others: Others) -> Any:
+        if self.coheres():
+            return super().with_scene_defaults(others)
+        return msgspec.structs.replace(self, density_correction=bool(self.density_correction))
 
     def check_others(self, grid: Discretisation, others: Others) -> None:
         if self.soft_upper <= self.soft_lower:
