@@ -26,7 +26,7 @@ FUSED = {
     optional="walls period filling density phase", tolerance=16.0,
     reason="one rounding in each of distance, kernel, slope, a root, a length, products and sums of the projection, and"
     " the bound, and four in the power; beside a surface the size counts the filling 67 times, as its last 3 % decide",
-    variants=("walls period filling phase", "period filling", "density period phase", "density"),
+    variants=("walls period filling density phase", "period filling", "density period phase", "density"),
     invariants="translation reordering", programs=FUSED, packed="crowding_pair",
 )  # fmt: skip
 def crowding(position, volume, density, filling, phase, walls, smoothing, shifting, period, rows=None):

@@ -83,7 +83,8 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
     optional="walls wall_strain wall_motion central_viscosity acceleration diffusion lean borne period rest_density"
     " phase shift recount filling",
     variants=(
-        "walls wall_strain wall_motion diffusion lean borne period rest_density phase shift recount filling",
+        "walls wall_strain wall_motion central_viscosity acceleration diffusion lean borne period rest_density phase"
+        " shift recount filling",
         "walls wall_strain wall_motion period shift",
         "period wall_motion rest_density phase central_viscosity", "period shift filling borne",
         "walls wall_strain wall_motion rest_density phase recount filling",
@@ -295,7 +296,7 @@ def central_viscous(position, velocity, mass, density, smoothing, central_viscos
 @operation(
     "J(10), momentum equation with zeta = 5 eta/3", paper="Jiang & Zhu 2023; Espanol & Revenga 2003",
     adds="acceleration", optional="central_viscosity velocity density period",
-    variants=("central_viscosity velocity period", "density period", "density"), tolerance=12.0,
+    variants=("central_viscosity velocity density period", "density period", "density"), tolerance=12.0,
     reason="those of sph.central_viscosity; the size counts |p_i| and |p_j|, too",
     invariants=f"{SYMMETRY} linear_momentum angular_momentum galilean",
     broken={0: "galilean", 2: "rotation angular_momentum"},
