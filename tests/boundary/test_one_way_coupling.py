@@ -1,6 +1,5 @@
 """Solids from meshes in scenes: volumes, bad input, files, the penetration correction, walls with every solver."""
 
-import functools
 import pathlib
 
 import msgspec
@@ -110,11 +109,11 @@ def test_only_the_swept_correction_holds_a_plate_thinner_than_a_step(thin, speed
 
 def test_liquid_inside_the_solid_is_refused(ball):
     effects = (LIQUID, rs.Gravity(), rs.MeshBoundary(file=ball))
-    box, hollow = functools.partial(rs.Box, lower=(-0.02, -0.02, 0.0)), "a mesh is a solid: give a container"
+    low, hollow = (-0.02, -0.02, 0.0), "a mesh is a solid: give a container"
     for part, remedy in (
-        (box(cells=(4, 4, 8)), "start inside the solid of .*; move the solid or the particles"),
-        (box(cells=(4, 4, 2)), f"start inside the solid of .*; {hollow}"),
-        (box(cells=(4, 4, 2), outside="bodies"), f"bodies take all of a part of its fluid; {hollow}"),
+        (rs.Box(lower=low, cells=(4, 4, 8)), "start inside the solid of .*; move the solid or the particles"),
+        (rs.Box(lower=low, cells=(4, 4, 2)), f"start inside the solid of .*; {hollow}"),
+        (rs.Box(lower=low, cells=(4, 4, 2), outside="bodies"), f"bodies take all of a part of its fluid; {hollow}"),
         (rs.FluidMesh(file=ball), f"bodies take all of a part of its fluid; {hollow}"),
         (rs.Ball(radius=0.02), hollow),
         (rs.Cloud(position=[[0.0, 0.0, 0.0]]), hollow),

@@ -11,6 +11,7 @@ from refsim.boundary.sampling import sample
 from refsim.boundary.signed_distance import signed_distance
 from refsim.boundary.signed_distance.cases import needle, plate
 from refsim.core.errors import InputError
+from refsim.sparse_grid.reference import node_table
 from refsim.winding_number.reference import solid_angles
 from tests.running import rows
 
@@ -28,8 +29,6 @@ def ball_band():
 
 
 def node_places(band):
-    from refsim.sparse_grid.reference import node_table
-
     return band.spacing * node_table(band.field)
 
 
@@ -114,12 +113,8 @@ ON_BALL = surface_mesh(trimesh.creation.icosphere(3).vertices, trimesh.creation.
 ON_BOX = surface_mesh(*(lambda m: (m.vertices, m.faces))(trimesh.creation.box((1.0, 1.0, 1.0))), "box")
 
 
-@pytest.fixture(scope="module")
-def on_ball():
-    return sample(ON_BALL, 0.08, seed=1)
-
-
-def test_particles_are_even_and_on_the_mesh_and_the_same_by_their_seed(on_ball):
+def test_particles_are_even_and_on_the_mesh_and_the_same_by_their_seed():
+    on_ball = sample(ON_BALL, 0.08, seed=1)
     assert on_ball.converged
     assert len(on_ball.position) == pytest.approx(on_ball.expected, abs=1)
     nearest = cKDTree(on_ball.position).query(on_ball.position, k=2)[0][:, 1]
