@@ -21,6 +21,7 @@ from refsim.core.operation import REGISTRY
 from refsim.isosurface import Contour, edges_and_facets
 from refsim.neighbours import NeighbourSearch
 from refsim.scene.solids import countable
+from refsim.sparse_grid import Blocks
 
 HEXAGONAL = math.pi / (2 * math.sqrt(3))  # g of the densest packing, at the spacing 2 r
 LITERAL = ("E24", "E25")
@@ -173,7 +174,7 @@ def _corners_cut_off(band: NarrowBand, corner: np.ndarray, radius: float) -> int
 def isosurface(band: NarrowBand, level: float = 0.0) -> tuple[Any, Any, np.ndarray]:
     """(vertices (v, 3) [m] relative to the mesh's origin, facets (f, 3) int32, their areas [m^2] on the host) of
     phi = level [m]."""
-    backend, blocks = band.backend, band.blocks
+    backend, blocks = band.backend, Blocks(band.field.keys, band.field.neighbour)
     at = type(band.grid.spacing)(level)
     _, to_xp, from_xp = backend.array_library()
     state = from_xp((to_xp(band.field.distance) < at).astype(np.uint8))
@@ -190,7 +191,7 @@ def isosurface(band: NarrowBand, level: float = 0.0) -> tuple[Any, Any, np.ndarr
 def placed(backend: Backend, corner: Any, facets: Any, last: np.ndarray, seed: int) -> Any:
     """Particles (n, 3) [m] at random on facets, whose cumulative counts are `last`."""
     position = backend.empty((int(last[-1]) if len(last) else 0, 3), corner.dtype)
-    if len(position):
+    if position.shape[0]:
         program = REGISTRY["sampling.place"].program(backend.name)
         program(corner, facets, backend.asarray(last), np.int64(seed), position)
     return position

@@ -91,11 +91,6 @@ class NarrowBand:
         return float(self.grid.band)
 
     @property
-    def blocks(self) -> Blocks:
-        """The blocks of the table."""
-        return Blocks(self.field.keys, self.field.neighbour)
-
-    @property
     def local(self) -> "NarrowBand":
         """The same in the mesh's own frame, whose origin is 0."""
         origin = dict.fromkeys(("origin_x", "origin_y", "origin_z"), np.float64(0))
