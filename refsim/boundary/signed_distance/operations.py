@@ -172,7 +172,8 @@ def project(query, triangles, distance_field):
         near_triangles = sorted({int(distance_field.closest[n]) for n in near if n >= 0} - {-1})
         if near_triangles:
             around = point + moves
-            offset, t, feature = ref.walked(around, near_triangles, corners, np.asarray(triangles.across))
+            ends = [ref.walk(x, near_triangles, corners, np.asarray(triangles.across)) for x in around]
+            offset, t, feature = map(np.array, zip(*ends))
             closest, normals_there = around - offset, normals[t, feature]
             place[i], normal[i] = points[i] + closest[0] - point, normals_there[0]
             undecided[i] = np.ptp(closest, axis=0).max() > 1e-3 * h, np.ptp(normals_there, axis=0).max() > 0

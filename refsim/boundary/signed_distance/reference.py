@@ -127,17 +127,11 @@ def trilinear(corner, u, h):
     return phi, slope
 
 
-def walked(points, triangles, corners, across):
-    """|x - c| = min over `triangles`, then over neighbours as long as one is nearer, for points (m, 3).
-
-    Neighbours share an edge, or the corner c. (x - c (m, 3) [m], triangle, feature).
-    """
-    ends = [walk(x, triangles, corners, across) for x in points]
-    return tuple(map(np.array, zip(*ends)))
-
-
 def walk(x, near, corners, across, least=np.inf, best=None):
-    """|x - c| = min over `near`, then over their neighbours, of one point x; `best` so far, `least` [m] away."""
+    """|x - c| = min over triangles `near`, then over neighbours as long as one is nearer, for one point x (3,) [m].
+
+    Neighbours share an edge, or the corner c. (x - c (3,) [m], triangle, feature); `best` was at distance `least` [m].
+    """
     offset, feature = triangle_offset(x[None], corners[near])
     distance = np.linalg.norm(offset, axis=1)
     k = distance.argmin()
