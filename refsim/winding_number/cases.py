@@ -40,9 +40,7 @@ VARIATIONS[Clusters] = Variation(held={"first": "offsets of the rows of `corner`
 
 def _exact(name: str, triangles: np.ndarray, points: list, wanted: list) -> Exact:
     inputs = {"clusters": clusters(triangles, "float64"), "viewpoint": np.array(points, float)}
-    inputs["winding_number"] = np.zeros(len(points))
-    case = at(name, [0, 0, 0])
-    return Exact(case, inputs, {"winding_number": np.array(wanted)})
+    return Exact(at(name, [0, 0, 0]), inputs, {"winding_number": wanted})
 
 
 @closed_form("winding_number.winding")

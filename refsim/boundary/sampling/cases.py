@@ -42,7 +42,7 @@ def half_squares():
     """Half of a unit square, half of a square of side 2 m, and a triangle without area."""
     corner = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 0, 0], [0, 0, 2]], float)
     facets = np.array([[0, 1, 2], [0, 3, 4], [0, 1, 3]], np.int32)
-    inputs = {"facet_corner": corner, "facets_of_mesh": facets, "facet_area": np.zeros(3)}
+    inputs = {"facet_corner": corner, "facets_of_mesh": facets}
     return Exact(Case("half_squares", 3, np.zeros((1, 3))), inputs, {"facet_area": [0.5, 2.0, 0.0]})
 
 
@@ -52,7 +52,7 @@ def at_points():
     corner = np.array([[1, 2, 3], [4, 5, 6], [7, 8, 9], [-1, 0, 1]], float)
     facets = np.repeat(np.arange(4, dtype=np.int32)[:, None], 3, axis=1)
     last = np.array([1, 3, 3, 4], np.int32)
-    inputs = {"facet_corner": corner, "facets_of_mesh": facets, "facet_last": last, "placed": np.zeros((4, 3))}
+    inputs = {"facet_corner": corner, "facets_of_mesh": facets, "facet_last": last}
     return Exact(Case("at_points", 3, np.zeros((1, 3))), inputs, {"placed": corner[[0, 1, 1, 3]]})
 
 

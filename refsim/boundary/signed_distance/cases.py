@@ -210,7 +210,7 @@ def sides_of_two_rows():
     wanted[0, :, 0], wanted[0, :, 1] = 2.0, start[0, :, 1]
     inputs = {
         "band_grid": band_grid(1.0, 2.0, "float64"), "row_first": [0, 2, 3],
-        "closest": closest.ravel(), "distance": start.ravel(), "inside_after": np.zeros(3, np.uint8),
+        "closest": closest.ravel(), "distance": start.ravel(),
     }  # fmt: skip
     case = at("two_rows_of_blocks", [0, 0, 0])
     return Exact(case, inputs, {"distance": wanted.ravel(), "inside_after": [1, 1, 0]})
@@ -227,7 +227,6 @@ def speck() -> tuple[Case, dict]:
     inputs = {"triangles": signed_distance.triangle_table(SurfaceMesh(corner, faces, np.zeros(3)), "float64")}
     inputs["band_grid"] = band_grid(1.0, 2.0, "float64")
     inputs["block_first"] = 7 * np.arange(5, dtype=np.int32)
-    inputs |= {"pair_key": np.zeros(28, np.int64), "pair_triangle": np.zeros(28, np.int32)}
     return at("speck", [0, 0, 0]), inputs
 
 
@@ -235,7 +234,7 @@ def speck() -> tuple[Case, dict]:
 def seven_blocks():
     """Seven blocks for each of the four faces."""
     case, inputs = speck()
-    return Exact(case, inputs | {"block_count": np.zeros(4, np.int32)}, {"block_count": np.full(4, 7)})
+    return Exact(case, inputs, {"block_count": np.full(4, 7)})
 
 
 @closed_form("signed_distance.list_blocks")
@@ -278,7 +277,6 @@ def _obtuse(order: list[int]) -> Exact:
     inputs = {
         "triangles": Triangles(turned.reshape(1, 9), normal, *_apart(1)), "band_grid": band_grid(1.0, 9.0, "float64"),
         "band_blocks": blocks, "triangle_lists": TriangleLists(np.array([0, 1], np.int32), np.zeros(1, np.int32)),
-        "unsigned_distance": np.zeros(64), "closest": np.zeros(64, np.int32),
     }  # fmt: skip
     wanted = distance.reshape(4, 4, 4)  # by z, y, x
     wanted = wanted.transpose([2 - order.index(2 - axis) for axis in range(3)]).ravel()
@@ -297,10 +295,9 @@ closed_form(
 def above_a_cube():
     """Above and below the middle of a face phi is linear; far away it is the band, with slope 0."""
     points = np.array([[0.2, 0.1, 1.3], [0.2, 0.1, 0.8], [-1.7, 0.3, 0.2], [90.0, 0.0, 0.0]])
-    inputs = {"query": points, "query_distance": np.zeros(4), "query_gradient": np.zeros((4, 3))}
     slope = np.array([[0, 0, 1], [0, 0, 1], [-1, 0, 0], [0, 0, 0]], float)
     answer = {"query_distance": [0.3, -0.2, 0.7, 1.25], "query_gradient": slope}
-    return Exact(CASES["unit_cube"](), inputs, answer)
+    return Exact(CASES["unit_cube"](), {"query": points}, answer)
 
 
 @closed_form("signed_distance.interpolate")
@@ -319,11 +316,7 @@ def sides_of_missing_blocks():
         (2.5, 1.5, 9.5): (5.0, 0.0),
     }  # fmt: skip
     points, (value, slope) = np.array(list(answers)), np.array(list(answers.values())).T
-    inputs = {
-        "query": points, "distance_field": field, "query_distance": np.zeros(len(points)),
-        "query_gradient": np.zeros((len(points), 3)),
-    }  # fmt: skip
-    case = at("missing_blocks", [0, 0, 0])
+    inputs, case = {"query": points, "distance_field": field}, at("missing_blocks", [0, 0, 0])
     return Exact(case, inputs, {"query_distance": value, "query_gradient": np.repeat(slope[:, None], 3, 1)})
 
 
@@ -333,8 +326,7 @@ def onto_a_cube():
     points = np.array([[0.2, 0.1, 1.3], [1.2, -1.2, 0.1], [-1.1, 1.2, 1.3], [90.0, 0.0, 0.0]])
     onto = np.array([[0.2, 0.1, 1.0], [1.0, -1.0, 0.1], [-1.0, 1.0, 1.0], [90.0, 0.0, 0.0]])
     normal = np.array([[0, 0, 1], [math.sqrt(0.5), -math.sqrt(0.5), 0], [-1, 1, 1] / np.sqrt(3), [0, 0, 0]])
-    inputs = {"query": points, "projected": np.zeros((4, 3)), "projected_normal": np.zeros((4, 3))}
-    return Exact(CASES["unit_cube"](), inputs, {"projected": onto, "projected_normal": normal})
+    return Exact(CASES["unit_cube"](), {"query": points}, {"projected": onto, "projected_normal": normal})
 
 
 def _strip() -> Triangles:
@@ -378,9 +370,5 @@ def onto_a_strip():
         (2.5, 2.5, -0.5): (2.5, 1, 0),
     }  # fmt: skip
     points, onto = np.array(list(answers)), np.array(list(answers.values()), float)
-    inputs = {
-        "query": points, "triangles": _strip(), "distance_field": field, "projected": np.zeros(points.shape),
-        "projected_normal": np.zeros(points.shape),
-    }  # fmt: skip
-    case = at("strip", [0, 0, 0])
+    inputs, case = {"query": points, "triangles": _strip(), "distance_field": field}, at("strip", [0, 0, 0])
     return Exact(case, inputs, {"projected": onto, "projected_normal": np.tile([0.0, 0.0, 1.0], (len(points), 1))})
