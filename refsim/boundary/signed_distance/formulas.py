@@ -45,11 +45,7 @@ def triangle_offset(p, t, corner, normal):
             squared = dot(q, q)
             if squared < best:
                 best, offset = squared, q
-                feature = 1 + k
-                if end == 1:
-                    feature = CORNER + k
-                elif end == 2:
-                    feature = CORNER + (k + 1) % 3
+                feature = 1 + k if end == 0 else CORNER + (k + end - 1) % 3
     if feature == FACE:
         offset = scaled(n, dot(difference(p, triple(corner, t, 0)), n))
     return offset, feature
