@@ -76,14 +76,14 @@ def place_in_field(place, field):
 
 @formula
 def band_value(field, jx, jy, jz):
-    """phi_j [m] at the node with integer coordinates j."""
+    """phi_j = phi [m] of the node with integer coordinates j, or what `value_beyond` says."""
     node = find_node(field, jx, jy, jz)
     return field.distance[node] if node >= 0 else value_beyond(field, jx, jy, jz)
 
 
 @formula
 def value_beyond(field, jx, jy, jz):
-    """phi_j [m] at a node without a block: -band inside and +band outside.
+    """phi_j = -band inside and +band outside [m] at a node without a block.
 
     A missing block holds no node of the band, so it lies entirely on the side that follows the last block before it
     along x in the same row of blocks (patent E26).
