@@ -17,7 +17,7 @@ import numpy as np
 
 import refsim
 from refsim.backends import runtime
-from refsim.engine.binding import step_launches
+from refsim.engine.binding import fused
 from refsim.engine.launching import ready
 from refsim.scene.plan import Plan, make_plan
 from refsim.study.cost import bytes_of
@@ -212,6 +212,17 @@ def started(edge: int, backend: str = "cuda", warm: int = 60) -> refsim.Simulati
 
 
 # What the plan says, and what a run does
+
+
+def step_launches(plan: Plan, backend: str) -> tuple[str, ...]:
+    """Operations that one step of a plan launches on a backend, in order: its passes, and what the runner adds.
+
+    "choose_step" and "send_clock" are the runner's own on backend "cuda", where a step is one graph.
+    """
+    forces = [p.operation for _, p in fused(plan.passes, backend) if not p.on_demand]
+    choice, clock = (("choose_step",), ("send_clock",)) if backend == "cuda" else ((), ())
+    motion = [p.operation for _, p in plan.motion]
+    return (*(p.operation for _, p in plan.begin), *forces, "sph.extremes", *choice, *motion, *clock)
 
 
 def planned(scene: refsim.Scene, backend: str) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from refsim.backends.arrays import Backend
 from refsim.core.effect import Effect, Pass
 from refsim.core.errors import InputError
 from refsim.core.operation import PROCEDURES, REGISTRY, LiveAttribute, backend_of
-from refsim.scene.plan import Plan, ordered_passes
+from refsim.scene.plan import ordered_passes
 
 
 def fused(passes: Sequence[tuple[Effect, Pass]], backend: str) -> list[tuple[tuple[Effect, ...], Pass]]:
@@ -33,16 +33,17 @@ def fused(passes: Sequence[tuple[Effect, Pass]], backend: str) -> list[tuple[tup
                 a: b for _, q in together for a, b in q.names.items()
                 if a in taken and (a in optional or {r.names.get(a) for r in _takers(a, together)} == {b})
             }  # fmt: skip
-            reads = tuple(dict.fromkeys(field for _, q in together for field in q.reads))
+            reads, writes, updates = (
+                tuple(dict.fromkeys(field for _, q in together for field in getattr(q, kind)))
+                for kind in ("reads", "writes", "updates")
+            )
             if set(reads) <= {*taken, *names.values()}:
-                writes = tuple(dict.fromkeys(field for _, q in together for field in q.writes))
-                updates = tuple(dict.fromkeys(field for _, q in together for field in q.updates))
                 one = Pass(p.operation, reads, writes, updates, names=names, algorithm=name.partition(":")[2])
                 effects = tuple(effect for effects, _ in together for effect in effects)
-                left_out = {*places[:-1]}
-                joined = [
-                    (effects, one) if k == places[-1] else part for k, part in enumerate(result) if k not in left_out
-                ]
+                joined = list(result)
+                joined[places[-1]] = effects, one
+                for k in reversed(places[:-1]):
+                    del joined[k]
                 with contextlib.suppress(InputError):
                     result = list(ordered_passes(joined))
     return result
@@ -51,17 +52,6 @@ def fused(passes: Sequence[tuple[Effect, Pass]], backend: str) -> list[tuple[tup
 def _takers(argument: str, together: Sequence[tuple[Any, Pass]]) -> list[Pass]:
     """The passes whose operation reads an argument of this name."""
     return [q for _, q in together if argument in REGISTRY[q.operation].arguments("numpy")]
-
-
-def step_launches(plan: Plan, backend: str) -> tuple[str, ...]:
-    """Operations that one step of a plan launches on a backend, in order: its passes, and what the runner adds.
-
-    "choose_step" and "send_clock" are the runner's own on backend "cuda", where a step is one graph.
-    """
-    forces = [p.operation for _, p in fused(plan.passes, backend) if not p.on_demand]
-    choice, clock = (("choose_step",), ("send_clock",)) if backend == "cuda" else ((), ())
-    motion = [p.operation for _, p in plan.motion]
-    return (*(p.operation for _, p in plan.begin), *forces, "sph.extremes", *choice, *motion, *clock)
 
 
 def bind_pass(p: Pass, backend: Backend, sources: Sequence[Mapping[str, Any]]) -> Callable[[], None]:

@@ -7,9 +7,9 @@ import pytest
 import refsim as rs
 from refsim import make_plan
 from refsim.core.operation import REGISTRY
-from refsim.engine.binding import step_launches
 from refsim.surface_tension.calibration import BESIDE, SETTINGS
 from refsim.surface_tension.cohesion import KEEPS_DENSITY
+from validation.timed import step_launches
 
 DOWN = rs.Gravity(acceleration=(0.0, -9.81, 0.0))
 COLUMN = rs.Box(cells=(5, 40, 1))  # 2 m high at a spacing of 0.05 m
