@@ -94,10 +94,10 @@ class Timings:
         call()
         if self.wait is not None:
             self.wait()
-        compiling = Compiling.taken.less(before)
-        self.add(stage, time.perf_counter() - began, compiling.wall)
-        if later and compiling.wall:
-            self.parts["compiling"] = self.parts.get("compiling", Seconds()).plus(compiling)
+        compiling = Compiling.taken.wall - before.wall
+        self.add(stage, time.perf_counter() - began, compiling)
+        if later and compiling:
+            self.parts["compiling"] = self.parts.get("compiling", Seconds()).plus(Compiling.taken.less(before))
 
     @contextmanager
     def of_host(self, stage: str) -> Iterator[None]:
