@@ -29,9 +29,10 @@ def fused(passes: Sequence[tuple[Effect, Pass]], backend: str) -> list[tuple[tup
                 continue
             together = [result[k] for k in places]
             taken, optional = operation.arguments(name), operation.as_computed_by(name).optional
+            takers = {a: [q for _, q in together if a in REGISTRY[q.operation].arguments("numpy")] for a in taken}
             names = {
                 a: b for _, q in together for a, b in q.names.items()
-                if a in taken and (a in optional or {r.names.get(a) for r in _takers(a, together)} == {b})
+                if a in taken and (a in optional or {r.names.get(a) for r in takers[a]} == {b})
             }  # fmt: skip
             reads, writes, updates = (
                 tuple(dict.fromkeys(field for _, q in together for field in getattr(q, kind)))
@@ -47,11 +48,6 @@ def fused(passes: Sequence[tuple[Effect, Pass]], backend: str) -> list[tuple[tup
                 with contextlib.suppress(InputError):
                     result = list(ordered_passes(joined))
     return result
-
-
-def _takers(argument: str, together: Sequence[tuple[Any, Pass]]) -> list[Pass]:
-    """The passes whose operation reads an argument of this name."""
-    return [q for _, q in together if argument in REGISTRY[q.operation].arguments("numpy")]
 
 
 def bind_pass(p: Pass, backend: Backend, sources: Sequence[Mapping[str, Any]]) -> Callable[[], None]:

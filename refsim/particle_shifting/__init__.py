@@ -158,27 +158,18 @@ class ParticleShifting(Effect, CorrectsPositions, Joins, FollowsStart, frozen=Tr
     def _at_surface(self) -> bool:
         return self.surface != "none"
 
-    def fields(self, others: Others) -> tuple[Field, ...]:
-        of_bodies: tuple[Field, ...] = (dataclasses.replace(VELOCITY_RANGE, rows=1),)
-        if self.bodies == "apart":
-            of_bodies = (VELOCITY_RANGE, DRAWN_BODY)
-        if self._at_surface():
-            filling = FILLING if liquid_of(others).advances() else NUMBER_DENSITY
-            return (WAY, *of_bodies, PASSING_SHIFT, filling)
-        return (WAY, *of_bodies, SHIFT)
-
     def passes(self, others: Others) -> tuple[Pass, ...]:
-        whole: dict[str, str | None] = {} if self.bodies == "apart" else {"drawn_body": None}
-        names = volumes(others) | {"smoothing": "gradient_smoothing"}
+        apart, surface = self.bodies == "apart", self._at_surface()
+        whole: dict[str, str | None] = {} if apart else {"drawn_body": None}
+        filling = FILLING if liquid_of(others).advances() else NUMBER_DENSITY
+        names = volumes(others) | {"smoothing": "gradient_smoothing", "filling": filling.name if surface else None}
         names |= {} if "shape_matching" in others else {"phase": None}
-        if not self._at_surface():
-            names["filling"] = None
-        elif not liquid_of(others).advances():
-            names["filling"] = "number_density"
+        largest = VELOCITY_RANGE if apart else dataclasses.replace(VELOCITY_RANGE, rows=1)
+        made, bodies = PASSING_SHIFT if surface else SHIFT, (DRAWN_BODY,) * apart
         return (
-            Pass("particle_shifting.crowding", writes=("way",), names=names),
-            Pass("particle_shifting.velocity_range", writes=(VELOCITY_RANGE.name,), names=whole, stage="motion"),
-            Pass("particle_shifting.shift", writes=("shift",), names=whole, stage="motion"),
+            Pass("particle_shifting.crowding", writes=(WAY,), names=names, fields=(filling,) * surface),
+            Pass("particle_shifting.velocity_range", writes=(largest,), names=whole, stage="motion", fields=bodies),
+            Pass("particle_shifting.shift", writes=(made,), names=whole, stage="motion"),
         )
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
