@@ -100,10 +100,9 @@ def _cast(value: Any, usual: Any, dtype: str) -> Any:
     if isinstance(value, tuple) and hasattr(value, "_fields"):
         others = usual if type(usual) is type(value) else (None,) * len(value)
         return type(value)(*(_cast(part, other, dtype) for part, other in zip(value, others)))
-    if isinstance(value, np.ndarray) and value.dtype.kind == "f":
-        return value.astype(usual.dtype if isinstance(usual, np.ndarray) else dtype)
-    if isinstance(value, np.ndarray) and isinstance(usual, np.ndarray):
-        return value.astype(usual.dtype)
+    if isinstance(value, np.ndarray):
+        kind = dtype if value.dtype.kind == "f" else value.dtype
+        return value.astype(usual.dtype if isinstance(usual, np.ndarray) else kind)
     if isinstance(value, float):
         return type(usual)(value) if isinstance(usual, float) else np.dtype(dtype).type(value)
     if isinstance(value, int):

@@ -275,11 +275,7 @@ def kept(folder: Path | None, key: str, notes: list[str] | None = None) -> Readi
 
     notes  is given a sentence about a damaged file
     """
-    if folder is None:
-        return None
-    path = folder / f"{key}.json"
-    stored = read_stored(path, notes)
-    if stored is None:
+    if folder is None or (stored := read_stored(path := folder / f"{key}.json", notes)) is None:
         return None
     try:
         values = {name: math.nan if value == "nan" else value for name, value in stored["reading"].items()}
