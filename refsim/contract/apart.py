@@ -93,16 +93,6 @@ def judge(request: Request) -> tuple[LibraryDescription, Iterator[Outcome]]:
     return about, _merged([_outcomes(names, about.arrays, request, first) for names in shares])
 
 
-def _described(programs: Any, request: Request) -> LibraryDescription:
-    """What the programs are; InputError if they do not fit the request."""
-    from refsim.contract.programs import checked_request
-
-    names = list(checked_request(programs, request))
-    offered = None if programs.programs is None else list(programs.programs)
-    declared = {key: list(getattr(programs, key)) for key in ("dtypes", "dims", "kernels", "left_out")}
-    return LibraryDescription(programs.name, programs.arrays, names, offered, declared)
-
-
 def _merged(parts: list[Generator[Outcome | None, None, None]]) -> Iterator[Outcome]:
     """Outcomes as they come, of processes that each judge a part of the operations."""
     try:
@@ -258,7 +248,10 @@ def _work(pipe: Any, request: Request, path: list[str]) -> None:
         tell("import")
         with np.errstate(), warnings.catch_warnings():  # a library may change both for the whole process
             programs = library.load(request.source)
-            about = _described(programs, request)
+            names = list(library.checked_request(programs, request))
+            offered = None if programs.programs is None else list(programs.programs)
+            declared = {key: list(getattr(programs, key)) for key in ("dtypes", "dims", "kernels", "left_out")}
+            about = LibraryDescription(programs.name, programs.arrays, names, offered, declared)
         refusal = "fault"
         tell("about", dataclasses.asdict(about))
         calling = lambda case: tell("returned" if case is None else "call", case)  # noqa: E731

@@ -18,13 +18,6 @@ from refsim.core import cases
 from refsim.core.operation import REGISTRY, Operation
 
 SHOWN_IN = "cloud_3d"  # the case whose arguments are shown
-OF_LISTS = {
-    "start": "first entry of each particle's neighbours",
-    "count": "number of each particle's neighbours",
-    "entries": "numbers of the particles within the support radius and a skin, without the particle itself",
-    "lanes": "the k-th neighbour of particle i is entries[k n + i]",
-    "dim": "2 or 3",
-}
 MEMBER = re.compile(r"^    (\w+): [^#\n]+?(?:  # (.*))?$", re.MULTILINE)
 
 
@@ -75,7 +68,7 @@ def member_meanings(group: type) -> dict[str, str]:
     """{member of a parameter group: meaning, unit, and what its integers stand for}; from the comments beside them."""
     said = {name: comment or "" for name, comment in MEMBER.findall(inspect.getsource(group))}
     for member in group._fields:  # type: ignore[attr-defined]
-        meaning = OF_LISTS.get(member) or said.get(member, "")
+        meaning = _arguments()["lists"].get(member) or said.get(member, "")
         codes = cases.CODES.get((group, member))
         if codes:
             numbers = ", ".join(f"{number} {name}" for name, number in codes.items())
@@ -116,8 +109,8 @@ def _changed(usual: Inputs, inputs: Inputs, overrides: Mapping[str, Any]) -> Ite
 
 
 @functools.cache
-def _arguments() -> dict[str, str]:
-    """What arguments mean that are no particle fields, by name."""
+def _arguments() -> dict[str, Any]:
+    """What arguments mean that are no particle fields, by name, and in "lists" members of groups."""
     return msgspec.toml.decode((resources.files("refsim.contract") / "arguments.toml").read_bytes())
 
 

@@ -8,7 +8,6 @@ fourth with a coarser spacing says how far a code of another discretisation may 
 import contextlib
 import itertools
 import math
-import pathlib
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -327,7 +326,7 @@ def resumes(scene: Scene, backend: str = "cpu", steps: tuple[int, int] = (7, 9))
         return simulation
 
     with tempfile.TemporaryDirectory() as folder:
-        path = pathlib.Path(folder) / "checkpoint.h5"
+        path = Path(folder) / "checkpoint.h5"
         whole = bits(advanced(Simulation(scene, backend), begin + rest))
         watched = advanced(Simulation(scene, backend), begin)
         half = bits(watched)
