@@ -118,7 +118,7 @@ def _cast(value: Any, usual: Any, dtype: str) -> Any:
 
 def on_case(target: Target, name: str, lists: str = "search") -> Outcome:
     """T2: one hard input against the oracle, over the neighbour search's lists or the oracle's."""
-    judged = target.on_case(name, lists)
+    judged = target.judged(*target.prepared(name, lists))
     if judged.inputs.case.count >= 20 and not judged.inputs.case.ties:
         flipping = target.operation.tolerance * float(np.finfo(target.dtype).eps)
         scales = (judged.answer[name][1] for name in target.operation.exact)
@@ -158,7 +158,7 @@ def large_case(target: Target) -> Iterator[Trial]:
 
 
 def _large(target: Target, name: str) -> Outcome:
-    return judgement(target, target.on_case(name, rows=sampled(name)))
+    return judgement(target, target.judged(*target.prepared(name), rows=sampled(name)))
 
 
 def sampled(name: str) -> np.ndarray:

@@ -44,7 +44,8 @@ def judgement(target: Target, judged: Judged) -> Outcome:
             more = {"sign": wrong.sign(traits["sought"]), "values": wrong.values()}
             told = more["sign"] or f"{wrong.name} is wrong in {wrong.wrong.sum()} of {len(wrong.wrong)} rows"
             sought.answers, sought.seconds = sought.answers + 1, sought.seconds + time.process_time() - began
-    return target.outcome(error, told, telling=judged.telling, traits=traits, **more)
+    telling = any(np.any(np.asarray(value) != 0) for value, _ in judged.answer.values())
+    return target.outcome(error, told, telling=telling, traits=traits, **more)
 
 
 def traits_of(target: Target, judged: Judged) -> dict[str, Any]:

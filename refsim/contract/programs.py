@@ -27,7 +27,7 @@ from refsim.contract.binding import by_name, error_line
 from refsim.contract.drawn import drawn_inputs
 from refsim.contract.inputs import KERNELS, Inputs, backend_for, groups_of, shape_acts
 from refsim.contract.properties import additivity, bad_input, invariants, repeats, symmetries
-from refsim.contract.target import NotJudged, Outcome, Target, Trial
+from refsim.contract.target import NotJudged, Outcome, Sought, Target, Trial
 from refsim.core import cases
 from refsim.core.checked import Checked, Count
 from refsim.core.errors import InputError
@@ -152,12 +152,9 @@ class Programs(Checked, frozen=True, kw_only=False):
         both = (" ".join(self.kernels[:2]),) if len(acting) == 2 and len(self.kernels) > 1 else ()
         return (*self.kernels, *both) if acting else self.kernels[:1]
 
-    def loader(self) -> Callable[[Operation], Program] | None:
-        """What a Target takes: operation -> program on all its arguments in their order; None for refsim's own."""
-        if self.programs is None:
-            return None
-        programs = self.programs
-        return lambda operation: by_name(programs[operation.name], operation, self.name, self.arrays, self.convert)
+    def bound(self, operation: Operation) -> Program:
+        """The program of an operation, on all its arguments in their order."""
+        return by_name(self.programs[operation.name], operation, self.name, self.arrays, self.convert)
 
     def operation(self, name: str) -> Operation:
         """The operation as it is judged: other programs than refsim's also with each feature by itself."""
@@ -272,7 +269,7 @@ def checked_request(programs: Programs, request: Any) -> tuple[str, ...]:
     for name in names:
         chosen_variants(programs.operation(name), request.variants)
         if programs.programs is not None:
-            programs.loader()(REGISTRY[name])  # type: ignore[misc]
+            programs.bound(REGISTRY[name])
     return names
 
 
@@ -339,17 +336,15 @@ def ladder(
     among(steps, tuple(STEPS), "there is no step")
     chosen, numbers = chosen_variants(program, variants), itertools.count()
     names = [n for n in program.names() if backend_of(n) == programs.arrays] if own else [programs.arrays]
-    dims = (3,) if own else tuple(sorted(programs.dims, reverse=True))
-    target = Target(
-        program, names[0], loader=programs.loader(), calling=calling, excludes=programs.excludes, dims=dims,
-        same_bits=programs.same_bits, readings=programs.readings, seed=0 if seed is None and not own else seed,
-    )  # fmt: skip
+    shared: dict[str, Any] = {name: getattr(programs, name) for name in ("excludes", "same_bits", "readings")}
+    shared |= {"dims": (3,) if own else tuple(sorted(programs.dims, reverse=True)), "calling": calling}
+    shared |= {"loader": None if own else programs.bound, "seed": 0 if seed is None and not own else seed}
+    shared["sought"] = Sought()
     for name, dtype, variant, kernel in itertools.product(names, dtypes or DTYPES, chosen, programs.ladders(program)):
         overrides = program.as_computed_by(name).variants
         if variant >= len(overrides):
             continue
-        given: dict[str, Any] = {"backend": name, "dtype": dtype, "variant": variant, "kernel": kernel}
-        at = replace(target, operation=program, faults=[], last={}, **given)
+        at = Target(program, name, dtype, variant, kernel=kernel, **shared)
         reason = dtype if dtype not in programs.dtypes else programs.unsupported(program, overrides[variant])
         if reason:
             yield Step(next(numbers), at, not_judged=reason)

@@ -2,6 +2,7 @@
 
 import collections
 import dataclasses
+import itertools
 import math
 import re
 import xml.etree.ElementTree as ElementTree
@@ -172,11 +173,9 @@ def gaps(name: str, declared: Mapping[str, Sequence[Any]], request: Any, outcome
         lacking.append("the hard inputs (T2)")
     lacking += [dtype for dtype in request.dtypes or declared["dtypes"] if not any(o.dtype == dtype for o in told)]
     kernels: Sequence[str] = declared["kernels"] if shape_acts(operation) else [""]
-    for dim in declared["dims"]:
-        for kernel in kernels:
-            met = any(o.dim == dim and (not kernel or kernel in o.kernel.split()) for o in told)
-            if not met and set(wanted) != {"T1"}:
-                lacking.append(f"{f'the kernel {kernel} ' if kernel else ''}in {dim} dimensions")
+    for dim, kernel in itertools.product(declared["dims"] if set(wanted) != {"T1"} else (), kernels):
+        if not any(o.dim == dim and (not kernel or kernel in o.kernel.split()) for o in told):
+            lacking.append(f"{f'the kernel {kernel} ' if kernel else ''}in {dim} dimensions")
     if not request.variants:
         given, judged = (
             {feature for number in numbers for feature in present(operation, operation.variants[number])}

@@ -131,8 +131,7 @@ def _number(value: Any, digits: int = 0) -> str:
     return f"{value:.{max(9, digits)}g}"
 
 
-@dataclass(frozen=True)
-class Judged:
+class Judged(NamedTuple):
     """A program's answer to one trial beside the right one; see `refsim.contract.bounds.errors`."""
 
     inputs: Inputs
@@ -141,11 +140,6 @@ class Judged:
     answer: Answer
     ratios: Mapping[str, np.ndarray]
     rows: np.ndarray | None = None
-
-    @property
-    def telling(self) -> bool:
-        """Whether the right answer differs from zero."""
-        return any(np.any(np.asarray(value) != 0) for value, _ in self.answer.values())
 
 
 @dataclass(frozen=True)
@@ -234,11 +228,6 @@ class Target:
         lists = lists if self.listed else "none"
         made, neighbours, walls = prepared(case, self.place.name, self.dtype, lists, period)
         return self.varied(made), neighbours, walls
-
-    def on_case(self, case: str, lists: str = "search", rows: np.ndarray | None = None) -> Judged:
-        """The program's answer to a case beside the oracle's."""
-        inputs, neighbours, walls = self.prepared(case, lists)
-        return self.judged(inputs, neighbours, walls, rows=rows)
 
     def judged(
         self, inputs: Inputs, neighbours: Any = None, walls: Any = None, answer: Answer | None = None,

@@ -1,6 +1,5 @@
 """Signs of wrong answers: each guess in numbers, lists that are kept, rows beyond their bounds."""
 
-import dataclasses
 import types
 
 import numpy as np
@@ -103,7 +102,7 @@ def test_a_row_is_wrong_beyond_its_bound(monkeypatch):
     target, given = judged("sph.density", 2, 2, "thirds")
     (name,) = (n for n, ratio in given.ratios.items() if (ratio > 1).any())
     ratios = np.tile([0.5, 1.0, 1.01, 1.9, np.nan], len(given.ratios[name]))[: len(given.ratios[name])]
-    w = Diagnosis(target, dataclasses.replace(given, ratios={name: ratios}))
+    w = Diagnosis(target, given._replace(ratios={name: ratios}))
     assert w.name == name
     assert w.wrong.tolist() == (~(ratios <= 1)).tolist()
     known = ratios > 0
