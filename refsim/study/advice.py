@@ -41,12 +41,10 @@ def settings(of: Panel, kind: str) -> list[tuple[float, Point]]:
     """The panel's points of a kind ("cpu", "gpu" or "peer") that were measured and came to an end, with the largest
     errors that they may have (rule 1), the cheapest first.
     """
-    found, known = [], of.reference().uncertainty
-    for point in of.points.values():
-        belongs = kind == ("peer" if point.program != OWN else "gpu" if point.gpu else "cpu")
-        if belongs and point.place >= 0 and not point.failed:
-            found.append((max(map(of.error, _finer(of, point))) + known, point))
-    return sorted(found, key=lambda pair: price(pair[1]))
+    known = of.reference().uncertainty
+    kinds = {key: "peer" if p.program != OWN else "gpu" if p.gpu else "cpu" for key, p in of.points.items()}
+    judged = (p for key, p in of.points.items() if kinds[key] == kind and p.place >= 0 and not p.failed)
+    return sorted(((max(map(of.error, _finer(of, p))) + known, p) for p in judged), key=lambda pair: price(pair[1]))
 
 
 def price(point: Point) -> float:

@@ -40,11 +40,9 @@ def made_by() -> tuple[tuple[str, str], ...]:
 
 def task_of(key: str, setting: Setting, observable: str, folder: Path, every: float = 60.0) -> Task:
     """The task that computes a run; its memory and its weight follow from the plan."""
-    scene, whole = setting.scene, whole_name(observable)
-    read = _read(scene, whole)
-    work = Work(key, setting, whole, os.path.realpath(folder), made_by(), read, every)
-    work_of, memory = weighed(setting)
-    return Task(key, setting.label, compute, (work,), work_of, memory, setting.backend == "cuda")
+    whole = whole_name(observable)
+    work = Work(key, setting, whole, os.path.realpath(folder), made_by(), _read(setting.scene, whole), every)
+    return Task(key, setting.label, compute, (work,), *weighed(setting), setting.backend == "cuda")
 
 
 def weighed(setting: Setting) -> tuple[float, int]:
@@ -88,8 +86,6 @@ def compute(report: Report, work: Work) -> Reading:
         report(simulation.time / scene.end_time if scene.end_time else 1.0)
 
     made = partial(runs.measure, work.setting, work.observable, None, 1, progress, 1, place, work.every)
-
-    read = partial(_read, scene, work.observable)
-    reading = runs.kept_or_made(folder, work.key, work.setting, made, read, work.read)
+    reading = runs.kept_or_made(folder, work.key, work.setting, made, partial(_read, scene, work.observable), work.read)
     shutil.rmtree(place, ignore_errors=True)
     return reading

@@ -12,10 +12,10 @@ import math
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -61,17 +61,12 @@ class Sweep(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     seeds: list[int] = []
 
 
-@dataclass(frozen=True)
-class Point:
-    """One run of a sweep: what it sets, {parameter: value}, and the scene that follows."""
+class Point(NamedTuple):
+    """One run of a sweep: what it sets, {parameter: value}, the same in words, and the scene that follows."""
 
     values: Mapping[str, Any]
+    label: str
     scene: Scene
-
-    @property
-    def label(self) -> str:
-        """Its values in words."""
-        return ", ".join(f"{name} = {value}" for name, value in self.values.items()) or self.scene.name
 
 
 @dataclass(frozen=True)
@@ -123,13 +118,13 @@ class Swept:
         """The rows as a table, the reasons below it, and what it took."""
         names = list(dict.fromkeys(name for point in self.points for name in point.values))
         unit = f" [{self.observable.unit}]" if self.observable.unit else ""
-        rows, reasons = [], []
-        for row in self.rows():
-            value = "-" if row["value"] is None else f"{row['value']:.6g}"
-            seconds = "-" if row["seconds"] is None else f"{row['seconds']:.3g}"
-            rows.append([*(row.get(name, "") for name in names), value, seconds])
-            if row["reason"]:
-                reasons.append(f"{', '.join(f'{n} = {row[n]}' for n in names if n in row)}: {row['reason']}")
+        found = self.rows()
+        told = (("value", ".6g"), ("seconds", ".3g"))
+        rows = [
+            [*(row.get(n, "") for n in names), *("-" if row[n] is None else f"{row[n]:{digits}}" for n, digits in told)]
+            for row in found
+        ]
+        reasons = [f"{point.label}: {row['reason']}" for point, row in zip(self.points, found) if row["reason"]]
         head = (*names, f"{self.observable.name}{unit}", "seconds")
         failed = sum(1 for reading in self.readings if reading is not None and reading.failed)
         sums = f"{len(self.points)} runs, {self.computed} of them computed now"
@@ -179,8 +174,9 @@ def points_of(given: Sweep, folder: Path, source: str) -> list[Point]:
                 effect[SEED] = value
             if name != SEED:
                 set_parameter(tables, name, value, source)
-        chosen_values = ", ".join(f"{name} = {value}" for name, value in chosen.items())
-        points.append(Point(chosen, scene_from_dict(tables, f"{source}: {given.scene} with {chosen_values}")))
+        said = ", ".join(f"{name} = {value}" for name, value in chosen.items())
+        scene = scene_from_dict(tables, f"{source}: {given.scene} with {said}")
+        points.append(Point(chosen, said or scene.name, scene))
     return points
 
 
@@ -254,12 +250,10 @@ def sweep(
 
 def _first_plan(points: list[Point]) -> Any:
     """The plan of the first point that has one. Raises InputError where none has."""
-    for point in points:
-        try:
+    for point in points[:-1]:
+        with suppress(InputError):
             return make_plan(point.scene)
-        except InputError as error:
-            first = error
-    raise first
+    return make_plan(points[-1].scene)
 
 
 def _writable(folder: Path) -> None:
