@@ -47,9 +47,6 @@ STEP_EXTREMES = Field(
     "step_extremes", "-, -, 1/s, m^2", "least and largest J, largest |tr A|, largest squared displacement in a step",
     rows=4, state=True,
 )  # fmt: skip
-BASE_NODE = Field("base_node", "-", "integer coordinates of the base node", 3, dtype="int32")
-SPLINE_WEIGHT = Field("spline_weight", "-", "quadratic B-spline at three nodes of each axis", 9)
-SPLINE_SLOPE = Field("spline_slope", "-", "its slope times h at three nodes of each axis", 9)
 
 READINGS = ("none", "cluster", "thesis", "gradient_corrected")
 RULES = {"none": 0, "sticky": 1, "slip": 2, "separating": 3}

@@ -200,16 +200,6 @@ def velocity_gradient(dim: int) -> np.ndarray:
     return TURN * (np.arange(3) < dim)[:, None] * (np.arange(3) < dim)
 
 
-@closed_form("mpm.weights")
-def weights_by_hand():
-    """f = 1, 5/4 and 1/2 along the axes: (1/8, 3/4, 1/8), (1/32, 11/16, 9/32), (1/2, 1/2, 0)."""
-    case, _, background = alone(3, (2.0, 2.5, 1.0))
-    weight = [0.125, 0.75, 0.125, 0.03125, 0.6875, 0.28125, 0.5, 0.5, 0.0]
-    slope = [-0.5, 0.0, 0.5, -0.25, -0.5, 0.75, -1.0, 1.0, 0.0]
-    expected = {"base_node": np.zeros((1, 3)), "spline_weight": [weight], "spline_slope": [slope]}
-    return Exact(case, {"background": background}, expected)
-
-
 def _located(case, kind, cell):
     """The cells of a case's particles in a grid of this kind."""
     inputs = {"grid": kind(case.dim, "float64", 2.0), "carrier_position": None, "surface_sample": None}

@@ -85,18 +85,6 @@ def layer_slopes(fz, background):
     return real(0), real(0), real(0)
 
 
-@kernel
-def weights(i, position, background, base_node, spline_weight, spline_slope):
-    """Base node, B and h B' of a particle, three for each axis; dimensionless."""
-    for c in range(3):
-        j = formulas.base_coordinate(position[i, c], background.inverse_cell)
-        base_node[i, c] = j
-        f = type(background.cell_size)(float(position[i, c]) * background.inverse_cell - float(j))
-        w, s = formulas.spline_weights(f), formulas.spline_slopes(f)
-        for k in range(3):
-            spline_weight[i, 3 * c + k], spline_slope[i, 3 * c + k] = w[k], s[k]
-
-
 # Clusters and viscosity
 
 

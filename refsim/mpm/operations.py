@@ -139,21 +139,6 @@ def cells(position, carrier_position, surface_sample, grid):
     return {"cell": (cell, _base(_f(position)[:, : grid.dim], grid.inverse_cell)[2].min(1))}
 
 
-@operation(
-    "quadratic B-spline, (3.16) with thesis M19", outputs="base_node spline_weight spline_slope", exact="base_node",
-    tolerance=8.0, reason="one rounding of the position in the cell, and a few of the polynomial",
-    invariants="reordering",
-)  # fmt: skip
-def weights(position, background):
-    """Base node j = floor(x/h - 1/2), and B and h B' at j, j + 1, j + 2 along each axis, dimensionless."""
-    x = _f(position) * background.inverse_cell
-    base, _, margin = _base(position, background.inverse_cell)
-    u = (x[:, :, None] - (base[:, :, None] + np.arange(3))).reshape(-1, 9)
-    unsure = np.repeat(2 + 2 * _rounding(background.cell_size) * np.abs(x), 3, axis=1)
-    made = {"spline_weight": spline(u), "spline_slope": spline_derivative(u)}
-    return {"base_node": (base, margin)} | {name: Terms(b, np.abs(b) + unsure) for name, b in made.items()}
-
-
 # From particles to nodes
 
 

@@ -159,19 +159,20 @@ def round_trip(reading: str, step: float = 1e-4, seed: int = 1) -> dict[str, flo
 def backward_euler(t: Transfers, ratio: np.ndarray, heavy: np.ndarray) -> np.ndarray:
     """Velocities (m, 2) [m/s] of the nodes `heavy` after an implicit step; `t` holds those without pressure."""
     n, table = len(ratio), node_table(t.values["grid"].blocks)
-    base, weight, slope = np.zeros((n, 3), np.int32), np.zeros((n, 9)), np.zeros((n, 9))
-    REGISTRY["mpm.weights"].program("cpu")(t.values["position"], t.values["background"], base, weight, slope)
+    place = t.values["position"][:, :2] / CELL
+    base = np.floor(place - 0.5).astype(int)
+    weight, _ = splines(place[:, :, None] - base[:, :, None] - np.arange(3))
     number = {(int(x), int(y)): k for k, (x, y, _) in enumerate(table[heavy])}
     rows, columns, entries = [], [], []
     for i in range(3):
         for j in range(3):
-            node = np.array([number.get((int(a) + i, int(b) + j), -1) for a, b, _ in base])
+            node = np.array([number.get((int(a) + i, int(b) + j), -1) for a, b in base])
             there = node >= 0
-            arm = CELL * (base[:, :2] + [i, j]) - t.values["position"][:, :2]
+            arm = CELL * (base + [i, j] - place)
             for c in range(2):  # tr A_p = (4/h^2) sum_j B_j (x_j - x_p).v_j
                 rows.append(np.flatnonzero(there))
                 columns.append(2 * node[there] + c)
-                entries.append((4 / CELL**2 * weight[:, i] * weight[:, 3 + j] * arm[:, c])[there])
+                entries.append((4 / CELL**2 * weight[:, 0, i] * weight[:, 1, j] * arm[:, c])[there])
     trace = csr_array(
         (np.concatenate(entries), (np.concatenate(rows), np.concatenate(columns))), shape=(n, 2 * len(heavy))
     )
