@@ -164,12 +164,6 @@ def count_missed(k, position, velocity, shift, drift, bounds, period, listed, ro
 
 
 @kernel
-def block_keys(c, cells, keys):
-    """Key of the block of a cell."""
-    keys[c] = formulas.block_key(cells[c])
-
-
-@kernel
 def block_boxes(b, position, build_position, first, order, begin, low, high):
     """Box [low, high] (blocks, 3) [m] of the displacements of a block's particles since the list was built.
 
@@ -254,8 +248,7 @@ class CellSearch:
         """Bounds [m] of two particles of touching blocks, which others are two cells apart from, and of any two."""
         cells, first = self.cells
         if self.blocks is None:  # only where the particles move far enough to ask
-            keys = np.empty(len(cells), np.int64)
-            block_keys(cells, keys)
+            keys = formulas.block_key(cells)
             order = np.argsort(keys, kind="stable")
             self.blocks = order, *_occupied(keys[order])
         order, keys, begin = self.blocks
