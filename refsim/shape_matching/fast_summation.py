@@ -267,13 +267,14 @@ def damp_nodes(
     kernels.damp_end(s, sums, region_count, place, matching, timestep, acceleration)
 
 
-@formula
-def box_sums(source, target, half_width, boxes):
-    """Sums of one number over the box around every node: along rows and across them in each plane, then over planes.
+@kernel(rows_of="terms", ordered=True, allocates=True)
+def sum_planes(c, half_width, boxes, terms):
+    """Sums over the box around every node of number c of `terms`, the first rows of boxes.first, into boxes.second.
 
-    Only where there are nodes to sum for, and a few planes at a time, which stay in the cache.
+    Along rows and across them in each plane, then over planes; only where there are nodes to sum for, and a few planes
+    at a time, which stay in the cache.
     """
-    planes, columns = boxes.planes, boxes.side[2]
+    source, target, planes, columns = terms[c], boxes.second[c], boxes.planes, boxes.side[2]
     area, window = boxes.side[1] * columns, 2 * half_width + 1
     lines, sums = np.zeros(area), np.zeros((window, area))
     for p in range(planes.shape[0]):
@@ -282,20 +283,20 @@ def box_sums(source, target, half_width, boxes):
         for row in range(planes[p, 2], planes[p, 3]):
             at = np.uint64(row * columns)
             there = np.uint64(p * area + row * columns)
-            for c in range(low, high):
-                lines[at + c] = source[there + c]
+            for x in range(low, high):
+                lines[at + x] = source[there + x]
             for k in range(np.uint64(1), np.uint64(half_width + 1)):
-                for c in range(low, high):
-                    lines[at + c] += source[there + c - k] + source[there + c + k]
+                for x in range(low, high):
+                    lines[at + x] += source[there + x - k] + source[there + x + k]
         plane = sums[p % window]
         for row in range(planes[p, 4], planes[p, 5]):
             at = np.uint64(row * columns)
-            for c in range(low, high):
-                plane[at + c] = 0.0
+            for x in range(low, high):
+                plane[at + x] = 0.0
             for near in range(max(row - half_width, planes[p, 2]), min(row + half_width + 1, planes[p, 3])):
                 beside = np.uint64(near * columns)
-                for c in range(low, high):
-                    plane[at + c] += lines[beside + c]
+                for x in range(low, high):
+                    plane[at + x] += lines[beside + x]
         middle = p - half_width
         if middle >= 0:
             start = middle * area
@@ -305,9 +306,3 @@ def box_sums(source, target, half_width, boxes):
                 for k in range(window):
                     total += sums[np.uint64(k), cell]
                 target[boxes.cell[s]] = total
-
-
-@kernel(rows_of="terms", ordered=True, allocates=True)
-def sum_planes(c, half_width, boxes, terms):
-    """Sums over the box around every node of `terms`, the first rows of boxes.first, into number c of boxes.second."""
-    box_sums(terms[c], boxes.second[c], half_width, boxes)
