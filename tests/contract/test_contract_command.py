@@ -88,15 +88,8 @@ def judged(program, operation="sph.gravity", steps=("T1", "T7"), **options):
     return list(contract.trials(programs, operation, steps=steps, **options))
 
 
-class Unsigned:
-    """A program whose parameters cannot be read, as those of many compiled functions."""
-
-    __signature__ = "unknown"
-
-    def __call__(self, *values):
-        return None
-
-
+# A program whose parameters cannot be read, as those of many compiled functions
+Unsigned = type("Unsigned", (), {"__signature__": "unknown", "__call__": lambda self, *values: None})
 MISFIT = {
     "parameter": (lambda gravity, acceleration: None, "takes gravity, which the operation does not have; it has"),
     "any number": (lambda *values: None, "takes *values, which the operation does not have"),

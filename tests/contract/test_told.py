@@ -32,7 +32,6 @@ def test_seeds_take_turns_with_numbers_beyond_16_bits(monkeypatch):
     assert (made.dim, made.position.shape) == (3, (2**16, 3))
 
 
-# Whole runs
 # Steps whose outcome follows from calls
 def outcome(error, words=""):
     return types.SimpleNamespace(error=error, words=words)
