@@ -50,14 +50,11 @@ def test_votes_of_drawn_outcomes_are_as_ever(recorded):
 
 
 def test_what_one_wrong_trial_lacks_is_no_condition_of_all():
-    shares = {True: [0.0, 0.5], False: [1.0, 1.0, 1.0, None]}
-    outcomes = [
-        Outcome(
-            "sph.density", "T2", "cloud", "numpy", "float64", 0, passed, 1.0, "",
-            telling=True, traits={} if share is None else {"with walls": (share, None if passed else share)},
-        )
-        for passed, each in shares.items() for share in each
-    ]  # fmt: skip
+    def outcome(passed, share):
+        traits = {} if share is None else {"with walls": (share, None if passed else share)}
+        return Outcome("sph.density", "T2", "cloud", "numpy", "float64", 0, passed, 1.0, telling=True, traits=traits)
+
+    outcomes = [outcome(True, 0.0), outcome(True, 0.5), *3 * [outcome(False, 1.0)], outcome(False, None)]
     assert (conditions(outcomes, outcomes[2:5]), conditions(outcomes, outcomes[2:])) == (["wrong only with walls"], [])
 
 
