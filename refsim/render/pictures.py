@@ -19,10 +19,11 @@ from refsim.core.stopping import held_back
 from refsim.core.terminal import Bar, wanted
 from refsim.core.writing import made_by, output_path, replaced_at_the_end, write_file, writing
 from refsim.io.frames import Frame
+from refsim.isosurface import Mesh
 from refsim.render import looks, space
 from refsim.render.plane import add_area, add_discs, add_line
 from refsim.render.saved_run import USUAL, SavedRun, chosen_frames, open_run, usual_range
-from refsim.render.surfaces import CELL, SurfaceMesh, surface_around
+from refsim.render.surfaces import CELL, surface_around
 
 SIZE = (1280, 960)
 STILL = 0.02  # spacings
@@ -133,7 +134,7 @@ class Series:
         near = np.asarray(((position > self.low - far) & (position < self.high + far)).all(1))
         return near if self.cut is None or self.look.style != "particles" else near & (self.cut(position) <= 0)
 
-    def _surface(self, points: NDArray, liquid: bool) -> SurfaceMesh:
+    def _surface(self, points: NDArray, liquid: bool) -> Mesh:
         cell, solid = CELL if self.run.dim == 3 else 0.5 * CELL, self.run.mesh
         around = (None if solid is None else solid.distance, self.run.closed_box) if liquid else ()
         return surface_around(points, self.run.spacing, self.run.dim, cell, *around)

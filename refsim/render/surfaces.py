@@ -8,14 +8,13 @@ line in the plane.
 import importlib.util
 import itertools
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from refsim.backends.arrays import Backend
 from refsim.core.errors import InputError
-from refsim.isosurface import extract
+from refsim.isosurface import Mesh, extract
 from refsim.render.space import pyvista
 
 CELL = 0.5  # of the grid [spacings]
@@ -32,18 +31,10 @@ AT_ONCE = 50_000  # nodes whose distance from a solid is computed
 Distance = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # signed, (k,) [m], of points (k, 3) [m]
 
 
-class SurfaceMesh(NamedTuple):
-    """A closed surface: vertices (v, 3) [m]; facets (f, dim), triangles counter-clockwise as seen from outside, or
-    segments with the inside on their left."""
-
-    vertices: NDArray
-    facets: NDArray
-
-
 def surface_around(
     position: ArrayLike, spacing: float, dim: int = 3, cell: float = CELL, solid: Distance | None = None,
     box: tuple[NDArray, NDArray] | None = None,
-) -> SurfaceMesh:  # fmt: skip
+) -> Mesh:  # fmt: skip
     """The surface around particles at `position` (n, 3) [m] that stand about `spacing` [m] apart.
 
     cell   of the grid [spacings]
@@ -61,7 +52,7 @@ def surface_around(
         images[:, axis] = 2 * end[axis] - images[:, axis]
         points = np.concatenate([points, images])
     if not len(points):
-        return SurfaceMesh(np.zeros((0, 3), np.float32), np.zeros((0, dim), np.int32))
+        return Mesh(np.zeros((0, 3), np.float32), np.zeros((0, dim), np.int32))
     first, phi, held = distances(points, spacing, size, box)
 
     in_space = (0, 0), (0, 3 - dim)  # zeros that make places of `dim` coordinates places of three
@@ -90,17 +81,16 @@ def surface_around(
     within, beside = phi < 0, np.ones((3,) * dim, bool)
     crossed = binary_dilation(within, beside) & binary_dilation(~within, beside)
     nodes = np.argwhere(binary_dilation(crossed, beside))  # of cells that the surface crosses, and those beside them
-    mesh = extract(Backend("cpu"), np.pad(nodes + first, in_space), phi[tuple(nodes.T)].astype(np.float32), size, dim)
-    return SurfaceMesh(mesh.vertices, mesh.facets)
+    return extract(Backend("cpu"), np.pad(nodes + first, in_space), phi[tuple(nodes.T)].astype(np.float32), size, dim)
 
 
-def _in_space(phi: NDArray[np.float32], first: NDArray[np.int64], size: float) -> SurfaceMesh:
+def _in_space(phi: NDArray[np.float32], first: NDArray[np.int64], size: float) -> Mesh:
     """The surface phi = 0 of a grid by VTK, which pictures in space load anyway: Numba would take 116 MiB more."""
     grid = pyvista().ImageData(dimensions=phi.shape[::-1])  # its first axis varies fastest
     grid.point_data["phi"] = phi.reshape(-1)
     mesh = grid.contour([0.0], "phi", compute_normals=False, compute_scalars=False, method="flying_edges")
     vertices = (np.asarray(mesh.points, dtype=float)[:, ::-1] + first) * size
-    return SurfaceMesh(vertices.astype(np.float32), mesh.regular_faces.astype(np.int32))
+    return Mesh(vertices.astype(np.float32), mesh.regular_faces.astype(np.int32))
 
 
 def distances(
