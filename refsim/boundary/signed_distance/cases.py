@@ -154,9 +154,9 @@ takes("signed_distance.signs", band_grid="")
 takes("signed_distance.project", distance_field="origin_x origin_y origin_z")
 
 
-def cube_distance(place: np.ndarray) -> np.ndarray:
-    """Signed distance [m] of the cube from -1 m to 1 m."""
-    over = np.abs(place) - 1
+def cube_distance(place: np.ndarray, half: float | np.ndarray = 1.0) -> np.ndarray:
+    """Signed distance [m] of a box about the origin with half of its edges [m]; of the cube from -1 m to 1 m."""
+    over = np.abs(place) - half
     return np.linalg.norm(np.maximum(over, 0), axis=1) + np.minimum(over.max(1), 0)
 
 
@@ -190,8 +190,7 @@ def inside_of_a_thick_box():
     """Nodes deeper than the band of 1/8 m are at -1/8 m; blocks whose line ends inside are followed by inside."""
     inputs = band_of("thick_box", "float64")
     place = 0.0625 * operations.node_table(inputs["band_blocks"])
-    over = np.abs(place) - np.array([0.65, 0.55, 0.45])
-    known = np.linalg.norm(np.maximum(over, 0), axis=1) + np.minimum(over.max(1), 0)
+    known = cube_distance(place, np.array([0.65, 0.55, 0.45]))
     after = (known.reshape(-1, 64)[:, 3] < 0).astype(np.uint8)
     return Exact(CASES["thick_box"](), {}, {"distance": np.clip(known, -0.125, 0.125), "inside_after": after})
 
