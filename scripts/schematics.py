@@ -224,7 +224,7 @@ def cut_body(side: tuple[int, int, int], melted: set[tuple[int, int]]) -> tuple[
     count = np.zeros(len(cell), int)
     empty = np.full((len(cell), 125), matching.EMPTY)
     region = operations.regions(direct, None, grid, empty, count)["region"][0]
-    return cell, direct, region, operations.classify(row, direct, phase)["phase"][0]
+    return cell, direct, region, operations.classify(row, direct, grid, phase)["phase"][0]
 
 
 def regions() -> Any:

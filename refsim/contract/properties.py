@@ -52,7 +52,7 @@ def _conserved(target: Target, name: str, case: str) -> Outcome:
         _, after = target.launch(given, before={"acceleration": np.zeros((len(given["position"]), 3))})
         acceleration = np.asarray(after["acceleration"], dtype=float)
         amount, bound = total(name, given, acceleration, force_bound(target, given))
-        error = max(error, float(amount / bound) if bound else 0.0 if amount < 0 else np.inf)
+        error = max(error, float(amount / bound) if bound else 0.0 if amount < (name != "dissipation") else np.inf)
     return target.outcome(error, "" if error <= 1 else message)
 
 
@@ -65,7 +65,11 @@ def on_grid(target: Target, name: str) -> Inputs:
     step = np.dtype(dtype).type(GRID)
     moved = {name: np.round(inputs[name] / GRID) * step for name in ("position", "velocity")}
     on = walls._replace(position=(np.round(walls.position / GRID) * GRID).astype(dtype))
-    return target.varied(inputs.replaced(**moved, walls=on))
+    varied = target.varied(inputs.replaced(**moved, walls=on))
+    if not {"volume", "advanced_excess"} <= {*target.operation.arguments("numpy")}:
+        return varied
+    rest = varied["fluid"].rest_density if varied["rest_density"] is None else varied["rest_density"]
+    return varied.replaced(mass=varied["volume"] * (rest + varied["advanced_excess"]))  # as before the step
 
 
 def force_bound(target: Target, inputs: Inputs) -> np.ndarray:

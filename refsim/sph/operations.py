@@ -91,8 +91,11 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
     ),
     tolerance=12.0, reason="one rounding in each of distance, slope, volume, velocity difference, projection,"
     " quotients, product and sum",
-    invariants=f"{SYMMETRY} galilean",
-    broken={1: "rotation", 2: "rotation galilean", 3: "translation rotation galilean", 4: "rotation"},
+    invariants=f"{SYMMETRY} linear_momentum angular_momentum galilean",
+    broken={
+        0: "linear_momentum angular_momentum", 1: "rotation", 2: "rotation galilean",
+        3: "translation rotation galilean", 4: "rotation angular_momentum",
+    },
     programs={
         "cuda:fused": Program(
             "kernels", "continuity_and_sums", packed="continuity_and_sums_pair", also=("sph.density",),
