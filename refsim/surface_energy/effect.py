@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, ClassVar, Literal, Protocol
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -30,21 +30,6 @@ OVERFULL = 2.0  # above, a force has drawn them together
 # Step of a surface that stays at r, over min(h/c, sqrt(rho0 h^3/(2 pi k))): with nothing embedded, and of a liquid that
 # is soft against its surface, k > SOFT lambda h; two thirds of the least that was measured (docs/stability.md)
 AT_R_ALONE, AT_R_SOFT, SOFT = 0.08, 0.03, 0.1
-
-
-class GridLiquid(Protocol):
-    """What the surface takes of the effect mpm_liquid."""
-
-    rest_density: float  # rho0 [kg/m^dim]
-    bulk_modulus: float  # lambda [Pa]
-
-    def cell(self, grid: Discretisation) -> float: ...  # h [m]
-
-    def sound_speed(self) -> float: ...  # [m/s]
-
-
-def _liquid(others: Others) -> GridLiquid:
-    return others["mpm_liquid"]  # type: ignore[return-value]
 
 
 class SurfaceEnergy(Tension, HasTension, HoldsOtherMemory, RunMonitor, frozen=True, kw_only=True):
@@ -87,7 +72,8 @@ class SurfaceEnergy(Tension, HasTension, HoldsOtherMemory, RunMonitor, frozen=Tr
                 f"{self.name}: {grid.count} particles do not resolve a body whose surface has tension, which takes"
                 f" {least}; take smaller cells and more particles, or set smallest."
             )
-        cell = _liquid(others).cell(grid)
+        liquid: Any = others["mpm_liquid"]
+        cell = liquid.cell(grid)
         filled = grid.count * (grid.spacing / cell) ** grid.dim
         if filled < least / 2**grid.dim:
             raise InputError(
@@ -106,9 +92,10 @@ class SurfaceEnergy(Tension, HasTension, HoldsOtherMemory, RunMonitor, frozen=Tr
         return (Pass(self.host_passes[0], reads, ("samples",), names=lacking, stage="motion"),)
 
     def shares(self, grid: Discretisation, others: Others) -> dict[str, Any]:
-        cell = _liquid(others).cell(grid)
-        full, density = (cell / grid.spacing) ** grid.dim, _liquid(others).rest_density
-        return {"surface": SurfaceOfRun(self, grid.dim, grid.dtype, cell, grid.count, full, density)}
+        liquid: Any = others["mpm_liquid"]
+        cell = liquid.cell(grid)
+        full = (cell / grid.spacing) ** grid.dim
+        return {"surface": SurfaceOfRun(self, grid.dim, grid.dtype, cell, grid.count, full, liquid.rest_density)}
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         """Readings that are there to compare with, and were seen to be unstable (docs/stability.md)."""
@@ -146,7 +133,7 @@ class SurfaceEnergy(Tension, HasTension, HoldsOtherMemory, RunMonitor, frozen=Tr
         return None
 
     def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
-        liquid = _liquid(others)
+        liquid: Any = others["mpm_liquid"]
         period = math.sqrt(liquid.rest_density * liquid.cell(grid) ** 3 / (2 * math.pi * self.surface_tension))
         limits = {"capillary": StepLimit.constant(self.capillary_number * period)}
         h, alone = liquid.cell(grid), self.embedding == "none"
