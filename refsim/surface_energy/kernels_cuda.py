@@ -180,3 +180,11 @@ def surface_force(sample_position, sample_area, sample_normal, spline_cells, blo
     pulls = scratch.array("pulls", (pulls_cuda.SUMS, sample_area.shape[0] + 1), sample_area.dtype)
     pulls_cuda.sum_pulls(sample_position, sample_normal, sample_area, spline_cells, blocks, surface_term, pulls)
     pulls_cuda.pull_nodes(spline_cells, blocks, pulls, surface_term, node_force)
+
+
+def recorded_force(sample_position, sample_area, sample_normal, spline_cells, blocks, surface_term, node_force):
+    """As `surface_force`, where the samples of each cell are counted and not yet sorted."""
+    a = arrays(blocks, sample_position.dtype, surface_term, facets=sample_position.shape[0])
+    a |= {"sample_position": sample_position, "sample_area": sample_area, "sample_normal": sample_normal}
+    count_points(spline_cells.cell, a["held_samples"], a["fit_place"])
+    stages.pull(a | {"fit_cell": spline_cells.cell, "node_force": node_force})

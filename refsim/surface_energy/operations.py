@@ -322,7 +322,8 @@ def inset(vertex_position, vertex_normal, surface_term):
 
 @operation(
     "(4.18) with thesis M1", outputs="node_force", entrywise=True, variants=("", {"surface_term": "printed_sign"}),
-    tolerance=8.0, reason="splines, projection, products and sum", cases=_SHAPES, programs=_ON_GPU,
+    tolerance=8.0, reason="splines, projection, products and sum", cases=_SHAPES,
+    programs={**_ON_GPU, "cuda:recorded": Program("kernels_cuda", function="recorded_force")},
 )  # fmt: skip
 def surface_force(sample_position, sample_area, sample_normal, spline_cells, blocks, surface_term):
     """Force of the tension on the nodes [N]."""
