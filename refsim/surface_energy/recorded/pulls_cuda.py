@@ -4,13 +4,11 @@ import numpy as np
 
 from refsim.backends.compile import cuda, cuda_kernel
 from refsim.backends.primitives import wait_for_last
-from refsim.backends.tuples import put, scaled, three
-from refsim.sparse_grid.block_search_cuda import number
+from refsim.backends.tuples import put, scaled
 from refsim.sparse_grid.formulas import node_coordinates
-from refsim.surface_energy import formulas
 from refsim.surface_energy.recorded.cells_cuda import CELLS, occupied_near
 from refsim.surface_energy.recorded.fit_cuda import REACHING, load_columns, sum_around
-from refsim.surface_energy.recorded.force_cuda import ROWS
+from refsim.surface_energy.recorded.force_cuda import ROWS, pull_row
 
 SUMS = 81  # of a cell: three for each node that its samples reach
 
@@ -23,7 +21,6 @@ def sum_pulls(sample_position, sample_normal, sample_area, spline_cells, blocks,
     """
     samples, first = sample_area.shape[0], spline_cells.first
     row, n = cuda.grid(1) // samples, cuda.grid(1) % samples
-    ky, kz = row % 3, row // 3
     space = blocks.neighbour.shape[1] == 27
     real = type(surface_term.cell_size)
     cell = -1
@@ -34,28 +31,8 @@ def sum_pulls(sample_position, sample_normal, sample_area, spline_cells, blocks,
         if n < first[first.shape[0] - 1]:
             cell = spline_cells.cell[spline_cells.point[n]]
     if cell >= 0 and first[cell] == n:
-        jx, jy, jz = node_coordinates(blocks, cell)
-        total = cuda.local.array(9, pulls.dtype)
-        for k in range(9):
-            total[k] = real(0)
-        for at in range(n, first[cell + 1]):
-            s = number(spline_cells.point[at])
-            fx = formulas.grid_offset(sample_position[s, 0], jx, surface_term)
-            fy = formulas.grid_offset(sample_position[s, 1], jy, surface_term)
-            wz, sz = real(1), real(0)
-            if space:
-                fz = formulas.grid_offset(sample_position[s, 2], jz, surface_term)
-                wz, sz = formulas.spline_weight(fz, kz), formulas.spline_slope(fz, kz)
-            normal, area = three(sample_normal, s), sample_area[s]
-            wy, sy = formulas.spline_weight(fy, ky), formulas.spline_slope(fy, ky)
-            for kx in range(3):
-                wx, sx = formulas.spline_weight(fx, kx), formulas.spline_slope(fx, kx)
-                ux, uy, uz = formulas.tangential(normal, (sx * wy * wz, wx * sy * wz, wx * wy * sz))
-                total[3 * kx] += area * ux
-                total[3 * kx + 1] += area * uy
-                total[3 * kx + 2] += area * uz
-        for k in range(9):
-            pulls[9 * row + k, n] = total[k]
+        given, j = (sample_position, sample_normal, sample_area), node_coordinates(blocks, cell)
+        pull_row(row, n, n, first[cell + 1], spline_cells.point, j, given, space, surface_term, pulls)
 
 
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="blocks.keys", early=True)
