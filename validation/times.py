@@ -390,7 +390,7 @@ bytes of each neighbour (68 before: 2.1 ms, and 1.37 times the papers' step, whi
 The rest takes 0.56 ms for 0.40: shifting and the kept density. Without the pass of the shift, whose factor the
 leap-frog could take, the step is 1.20 times as long. Rows of 28 November are relative to the step of then, 2.98 ms.
 MPM's surface is 44 launches; instructions limit its searches and sweeps. Its row was read on a busy host: on an idle
-one it takes 0.363 ms, 1.32 plain steps.
+one it takes 0.371 ms, 1.32 plain steps.
 Melting is 33, and a list in 59 % of the steps, because fast water flows among solids.
 """
 THREADS = """
