@@ -1,7 +1,6 @@
 """What a scene is refused for, or noted on: its numbers and effects, its particles, and what follows from both."""
 
 import dataclasses
-import functools
 import itertools
 import math
 from collections.abc import Iterator, Mapping
@@ -109,21 +108,17 @@ def _check_numbers(scene: Scene) -> None:
 
 
 def _check_magnitudes(place: str, part: Any, least: float = SMALLEST) -> None:
-    lengths = _lengths(type(part)) if isinstance(part, msgspec.Struct) else frozenset()
-    for f in msgspec.structs.fields(part) if isinstance(part, msgspec.Struct) else ():
+    if not isinstance(part, msgspec.Struct):
+        return
+    meanings = describe(type(part))
+    for f in msgspec.structs.fields(part):
         values = getattr(part, f.name)
         if f.type is not Any:  # arrays of particles and cells are looked at where they are read
-            most = LONGEST if f.name in lengths else GREATEST
+            most = LONGEST if unit_of(meanings.get(f.name, "")) == "m" else GREATEST
             several = isinstance(values, tuple)
             for axis, value in enumerate(values if several else (values,)):
                 name = f"{f.name} along {'xyz'[axis]}" if several and len(values) == 3 else f.name
                 _check_magnitude(place, name, value, 0.0 if "temperature" in f.name else least, most)
-
-
-@functools.cache
-def _lengths(kind: type) -> frozenset[str]:
-    """Names of the members whose unit is the metre."""
-    return frozenset(name for name, meaning in describe(kind).items() if unit_of(meaning) == "m")
 
 
 def _check_magnitude(place: str, name: str, value: Any, least: float = 0.0, most: float = GREATEST) -> None:

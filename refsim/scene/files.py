@@ -4,6 +4,7 @@ What a field means is written once, in the docstring of its class ("name   meani
 lists of the command line and the error messages all take it from there.
 """
 
+import functools
 import inspect
 import io
 import json
@@ -158,6 +159,7 @@ def scene_to_toml(scene: Scene) -> str:
     return "\n".join(lines) + "\n"
 
 
+@functools.cache
 def describe(owner: type) -> dict[str, str]:
     """What each field of a scene, shape or effect means, from the lines of its docstring."""
     names = {f.name for f in msgspec.structs.fields(owner)}
