@@ -4,8 +4,6 @@ An exchange is a pair (i, j) within the support radius with its weight g = dt G_
 the kernels are launched, `reductions` finds the exchanges and the sums over all particles.
 """
 
-import math
-
 import numpy as np
 
 from refsim.backends.compile import formula, kernel
@@ -16,13 +14,6 @@ from refsim.heat.stages import chebyshev_omega, chebyshev_passes
 from refsim.neighbours.formulas import to_nearest_image
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import first_lane, row_of
-
-
-@formula
-def scaled_distance(away, period, conduction):
-    """q = |x_i - x_j|/h of `away` = x_i - x_j [m]; with a period to the nearest image."""
-    dx, dy, dz = to_nearest_image(away[0], away[1], away[2], period)
-    return math.sqrt(dx * dx + dy * dy + dz * dz) * conduction.inverse_radius
 
 
 @formula

@@ -3,6 +3,8 @@
 The neighbour list reaches further than the support radius: a CPU keeps a list of its own of the pairs within it.
 """
 
+import math
+
 import numpy as np
 
 from refsim.backends.compile import formula, kernel
@@ -10,7 +12,7 @@ from refsim.backends.fast.staging import AT_A_TIME, buffer, gathered
 from refsim.backends.reductions import CHUNKS, limits
 from refsim.backends.tuples import three
 from refsim.heat.formulas import missing_factor
-from refsim.heat.kernels import flow_to, inverse_capacity, scaled_distance, weight_at
+from refsim.heat.kernels import flow_to, inverse_capacity, weight_at
 from refsim.heat.shapes import ExchangeRows
 from refsim.neighbours.formulas import to_nearest_image
 from refsim.neighbours.pairs import neighbour_sum, pair
@@ -67,8 +69,9 @@ def weigh_and_pack(i, body, neighbours, seconds, conduction, period, exchanges):
         arrays, buffers = (position, volume, conductivity), (x, y, z, volumes, conductivities)
         gathered(neighbours.entries, first + begin, left, arrays, buffers)
         for m in range(left):  # a loop of its own, which vectorises
-            away = position[i, 0] - x[m], position[i, 1] - y[m], position[i, 2] - z[m]
-            q = scaled_distance(away, period, conduction)
+            dx, dy, dz = position[i, 0] - x[m], position[i, 1] - y[m], position[i, 2] - z[m]
+            dx, dy, dz = to_nearest_image(dx, dy, dz, period)
+            q = math.sqrt(dx * dx + dy * dy + dz * dz) * conduction.inverse_radius
             exchanges.weight[first + begin + m] = weight_at(
                 q, volume[i], volumes[m], conductivity[i], conductivities[m], seconds, conduction
             )
