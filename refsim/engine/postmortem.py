@@ -93,7 +93,8 @@ def _cause(simulation: State, stop: RunStopped) -> tuple[str, int | None, int]:
 
 def _bad(simulation: State, name: str) -> tuple[int, int] | None:
     """Of a field's rows that are not finite that of the lowest identity, whatever the order, and how many they are."""
-    rows = _not_finite(simulation.host(name))
+    values = simulation.host(name)
+    rows = np.flatnonzero(~np.isfinite(values).all(tuple(range(1, values.ndim))))
     return (int(rows[simulation.host("identity")[rows].argmin()]), len(rows)) if len(rows) else None
 
 
@@ -128,12 +129,6 @@ def _neighbourhood(simulation: State, fields: dict[str, np.ndarray], row: int) -
     near = np.flatnonzero(distance <= 2 * grid.support_radius)
     near = near[np.argsort(distance[near], kind="stable")][:SHOWN]
     return {name: values[near] for name, values in fields.items()}
-
-
-def _not_finite(values: np.ndarray) -> np.ndarray:
-    if values.dtype.kind != "f":
-        return np.empty(0, int)
-    return np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(1))
 
 
 def _host(simulation: State, name: str) -> np.ndarray:
