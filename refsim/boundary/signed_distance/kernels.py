@@ -184,7 +184,9 @@ def project(i, query, triangles, distance_field, projected, projected_normal):
             t = triangles.across[start, k]
             best, offset, closest, feature = nearer(p, t, triangles, best, offset, closest, feature)
         other = triangles.around[start, corner - 3 * start] if corner >= 3 * start else corner
-        while other != corner:
+        for _ in range(triangles.around.shape[0]):
+            if other == corner:
+                break
             t = other // 3
             best, offset, closest, feature = nearer(p, t, triangles, best, offset, closest, feature)
             other = triangles.around[t, other - 3 * t]
