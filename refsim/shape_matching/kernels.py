@@ -176,13 +176,6 @@ def careful_sums(s, solid_position, region_share, region, half_width):
 
 
 @formula
-def position_doubt(s, solid_position, matching):
-    """Error of an entry of A/M [m] by rounding of the positions: eps w |x|_1, x from the origin."""
-    far = abs(solid_position[s, 0]) + abs(solid_position[s, 1]) + abs(solid_position[s, 2])
-    return matching.eps * type(far)(matching.half_width) * far
-
-
-@formula
 def match_end(s, sums, solid_position, region_share, region, matching, region_center, region_anchor, rotation):
     """Center, rotation and anchor of the region of node s, from its sums; of an empty one the node's own position.
 
@@ -190,12 +183,14 @@ def match_end(s, sums, solid_position, region_share, region, matching, region_ce
     n eps sum |terms| in an entry of A, in any order, and sum |terms| <= 2 w S. Below that, and below the error that
     the positions' rounding makes, A determines no rotation.
     """
-    real, doubt = type(sums[0]), position_doubt(s, solid_position, matching)
+    real, half_width = type(sums[0]), matching.half_width
+    far = abs(solid_position[s, 0]) + abs(solid_position[s, 1]) + abs(solid_position[s, 2])
+    doubt = matching.eps * real(half_width) * far  # of an entry of A/M [m], by rounding of the positions
     least = real(SMALL) * matching.spacing + real(16) * doubt
     near, q = formulas.quick_rotation(sums, rotation[s], sums[0] * least, matching.precision)
     if not near:
-        exact, size = careful_sums(s, solid_position, region_share, region, matching.half_width)
-        n, w = np.float64(region.shape[1]), np.float64(matching.half_width)
+        exact, size = careful_sums(s, solid_position, region_share, region, half_width)
+        n, w = np.float64(region.shape[1]), np.float64(half_width)
         lost = 2 * w * n * EPSILON * size + exact[0] * np.float64(doubt)
         before = converted((rotation[s, 0], rotation[s, 1], rotation[s, 2], rotation[s, 3]), np.float64)
         q = converted(solved_rotation(exact, before, np.float64(matching.twist_floor), lost), real)
