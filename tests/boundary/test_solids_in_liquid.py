@@ -67,7 +67,7 @@ def test_what_falls_feels_no_gravity(given):
 def test_solids_feel_a_tank_that_sways():
     """Their pressure is that of the acceleration in the tank's frame, 1 m/s^2 along x here."""
     sway = rs.Motion(of="gravity", kind="formula", direction=(1.0, 0.0, 0.0), formula="-0.5*t**2")
-    simulation = rs.Simulation(at_rest([((2, 2, 2), (2, 2, 2))], (6, 6, 6)).with_(motion=(sway,)), "numpy")
+    simulation = rs.Simulation(at_rest([((2, 2, 2), (2, 2, 2))], (6, 6, 6)).with_(motion=(sway,)), "cpu")
     advanced(simulation, 3)
     simulation.evaluate()
     plan, operation = simulation.plan, REGISTRY["two_way_coupling.extrapolation"]

@@ -147,7 +147,7 @@ def forces(
 def head(x_ij, velocity, followed_velocity, lean, delay):
     """(g - a_k).(x_k - x_j) [m^2/s^2], a_k the acceleration of a solid's particle."""
     a = over(difference(velocity, followed_velocity), delay.tau)
-    return dot(difference(lean, a), x_ij)
+    return dot(difference((lean[0], lean[1], lean[2]), a), x_ij)  # an array where the tank sways
 
 
 @pair
