@@ -74,8 +74,9 @@ def soft_weight(surface_normal, soft, rows=None):
 )  # fmt: skip
 @_pair_force(
     "J(16) with Jiang & Zhu E4, J(17) with Jiang & Zhu E7", "jiang_zhu_2023.cohesion",
-    variants=tuple(mode | without("area area_normal") for mode in (_ALL, _SOFT, _EITHER)),
+    variants=tuple(mode | without("area area_normal") for mode in (_ALL, _SOFT, _EITHER, _ONE_SIDED)),
     invariants=f"{SYMMETRY} linear_momentum angular_momentum", programs=_fused("area area_normal walls"),
+    broken={3: "linear_momentum angular_momentum"},
 )  # fmt: skip
 def tension(
     position, mass, density, surface_weight, surface, area_normal, smoothing, pairs, cohesion, area, axial, rows=None
