@@ -213,8 +213,9 @@ class Simulation(State, Shown):
         force  adds its acceleration [m/s^2] to fields["acceleration"] in place. The fields are the run's own arrays, no
                copies, rows in the order of the memory: NumPy's on a CPU; with backend "cuda" device arrays, which have
                `__cuda_array_interface__`, so that `cupy.asarray(fields["velocity"])` shares them. Position (seen from
-               `plan.grid.origin`), velocity and mass belong to the state at `time` [s]; what passes compute, as the
-               density, to the step before.
+               `plan.grid.origin`), velocity and mass belong to the state at `time` [s]; what passes compute, to the
+               step before. Where the continuity equation with viscosity begins the accelerations, it stands before
+               `force`, and the density is of this step.
 
         On a GPU steps are then launched pass by pass. The limit of the step knows its acceleration, and no stiffness.
         Raises InputError behind the first step.

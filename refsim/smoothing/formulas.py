@@ -131,10 +131,11 @@ def gradient_factor(r, smoothing):
 
 @formula
 def undivided_factor(r, smoothing):
-    """f = W'(r)/r [1/m^(dim + 2)], of Wendland's C2, whose W' has a factor r, without a quotient: for sums over volumes
-    V_j, as the compiler takes the constants together, which only V_j keeps within single precision."""
+    """f = W'(r)/r [1/m^(dim + 2)], 0 of coincident particles; of Wendland's C2, whose W' has a factor r, without a
+    quotient: for sums over volumes V_j, as the compiler takes the constants together, which only V_j keeps within
+    single precision."""
     real = type(r)
     if shape_of(smoothing) != WENDLAND_C2:
         return gradient_factor(r, smoothing)
-    a = max(real(1) - r * smoothing.inverse_radius, real(0))
+    a = max(real(1) - r * smoothing.inverse_radius, real(0)) if r > real(0) else real(0)
     return real(-20) * smoothing.slope_scale * smoothing.inverse_radius * (a * a * a)

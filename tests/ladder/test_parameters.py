@@ -565,7 +565,8 @@ def body_lattice(dim):
     first = [(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)]
     cells = np.array([*first, (5, 0, 0), (6, 0, 0)])
     ascending_in_bodies = lambda key, lattice: (np.diff(key[:8]) > 0).all() and key[8] < key[9]  # noqa: E731
-    return {"lattice": {"cell": cells, "key": ascending_in_bodies, "body": [0] * 8 + [1] * 2, "first": [0, 8, 10]}}
+    bodies = {"body": [0] * 8 + [1] * 2, "first": [0, 8, 10], "dim": 3}
+    return {"lattice": {"cell": cells, "key": ascending_in_bodies, **bodies}}
 
 
 def boxes(dim):
@@ -584,7 +585,8 @@ def advanced(dim, slope=0.0):
 def overlapping(dim):
     """Four crossings of the support radius by sound; overlaps push by 0.005 rho0 c^2, after h/c."""
     group = {"inverse_spacing": 1 / D, "inverse_volume": D**-dim, "stiffness": 0.005 * RHO * C**2, "delay": H / C}
-    return {"delay": {"tau": 4 * H / C}, "overlapping": group}
+    viscous = {"coefficient": along_centres(dim) * mass(dim) / RHO / D**dim}  # of volumes d^dim
+    return {"delay": {"tau": 4 * H / C}, "overlapping": group, "central_viscosity": viscous}
 
 
 def just(dim, **groups):
