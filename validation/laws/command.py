@@ -86,9 +86,7 @@ def _trial(
     """One scene to which the law applies; one that breaks it is made smaller SMALLER times at most."""
     tried = rejected = 0
 
-    @hypothesis.settings(
-        max_examples=1, deadline=None, database=None, suppress_health_check=list(hypothesis.HealthCheck)
-    )
+    @hypothesis.settings(max_examples=1, deadline=None, database=None, suppress_health_check=[*hypothesis.HealthCheck])
     @hypothesis.seed(seed)
     @hypothesis.given(given)
     def trial(scene: Drawn) -> None:

@@ -31,7 +31,6 @@ AMPLIFIED = 1e8  # more than a run of STEPS amplifies rounding in scenes of so f
 ROUNDING = AMPLIFIED * float(np.finfo(float).eps)  # spacings
 ONE, EACH = Unit(1.0, 1.0, 1.0, 1.0), (slice(None),) * 2
 NUMBER = re.compile(r"-?\d([\d.,]*\d)?(e[-+]?\d+)?")  # of a note, without the comma behind it
-ROUNDED = ("position", "compensation")  # names of places and of what rounding took
 
 
 class Found(NamedTuple):
@@ -96,17 +95,19 @@ def fields_apart(
     a: Simulation, b: Simulation, rows: Any = EACH, axes: Any = None, factors: Unit = ONE, kept: bool = False
 ) -> float:
     """Largest difference of `rows` of two runs' fields [their sizes], or of `kept` ones; `axes`: lengths of vectors."""
-    off = 0.0
+    off, slow = 0.0, 1e-3 * a.plan.grid.spacing / max(a.time, 1e-300)  # what rests has velocities of rounding
+    density = a.field("mass").max(initial=0.0) / a.plan.grid.spacing**a.plan.grid.dim
+    rounded = {"m/s": slow, "m/s^2": slow / max(a.time, 1e-300), "Pa": density * slow**2}
     for name, field in a.plan.fields.items():
         counted = field.dtype == "real" and field.rows is None and (field.state or not kept)
-        if not counted or any(word in name for word in ROUNDED) or name not in a.fields or name not in b.fields:
+        rounded_off = "position" in name or "compensation" in name  # places, and what rounding took
+        if not counted or rounded_off or name not in a.fields or name not in b.fields:
             continue
         x, y = (each.field(name).astype(float)[own] for each, own in zip((a, b), rows))
         if axes and x.ndim > 1:
             x, y = np.linalg.norm(x, axis=1), np.linalg.norm(y, axis=1)
         y = y / unit(field.unit.replace(" (", "; "), a.plan.grid.dim).of(factors)
-        slow = {"m/s": a.time, "m/s^2": a.time**2}.get(field.unit, np.inf)  # what rests has velocities of rounding
-        size = max(float(np.abs(x).max(initial=0.0)), float(name == "temperature"), 1e-3 * a.plan.grid.spacing / slow)
+        size = max(float(np.abs(x).max(initial=0.0)), float(name == "temperature"), rounded.get(field.unit, 0.0))
         off = max(off, apart(x, y) / size if size > 0 and np.isfinite(size) else 0.0)
     return off
 

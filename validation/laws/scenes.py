@@ -110,7 +110,7 @@ def drawn(draw: Draw, effect: str | None = None, most: int = FEW, alike: int | N
     alone = issubclass(kind, PullsParticles) or (kind.replaced and effect not in OF_BODIES)
     if liquid != LIQUID or around in ("period", "mesh", "both") or alone:
         bodies = ""
-    dim = 3 if bodies or around in ("mesh", "both") else choose(draw, (2, 2, 3))
+    dim = 3 if around in ("mesh", "both") else choose(draw, (2, 2, 3))
     largest = most if most > FEW and draw(st.integers(0, 4)) == 4 else min(most, 144)
     widest = [round(largest ** (1 / axes) - 0.2) for axes in (2, 3)]
     cells = tuple(draw(st.integers(7 if dim == 2 else 4, widest[dim - 2])) for _ in range(dim))
@@ -201,21 +201,22 @@ def _walls(draw: Draw, effects: Effects, frame: Frame, liquid: str) -> tuple[Mot
 def _bodies(draw: Draw, effects: Effects, frame: Frame, number: str, effect: str | None) -> tuple[Any, np.ndarray]:
     """Solid bodies anywhere in or near the liquid, and the cells that they take (k, 3)."""
     solid, taken = [], np.zeros((0, frame.dim), int)
-    reach = (0, 0, 0) if frame.around == "box" else (5, 5, 5)
+    reach, up = 0 if frame.around == "box" else 5, np.arange(3) == frame.dim - 1
     for _ in range(("", "one", "two").index(number)):
         size, d, speed = draw(st.integers(2, 4)), frame.scale.length, frame.scale.length / frame.scale.time
-        most = [n * (2 if axis == 2 else 1) - size + far for axis, (n, far) in enumerate(zip(frame.cells, reach))]
-        at = np.array([draw(st.integers(-far, most[axis])) for axis, far in enumerate(reach)])
-        own = np.stack(np.meshgrid(*[np.arange(size)] * 3, indexing="ij"), -1).reshape(-1, 3) + at
+        room = [n * (2 if axis == frame.dim - 1 else 1) + reach for axis, n in enumerate(frame.cells)]
+        at = np.array([draw(st.integers(-reach, end - size)) for end in room])
+        own = np.indices((size,) * frame.dim).reshape(frame.dim, -1).T + at
         if (own[:, None] == taken[None]).all(-1).any():
             continue
         taken = np.concatenate([taken, own])
         given: dict[str, Any] = {"density": unit("kg/m^3").of(frame.scale) * draw(powers(-0.5, 0.5))}
         if choose(draw, (False, True)):
-            given |= {"spin": (0.0, 0.0, 0.01 / frame.scale.time), "velocity": (0.02 * speed, 0.0, 0.01 * speed)}
-        shape, center = choose(draw, ("box", "ball", "mesh")), tuple(d * (at + size / 2))
+            given |= {"spin": (0.0, 0.0, 0.01 * speed / d), "velocity": tuple(speed * np.where(up, 0.01, [0.02, 0, 0]))}
+        low, center, high = (tuple(np.pad(d * x, (0, 3 - frame.dim))) for x in (at, at + size / 2, at + size))
+        shape = choose(draw, ("box", "ball", "mesh"))
         if shape == "box":
-            solid.append(SolidBox(lower=tuple(d * at), upper=tuple(d * (at + size)), **given))
+            solid.append(SolidBox(lower=low, upper=high, **given))
         elif shape == "mesh":
             solid.append(SolidMesh(file=hexahedron(1, 1, 1), center=center, size=size * d, **given))
         else:
