@@ -52,7 +52,8 @@ def _conserved(target: Target, name: str, case: str) -> Outcome:
         _, after = target.launch(given, before={"acceleration": np.zeros((len(given["position"]), 3))})
         acceleration = np.asarray(after["acceleration"], dtype=float)
         amount, bound = total(name, given, acceleration, force_bound(target, given))
-        error = max(error, float(amount / bound) if bound else 0.0 if amount < (name != "dissipation") else np.inf)
+        none = amount < 0 if name == "dissipation" else amount == 0
+        error = max(error, float(amount / bound) if bound else 0.0 if none else np.inf)
     return target.outcome(error, "" if error <= 1 else message)
 
 

@@ -204,8 +204,8 @@ def _bodies(draw: Draw, effects: Effects, frame: Frame, number: str, effect: str
     reach, up = 0 if frame.around == "box" else 5, np.arange(3) == frame.dim - 1
     for _ in range(("", "one", "two").index(number)):
         size, d, speed = draw(st.integers(2, 4)), frame.scale.length, frame.scale.length / frame.scale.time
-        room = [n * (2 if axis == frame.dim - 1 else 1) + reach for axis, n in enumerate(frame.cells)]
-        at = np.array([draw(st.integers(-reach, end - size)) for end in room])
+        ends = [n * (2 if axis == frame.dim - 1 else 1) + reach for axis, n in enumerate(frame.cells)]
+        at = np.array([draw(st.integers(-reach, end - size)) for end in ends])
         own = np.indices((size,) * frame.dim).reshape(frame.dim, -1).T + at
         if (own[:, None] == taken[None]).all(-1).any():
             continue
