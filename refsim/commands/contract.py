@@ -41,9 +41,9 @@ DESCRIPTION = (
 @takes("--allow-untried", action="store_true",
        help="exit code 0 also where a trial was not tried, for the time that a call would take")  # fmt: skip
 @takes("--arguments", action="store_true", help="judge nothing; say what the operations named take")
-@takes("--run", metavar="SCENE",
-       help="judge a trajectory: a folder of npz, bgeo or VTK files, in place of PROGRAMS, against"
-            " runs of the scene")  # fmt: skip
+@takes(
+    "--run", metavar="SCENE", help="judge a folder of npz or VTK files against runs of the scene, in place of PROGRAMS"
+)
 @takes("--at", type=float, metavar="T", help="with --run: time [s]; that of the last frame by default")
 @takes("--within", type=float, metavar="N",
        help="with --run: times the width of refsim's three runs that a measure may be away from their"

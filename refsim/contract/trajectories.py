@@ -1,11 +1,7 @@
-"""Frames of other codes: npz files, PySPH's npz, bgeo (SPlisHSPlasH, Partio), VTK files, runs of refsim."""
+"""Frames of other codes: npz files, VTK files, runs of refsim."""
 
-import gzip
 import math
-import pickle
-import struct
 import xml.etree.ElementTree
-import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -34,10 +30,9 @@ class Snapshot:
 def trajectory(folder: Path) -> list[Snapshot]:
     """Every frame in a folder, by time.
 
-    Frames are npz files (`time`, `position`, and if there are `velocity` and `mass`; or PySPH's), bgeo files
-    (SPlisHSPlasH, Partio), VTK files (.vtp, .vtu, .vtk) with point data of these names and the field data `TimeValue`
-    or a .pvd file; or the folder is that of a run of refsim. Files without a time have theirs in `times.txt`, a line
-    "FILE SECONDS" for each.
+    Frames are npz files (`time`, `position`, and if there are `velocity` and `mass`) or VTK files (.vtp, .vtu, .vtk)
+    with point data of these names and the field data `TimeValue` or a .pvd file; or the folder is that of a run of
+    refsim. Files without a time have theirs in `times.txt`, a line "FILE SECONDS" for each.
     Raises InputError for a folder without frames, and for frames that cannot be read.
     """
     if not folder.is_dir():
@@ -53,9 +48,7 @@ def trajectory(folder: Path) -> list[Snapshot]:
     times = _times(folder)
     snapshots = [_frame(path, times.get(path.name)) for path in sorted(folder.iterdir()) if path.suffix in READERS]
     if not snapshots:
-        raise InputError(
-            f"{folder} has no frames; give npz, bgeo, vtp, vtu or vtk files, or the folder of a run of refsim."
-        )
+        raise InputError(f"{folder} has no frames; give npz, vtp, vtu or vtk files, or the folder of a run of refsim.")
     return sorted(snapshots, key=lambda frame: frame.time)
 
 
@@ -93,69 +86,9 @@ def _times(folder: Path) -> dict[str, float]:
 
 
 def _npz(path: Path) -> Read:
-    with zipfile.ZipFile(path) as archive:
-        if {"particles.npy", "solver_data.npy"} <= set(archive.namelist()):
-            return _pysph(archive)
     with np.load(path, allow_pickle=False) as arrays:
         given = {name: np.array(arrays[name], dtype=float) for name in arrays.files if name in ("time", *ARRAYS)}
     return float(given["time"]) if "time" in given else None, given
-
-
-# PySPH: npz files of pickled dictionaries, of which only numbers, strings and NumPy's arrays are accepted
-
-
-class _Plain(pickle.Unpickler):
-    """A reader that makes nothing but NumPy's arrays, so that a file runs no code."""
-
-    def find_class(self, module: str, name: str) -> Any:
-        if module.startswith("numpy") and name in ("_reconstruct", "_frombuffer", "ndarray", "dtype", "scalar"):
-            return super().find_class(module, name)
-        raise pickle.UnpicklingError(f"it holds {module}.{name}, which is no plain data")
-
-
-def _pysph(archive: zipfile.ZipFile) -> Read:
-    """The particle array "fluid", or the only one."""
-    found = []
-    for name in ("particles.npy", "solver_data.npy"):
-        with archive.open(name) as file:
-            np.lib.format.read_magic(file)
-            np.lib.format.read_array_header_1_0(file)
-            found.append(_Plain(file).load().item())
-    particles, solver = found
-    name = "fluid" if "fluid" in particles else next(iter(particles))
-    arrays = {key: np.asarray(values, dtype=float) for key, values in particles[name]["arrays"].items()}
-    given = {"position": _columns(arrays, "xyz"), "velocity": _columns(arrays, "uvw"), "mass": arrays["m"]}
-    return float(solver["t"]), given
-
-
-def _columns(arrays: Mapping[str, np.ndarray], names: str) -> np.ndarray:
-    return np.stack([arrays.get(name, np.zeros_like(arrays[names[0]])) for name in names], axis=1)
-
-
-# bgeo: Houdini's binary points as Partio writes them, big-endian
-
-_WORDS = {0: ">f4", 1: ">i4", 5: ">f4"}  # attributes: numbers, integers, vectors
-
-
-def _bgeo(path: Path) -> Read:
-    data = path.read_bytes()
-    data = gzip.decompress(data) if data[:2] == b"\x1f\x8b" else data
-    if data[:5] != b"BgeoV":
-        raise ValueError("its first bytes are not BgeoV")
-    points, _, _, _, attributes, *_ = struct.unpack_from(">8i", data, 9)
-    kinds, place = [("position", ">f4", 4)], 41
-    for _ in range(attributes):
-        (length,) = struct.unpack_from(">H", data, place)
-        name = data[place + 2 : place + 2 + length].decode()
-        size, kind = struct.unpack_from(">Hi", data, place + 2 + length)
-        place += 8 + length + 4 * size
-        kinds.append((name, _WORDS[kind], size))
-    rows = np.frombuffer(data, np.dtype([(n, k, (s,)) for n, k, s in kinds]), points, place)
-    given = {name: rows[name][:, 0] if size == 1 else rows[name] for name, _, size in kinds}
-    return None, given | {"position": rows["position"][:, :3]}
-
-
-# VTK
 
 
 def _vtk(path: Path) -> Read:
@@ -168,8 +101,7 @@ def _vtk(path: Path) -> Read:
     return time, given | {"position": np.asarray(data.points)}
 
 
-READERS: dict[str, Callable[[Path], Read]] = {".npz": _npz, ".bgeo": _bgeo}
-READERS |= dict.fromkeys((".vtp", ".vtu", ".vtk"), _vtk)
+READERS: dict[str, Callable[[Path], Read]] = {".npz": _npz} | dict.fromkeys((".vtp", ".vtu", ".vtk"), _vtk)
 
 
 def _checked(path: Path, time: float, given: Mapping[str, np.ndarray]) -> Snapshot:

@@ -1,11 +1,9 @@
 """`refsim contract --run`: a trajectory of another code against refsim's, with the scene's chaos as the yardstick."""
 
-import gzip
 import importlib.util
 import json
 import math
 import pathlib
-import struct
 
 import numpy as np
 import pytest
@@ -140,49 +138,6 @@ def test_vtk_files_are_read(other, tmp_path):
             assert np.array_equal(getattr(snapshot, name), frame[name])
     (tmp_path / "all.pvd").unlink()
     with pytest.raises(InputError, match="has no time; write times"):
-        trajectory(tmp_path)
-
-
-# Files of other codes
-def bgeo(frame, packed=False):
-    """The bytes that Partio writes: positions, identities and velocities, all big-endian."""
-    count = len(frame["position"])
-    data = b"BgeoV" + struct.pack(">9i", 5, count, 0, 0, 0, 2, 0, 0, 0)
-    data += struct.pack(">H", 2) + b"id" + struct.pack(">Hii", 1, 1, 0)
-    data += struct.pack(">H", 8) + b"velocity" + struct.pack(">Hi3f", 3, 5, 0, 0, 0)
-    for k in range(count):
-        data += struct.pack(">4f", *frame["position"][k], 1) + struct.pack(">i3f", k, *frame["velocity"][k])
-    return gzip.compress(data) if packed else data
-
-
-def test_bgeo_files_are_read(other, tmp_path):
-    _, frames = other
-    for number, frame in enumerate(frames[:2]):
-        (tmp_path / f"f{number}.bgeo").write_bytes(bgeo(frame, packed=number == 1))
-    with pytest.raises(InputError, match="has no time; write times"):
-        trajectory(tmp_path)
-    (tmp_path / "times.txt").write_text("".join(f"f{k}.bgeo {frames[k]['time']!r}\n" for k in range(2)))
-    for snapshot, frame in zip(trajectory(tmp_path), frames):
-        assert snapshot.time == frame["time"]
-        for name in ("position", "velocity"):
-            assert np.array_equal(getattr(snapshot, name), frame[name].astype(np.float32))
-    (tmp_path / "f0.bgeo").write_bytes(b"Bgeo" + bytes(9))
-    with pytest.raises(InputError, match="first bytes are not BgeoV"):
-        trajectory(tmp_path)
-
-
-def test_npz_files_of_pysph_are_read(other, tmp_path):
-    _, frames = other
-    frame = frames[3]
-    arrays = dict(zip("xyzuvw", [*frame["position"].T, *frame["velocity"].T])) | {"m": frame["mass"]}
-    particles = {"fluid": {"arrays": arrays, "properties": {}}, "wall": {"arrays": {}}}
-    np.savez(tmp_path / "dam_3.npz", particles=particles, solver_data={"t": frame["time"], "dt": 1e-3}, version=2)
-    (snapshot,) = trajectory(tmp_path)
-    assert snapshot.time == frame["time"]
-    for name in ("position", "velocity", "mass"):
-        assert np.array_equal(getattr(snapshot, name), frame[name])
-    np.savez(tmp_path / "dam_3.npz", particles={"fluid": pathlib.Path("x")}, solver_data={"t": 0.0})
-    with pytest.raises(InputError, match="which is no plain data"):
         trajectory(tmp_path)
 
 
