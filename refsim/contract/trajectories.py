@@ -101,7 +101,7 @@ def _vtk(path: Path) -> Read:
     return time, given | {"position": np.asarray(data.points)}
 
 
-READERS: dict[str, Callable[[Path], Read]] = {".npz": _npz} | dict.fromkeys((".vtp", ".vtu", ".vtk"), _vtk)
+READERS: dict[str, Callable[[Path], Read]] = {".npz": _npz, ".vtp": _vtk, ".vtu": _vtk, ".vtk": _vtk}
 
 
 def _checked(path: Path, time: float, given: Mapping[str, np.ndarray]) -> Snapshot:

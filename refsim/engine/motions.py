@@ -32,7 +32,7 @@ class Motions:
         self.pulls: list[Any] = []
         self.faces: Any = None
         kinds = {motion.of for motion in self.moving}
-        self.turning: Any = parameters["gravity"]["turning"] if "turn" in kinds else None
+        self.turning: Any = shared["turning"] if "turn" in kinds else None
         if kinds & {"gravity", "turn"}:
             for groups in parameters.values():
                 for name in PULLS:

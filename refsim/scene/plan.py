@@ -156,7 +156,7 @@ def _planned(scene: Scene, grid: Discretisation, given: Mapping[str, Effect], ab
     asked = [(e, with_reads(p, fields)) for e, p in every if p.operation not in replaced - set(e.replaces())]
     for moving in frame_passes(scene.motion, effects):
         asked.append((effects["gravity"], with_reads(moving, fields)))
-        parameters["gravity"] = {"turning": np.zeros(9, grid.dtype), **parameters["gravity"]}
+        shared["turning"] = np.zeros(9, grid.dtype)
     of = {stage: [(e, p) for e, p in asked if p.stage == stage] for stage in ("start", "begin", "forces", "motion")}
     merged = None
     if walls:

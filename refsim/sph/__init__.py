@@ -618,12 +618,10 @@ class WeaklyCompressible(
             rest = lattice_number_density(SETS[self.kernels][1], grid.support_radius, grid.spacing, grid.dim)
             rate = (self.restoring or 0.0) * self.sound_speed / grid.support_radius
             recount = Recount(grid.real(rate), grid.real(1 / (rest * grid.spacing**grid.dim)))
-        if self.diffusion == 0:
-            return {"diffusion": None, "lean": None, "recount": recount}
         coefficient = 0.5 * self.diffusion * grid.support_radius * self.sound_speed
         stretch = self.rest_density / self.sound_speed**2 if self.leans(others) else 0.0
         release = self.sound_speed / grid.support_radius
-        diffusion = Diffusion(*map(grid.real, (coefficient, stretch, release)))
+        diffusion = Diffusion(*map(grid.real, (coefficient, stretch, release))) if self.diffusion else None
         return {"diffusion": diffusion, "recount": recount, **lean(grid, others)}
 
     def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
@@ -663,9 +661,9 @@ def volumes(others: Others) -> dict[str, str | None]:
 def continuity_passes(others: Others, names: Mapping[str, str | None]) -> tuple[Pass, Pass]:
     """The passes that advance the density; walls, where there are any, are those of `adami_2012`."""
     filling = ("filling",) if finds_filling(others) else ()
-    viscous = ("acceleration",) if liquid_of(others).central() else ()
+    viscous, leans = ("acceleration",) * liquid_of(others).central(), liquid_of(others).leans(others)
     there = {
-        "wall_strain": effects_with(others, BringsWalls), "borne": liquid_of(others).leans(others), "filling": filling,
+        "wall_strain": effects_with(others, BringsWalls), "borne": leans, "turning": leans, "filling": filling,
         "shift": any(SHIFT in effect.fields(others) for effect in others.values()), "acceleration": viscous,
     }  # fmt: skip
     left_out = {name: None for name, found in there.items() if not found}

@@ -152,7 +152,8 @@ def _continued(excess, case=None, solid=0, **given):
     inputs = {
         "mass": np.array([2.0, 3.0])[: case.count], "velocity": np.zeros((case.count, 3)), "fluid": WATER,
         "advanced_excess": EXCESS[: case.count], "timestep": [0.5, 0.25], "phase": None, "rest_density": None,
-        "shift": None, "recount": None, "filling": None, "diffusion": None, "lean": None, "borne": None,
+        "shift": None, "recount": None, "filling": None, "diffusion": None, "borne": None, "turning": None,
+        "lean": sph.WallFrameGravity(0.0, 0.0, 0.0),
     }  # fmt: skip
     inputs |= given
     before = density - excess + np.array(inputs["advanced_excess"])
@@ -237,7 +238,7 @@ def strained_by_a_wall(w):
 @for_each_kernel("sph.continuity")
 def given_off_to_the_space_around(w):
     """1/(1 + a rate dt) of the excess is left, rate = 4/s: a = 0.5 at l + b = 0.15 + 0.1, 1 with nothing around."""
-    rate = {"diffusion": sph.Diffusion(0.0, 0.0, 4.0), "lean": sph.WallFrameGravity(0.0, 0.0, 0.0)}
+    rate = {"diffusion": sph.Diffusion(0.0, 0.0, 4.0)}
     exact = _half_surrounded(w, lambda *v: 0.0, (0.15, 0.1), **rate)
     return _continued(EXCESS / [1.5, 2.0], exact.case, **exact.inputs)
 
@@ -280,7 +281,7 @@ def kept():
     """Of g^2 = 20 m^2/s^4 the first has g.a = 10, half of its weight; the second falls with 1.2 g."""
     inputs = {
         "density_excess": [1.5, -2.25], "acceleration": [[5.0, 9.0, 0.0], [0.0, 8.0, -6.0]],
-        "lean": sph.WallFrameGravity(2.0, 0.0, -4.0),
+        "lean": sph.WallFrameGravity(2.0, 0.0, -4.0), "turning": None,
     }  # fmt: skip
     return cases.Exact(PAIR, inputs, {"advanced_excess": [1.5, -2.25], "borne": [0.5, 1.0 - 1.0]})
 

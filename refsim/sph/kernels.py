@@ -4,7 +4,8 @@ import math
 
 from refsim.backends.compile import formula, kernel
 from refsim.backends.reductions import reduction
-from refsim.backends.tuples import added, difference, dot, over, scaled, three
+from refsim.backends.tuples import added, cross, difference, dot, over, scaled, three
+from refsim.motion.formulas import felt
 from refsim.neighbours.forces import force, together
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, first_lane, set_vector
@@ -120,7 +121,8 @@ def wall_gradient(i, lane, position, walls, smoothing, weight, period):
 @pair
 def continuity_pair(
     r, x_ij, velocity_i, velocity_j, volume_j, rest_density_j, phase_j, advanced_excess_i, advanced_excess_j, borne_i,
-    borne_j, shift_i, shift_j, smoothing, fluid, central_viscosity, diffusion, lean, recount, own_rest, per_step,
+    borne_j, shift_i, shift_j, smoothing, fluid, central_viscosity, diffusion, lean, turning, recount, own_rest,
+    per_step,
 ):  # fmt: skip
     """(d rho_i/dt)/rho_i by the flow [1/s], d rho_i/dt by diffusion [kg/(m^dim s)], by liquid alone, -V_j r W' of
     liquid, where it is counted V_j W_ij, -V_j r W' of solids, and viscosity along the line of centres [N/m^3].
@@ -139,6 +141,9 @@ def continuity_pair(
     around = -volume_j * slope * r * r
     if diffusion is not None:
         head = dot(lean, x_ij)
+        if turning is not None:  # from the pull at i to the mean of both
+            across = cross((turning[0], turning[1], turning[2]), x_ij)
+            head -= type(r)(0.5) * dot(across, across)
         if borne_j is not None:
             head *= borne_i * borne_j
         spread = formulas.diffusion_pair(volume_j, advanced_excess_i, advanced_excess_j, head, slope, diffusion)
@@ -176,16 +181,16 @@ def wall_continuity_pair(
 @kernel(lanes=True)
 def continuity(
     i, lane, position, velocity, volume, rest_density, phase, advanced_excess, borne, wall_strain, shift, neighbours,
-    walls, wall_motion, smoothing, fluid, central_viscosity, diffusion, lean, recount, period, timestep, acceleration,
-    filling, density_excess, density,
+    walls, wall_motion, smoothing, fluid, central_viscosity, diffusion, lean, turning, recount, period, timestep,
+    acceleration, filling, density_excess, density,
 ):  # fmt: skip
     """Density after the step [kg/m^dim], its excess over rho0 and the filling; solids keep their rest density. The
     acceleration [m/s^2] becomes that by viscosity with the density before."""
     rest = fluid.rest_density if rest_density is None else rest_density[i]
-    per_step = inverse_step(timestep, rest)
+    per_step, pull = inverse_step(timestep, rest), felt(i, position, None, lean, turning)
     sums = neighbour_sum(
         continuity_pair, i, lane, neighbours, position, period, velocity, volume, rest_density, phase, advanced_excess,
-        borne, shift, smoothing, fluid, central_viscosity, diffusion, lean, recount, rest, per_step,
+        borne, shift, smoothing, fluid, central_viscosity, diffusion, pull, turning, recount, rest, per_step,
     )  # fmt: skip
     fields = position, velocity, volume, advanced_excess, density_excess, density
     given = sums, fields, rest, per_step, timestep, smoothing, period
@@ -251,13 +256,13 @@ def put_solid(i, lane, phase, rest, filling, density_excess, density):
 def continuity_and_sums_pair(
     r, x_ij, velocity_i, velocity_j, volume_j, mass_j, rest_density_j, phase_j, advanced_excess_i, advanced_excess_j,
     borne_i, borne_j, shift_i, shift_j, gradient_smoothing, smoothing, fluid, central_viscosity, diffusion, lean,
-    recount, own_rest, per_step,
+    turning, recount, own_rest, per_step,
 ):  # fmt: skip
     """Terms of the continuity equation and those of J(7), J(8) and sum W_ij x_ij."""
     a = continuity_pair(
         r, x_ij, velocity_i, velocity_j, volume_j, rest_density_j, phase_j, advanced_excess_i, advanced_excess_j,
-        borne_i, borne_j, shift_i, shift_j, gradient_smoothing, fluid, central_viscosity, diffusion, lean, recount,
-        own_rest, per_step,
+        borne_i, borne_j, shift_i, shift_j, gradient_smoothing, fluid, central_viscosity, diffusion, lean, turning,
+        recount, own_rest, per_step,
     )  # fmt: skip
     s = density_moment_pair(r, x_ij, mass_j, smoothing)
     return a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], s[0], s[1], s[2], s[3], s[4]
@@ -266,16 +271,17 @@ def continuity_and_sums_pair(
 @kernel(lanes=True)
 def continuity_and_sums(
     i, lane, position, velocity, volume, mass, rest_density, phase, advanced_excess, borne, wall_strain, shift,
-    neighbours, walls, wall_motion, gradient_smoothing, smoothing, fluid, central_viscosity, diffusion, lean, recount,
-    period, timestep, number_density, asymmetry, summed_density, acceleration, filling, density_excess, density,
+    neighbours, walls, wall_motion, gradient_smoothing, smoothing, fluid, central_viscosity, diffusion, lean, turning,
+    recount, period, timestep, number_density, asymmetry, summed_density, acceleration, filling, density_excess,
+    density,
 ):  # fmt: skip
     """`continuity`, and `density` beside it, with the variants of both [kg/m^dim]."""
     rest = fluid.rest_density if rest_density is None else rest_density[i]
-    per_step = inverse_step(timestep, rest)
+    per_step, pull = inverse_step(timestep, rest), felt(i, position, None, lean, turning)
     sums = neighbour_sum(
         continuity_and_sums_pair, i, lane, neighbours, position, period, velocity, volume, mass, rest_density, phase,
-        advanced_excess, borne, shift, gradient_smoothing, smoothing, fluid, central_viscosity, diffusion, lean,
-        recount, rest, per_step,
+        advanced_excess, borne, shift, gradient_smoothing, smoothing, fluid, central_viscosity, diffusion, pull,
+        turning, recount, rest, per_step,
     )  # fmt: skip
     fields = position, velocity, volume, advanced_excess, density_excess, density
     given = sums[0:5], fields, rest, per_step, timestep, gradient_smoothing, period
@@ -305,11 +311,12 @@ def volume_before(i, mass, rest_density, advanced_excess, fluid, volume):
 
 
 @kernel(looping=True)
-def keep_density(i, density_excess, acceleration, lean, borne, advanced_excess):
+def keep_density(i, position, velocity, density_excess, acceleration, lean, turning, borne, advanced_excess):
     """The excess of the density [kg/m^dim], from which the next step goes on, and b of `borne_share` [-]."""
     advanced_excess[i] = density_excess[i]
     if borne is not None:
-        borne[i] = formulas.borne_share(dot(lean, lean), dot(lean, three(acceleration, i)))
+        pull = felt(i, position, velocity, lean, turning)
+        borne[i] = formulas.borne_share(dot(pull, pull), dot(pull, three(acceleration, i)))
 
 
 @kernel(looping=True)

@@ -6,6 +6,7 @@ import numpy as np
 
 from refsim.core.operation import SYMMETRY, Program, operations, without
 from refsim.core.terms import Terms, length, maximum, where
+from refsim.motion.operations import felt
 from refsim.neighbours.sums import Fields, neighbours, wall_particles
 from refsim.sph import reference as ref
 
@@ -80,14 +81,14 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
     "continuity equation with diffusion, shifts and return to the counted density",
     paper="Colagrossi & Landrini 2003; Molteni & Colagrossi 2009; Fourtakas et al. 2019; Sun et al. 2019",
     outputs="acceleration filling density_excess density",
-    optional="walls wall_strain wall_motion central_viscosity acceleration diffusion lean borne period rest_density"
-    " phase shift recount filling",
+    optional="walls wall_strain wall_motion central_viscosity acceleration diffusion turning borne period"
+    " rest_density phase shift recount filling",
     variants=(
-        "walls wall_strain wall_motion central_viscosity acceleration diffusion lean borne period rest_density phase"
+        "walls wall_strain wall_motion central_viscosity acceleration diffusion turning borne period rest_density phase"
         " shift recount filling",
-        "walls wall_strain wall_motion period shift",
-        "period wall_motion rest_density phase central_viscosity", "period shift filling borne",
-        "walls wall_strain wall_motion rest_density phase recount filling",
+        "walls wall_strain wall_motion period shift turning",
+        "period wall_motion rest_density phase central_viscosity turning", "period shift filling borne",
+        "walls wall_strain wall_motion rest_density phase recount filling turning",
     ),
     tolerance=12.0, reason="one rounding in each of distance, slope, volume, velocity difference, projection,"
     " quotients, product and sum",
@@ -105,7 +106,7 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
             },
             variants=(
                 "walls wall_strain wall_motion period rest_density phase shift central_viscosity",
-                "diffusion lean borne period number_density recount filling",
+                "diffusion turning borne period number_density recount filling",
             ),
         )
     },
@@ -113,7 +114,7 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
 )  # fmt: skip
 def continuity(
     position, velocity, volume, rest_density, phase, advanced_excess, borne, wall_strain, shift, walls, wall_motion,
-    smoothing, fluid, central_viscosity, diffusion, lean, recount, period, timestep, rows=None,
+    smoothing, fluid, central_viscosity, diffusion, lean, turning, recount, period, timestep, rows=None,
 ):  # fmt: skip
     """Density [kg/m^dim] a step after rho0 + advanced_excess, its excess over rho0, and the filling [-], 1 in solids.
     The viscosity [m/s^2] and all sums are over the volumes before the step.
@@ -129,6 +130,7 @@ def continuity(
         mass=density * np.asarray(volume, dtype=float),
         liquid=1.0 if phase is None else np.asarray(phase) == 0,
         borne=1.0 if borne is None else borne,
+        felt=felt(Fields(position=position, velocity=np.zeros_like(position)), lean, turning),
         shift=None if shift is None or dt == 0 else np.asarray(shift, dtype=float) / dt,
     )  # fmt: skip
     b = wall_particles(walls, velocity=moving(walls, wall_motion), strain=wall_strain)
@@ -146,8 +148,7 @@ def continuity(
         share = (around(ref.told_volume) + at_walls(ref.told_volume)) * float(recount.whole)
         strain += ref.returned(filled, share, float(recount.rate))
     if diffusion is not None:
-        slope = float(diffusion.stretch) * np.array([float(part) for part in lean])
-        spread = around(ref.diffusion, delta_h_c=diffusion.coefficient, lean=slope)
+        spread = around(ref.diffusion, delta_h_c=diffusion.coefficient, stretch=float(diffusion.stretch))
         released = float(diffusion.release) * ref.lone(liquid + held)
     excess = ref.advanced(here, strain, spread, released, dt)
     k = 0.0 if central_viscosity is None else float(central_viscosity.coefficient)
@@ -170,15 +171,16 @@ def volume_before(mass, rest_density, advanced_excess, fluid, rows=None):
 
 @operation(
     "rho of the step before, and what is borne of the weight", paper="standard", outputs="borne advanced_excess",
-    optional="acceleration lean borne", variants=("acceleration lean borne", ""), tolerance=8.0,
+    optional="acceleration lean turning borne", variants=("acceleration lean turning borne", "turning", ""),
+    tolerance=8.0,
     reason="one rounding in each product, sum and quotient, twice", invariants="reordering",
 )  # fmt: skip
-def keep_density(density_excess, acceleration, lean, rows=None):
+def keep_density(position, velocity, density_excess, acceleration, lean, turning, rows=None):
     """advanced_excess = rho - rho0 [kg/m^dim] when the next step begins, and b [-] of `borne_share`."""
-    i = Fields(excess=density_excess, acceleration=acceleration).at(rows)
+    i = Fields(position=position, velocity=velocity, excess=density_excess, acceleration=acceleration).at(rows)
     kept = {"advanced_excess": i.excess}
     if lean is not None:
-        kept["borne"] = ref.borne(i, np.array([float(part) for part in lean]))
+        kept["borne"] = ref.borne(i, felt(i, lean, turning))
     return kept
 
 

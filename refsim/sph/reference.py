@@ -50,18 +50,19 @@ def transport_at_walls(i, b, ib):
     return 2 * b.volume * (i.shift @ ib.gradient)
 
 
-def diffusion(i, j, ij, delta_h_c, lean):
+def diffusion(i, j, ij, delta_h_c, stretch):
     """Molteni & Colagrossi 2009, Fourtakas et al. 2019: delta h c sum_j V_j psi_ij.grad W_ij [kg/(m^dim s)].
 
-    psi_ij = 2 (e_j - e_i + b_i b_j lean.x_ij) x_ji/r^2, e = rho - rho0, lean = rho0 g/c^2; over liquid alone.
+    psi_ij = 2 (e_j - e_i + b_i b_j rho0/c^2 g_ij.x_ij) x_ji/r^2, e = rho - rho0, g_ij the mean of both; over liquid
+    alone. `felt` is g, and in a tank that turns what is felt there; `stretch` is rho0/c^2.
     """
-    at_rest = i.borne * j.borne * (ij.x @ lean)
+    at_rest = i.borne * j.borne * stretch * (ij.x @ (0.5 * (i.felt + j.felt)))
     return -2 * delta_h_c * j.liquid * j.volume * (j.excess - i.excess + at_rest) * ij.slope / ij.apart
 
 
 def borne(i, g):
     """b = 2 s - 1/2 in 0 to 1, s = 1 - g.a/g^2 the share of its weight that something takes off a particle; [-]."""
-    return clip(1.5 - 2 * (i.acceleration @ g) / max(g @ g, 1e-300), 0, 1)
+    return clip(1.5 - 2 * (i.acceleration @ g) / maximum(g @ g, 1e-300), 0, 1)
 
 
 def filling(i, j, ij):

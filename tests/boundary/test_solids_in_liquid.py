@@ -72,10 +72,23 @@ def test_solids_feel_a_tank_that_sways():
     simulation.evaluate()
     plan, operation = simulation.plan, REGISTRY["two_way_coupling.extrapolation"]
     names = ("position", "velocity", "followed_velocity", "phase", "density", "pressure")
-    given = {name: simulation.field(name) for name in names} | {"lean": (1.0, 0.0, -runs.GRAVITY)}
+    given = {name: simulation.field(name) for name in names} | {"lean": (1.0, 0.0, -runs.GRAVITY), "turning": None}
     given |= {"smoothing": plan.shared["smoothing"], "delay": plan.parameters["two_way_coupling"]["delay"]}
     found, _ = operation.program("numpy")(*(given[name] for name in operation.arguments("numpy")))["pressure"]
     assert simulation.field("pressure") == pytest.approx(found, rel=1e-9, abs=1e-6)
+
+
+def test_a_tank_that_turns_far_from_its_axis_rises():
+    """Liquid and a body feel the centrifugal acceleration as that of a tank that rises, walls and films do, too."""
+    far, pull, found = 1e7, 0.4 * runs.GRAVITY, []
+    rise = rs.Motion(of="gravity", kind="formula", direction=(0, 0, 1), formula=f"{pull / 2!r}*t**2")
+    given = {"direction": (0, 1, 0), "pivot": (0.3, 0.3, far), "formula": f"{(pull / far) ** 0.5!r}*t"}
+    for motion in (rise, rs.Motion(of="turn", kind="formula", **given)):
+        simulation = rs.Simulation(at_rest([((2, 2, 0), (2, 2, 2))], (6, 6, 6)).with_(motion=(motion,)), "numpy")
+        advanced(simulation, 3)
+        found.append({name: simulation.field(name) for name in ("acceleration", "pressure", "velocity")})
+    for name, values in found[1].items():
+        assert values == pytest.approx(found[0][name], rel=1e-4, abs=1e-4 * np.abs(found[0][name]).max())
 
 
 def test_a_detected_surface_has_its_number_density():

@@ -42,13 +42,14 @@ def _beside(wall_position):
     return at("beside_walls", position, wall_position)
 
 
-def _extrapolated(phase, wanted, wet=(0.0, 0.0), pressure=(300.0, 500.0), clamp=0, **cohesion):
+def _extrapolated(phase, wanted, wet=(0.0, 0.0), pressure=(300.0, 500.0), clamp=0, turning=None, **cohesion):
     """Wall particles 1 m from both particles and far away."""
     place = np.array([[0.0, 1.0, 0.0], [0.0, 9.0, 0.0]])
     inputs = {
         "density": [1000.0, 500.0], "pressure": [*pressure], "lean": WallFrameGravity(2.0, -9.0, 1.5),
-        "walls": WallParticles(place, np.full(2, 0.5)), "period": None, "phase": phase and np.array(phase, np.int32),
-        "wet": wet and phase and np.array(wet), "fluid": Fluid(2000.0, 4e5, 1, clamp, **cohesion),
+        "walls": WallParticles(place, np.full(2, 0.5)), "period": None, "turning": turning,
+        "phase": phase and np.array(phase, np.int32), "wet": wet and phase and np.array(wet),
+        "fluid": Fluid(2000.0, 4e5, 1, clamp, **cohesion),
     }  # fmt: skip
     return Exact(_beside(place), inputs, {"wall_pressure": [wanted, 0.0]})
 
@@ -57,6 +58,12 @@ for_each_kernel(
     "adami_2012.extrapolation",
     # mean of p_1 + rho_1 g.(0, 1, 0) and p_2 - rho_2 g.(0, 1, 0); that of the liquid alone where a solid is as near
     mean_of_two=lambda w: _extrapolated([0, 0], 0.5 * (300.0 + 1000.0 * -9.0 + 500.0 - 500.0 * -9.0)),
+    # g - a_w is (-6.75, 0.25, 1.5) m/s^2 where the wall is (-1, 1, -7) m off the axis, with w = 3 and dw/dt = 1/4
+    in_a_tank_that_turns=lambda w: _extrapolated(
+        None,
+        0.5 * (300.0 + 1000.0 * 0.25 + 500.0 - 500.0 * 0.25),
+        turning=[0.0, 0.0, 3.0, 0.0, 0.0, 0.25, 1.0, 0.0, 7.0],
+    ),
     # without P_int (rho/rho0)^2 of each, 200 Pa (1/4 and 1/16)
     cohesive_liquid=lambda w: _extrapolated(
         None, 0.5 * (250.0 + 1000.0 * -9.0 + 487.5 - 500.0 * -9.0), internal_pressure=200.0

@@ -2,6 +2,7 @@
 
 from refsim.backends.compile import kernel
 from refsim.backends.tuples import dot, over
+from refsim.motion.formulas import felt
 from refsim.neighbours.forces import force
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector
@@ -15,7 +16,7 @@ FILM = 1e-3  # weight of a film on solids where there is liquid, too
 @pair
 def weighted_pair(r, x_ij, density_j, pressure_j, phase_j, wet_j, smoothing, lean, fluid):
     """Adami 2012 (27): W p, p = p_f + rho_f (g - a_w).(x_w - x_f) [Pa/m^dim], and W [1/m^dim]; the same of a film on
-    solids, with less weight. Without solids p_f is what walls bear.
+    solids, with less weight. Without solids p_f is what walls bear. `lean` is g - a_w.
     """
     w, p, head = kernel_value(r, smoothing), pressure_j, dot(lean, x_ij)
     if phase_j is None:
@@ -33,12 +34,12 @@ def weighted_pair(r, x_ij, density_j, pressure_j, phase_j, wet_j, smoothing, lea
 
 @kernel
 def extrapolation(
-    i, density, pressure, phase, wet, liquid_near_walls, walls, smoothing, lean, fluid, period, wall_pressure
+    i, density, pressure, phase, wet, liquid_near_walls, walls, smoothing, lean, turning, fluid, period, wall_pressure
 ):
     """Adami 2012 (27): pressure of wall particle i [Pa]; 0 where neither liquid nor a film is within reach."""
     total, weights = neighbour_sum(
         weighted_pair, i, None, liquid_near_walls, walls.position, period, density, pressure, phase, wet, smoothing,
-        lean, fluid,
+        felt(i, walls.position, None, lean, turning), fluid,
     )  # fmt: skip
     zero = type(smoothing.support_radius)(0)
     wall_pressure[i] = total / weights if weights > zero else zero

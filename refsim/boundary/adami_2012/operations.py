@@ -5,6 +5,7 @@ import numpy as np
 from refsim.boundary.adami_2012 import reference as ref
 from refsim.core.operation import SYMMETRY, operations
 from refsim.core.terms import Terms, maximum, where
+from refsim.motion.operations import felt
 from refsim.neighbours.sums import Fields, neighbours, wall_particles
 from refsim.sph.operations import moving, symmetric
 
@@ -27,11 +28,12 @@ def _borne(pressure, density, fluid):
 
 
 @operation(
-    "(27)", outputs="wall_pressure", entrywise=True, optional="phase wet period",
-    variants=("phase wet period", "phase wet", "phase period", "period"), tolerance=16.0,
+    "(27)", outputs="wall_pressure", entrywise=True, optional="phase wet turning period",
+    variants=("phase wet turning period", "phase wet turning", "phase period", "turning period", "phase wet period"),
+    tolerance=16.0,
     reason="one rounding in each of distance, kernel, head, product and sum, and those of the quotient",
 )  # fmt: skip
-def extrapolation(position, density, pressure, phase, wet, walls, smoothing, lean, fluid, period=None):
+def extrapolation(position, density, pressure, phase, wet, walls, smoothing, lean, fluid, turning=None, period=None):
     """Pressure of each wall particle [Pa]; 0 where neither liquid nor a wet solid is within reach."""
     liquid = np.ones(len(pressure), bool) if phase is None else np.asarray(phase) == 0
     film = 0.0 if wet is None else 1e-3 * np.asarray(wet, dtype=float)
@@ -40,9 +42,9 @@ def extrapolation(position, density, pressure, phase, wet, walls, smoothing, lea
         position=position, pressure=borne, liquid=liquid, share=np.where(liquid, 1.0, film),
         heavy=np.where(liquid, np.asarray(density, dtype=float), float(fluid.rest_density)),
     )  # fmt: skip
-    around = neighbours(wall_particles(walls), j, smoothing, period=period)
-    upward = Terms([float(part) for part in lean], rank=1)
-    return {"wall_pressure": _mean(around, ref.wall_pressure, ref.share, lean=upward)}
+    still = Fields(position=walls.position, velocity=np.zeros_like(walls.position))
+    around = neighbours(wall_particles(walls, felt=felt(still, lean, turning)), j, smoothing, period=period)
+    return {"wall_pressure": _mean(around, ref.wall_pressure, ref.share)}
 
 
 @operation(

@@ -17,12 +17,12 @@ def borne(i, p_int, rest):
     return i.pressure - internal_pressure(i, p_int, rest)
 
 
-def wall_pressure(w, j, wj, lean):
+def wall_pressure(w, j, wj):
     """(27) p_w = sum_j W_wj s_j p_wj / sum_j W_wj s_j [Pa], p_wj = p_j + rho_j (g - a_w).(x_w - x_j).
 
-    Of solids rho_j is rho0; lean = g - a_w.
+    Of solids rho_j is rho0; felt = g - a_w, which in a tank that turns differs from place to place.
     """
-    return j.share * wj.W * (j.pressure + j.heavy * (wj.x @ lean))
+    return j.share * wj.W * (j.pressure + j.heavy * (wj.x @ w.felt))
 
 
 def strain(w, f, wf):

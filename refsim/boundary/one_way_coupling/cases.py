@@ -73,13 +73,13 @@ takes("one_way_coupling.wall_pressure", fluid="rest_density clamp gradient_share
 takes("one_way_coupling.wall_viscosity", smoothing="support_radius dim")
 
 
-def _pushing(w, pressure, gravity, expected, clamp):
+def _pushing(w, pressure, gravity, expected, clamp, turning=None):
     """h = 2 m, r = 1 m, alone: a = Psi_b p_b/rho^2 W'(r) e_b, with p_b as `expected` [Pa]."""
     case = at("pushing", [0, 0, 0], [[0.0, 0.6, 0.8]])
     push = 1000 * 0.25 * expected / 500.0**2 * w.slope
     inputs = {
         "walls": WallParticles(case.wall_position, np.array([0.25])), "density": [500.0], "pressure": [pressure],
-        "lean": WallFrameGravity(*gravity), "fluid": Fluid(1000.0, 4e5, 1, clamp),
+        "lean": WallFrameGravity(*gravity), "fluid": Fluid(1000.0, 4e5, 1, clamp), "turning": turning,
     }  # fmt: skip
     return Exact(case, inputs, {"acceleration": -push * case.wall_position})
 
@@ -89,6 +89,15 @@ for_each_kernel(
     # p_b = p_i + rho0 g.(x_b - x_i)
     pushed_by_one_particle=lambda w: _pushing(
         w, 2000.0, (2.0, -1.0, 3.0), 2000.0 + 1000 * (0.6 * -1.0 + 0.8 * 3.0), False
+    ),
+    # 3/s about an axis along z by (0, 2) m: centrifugal -18 m/s^2 along y
+    in_a_tank_that_turns=lambda w: _pushing(
+        w,
+        2000.0,
+        (2.0, 17.0, 3.0),
+        2000.0 + 1000 * (0.6 * -1.0 + 0.8 * 3.0),
+        False,
+        [0.0, 0.0, 3.0, 0.0, 0.0, 0.0, 0.0, 2.0, 5.0],
     ),
     # p_b = 0.5 - 0.25 Pa, and 0.25 - 0.5 Pa, clamped
     pushed_below_a_pascal=lambda w: _pushing(w, 0.5, (0.0, -1 / 2400, 0.0), 0.25, True),

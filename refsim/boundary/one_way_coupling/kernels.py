@@ -2,6 +2,7 @@
 
 from refsim.backends.compile import kernel
 from refsim.backends.tuples import added, dot, scaled
+from refsim.motion.formulas import felt
 from refsim.neighbours.forces import force
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector
@@ -54,16 +55,16 @@ def wall_push_pair(r, x_ij, density_i, volume_j, smoothing, fluid, mean, lean):
 
 @kernel
 def extrapolated_wall_pressure(
-    i, position, density, pressure, neighbours, walls, smoothing, fluid, lean, acceleration
+    i, position, density, pressure, neighbours, walls, smoothing, fluid, lean, turning, acceleration
 ):  # fmt: skip
     """Patent P6 with the boundary particles' pressures p_b (patent E30); added to the acceleration [m/s^2]."""
     if walls.count[i] > 0:
+        w0, pull = own_share(smoothing), felt(i, position, None, lean, turning)
         weights, total = neighbour_sum(
-            head_pair, i, None, neighbours, position, None, density, pressure, smoothing, lean
+            head_pair, i, None, neighbours, position, None, density, pressure, smoothing, pull
         )
-        w0 = own_share(smoothing)
         mean = (total + w0 * pressure[i]) / (weights + w0)
         a = neighbour_sum(
-            wall_push_pair, i, None, walls, position, None, density, walls.volume, smoothing, fluid, mean, lean
+            wall_push_pair, i, None, walls, position, None, density, walls.volume, smoothing, fluid, mean, pull
         )
         add_vector(acceleration, i, None, a)

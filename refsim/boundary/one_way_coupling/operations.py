@@ -1,7 +1,10 @@
 """Operations of one-way coupling."""
 
+import numpy as np
+
 from refsim.boundary.one_way_coupling import reference as ref
 from refsim.core.operation import SYMMETRY, operation
+from refsim.motion.operations import felt
 from refsim.neighbours.sums import Fields, neighbours, wall_particles
 from refsim.sph.operations import moving
 
@@ -24,17 +27,18 @@ def wall_viscosity(
 
 @operation(
     "patent P6, pressure, with E30", "one_way_coupling.wall_pressure",
-    paper="patent CN104318598A, 2014; Adami, Hu & Adams 2012", adds="acceleration", tolerance=16.0,
+    paper="patent CN104318598A, 2014; Adami, Hu & Adams 2012", adds="acceleration", optional="turning",
+    variants=("turning", ""), tolerance=16.0,
     reason="as sph.pressure, with the roundings of a mean of the liquid's pressure and of its extrapolation to the"
-    " wall", invariants="translation reordering",
+    " wall", invariants="translation reordering", broken={1: "translation"},
 )  # fmt: skip
-def extrapolated_wall_pressure(position, density, pressure, walls, smoothing, fluid, lean, rows=None):
+def extrapolated_wall_pressure(position, density, pressure, walls, smoothing, fluid, lean, turning=None, rows=None):
     """Acceleration [m/s^2] by the pressure that the liquid's extrapolates to."""
-    i, g = Fields(position=position, density=density, pressure=pressure), list(map(float, lean))
+    still = Fields(position=position, velocity=np.zeros_like(position))
+    i = Fields(position=position, density=density, pressure=pressure, felt=felt(still, lean, turning))
     around = neighbours(i, i, smoothing, rows=rows)
-    mean = around(ref.pressure_and_head, g=g) / around(ref.weight)
-    inner = Fields(position=around.i.position, density=around.i.density, mean=mean)
+    mean = around(ref.pressure_and_head) / around(ref.weight)
+    inner = Fields(position=around.i.position, density=around.i.density, felt=around.i.felt, mean=mean)
     at_walls = neighbours(inner, wall_particles(walls, fluid), smoothing)
-    rho0_g, s = [float(fluid.rest_density) * part for part in g], float(fluid.gradient_share)
-    force = ref.extrapolated_pressure_force
-    return {"acceleration": at_walls(force, s=s, rho0_g=rho0_g, clamp=float(fluid.clamp))}
+    given = {"s": float(fluid.gradient_share), "rho0": float(fluid.rest_density), "clamp": float(fluid.clamp)}
+    return {"acceleration": at_walls(ref.extrapolated_pressure_force, **given)}

@@ -13,12 +13,12 @@ def weight(i, j, ij):
     return ij.W
 
 
-def pressure_and_head(i, j, ij, g):
-    """(27) p~_i = sum_j W_ij (p_j + rho_j g.x_ij) / sum_j W_ij; the first sum [Pa/m^dim]."""
-    return ij.W * (j.pressure + j.density * (ij.x @ g))
+def pressure_and_head(i, j, ij):
+    """(27) p~_i = sum_j W_ij (p_j + rho_j g.x_ij) / sum_j W_ij; the first sum [Pa/m^dim]. g is `felt` at i."""
+    return ij.W * (j.pressure + j.density * (ij.x @ i.felt))
 
 
-def extrapolated_pressure_force(i, b, ib, s, rho0_g, clamp):
+def extrapolated_pressure_force(i, b, ib, s, rho0, clamp):
     """a_i = -s sum_b Psi_b p_b/rho_i^2 grad W_ib [m/s^2], p_b = p~_i - rho0 g.x_ib, at least 0 where clamped."""
-    p_b = i.mean - ib.x @ rho0_g
+    p_b = i.mean - rho0 * (ib.x @ i.felt)
     return -s * b.mass / (i.density * i.density) * where(clamp, maximum(p_b, 0), p_b) * ib.gradient

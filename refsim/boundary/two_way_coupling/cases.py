@@ -111,6 +111,7 @@ takes("two_way_coupling.forces", coupling="printed_pressure printed_viscosity de
 
 PAIR = at("coupled_pair", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 WATER_AND_ICE = np.array([FLUID, SURFACE], np.int32)
+TURNING = [0.0, 0.0, 3.0, 0.0, 0.0, 0.25, 1.0, 0.0, 7.0]  # 3/s about z by (1, 0) m, faster by 1/4 s^-2
 
 
 def _coupled(**changes):
@@ -210,7 +211,7 @@ def _held(**changes):
     inputs = {
         "velocity": [[0.0, 0.0, 0.0], [0.0, 3.0, 0.0]], "phase": WATER_AND_ICE,
         "followed_velocity": [[0.0, 0.0, 0.0], [0.0, 2.0, 0.0]], "density": [1000.0, 900.0],
-        "lean": WallFrameGravity(1.0, -9.0, 0.0), "delay": Delay(0.5), "pressure": [300.0, 7.0],
+        "lean": WallFrameGravity(1.0, -9.0, 0.0), "delay": Delay(0.5), "pressure": [300.0, 7.0], "turning": None,
     }  # fmt: skip
     return inputs | changes
 
@@ -223,6 +224,8 @@ for_each_kernel(
     "two_way_coupling.extrapolation",
     # p = 300 Pa + 1000 kg/m^3 (-9 - 2) m/s^2 * 1 m; the liquid's pressure stays
     solid_that_rises=lambda w: _taken([300.0, 300.0 - 11000.0], w.share, 0.0),
+    # gravity, centrifugal and Euler acceleration add up to (-9 + 9 + 0.25) m/s^2; Coriolis' is across
+    in_a_tank_that_turns=lambda w: _taken([300.0, 300.0 + 1000.0 * (0.25 - 2.0)], w.share, 0.0, turning=TURNING),
     # four times -300 Pa
     liquid_under_tension=lambda w: _taken([-300.0, -300.0 - 11000.0], w.share, -1200.0, pressure=[-300.0, 7.0]),
     # 0 Pa beside another solid's particle
@@ -241,7 +244,7 @@ def _film(wanted, **changes):
     three = at("film", [[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     inputs = {
         "velocity": np.zeros((3, 3)), "followed_velocity": np.zeros((3, 3)), "lean": WallFrameGravity(1.0, -9.0, 0.0),
-        "delay": Delay(0.5), "phase": [SURFACE, SURFACE, INTERIOR], "wet": [3.0, 0.0, 1.0],
+        "delay": Delay(0.5), "phase": [SURFACE, SURFACE, INTERIOR], "wet": [3.0, 0.0, 1.0], "turning": None,
         "fluid": Fluid(1000.0, 4e5, 1, 0), "pressure": [1.0, 0.0, 2.0], "suction": [-5.0, 0.0, 0.0],
         "told_wet": [3.0, 7.0, 1.0], "told_pressure": [500.0, 9.0, 2500.0], "told_suction": [-40.0, 9.0, 0.0],
     }  # fmt: skip
@@ -256,6 +259,8 @@ for_each_kernel(
     mean_of_two_that_are_wet=lambda w: _film([0.5, 7500.0, -30.0]),
     # (3 (-9500 + 9000) + 1 (500 - 1000))/4 Pa: the head of gravity goes on below zero
     goes_on_below_zero=lambda w: _film([0.5, -500.0, -30.0], told_pressure=[-9500.0, 9.0, 500.0]),
+    # beside the axis g is (1 - 9, -9 + 0.25) m/s^2: (3 (500 + 8750) + 1 (2500 + 8000))/4 Pa
+    in_a_tank_that_turns=lambda w: _film([0.5, 9562.5, -30.0], turning=TURNING),
     one_was_wet=lambda w: _film([0.75, 9500.0, -40.0], told_wet=[3.0, 7.0, 0.0]),
     all_were_dry=lambda w: _film(np.zeros(3), told_wet=[0.0, 7.0, 1e-21]),
     liquid_keeps_its_pressure=lambda w: _film([0.0, 7.0, 0.0], phase=[SURFACE, FLUID, FLUID], pressure=[5.0, 7.0, 9.0]),

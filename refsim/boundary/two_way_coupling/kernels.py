@@ -3,9 +3,10 @@
 import math
 
 from refsim.backends.compile import formula, kernel
-from refsim.backends.tuples import added, difference, dot, over, scaled
+from refsim.backends.tuples import added, difference, dot, over, scaled, three
 from refsim.boundary.two_way_coupling import PASSED
 from refsim.boundary.two_way_coupling.formulas import nearness, pressed, side, steepness, tait_pressure
+from refsim.motion.formulas import felt
 from refsim.neighbours.forces import force
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, first_lane, set_vector
@@ -144,28 +145,29 @@ def forces(
 
 
 @formula
-def head(x_ij, velocity, followed_velocity, lean, delay):
-    """(g - a_k).(x_k - x_j) [m^2/s^2], a_k the acceleration of a solid's particle."""
-    a = over(difference(velocity, followed_velocity), delay.tau)
-    return dot(difference((lean[0], lean[1], lean[2]), a), x_ij)  # an array where the tank sways
+def pulled(i, position, velocity, followed_velocity, lean, turning, delay):
+    """g - a_k [m/s^2], a_k = (v_k - u_k)/tau the acceleration of a solid's particle."""
+    a = over(difference(three(velocity, i), three(followed_velocity, i)), delay.tau)
+    return difference(felt(i, position, velocity, lean, turning), a)
 
 
 @pair
-def held_pair(r, x_ij, velocity_i, followed_velocity_i, phase_j, density_j, pressure_j, smoothing, lean, delay):
+def held_pair(r, x_ij, phase_j, density_j, pressure_j, smoothing, pull):
     """Adami 2012 (27) at a solid's particle: W p, p = p_f + rho_f (g - a_k).(x_k - x_f), and W p_f [Pa/m^dim]; and W
-    [1/m^dim]."""
+    [1/m^dim]. `pull` is g - a_k.
+    """
     real = type(r)
     if phase_j != FLUID:
         return real(0), real(0), real(0)
     w = kernel_value(r, smoothing)
     p = w * pressure_j
-    return p + w * (density_j * head(x_ij, velocity_i, followed_velocity_i, lean, delay)), p, w
+    return p + w * (density_j * dot(pull, x_ij)), p, w
 
 
 @kernel(lanes=True)
 def extrapolation(
-    i, lane, position, velocity, followed_velocity, phase, density, neighbours, smoothing, lean, delay, wet, suction,
-    pressure,
+    i, lane, position, velocity, followed_velocity, phase, density, neighbours, smoothing, lean, turning, delay, wet,
+    suction, pressure,
 ):  # fmt: skip
     """Adami 2012 (27): pressure of a solid's particle [Pa], the least one of a film there [Pa], and the sum of W over
     W(0); 0 without liquid in reach."""
@@ -174,10 +176,10 @@ def extrapolation(
         if first_lane(lane):
             wet[i] = suction[i] = zero
         return
+    pull = pulled(i, position, velocity, followed_velocity, lean, turning, delay)
     total, alone, weights = neighbour_sum(
-        held_pair, i, lane, neighbours, position, None, velocity, followed_velocity, phase, density, pressure,
-        smoothing, lean, delay,
-    )  # fmt: skip
+        held_pair, i, lane, neighbours, position, None, phase, density, pressure, smoothing, pull
+    )
     if first_lane(lane):
         near = weights / own_share(smoothing)
         if near <= type(zero)(LEAST):  # liquid that rounding alone takes within h
@@ -188,34 +190,33 @@ def extrapolation(
 
 
 @pair
-def spread_pair(
-    r, x_ij, velocity_i, followed_velocity_i, told_wet_j, told_pressure_j, told_suction_j, smoothing, fluid, lean, delay
-):
+def spread_pair(r, x_ij, told_wet_j, told_pressure_j, told_suction_j, smoothing, fluid, pull):
     """W_ks w_s (p_s + rho0 (g - a_k).(x_k - x_s)) and W_ks w_s times suction [Pa/m^dim], W_ks w_s and W_ks
-    [1/m^dim]."""
+    [1/m^dim]. `pull` is g - a_k.
+    """
     zero = type(r)(0)
     if told_wet_j == zero:
         return zero, zero, zero, zero
     w = kernel_value(r, smoothing)
     weight = w * told_wet_j
-    p = told_pressure_j + fluid.rest_density * head(x_ij, velocity_i, followed_velocity_i, lean, delay)
+    p = told_pressure_j + fluid.rest_density * dot(pull, x_ij)
     return weight * p, weight * told_suction_j, weight, w
 
 
 @kernel(lanes=True)
 def spread(
     i, lane, position, velocity, followed_velocity, phase, told_wet, told_pressure, told_suction, neighbours,
-    smoothing, fluid, lean, delay, wet, suction, pressure,
+    smoothing, fluid, lean, turning, delay, wet, suction, pressure,
 ):  # fmt: skip
     """What `extrapolation` tells [-, Pa], of a solid's particle without liquid in reach, by a film from those that had
     some in the step before; 0 without any."""
     zero = type(smoothing.support_radius)(0)
     if phase[i] == FLUID or wet[i] > zero:
         return
+    pull = pulled(i, position, velocity, followed_velocity, lean, turning, delay)
     total, alone, weights, whole = neighbour_sum(
-        spread_pair, i, lane, neighbours, position, None, velocity, followed_velocity, told_wet, told_pressure,
-        told_suction, smoothing, fluid, lean, delay,
-    )  # fmt: skip
+        spread_pair, i, lane, neighbours, position, None, told_wet, told_pressure, told_suction, smoothing, fluid, pull
+    )
     if first_lane(lane) and not weights <= type(zero)(LEAST) * whole:  # NaN goes on
         wet[i] = type(zero)(PASSED) * weights / whole
         pressure[i] = total / weights

@@ -12,6 +12,7 @@ from refsim.boundary.two_way_coupling import reference as ref
 from refsim.core.operation import SYMMETRY, operations
 from refsim.core.terms import Terms, maximum, minimum, where
 from refsim.gauges.operations import in_each
+from refsim.motion.operations import felt
 from refsim.neighbours.sums import Fields, neighbours, wall_particles
 from refsim.smoothing.reference import kernel_value
 
@@ -95,11 +96,14 @@ def forces(
 
 
 @operation(
-    "(27)", paper="Adami, Hu & Adams 2012", outputs="wet suction pressure", entrywise=True, tolerance=16.0,
+    "(27)", paper="Adami, Hu & Adams 2012", outputs="wet suction pressure", entrywise=True, optional="turning",
+    variants=("turning", ""), tolerance=16.0,
     reason="one rounding in each of distance, kernel, head, product and sum, and those of the quotient",
     packed="held_pair",
 )  # fmt: skip
-def extrapolation(position, velocity, followed_velocity, phase, density, smoothing, lean, delay, pressure, rows=None):
+def extrapolation(
+    position, velocity, followed_velocity, phase, density, smoothing, lean, turning, delay, pressure, rows=None
+):
     """Pressure of each solid's particle [Pa], 0 where no liquid is within reach; the liquid's stays.
 
     wet, dimensionless, is the sum of the weights over W(0), suction [Pa] four times the mean pressure of the liquid
@@ -109,7 +113,7 @@ def extrapolation(position, velocity, followed_velocity, phase, density, smoothi
         position=position, velocity=velocity, followed=followed_velocity, density=density, pressure=pressure,
         **kinds(phase),
     )  # fmt: skip
-    around, solid = near_solids(i, smoothing, lean, delay, rows)
+    around, solid = near_solids(i, smoothing, lean, turning, delay, rows)
     weights = around(ref.weight_of_liquid)
     wet = weights / float(kernel_value(0.0, smoothing))
     wet = where(solid.liquid.value + (wet.value <= 1e-20), 0, wet)  # rounding alone takes such liquid within h
@@ -125,12 +129,13 @@ def extrapolation(position, velocity, followed_velocity, phase, density, smoothi
 
 
 @operation(
-    "pressure of a film", paper="this project", outputs="wet suction pressure", entrywise=True, tolerance=16.0,
+    "pressure of a film", paper="this project", outputs="wet suction pressure", entrywise=True, optional="turning",
+    variants=("turning", ""), tolerance=16.0,
     reason="one rounding in each of distance, kernel, head, product and sum, and those of the quotient",
 )  # fmt: skip
 def spread(
-    position, velocity, followed_velocity, phase, told_wet, told_pressure, told_suction, smoothing, fluid, lean, delay,
-    wet, suction, pressure, rows=None,
+    position, velocity, followed_velocity, phase, told_wet, told_pressure, told_suction, smoothing, fluid, lean,
+    turning, delay, wet, suction, pressure, rows=None,
 ):  # fmt: skip
     """What `extrapolation` tells [-, Pa], of solids' particles k with wet_k = 0: a film too thin for particles carries
     the pressure between bodies in contact.
@@ -141,7 +146,7 @@ def spread(
         position=position, velocity=velocity, followed=followed_velocity, wet=told_wet, pressure=told_pressure,
         suction=told_suction, density=float(fluid.rest_density), place=np.arange(len(told_wet)), **kinds(phase),
     )  # fmt: skip
-    around, solid = near_solids(i, smoothing, lean, delay, rows)
+    around, solid = near_solids(i, smoothing, lean, turning, delay, rows)
     before = Fields(wet=wet, suction=suction, pressure=pressure).at(rows)
     weights, whole = around(ref.weight_of_film), around(ref.weight_of_wet)
     dry = (solid.liquid.value == 0) & (before.wet.value == 0) & (weights.value > 1e-20 * whole.value)
@@ -227,10 +232,10 @@ def contact(
     return {"acceleration": sum((at(ref.contact_of_walls, **given) for at in at_walls), around(ref.contact, **given))}
 
 
-def near_solids(i, smoothing, lean, delay, rows):
+def near_solids(i, smoothing, lean, turning, delay, rows):
     """(pairs of `rows`, which have g - a_k [m/s^2] as `pull`, and of all particles; the fields of `rows`)."""
     solid = i.at(rows)
-    pull = ref.pull(solid, [float(part) for part in lean], float(delay.tau))
+    pull = ref.pull(solid, felt(solid, lean, turning), float(delay.tau))
     own = {"place": solid.place} if hasattr(i, "place") else {}
     return neighbours(Fields(position=solid.position, pull=pull, **own), i, smoothing), solid
 

@@ -63,9 +63,9 @@ def viscous_force(i, j, ij, mu, printed):
     return mu * both / i.mass * ij.laplacian * (j.velocity - i.velocity)
 
 
-def pull(k, g, tau):
-    """g - a_k [m/s^2], a_k = (v_k - u_k)/tau."""
-    return g - (k.velocity - k.followed) / tau
+def pull(k, felt, tau):
+    """g - a_k [m/s^2], a_k = (v_k - u_k)/tau; in a tank that turns g holds the inertia of what moves with v_k."""
+    return felt - (k.velocity - k.followed) / tau
 
 
 def weight_of_liquid(k, f, kf):
