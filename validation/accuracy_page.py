@@ -154,7 +154,7 @@ def write() -> list[Path]:
 
 # Pictures
 
-METHODS = {"R1": "each particle\nby itself (R1)", "CG": "conjugate gradients", "RKL2": "Runge-Kutta-\nLegendre"}
+METHODS = {"R1": "each particle\nby itself (R1)", "RKL2": "Runge-Kutta-\nLegendre"}
 
 
 def picture(of: Panel, axes: Any) -> None:

@@ -24,10 +24,11 @@ from refsim.sph import LIQUID, liquid_of
 
 ABSOLUTE_ZERO = -273.15
 MOST_PLANNED = 20.0  # largest k dt/(rho c d^2) for which a GPU finds the number of passes by itself
+LONGEST = 1e9  # k dt/(rho c d^2)
 KEEPS_RANGE = 3.0  # k dt/(rho c d^2) up to which RKL1 on enthalpies overshoots nowhere, not even beside a reservoir
 # Share of the range of temperatures by which a run may leave it. The error of a solve is below a thousandth; a run
 # that diverges grows without bound, so that a generous share only delays its end by a few steps.
-BEYOND = {"implicit": 0.1, "conjugate_gradient": 0.1, "runge_kutta_legendre": 1.0}
+BEYOND = {"implicit": 0.1, "runge_kutta_legendre": 1.0}
 BEYOND_OTHERS, BEYOND_LITERAL = 0.01, 1.0  # schemes that keep the range to rounding; printed ones that do not
 ROUNDINGS = 4096  # of the largest temperature, by which a run may leave the range
 ANY_TEMPERATURE = 1e30  # [deg C] if another effect heats
@@ -66,16 +67,14 @@ class HeatConduction(
     latent_heat    L [J/kg], 0 for none anywhere; each part
     held           parts whose temperature is held, by number from 0: reservoirs of heat
     density        of the lattice's particles [kg/m^3] in a scene without a liquid that gives them their mass
-    scheme         "implicit" (backward Euler: Chebyshev's iteration, conjugate gradients if the step is too long for
-                   it), "conjugate_gradient", "runge_kutta_legendre" (second order; the most accurate), "explicit", and
-                   the paper's "one_sided" (M(4), each particle by itself)
+    scheme         "implicit" (backward Euler, solved by Chebyshev's iteration), "runge_kutta_legendre" (second order;
+                   the most accurate), "explicit", and the paper's "one_sided" (M(4), each particle by itself)
     largest_number  k dt/(rho c d^2) that a step may reach; it limits the step, a fixed one must keep to it; "explicit"
                    and "runge_kutta_legendre" with latent heat are also limited by the particles' own sums s_i
     mean           "harmonic" or "arithmetic" (as in M(4)) mean of two conductivities
     laplacian      "spiky" (-W'/r) or "mueller" (the viscosity kernel's Laplacian, halved)
     calibrated     scale so that the lattice conducts with k exactly, and each pair so that a thin body does, too
     tolerance      share of its error that Chebyshev's iteration leaves
-    residual       share of the first residual at which conjugate gradients stop
     largest_drift  share of the heat that can be exchanged by which the total may change before the run stops as
                    `heat_lost`, if nothing enters or leaves; 0 for any ("one_sided" loses heat by design)
     literal        readings of Shao & Song: misprints "M5" (Laplacian of poly6, negative for near pairs), "M9"
@@ -90,7 +89,7 @@ class HeatConduction(
     name: ClassVar[str] = "heat_conduction"
     periodic: ClassVar[bool] = True
     removed: ClassVar[Mapping[str, str]] = dict.fromkeys(
-        ("single_pass", "nonlinear_jacobi", "pair_exchange"), "implicit"
+        ("single_pass", "nonlinear_jacobi", "pair_exchange", "conjugate_gradient"), "implicit"
     )
     ledger_units: ClassVar[Mapping[str, str]] = {"heat": "J"}
     ledger_expected: ClassVar[Mapping[str, str]] = {
@@ -113,13 +112,12 @@ class HeatConduction(
     latent_heat: PerPart = 0.0
     held: tuple[int, ...] = ()
     density: Positive = 1000.0
-    scheme: Literal["implicit", "conjugate_gradient", "runge_kutta_legendre", "one_sided", "explicit"] = "implicit"
+    scheme: Literal["implicit", "runge_kutta_legendre", "one_sided", "explicit"] = "implicit"
     largest_number: Positive = 10.0
     mean: Literal["harmonic", "arithmetic"] = "harmonic"
     laplacian: Literal["spiky", "mueller"] = "spiky"
     calibrated: bool = True
     tolerance: Positive = 4e-3
-    residual: Positive = 1e-3
     largest_drift: NotNegative = 0.01
     literal: Printed = ()
 
@@ -128,7 +126,7 @@ class HeatConduction(
         """Whether the number of passes is found on the host, so that a GPU step cannot be one graph."""
         if self.scheme == "implicit":
             return self.conducts and self.largest_number > MOST_PLANNED
-        return self.conducts and self.scheme in ("conjugate_gradient", "runge_kutta_legendre")
+        return self.conducts and self.scheme == "runge_kutta_legendre"
 
     @property
     def conducts(self) -> bool:
@@ -149,7 +147,7 @@ class HeatConduction(
     def operation(self) -> str:
         """Name of the operation that is one step of the scheme."""
         if self.melts and self.scheme == "one_sided":
-            able = "implicit, conjugate_gradient, runge_kutta_legendre, explicit"
+            able = "implicit, runge_kutta_legendre, explicit"
             raise InputError(f"{self.name}: scheme = {self.scheme!r} has no latent heat; choose one of {able}.")
         return "heat.chebyshev" if self.scheme == "implicit" else f"heat.{self.scheme}"
 
@@ -167,8 +165,11 @@ class HeatConduction(
             for value in np.atleast_1d(np.asarray(given, dtype=float)):
                 if not (math.isfinite(value) and test(value)):
                     raise InputError(f"{self.name}: {name} = {value} is not possible; give {expected}.")
-        if self.tolerance >= 1 or self.residual >= 1:
-            raise InputError(f"{self.name}: tolerance and residual are shares of an error; give numbers below 1.")
+        if self.tolerance >= 1 or self.largest_number > LONGEST:
+            raise InputError(
+                f"{self.name}: tolerance is a share of an error, and a longer step than largest_number = {LONGEST:g} is"
+                " all rounding; give a tolerance below 1 and a smaller number."
+            )
         if self.melts and self.melting_point is None:
             raise InputError(f"{self.name}: latent_heat is given without a melting_point; give both, or neither.")
         printed = self.printed()
@@ -310,7 +311,7 @@ class HeatConduction(
         if self.calibrated and not printed & {"M5", "M6"}:
             factor = 1 / shapes.lattice_moment(laplacian, grid.support_radius, grid.spacing, grid.dim)
         return shapes.conduction_group(
-            grid, laplacian=laplacian, factor=factor, tolerance=self.tolerance, residual=self.residual,
+            grid, laplacian=laplacian, factor=factor, tolerance=self.tolerance,
             sweep_share=1.0 if "M8" in printed else 0.5, harmonic=self.mean == "harmonic",
             unit_capacity="M11" in printed, frozen="M9" in printed,
         )  # fmt: skip
@@ -325,7 +326,7 @@ class HeatConduction(
         if grid.step > 0:
             number = grid.step * self.greatest_diffusivity(grid, others) / grid.spacing**2
         most = CROWDED * number * shapes.lattice_sum(conduction, grid)
-        return min(int(conduction.most_passes), chebyshev_passes(most, self.tolerance))
+        return chebyshev_passes(most, self.tolerance)
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         if not self.conducts:

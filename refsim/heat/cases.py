@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from refsim.core import cases
-from refsim.core.cases import VARIATIONS, Case, Exact, Variation, at, closed_form, groups, particles, takes
+from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, particles, takes
 from refsim.core.period import period_group
 from refsim.heat import HeatConduction
 from refsim.heat.shapes import MUELLER, POLY6, SPIKY, Conduction, conduction_group
@@ -69,25 +69,17 @@ groups(temperature_range=lambda case, grid: np.array([-1.5, 6.25] if case.count 
 
 @groups("conduction")
 def _conduction(case, grid):
-    """Solved as far as rounding allows, so that the answer is that of an exact solution."""
     literal = ("M6", "M8", "M9", "M11") if case.literal else ()
     laplacian = "mueller" if case.kernels == "mueller" else "spiky"
     mean = "arithmetic" if case.clamp else "harmonic"
-    effect = HeatConduction(literal=literal, laplacian=laplacian, mean=mean, residual=tight(grid))
+    effect = HeatConduction(literal=literal, laplacian=laplacian, mean=mean)
     return {"conduction": effect.conduction(grid)}
-
-
-def tight(grid):
-    """The residual of a solution as far as rounding allows."""
-    return 1e-6 if grid.dtype == "float32" else 1e-14
 
 
 def planned(case, grid):
     """The number of passes is found on the GPU, not on the host."""
-    given = HeatConduction(residual=tight(grid)).conduction(grid)
-    if case.name.startswith("dense_cluster"):  # more than a table holds; then they only damp
-        return given
-    return given._replace(planned_passes=given.most_passes)
+    passes = 0 if case.name.startswith("dense_cluster") else 64  # more than a table holds; then they only damp
+    return HeatConduction().conduction(grid)._replace(planned_passes=passes)
 
 
 def _conduction_follows(group, inputs, kernel):
@@ -103,18 +95,13 @@ def _conduction_follows(group, inputs, kernel):
         members["factor"] = factor
     grid = Case("", int(group.dim), case.position, case.spacing, float(group.support_radius)).grid("float64")
     made = conduction_group(grid, laplacian=int(group.laplacian), factor=factor)._asdict()
-    if group.planned_passes:  # a GPU that finds the number of passes does not look at their bound
-        members["most_passes"] = group.most_passes
     return members | {name: made[name] for name in ("inverse_radius", "inverse_volume", "scale")}
 
 
 VARIATIONS[Conduction] = Variation(
     _conduction_follows,
-    {
-        "planned_passes": "capacity of a table on a GPU, which does not change the answer",
-        "residual": "the reference solves exactly",
-    },
-    {"dim": lambda dim: 5 - dim, "most_passes": lambda most: 2},
+    {"planned_passes": "capacity of a table on a GPU, which does not change the answer"},
+    {"dim": lambda dim: 5 - dim},
     ("support_radius", "factor", "laplacian", "harmonic", "unit_capacity", "dim"),
 )
 cases.readings(conduction="laplacian harmonic unit_capacity frozen")
@@ -122,7 +109,7 @@ PAIRS = "support_radius factor laplacian harmonic unit_capacity dim"
 cases.codes(Conduction, laplacian={"spiky": SPIKY, "mueller": MUELLER, "poly6": POLY6})
 takes("heat.compensation", conduction="support_radius factor laplacian dim unit_capacity")  # which changes `factor`
 takes("heat.one_sided", conduction=f"{PAIRS} frozen sweep_share")
-takes("heat.chebyshev", conduction=f"{PAIRS} tolerance most_passes")
+takes("heat.chebyshev", conduction=f"{PAIRS} tolerance")
 
 
 # Volumes 100 : 1, and conductivities 1000 : 1
@@ -144,12 +131,15 @@ def _conduction_of(**options):
     return conduction_group(PAIR.grid("float64"), **options)
 
 
+SOLVED = _conduction_of(tolerance=1e-14)  # so that Chebyshev's iteration is backward Euler, as M(4) is for a pair
+
+
 def _given(**more):
     return {
         "mass": MASS, "volume": VOLUME, "heat_capacity": CAPACITY, "conductivity": CONDUCTIVITY,
         "temperature": TEMPERATURE, "timestep": [0.7, 0.5], "reservoir": None, "enthalpy": None, "melting_point": None,
         "latent_heat": None, "compensation_x": None, "compensation_rest": None,
-        "conduction": _conduction_of(residual=1e-14, sweep_share=0.5),
+        "conduction": _conduction_of(),
     } | more  # fmt: skip
 
 
@@ -172,22 +162,20 @@ def _alone(weight=WEIGHT):
     return weight / (1 + weight * INVERSE.sum())
 
 
-# E = g (T_2 - T_1); and over 1 + g (1/C_1 + 1/C_2): M(4) is backward Euler for a pair
+# E = g (T_2 - T_1)
 closed_form("heat.explicit", across=5.0, a_pair_forward=lambda: _pair(_moved(WEIGHT * APART)))
-closed_form("heat.conjugate_gradient", across=5.0, a_pair_backward=lambda: _pair(_moved(_alone() * APART)))
 closed_form(
     "heat.exchange_rate",  # G/C_i, G = WEIGHT/dt; a reservoir has none
     rates_of_a_pair=lambda: _rates(np.array([WEIGHT / 0.5 * INVERSE[0], 0.0]), reservoir=[0, 1]),
 )
 
 
-@closed_form("heat.conjugate_gradient", "heat.chebyshev")
+@closed_form("heat.chebyshev")
 def a_pair_with_a_reservoir():
     """The second particle keeps its temperature: T_1 + g/C_1 (T_2 - T_1)/(1 + g/C_1)."""
     share = WEIGHT * INVERSE[0]
-    conduction = _conduction_of(tolerance=1e-14, residual=1e-14)
     temperature = np.array([TEMPERATURE[0] + share * APART / (1 + share), TEMPERATURE[1]])
-    return _pair(temperature, reservoir=[0, 1], conduction=conduction)
+    return _pair(temperature, reservoir=[0, 1], conduction=SOLVED)
 
 
 def _each_by_itself(weight):
@@ -234,9 +222,9 @@ closed_form(
     "heat.exchange_rate", across=5.0, rates_of_a_compensated_pair=lambda: _rates(6 * WEIGHT * INVERSE, **MADE_UP)
 )
 closed_form(  # the factor is at most 10
-    "heat.conjugate_gradient",
+    "heat.chebyshev",
     a_pair_compensated_most=lambda: _pair(
-        _moved(_alone(10 * WEIGHT) * APART), **MADE_UP | {"compensation_rest": [[99.0] * 3] * 2}
+        _moved(_alone(10 * WEIGHT) * APART), conduction=SOLVED, **MADE_UP | {"compensation_rest": [[99.0] * 3] * 2}
     ),
 )
 
@@ -313,7 +301,6 @@ closed_form("heat.one_sided", each_by_itself_by_poly6=lambda: _pair(_each_by_its
 # Conductivities below 1 W/(m K), a tenth of the pair's: the harmonic mean of 0.3 and 0.1 is 0.15.
 
 POOR = 0.1 * CONDUCTIVITY
-SOLVED = _conduction_of(tolerance=1e-14)  # so that Chebyshev's iteration is backward Euler
 closed_form("heat.explicit", a_poor_conductor_forward=lambda: _pair(_moved(0.1 * WEIGHT * APART), conductivity=POOR))
 closed_form(
     "heat.chebyshev",
@@ -340,7 +327,7 @@ def _molten(heat, **more):
 
 # H += E/m, E = g (T_2 - T_1), and over 1 + g (1/C_1 + 1/C_2); T(H) is constant from 0 to the latent heat
 closed_form("heat.explicit", ice_forward=lambda: _molten(-WEIGHT * APART))
-closed_form("heat.conjugate_gradient", ice_backward=lambda: _molten(-_alone() * APART))
+closed_form("heat.chebyshev", ice_backward=lambda: _molten(-_alone() * APART, conduction=SOLVED))
 closed_form(  # RKL1 with one stage, which s_max < 1 allows, is forward Euler
     "heat.runge_kutta_legendre", ice_by_one_stage=lambda: _molten(-WEIGHT / 2 * APART, timestep=np.array([0.7, 0.25]))
 )
@@ -369,22 +356,6 @@ closed_form(
     volume_of_two=lambda: Exact(PAIR, {"mass": [2.0, 3.0], "density": [1000.0, 500.0]}, {"volume": [0.002, 0.006]}),
 )
 UNIT = 32 * math.pi / 45  # factor with which g = V_1 V_2 2 k dt/2 for particles 1 m apart
-
-
-@closed_form("heat.conjugate_gradient")
-def a_row_after_two_passes():
-    """Three particles with C = 1 J/K, g = 1 J/K between neighbours: 1, 0 and 0 degrees become 5/8, 1/4 and 1/8.
-
-    Two passes solve for the two modes of a difference. After the first the residual is sqrt(3)/7 = 0.247, above 0.1.
-    """
-    row = at("heat_row", np.eye(3)[[1]] * np.arange(3)[:, None])
-    inputs = _given(
-        **dict.fromkeys(("mass", "volume", "heat_capacity", "conductivity"), np.ones(3)),
-        timestep=[2.0, 1.0],
-        temperature=[1.0, 0.0, 0.0],
-        conduction=conduction_group(row.grid("float64"), factor=UNIT, residual=0.1),
-    )
-    return Exact(row, inputs, {"temperature": np.array([5.0, 2.0, 1.0]) / 8})
 
 
 @closed_form("heat.explicit")

@@ -1,7 +1,7 @@
 """What one neighbour and one particle do in heat conduction.
 
 An exchange is a pair (i, j) within the support radius with its weight g = dt G_ij [J/K]; `schemes` says in which order
-the kernels are launched, `reductions` finds the exchanges and the sums over all particles.
+the kernels are launched, `weights` finds the exchanges.
 """
 
 import numpy as np
@@ -273,12 +273,6 @@ def take_up(i, start, substance, enthalpy, temperature):
 def copy(i, values, target):
     """target = values."""
     target[i] = values[i]
-
-
-@kernel
-def add(i, change, values):
-    """values += change."""
-    values[i] += change[i]
 
 
 @kernel

@@ -246,14 +246,11 @@ def _side(rows, temperature, inverse):
 def chebyshev(body: Body, melting: Melting, step: Step, enthalpy, temperature):
     """CHEB: backward Euler (C + dt A) T = C T^n by n steps of Chebyshev's iteration [degrees C].
 
-    Written as corrections d of a residual r [K]. Beyond `most_passes` steps a truncated iteration may overshoot: then
-    solved to the end (as by conjugate gradients).
+    Written as corrections d of a residual r [K].
     """
     pairs, (start,) = Exchanges(body, step), _f(temperature)
     s = pairs.largest()
     passes = ref.passes(s, float(step.conduction.tolerance)) if s > 0 else 0
-    if passes > step.conduction.most_passes:
-        return conjugate_gradient(body, melting, step, enthalpy, temperature)
     t, r, ratio = start, pairs.change(start), s / (1 + s)
     d = r / (1 + s)
     for k in range(passes):
@@ -263,19 +260,6 @@ def chebyshev(body: Body, melting: Melting, step: Step, enthalpy, temperature):
             d, ratio = ref.next_correction(d, r, ratio, s)
     size = pairs.size(start, t, passes=passes)
     return _after(t - start, start, size, enthalpy, body.heat_capacity, melting)
-
-
-@_scheme(
-    "backward Euler, of which (4) is one pair (PCG)", tolerance=4.0, reason=f"{_REASON}; the residual of the solution"
-)
-def conjugate_gradient(body: Body, melting: Melting, step: Step, enthalpy, temperature):
-    """PCG: backward Euler (C + dt A) T = C T^n, solved to the end, by elimination. [degrees C]"""
-    pairs, (start,) = Exchanges(body, step), _f(temperature)
-    matrix = np.diag(1 + pairs.inverse * pairs.sum(pairs.weight))
-    matrix[pairs.i, pairs.j] = -pairs.inverse[pairs.i] * pairs.weight
-    change = np.linalg.solve(matrix, pairs.change(start))
-    size = pairs.size(start, start + change, passes=20)
-    return _after(change, start, size, enthalpy, body.heat_capacity, melting)
 
 
 @_scheme("RKL2; RKL1 with latent heat", paper="Meyer, Balsara & Aslam 2014")

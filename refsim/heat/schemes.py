@@ -2,23 +2,18 @@
 
 import numpy as np
 
-from refsim.heat import kernels, reductions, stages
+from refsim.heat import kernels, stages, weights
 from refsim.heat.operations import Body, Melting, Step
 from refsim.heat.shapes import ONE_ROUND, ROUNDS, Places, StageState, Substance, Tensors
 
 
-def reduced(scratch):
-    """(weigh_exchanges, update_direction, update_solution) of `reductions`, on the backend of the scratch memory."""
-    if scratch.backend.name != "cuda":
-        return reductions.weigh_exchanges, reductions.update_direction, reductions.update_solution
-    from refsim.heat import reductions_cuda  # loads numba.cuda
-
-    return reductions_cuda.weigh_exchanges, reductions_cuda.update_direction, reductions_cuda.update_solution
-
-
 def weighed(body, neighbours, step, scratch, temperature=None):
-    """As `reductions.weigh_exchanges`, on the backend of the scratch memory."""
-    return reduced(scratch)[0](body, neighbours, step, scratch, temperature)
+    """As `weights.weigh_exchanges`, on the backend of the scratch memory."""
+    if scratch.backend.name != "cuda":
+        return weights.weigh_exchanges(body, neighbours, step, scratch, temperature)
+    from refsim.heat import weights_cuda  # loads numba.cuda
+
+    return weights_cuda.weigh_exchanges(body, neighbours, step, scratch, temperature)
 
 
 def compensation(
@@ -35,15 +30,15 @@ def compensation(
     host = scratch.backend.name != "cuda"  # a GPU decides by itself
     if host and not rounds.any():
         return
-    weights = tuple(real.type(weight or ONE_ROUND) for weight in ROUNDS)
-    kernels.compensate(rounds, np.int32(0), weights[0], places, neighbours, given, *made)
+    shares = tuple(real.type(weight or ONE_ROUND) for weight in ROUNDS)
+    kernels.compensate(rounds, np.int32(0), shares[0], places, neighbours, given, *made)
     kernels.take_over(rounds, made, *given)
     if not host:
-        from refsim.heat import reductions_cuda
+        from refsim.heat import weights_cuda
 
-        reductions_cuda.start_anew(rounds, weights[1:], places, neighbours, given, made)
+        weights_cuda.start_anew(rounds, shares[1:], places, neighbours, given, made)
     elif rounds[1]:
-        for k, weight in enumerate(weights[1:], 1):  # an even number: the last one writes where the first has read
+        for k, weight in enumerate(shares[1:], 1):  # an even number: the last one writes where the first has read
             kernels.compensate(rounds, np.int32(k), weight, places, neighbours, given, *made)
             given, made = made, given
 
@@ -104,12 +99,12 @@ def substance_of(body, melting):
 
 
 def known(largest, enthalpy, temperature, scratch):
-    """The largest s_i on the host; None if it is not finite.
+    """The largest s_i on the host; None if it is not finite, or beyond every step that a scene may take.
 
     The solver couples all particles, so no temperature is valid then: all are set to NaN.
     """
     most = float(scratch.host(largest)[0])
-    if most < np.inf:
+    if most < stages.LARGEST_SUM:
         return most
     scratch.backend.assign(temperature, np.nan)
     if enthalpy is not None:
@@ -135,65 +130,22 @@ def one_sided(body: Body, neighbours, step: Step, scratch, temperature):
 
 
 def chebyshev(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
-    """Backward Euler by Chebyshev's iteration; by conjugate gradients if that would take too many passes."""
-    backward_euler(body, melting, neighbours, step, scratch, enthalpy, temperature, int(step.conduction.most_passes))
-
-
-def conjugate_gradient(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
-    """Backward Euler by conjugate gradients."""
-    backward_euler(body, melting, neighbours, step, scratch, enthalpy, temperature, 0)
-
-
-def backward_euler(body, melting, neighbours, step, scratch, enthalpy, temperature, most_passes):
-    """By so many passes of Chebyshev's iteration at most, else by conjugate gradients; Chernoff's with latent heat.
+    """Backward Euler by Chebyshev's iteration; Chernoff's formula with latent heat.
 
     With `planned_passes` a GPU finds the number of passes itself, so that a step waits for nothing.
     """
     exchanges, inverse, largest, flow = weighed(body, neighbours, step, scratch, temperature)
     start = None if enthalpy is None else copied(temperature, "heat start", scratch)
-    if most_passes and step.conduction.planned_passes and scratch.backend.name == "cuda":
-        passes = int(step.conduction.planned_passes)
-    else:
+    passes = int(step.conduction.planned_passes)
+    if not passes or scratch.backend.name != "cuda":
         most = known(largest, enthalpy, temperature, scratch)
         if most is None:
             return
         passes = max(1, stages.chebyshev_passes(most, float(step.conduction.tolerance)))
-    if passes > most_passes:
-        solve(exchanges, inverse, flow, step.conduction, scratch, temperature)
-    else:
-        plan = planned(passes, largest, step.conduction, scratch, temperature.dtype)
-        run_stages(plan, exchanges, inverse, flow, None, scratch, None, temperature)
+    plan = planned(passes, largest, step.conduction, scratch, temperature.dtype)
+    run_stages(plan, exchanges, inverse, flow, None, scratch, None, temperature)
     if enthalpy is not None:
         kernels.take_up(start, substance_of(body, melting), enthalpy, temperature)
-
-
-def solve(exchanges, inverse, residual, conduction, scratch, temperature):
-    """Conjugate gradients, scaled by C, for the change of the temperatures; the residual is the flow at the start [J].
-
-    Every direction is a polynomial in A/C of the old temperatures, so that sum C T is kept without a correction.
-    """
-    n, real = temperature.shape[0], temperature.dtype
-    names = ("gradient", "direction", "next_direction", "image", "solution")
-    gradient, direction, next_direction, image, solution = (scratch.array(f"heat {k}", n, real) for k in names)
-    dots = scratch.array("heat dots", 3, np.float64)
-    every = 8 if scratch.backend.name == "cuda" else 1  # passes between looks at the residual, which a GPU waits for
-    _, update_direction, update_solution = reduced(scratch)
-    for array in (direction, image, solution, dots):
-        scratch.backend.assign(array, 0)
-    update_solution(inverse, direction, image, dots, solution, residual, gradient, scratch)
-    first, passes = None, 1
-    while True:
-        update_direction(exchanges, inverse, gradient, dots, direction, next_direction, image, scratch)
-        direction, next_direction = next_direction, direction
-        update_solution(inverse, direction, image, dots, solution, residual, gradient, scratch)
-        passes += 1
-        if first is None or passes % every == 0:
-            now, _, before = (float(v) for v in scratch.host(dots))
-            first = before if first is None else first
-            enough = float(conduction.residual) ** 2 * first
-            if not now > enough or passes > stages.MOST_CONJUGATE_PASSES:
-                break
-    kernels.add(solution, temperature)
 
 
 def runge_kutta_legendre(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):

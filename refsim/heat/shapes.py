@@ -38,13 +38,11 @@ class Conduction(NamedTuple):
     scale: float  # d^(2 dim) times the coefficient of l(q) in L_ij [m^(dim - 2)]
     factor: float  # calibration of L_ij, or 1/2 (Shao & Song M6); a factor of `scale`
     tolerance: float = 4e-3  # of Chebyshev's iteration
-    residual: float = 1e-3  # of conjugate gradients, against the first one
     sweep_share: float = 0.5  # of dt in each sweep of M(4) (Shao & Song M8)
     laplacian: int = 0  # SPIKY, MUELLER or POLY6 (Shao & Song M5)
     harmonic: int = 1  # mean of two conductivities: harmonic, else arithmetic
     unit_capacity: int = 0  # the conductivity is a diffusivity (Shao & Song M11)
     frozen: int = 0  # T_j - T_i before the sweep (Shao & Song M9)
-    most_passes: int = 64  # of Chebyshev's iteration, which overshoots if truncated; beyond, conjugate gradients
     planned_passes: int = 0  # capacity of a GPU's table of passes; 0 if the host finds their number
     dim: int = 3
 

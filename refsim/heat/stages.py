@@ -8,13 +8,15 @@ from collections.abc import Iterator
 from refsim.backends.compile import formula
 from refsim.heat.shapes import Stage
 
+LARGEST_SUM = 1e12  # s_i beyond which no number of passes is found
+
 
 @formula
 def chebyshev_passes(largest_sum: float, tolerance: float) -> int:
     """Passes after which Chebyshev's iteration has shrunk every error by `tolerance`, for eigenvalues 1..1 + 2 s."""
     if not largest_sum > 0.0:
         return 0
-    if not largest_sum < 1e12:  # beyond, every temperature is the mean; or the sum is not finite
+    if not largest_sum < LARGEST_SUM:
         return 1 << 30
     rho = largest_sum / (1.0 + largest_sum)
     sigma = rho / (1.0 + math.sqrt((1.0 + 2.0 * largest_sum) / (1.0 + largest_sum) ** 2))
@@ -51,6 +53,3 @@ def first_legendre_stages(largest_sum: float) -> Iterator[Stage]:
     for j in range(1, number + 1):
         mu, nu = (2 * j - 1) / j, (1 - j) / j
         yield Stage(nu, 0.0, mu * w, 0.0)
-
-
-MOST_CONJUGATE_PASSES = 2000  # beyond which rounding is all that is left to gain

@@ -28,7 +28,6 @@ from refsim.study.runs import Reading, Setting, Watch, kept, kept_or_made, key_o
 from refsim.study.tasks import weighed
 
 KNOBS = ("spacing", "support", "step", "precision", "tolerance", "backend", "effects")
-TOLERANCES = ("tolerance", "residual")  # parameters of effects that end an iteration
 TIGHTER = 10.0
 WIDER = 1.25  # of the support radius, at the same spacing
 Say = Callable[[str], None]
@@ -127,10 +126,10 @@ def _changes(
         other = "float64" if scene.dtype == "float32" else "float32"
         yield "precision", other, changed(scene, dtype=other), backend
     for k, effect in enumerate(scene.effects) if "tolerance" in knobs else ():
-        given = {name: getattr(effect, name, None) for name in TOLERANCES}
-        for name, value in ((n, v / TIGHTER) for n, v in given.items() if isinstance(v, float) and v > 0):
-            effects = (*scene.effects[:k], changed(effect, **{name: value}), *scene.effects[k + 1 :])
-            yield "tolerance", f"{effect.name}: {name} {value:g}", changed(scene, effects=effects), backend
+        if isinstance(value := getattr(effect, "tolerance", None), float) and value > 0:
+            tighter = value / TIGHTER
+            effects = (*scene.effects[:k], changed(effect, tolerance=tighter), *scene.effects[k + 1 :])
+            yield "tolerance", f"{effect.name}: tolerance {tighter:g}", changed(scene, effects=effects), backend
     for name in (n for n in ("cpu", "cuda") if "backend" in knobs and n != backend):
         if (reason := unavailable(name)) is None:
             yield "backend", name, scene, name

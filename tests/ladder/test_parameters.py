@@ -409,9 +409,9 @@ def heat(dim, name="spiky", factor=None, planned=None, largest=10.0, **changes):
     passes = math.ceil(math.log(tolerance / 2) / math.log(rho / (1 + math.sqrt(1 - rho**2))))
     group = {
         "support_radius": H, "inverse_radius": 1 / H, "inverse_volume": 1 / D**dim,
-        "scale": factor * float(half) / profile * D ** (2 * dim), "factor": factor, "tolerance": 4e-3, "residual": 1e-3,
-        "sweep_share": 0.5, "laplacian": number, "harmonic": 1, "unit_capacity": 0, "frozen": 0, "most_passes": 64,
-        "planned_passes": min(64, passes) if planned is None else planned, "dim": dim,
+        "scale": factor * float(half) / profile * D ** (2 * dim), "factor": factor, "tolerance": 4e-3,
+        "sweep_share": 0.5, "laplacian": number, "harmonic": 1, "unit_capacity": 0, "frozen": 0,
+        "planned_passes": passes if planned is None else planned, "dim": dim,
     }  # fmt: skip
     return {"conduction": group | changes}
 

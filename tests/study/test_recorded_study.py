@@ -189,9 +189,9 @@ def test_a_value_is_reached_between_two_looks():
 
 def test_tolerances_end_an_iteration_and_a_scene_that_cannot_be_planned_takes_no_seconds():
     settings = importlib.import_module("refsim.study")._settings  # refsim.study is a function, too
-    heat = rs.HeatConduction(temperature=(1.0,), conductivity=1.0, heat_capacity=1.0, tolerance=0.1, residual=0.2)
+    heat = rs.HeatConduction(temperature=(1.0,), conductivity=1.0, heat_capacity=1.0, tolerance=0.1)
     effects = (*tank().effects[:2], rs.ImplicitPressure(tolerance=0.002), heat)
-    expected = [(2, "tolerance", 0.002), (3, "tolerance", 0.1), (3, "residual", 0.2)]
+    expected = [(2, "tolerance", 0.002), (3, "tolerance", 0.1)]
     made = [settings(tank(effects=e), None, (), ("tolerance",), (), "numpy", []) for e in (effects, tank().effects)]
     labels = [f"{effects[k].name}: {name} {value / 10:g}" for k, name, value in expected]
     assert [[setting.label for setting in each] for each in made] == [labels, []]

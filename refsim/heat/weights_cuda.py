@@ -1,7 +1,4 @@
-"""The weights of all pairs and sums over all particles on a GPU: a tree in each block, then one over the blocks.
-
-Sums are taken in float64, in an order that does not change, so that results repeat bit for bit.
-"""
+"""The weights of all pairs and the largest sum of them on a GPU, and the first rounds of a compensation."""
 
 import math
 
@@ -9,9 +6,8 @@ import numpy as np
 
 from refsim.backends import device
 from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel, formula
-from refsim.backends.primitives import four_of, largest_of_block, sum_of_block, wait_for_all
+from refsim.backends.primitives import four_of, largest_of_block, wait_for_all
 from refsim.heat.kernels import compensate_one, factor_in, inverse_capacity, weight_at
-from refsim.heat.reductions import flow_along, new_direction, new_solution, step_ratio
 from refsim.heat.shapes import ExchangeColumns
 from refsim.neighbours.formulas import to_nearest_image
 from refsim.neighbours.rows import over_lanes, row_of
@@ -92,73 +88,6 @@ def exchange_weights(placed, conductor, step, temperature, exchanges, inverse, l
     most = largest_of_block(shared, diagonal)
     if cuda.threadIdx.x == 0:
         cuda.atomic.max(largest, 0, most)
-
-
-def update_direction(exchanges, inverse, gradient, dots, old, direction, image, scratch):
-    """p = z + beta p_before, A p and p A p."""
-    partial = _partial_sums(direction.shape[0] * len(exchanges.lanes), "heat partial turn", scratch)
-    direction_blocks(exchanges, inverse, gradient, dots, old, image, partial, direction)
-    add_up(partial, np.int32(1), scratch.array("heat one", 1, np.int32), dots)
-
-
-def update_solution(inverse, direction, image, dots, solution, residual, gradient, scratch):
-    """x += alpha p, r -= alpha A p, z = r/C and r z."""
-    partial = _partial_sums(direction.shape[0], "heat partial", scratch)
-    solution_blocks(inverse, direction, image, dots, residual, gradient, partial, solution)
-    add_up(partial, np.int32(0), scratch.array("heat one", 1, np.int32), dots)
-
-
-def _partial_sums(threads, name, scratch):
-    """An entry for each block of so many threads."""
-    return scratch.array(name, (threads + solution_blocks.threads - 1) // solution_blocks.threads, np.float64)
-
-
-@cuda_kernel(lanes="exchanges")
-def direction_blocks(exchanges, inverse, gradient, dots, old, image, partial, direction):
-    """p = z + beta p_before [K], A p [J], and p A p of each block."""
-    lanes = len(exchanges.lanes)
-    i, lane = cuda.grid(1) // lanes, cuda.grid(1) % lanes
-    total = 0.0
-    if i < direction.shape[0]:
-        share = step_ratio(dots[0], dots[2], direction.dtype.type)
-        direction_i = gradient[i] + share * old[i]
-        flow = flow_along(i, (lane, lanes), gradient, old, share, exchanges)
-        if lane == 0:
-            total = new_direction(i, direction_i, flow, inverse, direction, image)
-    shared = cuda.shared.array(THREADS_PER_BLOCK, np.float64)
-    whole = sum_of_block(shared, total)
-    if cuda.threadIdx.x == 0:
-        partial[cuda.blockIdx.x] = whole
-
-
-@cuda_kernel
-def solution_blocks(inverse, direction, image, dots, residual, gradient, partial, solution):
-    """x += alpha p, r -= alpha A p, z = r/C [K; J; K], and r z of each block."""
-    i = cuda.grid(1)
-    total = 0.0
-    if i < solution.shape[0]:
-        length = step_ratio(dots[0], dots[1], solution.dtype.type)
-        total = new_solution(i, length, inverse, direction, image, solution, residual, gradient)
-    shared = cuda.shared.array(THREADS_PER_BLOCK, np.float64)
-    whole = sum_of_block(shared, total)
-    if cuda.threadIdx.x == 0:
-        partial[cuda.blockIdx.x] = whole
-
-
-@cuda_kernel(rows_of="one", block_for_each_row=True)
-def add_up(partial, target, one, dots):
-    """dots[target] = sum of `partial`; dots[0], if it is that, goes to dots[2] before. One block."""
-    total = 0.0
-    k = cuda.threadIdx.x
-    while k < partial.shape[0]:
-        total += partial[k]
-        k += cuda.blockDim.x
-    shared = cuda.shared.array(THREADS_PER_BLOCK, np.float64)
-    whole = sum_of_block(shared, total)
-    if cuda.threadIdx.x == 0:
-        if target == 0:
-            dots[2] = dots[0]
-        dots[target] = whole
 
 
 @cuda_kernel(resident=True)

@@ -1,4 +1,4 @@
-"""The exchanges of all particles and sums over all particles on a CPU; `reductions_cuda` does the same on a GPU.
+"""The exchanges of all particles on a CPU; `weights_cuda` finds them on a GPU.
 
 The neighbour list reaches further than the support radius: a CPU keeps a list of its own of the pairs within it.
 """
@@ -15,7 +15,6 @@ from refsim.heat.formulas import missing_factor
 from refsim.heat.kernels import flow_to, inverse_capacity, weight_at
 from refsim.heat.shapes import ExchangeRows
 from refsim.neighbours.formulas import to_nearest_image
-from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import row_of
 
 
@@ -111,83 +110,3 @@ def exchange_weights(chunk, conductor, neighbours, step, exchanges, inverse, par
 def flow(i, exchanges, temperature, flow):
     """dt Q_i = sum_j g (T_j - T_i) [J]."""
     flow[i] = flow_to(i, None, temperature[i], temperature, exchanges)
-
-
-# Conjugate gradients; dots (3,): r z of this pass, p A p, r z of the pass before; all in float64
-
-
-@formula
-def step_ratio(above, below, real):
-    """Quotient of two dots as `real`; 0 where the divisor is."""
-    return real(above / below) if below > 0 else real(0)
-
-
-@pair
-def flow_along_pair(weight_ij, gradient_j, direction_j, share, own):
-    """g (p_j - p_i) [J], p_i = `own`."""
-    return weight_ij * (gradient_j + share * direction_j - own)
-
-
-@formula
-def flow_along(i, lane, gradient, direction, share, exchanges):
-    """sum_j g (p_j - p_i) [J] for the new direction p = z + share * p_before [K]."""
-    direction_i = gradient[i] + share * direction[i]
-    return neighbour_sum(flow_along_pair, i, lane, exchanges, None, None, gradient, direction, share, direction_i)
-
-
-@formula
-def new_direction(i, direction_i, flow, inverse, direction, image):
-    """Write p and A p = C p - sum_j g (p_j - p_i) [K; J] of particle i; p A p. A p is 0 for a reservoir, where p is."""
-    real = type(direction_i)
-    through = real(0)
-    if inverse[i] > real(0):
-        through = direction_i / inverse[i] - flow
-    direction[i], image[i] = direction_i, through
-    return np.float64(direction_i) * np.float64(through)
-
-
-@formula
-def new_solution(i, length, inverse, direction, image, solution, residual, gradient):
-    """x += alpha p, r -= alpha A p, z = r/C of particle i [K; J; K]; r z."""
-    solution[i] += length * direction[i]
-    residual[i] -= length * image[i]
-    gradient[i] = inverse[i] * residual[i]
-    return np.float64(residual[i]) * np.float64(gradient[i])
-
-
-def update_direction(exchanges, inverse, gradient, dots, old, direction, image, scratch):
-    """p = z + beta p_before, A p and p A p."""
-    partial = scratch.array("heat partial", CHUNKS, np.float64)
-    direction_chunk(exchanges, inverse, gradient, dots, old, direction, image, partial)
-    dots[1] = partial.sum()
-
-
-def update_solution(inverse, direction, image, dots, solution, residual, gradient, scratch):
-    """x += alpha p, r -= alpha A p, z = r/C and r z."""
-    partial = scratch.array("heat partial", CHUNKS, np.float64)
-    solution_chunk(inverse, direction, image, dots, solution, residual, gradient, partial)
-    dots[2], dots[0] = dots[0], partial.sum()
-
-
-@kernel
-def direction_chunk(chunk, exchanges, inverse, gradient, dots, old, direction, image, partial):
-    """p = z + beta p_before [K], A p [J], and p A p, of a chunk."""
-    share = step_ratio(dots[0], dots[2], direction.dtype.type)
-    begin, end = limits(chunk, direction.shape[0])
-    total = 0.0
-    for i in range(begin, end):
-        direction_i = gradient[i] + share * old[i]
-        flow = flow_along(i, None, gradient, old, share, exchanges)
-        total += new_direction(i, direction_i, flow, inverse, direction, image)
-    partial[chunk] = total
-
-
-@kernel
-def solution_chunk(chunk, inverse, direction, image, dots, solution, residual, gradient, partial):
-    """x += alpha p, r -= alpha A p, z = r/C [K; J; K], and r z, of a chunk."""
-    length = step_ratio(dots[0], dots[1], direction.dtype.type)
-    begin, end = limits(chunk, direction.shape[0])
-    total = 0.0
-    for i in range(begin, end):
-        total += new_solution(i, length, inverse, direction, image, solution, residual, gradient)
-    partial[chunk] = total
