@@ -32,7 +32,6 @@ BEYOND = {"implicit": 0.1, "runge_kutta_legendre": 1.0}
 BEYOND_OTHERS, BEYOND_LITERAL = 0.01, 1.0  # schemes that keep the range to rounding; printed ones that do not
 ROUNDINGS = 4096  # of the largest temperature, by which a run may leave the range
 ANY_TEMPERATURE = 1e30  # [deg C] if another effect heats
-MOST_MUELLER = 2.3  # h/d up to which rods of any thickness conduct within 1.2 % of k with Mueller's Laplacian in space
 CROWDED = 3.0  # largest s_i over that of the lattice for which a GPU has enough passes
 TEMPERATURE = Field("temperature", "deg C", "temperature T", state=True)
 ENTHALPY = Field("enthalpy", "J/kg", "specific enthalpy H, 0 for solid at the melting point", state=True)
@@ -72,18 +71,15 @@ class HeatConduction(
     largest_number  k dt/(rho c d^2) that a step may reach; it limits the step, a fixed one must keep to it; "explicit"
                    and "runge_kutta_legendre" with latent heat are also limited by the particles' own sums s_i
     mean           "harmonic" or "arithmetic" (as in M(4)) mean of two conductivities
-    laplacian      "spiky" (-W'/r) or "mueller" (the viscosity kernel's Laplacian, halved)
-    calibrated     scale so that the lattice conducts with k exactly, and each pair so that a thin body does, too
     tolerance      share of its error that Chebyshev's iteration leaves
     largest_drift  share of the heat that can be exchanged by which the total may change before the run stops as
                    `heat_lost`, if nothing enters or leaves; 0 for any ("one_sided" loses heat by design)
     literal        readings of Shao & Song: misprints "M5" (Laplacian of poly6, negative for near pairs), "M9"
-                   (temperature differences before the sweep); their own choices "M6" (Mueller's Laplacian not halved,
-                   twice the diffusivity), "M8" (both sweeps of M(4) over the whole step), "M11" (conductivity is a
-                   diffusivity [m^2/s], no heat capacity), "M26" (nothing makes up for neighbours that are missing, as
-                   always with scheme "one_sided"); "paper" for their own choices, with scheme
-                   "one_sided", laplacian "mueller", the arithmetic mean, nothing calibrated and any drift of the heat;
-                   "all" for every printed text
+                   (temperature differences before the sweep); their own choices "M6" (Laplacian of the viscosity
+                   kernel, not halved: twice the diffusivity), "M8" (both sweeps of M(4) over the whole step), "M11"
+                   (conductivity is a diffusivity [m^2/s], no heat capacity), "M26" (nothing makes up for neighbours
+                   that are missing, as always with scheme "one_sided"); "paper" for their own choices, with scheme
+                   "one_sided", the arithmetic mean and any drift of the heat; "all" for every printed text
     """
 
     name: ClassVar[str] = "heat_conduction"
@@ -101,9 +97,7 @@ class HeatConduction(
     source: ClassVar[str] = "Shao & Song"
     errata: ClassVar[tuple[str, ...]] = ("M5", "M6", "M8", "M9", "M11", "M26")
     improvements: ClassVar[tuple[str, ...]] = ("M6", "M8", "M11", "M26")
-    paper: ClassVar[Mapping[str, Any]] = {
-        "scheme": "one_sided", "laplacian": "mueller", "mean": "arithmetic", "calibrated": False, "largest_drift": 0.0,
-    }  # fmt: skip
+    paper: ClassVar[Mapping[str, Any]] = {"scheme": "one_sided", "mean": "arithmetic", "largest_drift": 0.0}
 
     temperature: PerPart = 20.0
     conductivity: PerPart = 0.6
@@ -115,8 +109,6 @@ class HeatConduction(
     scheme: Literal["implicit", "runge_kutta_legendre", "one_sided", "explicit"] = "implicit"
     largest_number: Positive = 10.0
     mean: Literal["harmonic", "arithmetic"] = "harmonic"
-    laplacian: Literal["spiky", "mueller"] = "spiky"
-    calibrated: bool = True
     tolerance: Positive = 4e-3
     largest_drift: NotNegative = 0.01
     literal: Printed = ()
@@ -141,8 +133,7 @@ class HeatConduction(
     @property
     def compensates(self) -> bool:
         """Whether pairs make up for neighbours that are missing."""
-        plain = not self.calibrated or self.scheme == "one_sided"
-        return self.conducts and not plain and not self.printed() & {"M5", "M6", "M26"}
+        return self.conducts and self.scheme != "one_sided" and not self.printed() & {"M5", "M6", "M26"}
 
     def operation(self) -> str:
         """Name of the operation that is one step of the scheme."""
@@ -305,11 +296,10 @@ class HeatConduction(
     def conduction(self, grid: Discretisation) -> shapes.Conduction:
         """How pairs exchange heat, as the kernels take it."""
         printed = self.printed()
-        given = shapes.MUELLER if self.laplacian == "mueller" else shapes.SPIKY
-        laplacian = shapes.POLY6 if "M5" in printed else given
-        factor = 1.0 if laplacian == shapes.SPIKY or "M6" in printed else 0.5
-        if self.calibrated and not printed & {"M5", "M6"}:
-            factor = 1 / shapes.lattice_moment(laplacian, grid.support_radius, grid.spacing, grid.dim)
+        laplacian, factor = shapes.SPIKY, 1 / shapes.lattice_moment(grid.support_radius, grid.spacing, grid.dim)
+        if printed & {"M5", "M6"}:
+            laplacian = shapes.POLY6 if "M5" in printed else shapes.MUELLER
+            factor = 1.0 if "M6" in printed else 0.5
         return shapes.conduction_group(
             grid, laplacian=laplacian, factor=factor, tolerance=self.tolerance,
             sweep_share=1.0 if "M8" in printed else 0.5, harmonic=self.mean == "harmonic",
@@ -353,12 +343,6 @@ class HeatConduction(
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         limits, made = self.step_limits(grid, others), []
-        wide = grid.support_radius > MOST_MUELLER * grid.spacing
-        if self.compensates and self.laplacian == "mueller" and grid.dim == 3 and wide:
-            made.append(
-                f"{self.name}: with laplacian = 'mueller' rods of 2 x 2 and 3 x 2 particles conduct up to 21 % too"
-                f" strongly at h above {MOST_MUELLER:g} d; take 'spiky'"
-            )
         if "exchange" in limits:
             end = "limit 'exchange' shortens the step"
             if grid.step > 0:

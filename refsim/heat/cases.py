@@ -69,10 +69,8 @@ groups(temperature_range=lambda case, grid: np.array([-1.5, 6.25] if case.count 
 
 @groups("conduction")
 def _conduction(case, grid):
-    literal = ("M6", "M8", "M9", "M11") if case.literal else ()
-    laplacian = "mueller" if case.kernels == "mueller" else "spiky"
-    mean = "arithmetic" if case.clamp else "harmonic"
-    effect = HeatConduction(literal=literal, laplacian=laplacian, mean=mean)
+    literal = ("M8", "M9", "M11") * case.literal + ("M6",) * (case.literal or case.kernels == "mueller")
+    effect = HeatConduction(literal=literal, mean="arithmetic" if case.clamp else "harmonic")
     return {"conduction": effect.conduction(grid)}
 
 

@@ -16,8 +16,8 @@ from refsim.smoothing import lattice_neighbours
 SPIKY, MUELLER, POLY6 = range(3)
 # What makes up for missing neighbours: what is added to a moment before it is inverted, the share by which A is drawn
 # back to that, bounds of a pair's factor, and weights: of the one round of a step, and of those of a start, behind a
-# first that has none those with which strips and rods of 1 to 5 rows are nearest to k (h = 2.1 to 3.2 d: within 0.7 %,
-# but for rods with Mueller's; Chebyshev's for eigenvalues from 0.3 to 1, one factor after the other: 4.2 %)
+# first that has none those with which strips and rods of 1 to 5 rows are nearest to k (h = 2.1 to 3.2 d: within 0.7 %;
+# Chebyshev's for eigenvalues from 0.3 to 1, one factor after the other: 4.2 %)
 FLOOR, DRAWN_BACK, LEAST_FACTOR, LARGEST_FACTOR, ONE_ROUND = 0.05, 0.01, 0.1, 10.0, 1.5
 SMALLEST = 1e-37  # [m^2] which keeps coincident particles from a division by zero
 ROUNDS = 0.0, 1.1, 3.3, 1.3, 1.8
@@ -65,9 +65,9 @@ Stage = namedtuple("Stage", "before start flow flow_start")
 
 
 @functools.lru_cache(maxsize=64)
-def lattice_moment(laplacian: int, support_radius: float, spacing: float, dim: int) -> float:
-    """Sum over the infinite lattice of V_j L_ij r^2/dim: 1 for a consistent L_ij, 2 for Mueller's. Dimensionless."""
-    q, weight = _lattice_weights(laplacian, support_radius, spacing, dim)
+def lattice_moment(support_radius: float, spacing: float, dim: int) -> float:
+    """Sum over the infinite lattice of V_j L_ij r^2/dim: 1 for a consistent L_ij. Dimensionless."""
+    q, weight = _lattice_weights(SPIKY, support_radius, spacing, dim)
     return float((weight * q**2).sum() / dim) * (support_radius / spacing) ** 2
 
 

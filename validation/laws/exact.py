@@ -114,8 +114,7 @@ def strip(drawn: Drawn, backend: str) -> Found:
     rate = (2 / d * math.sin(math.pi / 64)) ** 2 * diffusivity  # that of the chain of cells
     scheme = str(random.choice(["implicit", "runge_kutta_legendre", "explicit"]))
     conduction = HeatConduction(
-        conductivity=k, heat_capacity=capacity, density=rho, temperature=0.0, scheme=scheme, tolerance=1e-4,
-        laplacian=str(random.choice(["spiky", "mueller"])) if dim == 2 or h < 2.3 else "spiky",
+        conductivity=k, heat_capacity=capacity, density=rho, temperature=0.0, scheme=scheme, tolerance=1e-4
     )  # fmt: skip
     share = 0.002 if scheme == "explicit" else float(random.choice([0.002, 0.02]))
     part, period = Box(cells=(along, *across, 1)[:3]), ((halves - 1) * along * d, 0.0, 0.0)
