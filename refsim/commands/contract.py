@@ -15,7 +15,6 @@ from refsim.commands import CommandResult, command, in_time, table, takes
 from refsim.core.errors import InputError
 from refsim.core.operation import BACKENDS, REGISTRY
 from refsim.core.terminal import say, wanted
-from refsim.core.writing import write_file
 
 WITHIN = 3.0  # widths of three runs of refsim; default of --within
 REPLAYED = "replay.npz"  # what --replay writes, in the current folder
@@ -64,9 +63,6 @@ DESCRIPTION = (
 @takes("--replay", metavar="TRIAL",
        help="run one trial by the name that a report gives, or by the file of a drawn input that failed, and write"
             f" its inputs and answers into {REPLAYED}")  # fmt: skip
-@takes("--junit", metavar="FILE", help="write the outcomes as JUnit's XML, too, for CI servers")
-@takes("--known-failures", metavar="FILE",
-       help="trials that may fail, a name of a report in each line; one that passes fails the verdict")  # fmt: skip
 @takes("-j", "--jobs", type=int, metavar="N", help="processes that share the operations (1; 2 for refsim's own)")
 @takes("--guide", action="store_true", help="judge nothing; print how to bring your own code")
 def execute(options: argparse.Namespace) -> CommandResult:
@@ -121,35 +117,13 @@ def _judged(request: Any, options: argparse.Namespace) -> CommandResult:
         outcomes_of[outcome.operation].append(outcome)
     if request.replay and not any(outcomes_of.values()):
         raise InputError(f"--replay {request.replay}: {about.name} has no such trial; take a name that --json gives.")
-    mended = _excused(options.known_failures, outcomes_of) if options.known_failures else []
     data = report.report(about, request, outcomes_of, time.perf_counter() - began)
     text = report.text(data, outcomes_of)
-    if mended:
-        data["holds"] = False
-        text += f"\n{options.known_failures} names trials that pass; take them out: {', '.join(mended)}."
-    if options.junit:
-        write_file(options.junit, report.junit(data, outcomes_of))
     if request.replay:
         (outcome,) = (o for outcomes in outcomes_of.values() for o in outcomes)
         data, text = {"outcome": dataclasses.asdict(outcome), "inputs": REPLAYED}, f"{outcome}\nInputs: {REPLAYED}."
         return CommandResult(data, text, 0 if outcome.passed else 4)
     return CommandResult(data, text, 0 if data["holds"] else 4)
-
-
-def _excused(file: str, outcomes_of: dict[str, list[Any]]) -> list[str]:
-    """Known failures of a file become trials that are not judged; names of those that pass. InputError without it."""
-    try:
-        lines = Path(file).read_text(encoding="utf-8").splitlines()
-    except (OSError, ValueError) as error:
-        raise InputError(f"--known-failures {file} cannot be read ({error}); give a text file.") from None
-    known = {line.partition("#")[0].strip() for line in lines} - {""}
-    mended = [o.replay for outcomes in outcomes_of.values() for o in outcomes if o.passed and o.replay in known]
-    for outcomes in outcomes_of.values():
-        outcomes[:] = [
-            dataclasses.replace(o, not_judged=f"known failures of {file}", words="")
-            if o.replay in known and not o.passed and not o.not_judged else o for o in outcomes
-        ]  # fmt: skip
-    return mended
 
 
 def _replayed(request: Any, name: str) -> Any:
@@ -175,9 +149,8 @@ MODES = ("run", "export", "template", "header", "arguments", "replay", "guide")
 OF_MODES: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("at", "within", "allow", "chaos_only", "without_sensitivity"), ("run",)),
     "backend": ("run", "arguments", "template"),
-    **dict.fromkeys(("step", "seed", "known_failures", "jobs", "allow_untried"), ("",)),
+    **dict.fromkeys(("step", "seed", "jobs", "allow_untried"), ("",)),
     **dict.fromkeys(("dtype", "variant"), ("", "export")),
-    "junit": ("",),
 }
 
 

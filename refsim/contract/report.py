@@ -5,7 +5,6 @@ import dataclasses
 import itertools
 import math
 import re
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -124,32 +123,6 @@ def _told(alike: Sequence[Outcome]) -> str:
     where = first.replay if first.dtype else f"{first.step} {first.trial}, before the first trial"
     error = "" if not math.isfinite(first.error) else f", {first.error:.3g} of the bound"
     return "\n".join([*lines, f"      {trials}: {where}{error}"])
-
-
-def junit(data: Mapping[str, Any], outcomes_of: Found) -> bytes:
-    """One test suite for each operation, one test case for each trial; what is not judged is skipped, a gap fails."""
-    suites = ElementTree.Element("testsuites", name=f"refsim contract {data['programs']}")
-    for name, outcomes in outcomes_of.items():
-        lacking, allowed = data["operations"][name]["gaps"], data["allow_untried"]
-        suite = ElementTree.SubElement(suites, "testsuite", name=name)
-        for o in outcomes:
-            case = ElementTree.SubElement(suite, "testcase", classname=name, name=o.replay, time=f"{o.seconds:.4f}")
-            if o.not_judged and (allowed or not o.untried):
-                ElementTree.SubElement(case, "skipped", message=o.not_judged)
-            elif not o.passed:
-                ElementTree.SubElement(case, "failure", message=_printable(o.words)).text = _printable(str(o))
-        for lack in lacking:
-            case = ElementTree.SubElement(suite, "testcase", classname=name, name=f"judged: {lack}")
-            ElementTree.SubElement(case, "failure", message=f"declared, and not judged: {lack}")
-        counted = {"tests": "testcase", "failures": "testcase/failure", "skipped": "testcase/skipped"}
-        suite.attrib |= {attribute: str(len(suite.findall(path))) for attribute, path in counted.items()}
-        suite.set("time", f"{sum(o.seconds for o in outcomes):.4f}")
-    ElementTree.indent(suites)
-    return ElementTree.tostring(suites, encoding="utf-8", xml_declaration=True)
-
-
-def _printable(text: str) -> str:
-    return "".join(c if c.isprintable() else " " for c in text)
 
 
 JUDGING = ("T1", "T2", "T3", "T11")  # steps that hold the answer itself to a right one

@@ -79,7 +79,7 @@ def library(tmp_path, monkeypatch):
 def test_the_guide_is_printed_without_a_page(capsys):
     assert main(["contract", "--guide"]) == 0
     out = capsys.readouterr().out
-    for word in ("PROGRAMS", "--template", "--junit", "actions/setup-python", "add_test", "--replay"):
+    for word in ("PROGRAMS", "--template", "actions/setup-python", "add_test", "--replay"):
         assert word in out
 
 
