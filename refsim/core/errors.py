@@ -73,7 +73,7 @@ def refused(error: OSError, what: str = "") -> RefsimError:
     return InputError(f"{at}the system refuses it ({why}); give another path, or correct its rights.")
 
 
-EXTRAS = {"distributed": "cluster", "pandas": "results", "pyvista": "view"}  # package: extra of refsim that has it
+EXTRAS = {"distributed": "cluster", "pyvista": "view"}  # package: extra of refsim that has it
 
 
 def extra(module: str, use: str) -> Any:

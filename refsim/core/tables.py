@@ -1,4 +1,4 @@
-"""Tables as text, as HTML for notebooks and as pandas' frames; bytes and times with their units."""
+"""Tables as text; bytes and times with their units."""
 
 import io
 import math
@@ -9,7 +9,7 @@ from contextlib import suppress
 from typing import Any
 
 from refsim.core.checked import suggestion
-from refsim.core.errors import InputError, extra
+from refsim.core.errors import InputError
 
 
 class UnknownRow(InputError, KeyError):
@@ -92,18 +92,6 @@ def _narrow(lines: Sequence[Sequence[str]], widths: Sequence[int], right: Sequen
     return "\n".join(row.rstrip() for row in written.getvalue().splitlines())
 
 
-def html_table(title: str, rows: Iterable[Sequence[Any]], head: Sequence[str] = ()) -> str:
-    """The rows as an HTML table with a title above it."""
-    import html
-
-    def line(cells: Sequence[Any], tag: str) -> str:
-        return "<tr>" + "".join(f"<{tag}>{html.escape(str(cell))}</{tag}>" for cell in cells) + "</tr>"
-
-    lines = [line(head, "th")] if head else []
-    lines += [line(row, "td") for row in rows]
-    return f"<p><b>{html.escape(title)}</b></p><table>{''.join(lines)}</table>"
-
-
 def vector(numbers: Iterable[float], digits: str = "") -> str:
     """Numbers in parentheses, of six digits or as `digits` has them, such as ".3"."""
     return f"({', '.join(f'{x:{digits}g}' for x in numbers)})"
@@ -128,7 +116,7 @@ def in_time(seconds: float) -> str:
 
 
 class Shown:
-    """Shows itself as a table of facts, as text and in notebooks."""
+    """Shows itself as a table of facts."""
 
     def _summary(self) -> tuple[str, list[tuple[str, str]]]:
         """Title, and (what, its value in words)."""
@@ -137,9 +125,6 @@ class Shown:
     def __repr__(self) -> str:
         title, rows = self._summary()
         return f"{title}\n{table(rows)}"
-
-    def _repr_html_(self) -> str:
-        return html_table(*self._summary())
 
 
 class Table(Mapping[str, Any]):
@@ -172,16 +157,6 @@ class Table(Mapping[str, Any]):
     def __len__(self) -> int:
         return len(self._places)
 
-    def _shown(self) -> list[tuple[str, ...]]:
-        return [tuple(f"{c:.6g}" if isinstance(c, float) else str(c) for c in row) for row in self.rows]
-
     def __repr__(self) -> str:
-        return table(self._shown(), self.columns)
-
-    def _repr_html_(self) -> str:
-        return html_table(self.title, self._shown(), self.columns)
-
-    def to_pandas(self) -> Any:
-        """The table as a pandas.DataFrame, indexed by the first column (extra "results")."""
-        pandas = extra("pandas", "Table.to_pandas")
-        return pandas.DataFrame(self.rows, columns=list(self.columns)).set_index(self.columns[0])
+        shown = [[f"{c:.6g}" if isinstance(c, float) else c for c in row] for row in self.rows]
+        return table(shown, self.columns)

@@ -10,7 +10,7 @@ import os
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from refsim.core.checked import Checked, NotNegative, given_keys, suggestion
 from refsim.core.effect import Discretisation, Field
-from refsim.core.errors import InputError, extra
+from refsim.core.errors import InputError
 from refsim.core.writing import write_file
 from refsim.gauges import operations as operations
 
@@ -273,13 +273,6 @@ class GaugeSeries:
         lines.writerow(["time [s]", *(f"{name} [{unit}]" for name, unit in zip(self.columns, self.units))])
         lines.writerows(np.column_stack([self.time, self.values]).tolist())
         write_file(path, text.getvalue(), "table")
-
-    def to_pandas(self) -> Any:
-        """The series as a pandas.DataFrame, indexed by time (extra "results"); units are in `attrs["units"]`."""
-        pandas = extra("pandas", "GaugeSeries.to_pandas")
-        frame = pandas.DataFrame(self.values, index=pandas.Index(self.time, name="time"), columns=list(self.columns))
-        frame.attrs["units"] = dict(zip(self.columns, self.units))
-        return frame
 
     def __repr__(self) -> str:
         span = f", from {self.time[0]:.6g} to {self.time[-1]:.6g} s" if len(self) else ""

@@ -247,14 +247,6 @@ class Study:
             "notes": list(self.notes),
         }
 
-    def table(self) -> Any:
-        """The rows as a pandas DataFrame; without pandas, as a list of dictionaries."""
-        try:
-            import pandas
-        except ImportError:
-            return self.rows()
-        return pandas.DataFrame(self.rows())
-
     def plot(self) -> Any:
         """The picture, a Matplotlib figure with four parts."""
         from matplotlib.figure import Figure
