@@ -8,13 +8,12 @@ from pathlib import Path
 from refsim.commands import CommandResult, command, table, takes, write_new
 from refsim.core.checked import suggestion
 from refsim.core.errors import InputError
-from refsim.io.exercises import lessons, notebook, script, shown, title
+from refsim.io.exercises import lessons, notebook, title
 from refsim.scene.files import parse_scene
 
 DESCRIPTION = (
     "Without a name, list the examples; with names, write their scene files and what these name, or their programs."
-    " With --lessons, write the lessons instead: each as text (.md), as Jupyter notebook (.ipynb) and as Python script"
-    " (.py)."
+    " With --lessons, write the lessons instead, each as a Jupyter notebook."
 )
 
 
@@ -66,18 +65,10 @@ def execute(options: argparse.Namespace) -> CommandResult:
 
 def _with_lessons(folder: Path, overwrite: bool) -> CommandResult:
     texts = lessons()
-    wanted: dict[str, bytes] = {}
-    for name, text in texts.items():
-        forms = {".md": shown(text), ".ipynb": notebook(text), ".py": script(text)}
-        wanted |= {name + ending: form.encode() for ending, form in forms.items()}
+    wanted = {f"{name}.ipynb": notebook(text).encode() for name, text in texts.items()}
     paths = _written(wanted, folder, "--lessons", overwrite)
-    first = folder / next(iter(texts))
-    lines = table([(str(folder / name), title(text)) for name, text in texts.items()])
-    how = (
-        "Each is there three times: .ipynb opens in Jupyter or VS Code, .py runs with Python alone, .md is the text.\n"
-        f"jupyter lab {first}.ipynb\npython {first}.py"
-    )
-    return CommandResult({"files": paths}, f"{lines}\n\n{how}")
+    lines = table([(str(folder / f"{name}.ipynb"), title(text)) for name, text in texts.items()])
+    return CommandResult({"files": paths}, f"{lines}\n\njupyter lab {paths[0]}")
 
 
 def _written(wanted: dict[str, bytes], folder: Path, option: str, overwrite: bool) -> list[str]:

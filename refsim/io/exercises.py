@@ -225,7 +225,6 @@ HELPERS = {"WrongAnswer": WrongAnswer, "about": Approximate} | {
 
 HEADER = re.compile(r"\A---\n.*?\n---\n", re.DOTALL)
 BLOCK = re.compile(r"^```(\{code-cell\} )?python\n(.*?)^```$\n?", re.MULTILINE | re.DOTALL)
-CELL = re.compile(r"^```\{code-cell\} python\n(.*?)^```$\n?", re.MULTILINE | re.DOTALL)
 JUDGE = re.compile(r"^```\{judge\} (\d+)\n(.*?)^```$\n+", re.MULTILINE | re.DOTALL)
 FOLD = "<details><summary>Answer</summary>"
 FOLDED = {"cellView": "form", "jupyter": {"source_hidden": True}, "tags": ["hide-input"]}  # Colab, JupyterLab, MyST
@@ -261,14 +260,9 @@ def judges(text: str) -> dict[int, str]:
     return {int(block[1]): block[2] for block in JUDGE.finditer(text)}
 
 
-def shown(text: str) -> str:
-    """The text of a lesson as its reader gets it, without the judges."""
-    return JUDGE.sub("", text)
-
-
 def cells(text: str) -> list[Cell]:
     """The pieces of a lesson, in order, without its header and judges."""
-    text = HEADER.sub("", shown(text))
+    text = HEADER.sub("", JUDGE.sub("", text))
     parts: list[Cell] = []
     place = 0
     for block in BLOCK.finditer(text):
@@ -305,18 +299,3 @@ def notebook(text: str, printed: Sequence[str] = ()) -> str:
             made.append(cell | more)
     about = {"kernelspec": KERNEL, "language_info": {"name": "python"}}
     return json.dumps({"cells": made, "metadata": about, "nbformat": 4, "nbformat_minor": 5}, indent=1) + "\n"
-
-
-def script(text: str) -> str:
-    """A lesson as a Python script in percent format, which runs with `python` and opens in editors as a notebook.
-
-    Answers are comments.
-    """
-    parts = []
-    for number, cell in enumerate(CELL.split(HEADER.sub("", shown(text)))):
-        if number % 2:
-            parts.append(f"# %%\n{cell.strip()}\n")
-        elif cell.strip():
-            lines = "\n".join(f"# {line}".rstrip() for line in cell.strip().splitlines())
-            parts.append(f"# %% [markdown]\n{lines}\n")
-    return "\n".join(parts)

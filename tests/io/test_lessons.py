@@ -1,4 +1,4 @@
-"""The lessons: what each needs, three forms, lesson 1 with its answers; pictures that scripts draw."""
+"""The lessons: what each needs, its notebook, lesson 1 with its answers; pictures that scripts draw."""
 
 import ast
 import configparser
@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from refsim.__main__ import main
-from refsim.io.exercises import cells, lessons, notebook, script
+from refsim.io.exercises import cells, lessons, notebook
 from scripts import lessons as runner
 from scripts import page_pictures, pictures, schematics
 
@@ -28,7 +28,7 @@ every = pytest.mark.parametrize("name", LESSONS)
 
 
 @every
-def test_a_lesson_is_a_notebook_and_a_script(name):
+def test_a_lesson_is_a_notebook(name):
     made = json.loads(notebook(LESSONS[name]))
     assert (made["nbformat"], made["nbformat_minor"]) == (4, 5)
     assert len({cell["id"] for cell in made["cells"]}) == len(made["cells"])
@@ -38,7 +38,7 @@ def test_a_lesson_is_a_notebook_and_a_script(name):
         assert set(cell) == kinds[cell["cell_type"]]
     code = [cell["source"] for cell in made["cells"] if cell["cell_type"] == "code" and not cell["metadata"]]
     assert code == [cell.text.strip() for cell in cells(LESSONS[name]) if cell.kind == "code"]
-    assert ast.dump(ast.parse(script(LESSONS[name]))) == ast.dump(ast.parse("\n".join(code)))
+    ast.parse("\n".join(code))
 
 
 def test_pieces_of_a_lesson_are_executed_and_held_to_their_judges():
@@ -46,7 +46,6 @@ def test_pieces_of_a_lesson_are_executed_and_held_to_their_judges():
     made = json.loads(notebook(TOY))["cells"]
     assert [cell["cell_type"] for cell in made] == ["code", "markdown", "code", "code"]
     assert made[3]["source"] == "# @title Worked answer: run it, or unfold and read it\nb = a + 1"
-    assert "# b = a + 1" in script(TOY)
     assert runner.run_lesson("toy", TOY)["b"] == 2
     with pytest.raises(NameError):
         runner.run_lesson("toy", TOY.replace("a + 1", "c"))
@@ -103,8 +102,8 @@ def test_example_writes_the_lessons(tmp_path, capsys):
     said = capsys.readouterr().out
     assert f"jupyter lab {tmp_path / 'mine' / next(iter(LESSONS))}.ipynb" in said
     written = {path.name for path in (tmp_path / "mine").iterdir()}
-    assert written == {name + ending for name in LESSONS for ending in (".md", ".ipynb", ".py")}
-    assert "{judge}" not in (tmp_path / "mine" / f"{FIRST}.md").read_text()
+    assert written == {f"{name}.ipynb" for name in LESSONS}
+    assert "{judge}" not in (tmp_path / "mine" / f"{FIRST}.ipynb").read_text()
 
 
 FIGURES = pictures.ROOT / "figures"
