@@ -116,9 +116,8 @@ class HeatConduction(
     @property
     def host_in_step(self) -> bool:  # type: ignore[override]
         """Whether the number of passes is found on the host, so that a GPU step cannot be one graph."""
-        if self.scheme == "implicit":
-            return self.conducts and self.largest_number > MOST_PLANNED
-        return self.conducts and self.scheme == "runge_kutta_legendre"
+        long = self.scheme == "implicit" and self.largest_number > MOST_PLANNED
+        return self.conducts and (long or self.scheme == "runge_kutta_legendre")
 
     @property
     def conducts(self) -> bool:
@@ -134,13 +133,6 @@ class HeatConduction(
     def compensates(self) -> bool:
         """Whether pairs make up for neighbours that are missing."""
         return self.conducts and self.scheme != "one_sided" and not self.printed() & {"M5", "M6", "M26"}
-
-    def operation(self) -> str:
-        """Name of the operation that is one step of the scheme."""
-        if self.melts and self.scheme == "one_sided":
-            able = "implicit, runge_kutta_legendre, explicit"
-            raise InputError(f"{self.name}: scheme = {self.scheme!r} has no latent heat; choose one of {able}.")
-        return "heat.chebyshev" if self.scheme == "implicit" else f"heat.{self.scheme}"
 
     def check(self, grid: Discretisation, others: Others) -> None:
         warm = (lambda v: v >= ABSOLUTE_ZERO, f"a temperature above {ABSOLUTE_ZERO} deg C")
@@ -173,8 +165,10 @@ class HeatConduction(
                 f"{self.name}: with literal Shao & Song M5 some pairs conduct from cold to warm, and scheme"
                 f" {self.scheme!r} cannot solve that; choose one_sided or explicit."
             )
-        self.operation()
-        number = grid.step * self.greatest_diffusivity(grid, others) / grid.spacing**2
+        if self.melts and self.scheme == "one_sided":
+            able = "implicit, runge_kutta_legendre, explicit"
+            raise InputError(f"{self.name}: scheme = {self.scheme!r} has no latent heat; choose one of {able}.")
+        number = self._fixed_number(grid, others)
         if number > self.largest_number * (1 + 1e-6) and self.scheme != "explicit":
             raise InputError(
                 f"{self.name}: the fixed step of {grid.step} s is k dt/(rho c d^2) = {number:.3g}, beyond"
@@ -214,7 +208,7 @@ class HeatConduction(
             made.append(Pass("heat.compensation", updates=("compensation_x", "compensation_rest")))
         if self._limited_by_sums():
             made.append(Pass("heat.exchange_rate", writes=("exchange_rate",)))
-        return (*made, Pass(self.operation(), updates=updates, names=absent, stage="motion"))
+        return (*made, Pass(f"heat.{self.scheme}", updates=updates, names=absent, stage="motion"))
 
     def list_radius(self, grid: Discretisation) -> float:
         return grid.support_radius if self.conducts else 0.0
@@ -306,24 +300,20 @@ class HeatConduction(
             unit_capacity="M11" in printed, frozen="M9" in printed,
         )  # fmt: skip
 
-    def _planned_passes(self, grid: Discretisation, others: Others, conduction: shapes.Conduction) -> int:
-        """Passes that suffice for the longest step, or the fixed one, up to s_i of `CROWDED` times the lattice's."""
-        if self.scheme != "implicit" or self.host_in_step:
-            return 0
-        from refsim.heat.stages import chebyshev_passes  # imports Numba, which planning does not need
-
-        number = self.largest_number
-        if grid.step > 0:
-            number = grid.step * self.greatest_diffusivity(grid, others) / grid.spacing**2
-        most = CROWDED * number * shapes.lattice_sum(conduction, grid)
-        return chebyshev_passes(most, self.tolerance)
+    def _fixed_number(self, grid: Discretisation, others: Others) -> float:
+        """k dt/(rho c d^2) of a fixed step, 0 without one."""
+        return grid.step * self.greatest_diffusivity(grid, others) / grid.spacing**2
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         if not self.conducts:
             return {}
-        conduction = self.conduction(grid)
-        passes = int32(self._planned_passes(grid, others, conduction))
-        return {"conduction": conduction._replace(planned_passes=passes)}
+        conduction, passes = self.conduction(grid), 0
+        if self.scheme == "implicit" and not self.host_in_step:  # as the longest step takes
+            from refsim.heat.stages import chebyshev_passes  # imports Numba, which planning does not need
+
+            number = self._fixed_number(grid, others) or self.largest_number
+            passes = chebyshev_passes(CROWDED * number * shapes.lattice_sum(conduction, grid), self.tolerance)
+        return {"conduction": conduction._replace(planned_passes=int32(passes))}
 
     def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
         diffusivity = self.greatest_diffusivity(grid, others)

@@ -107,7 +107,7 @@ PAIRS = "support_radius factor laplacian harmonic unit_capacity dim"
 cases.codes(Conduction, laplacian={"spiky": SPIKY, "mueller": MUELLER, "poly6": POLY6})
 takes("heat.compensation", conduction="support_radius factor laplacian dim unit_capacity")  # which changes `factor`
 takes("heat.one_sided", conduction=f"{PAIRS} frozen sweep_share")
-takes("heat.chebyshev", conduction=f"{PAIRS} tolerance")
+takes("heat.implicit", conduction=f"{PAIRS} tolerance")
 
 
 # Volumes 100 : 1, and conductivities 1000 : 1
@@ -168,7 +168,7 @@ closed_form(
 )
 
 
-@closed_form("heat.chebyshev")
+@closed_form("heat.implicit")
 def a_pair_with_a_reservoir():
     """The second particle keeps its temperature: T_1 + g/C_1 (T_2 - T_1)/(1 + g/C_1)."""
     share = WEIGHT * INVERSE[0]
@@ -187,7 +187,7 @@ def _each_by_itself(weight):
 closed_form("heat.one_sided", across=5.0, a_pair_each_by_itself=lambda: _pair(_each_by_itself(WEIGHT)))
 
 
-@closed_form("heat.chebyshev", across=5.0)
+@closed_form("heat.implicit", across=5.0)
 def a_pair_by_chebyshev():
     """After n steps the error of the mode 1 + z has shrunk by T_n((1 + s - (1 + z))/s)/T_n((1 + s)/s); s = max(g/C)."""
     z, s = WEIGHT * INVERSE.sum(), (WEIGHT * INVERSE).max()
@@ -220,7 +220,7 @@ closed_form(
     "heat.exchange_rate", across=5.0, rates_of_a_compensated_pair=lambda: _rates(6 * WEIGHT * INVERSE, **MADE_UP)
 )
 closed_form(  # the factor is at most 10
-    "heat.chebyshev",
+    "heat.implicit",
     a_pair_compensated_most=lambda: _pair(
         _moved(_alone(10 * WEIGHT) * APART), conduction=SOLVED, **MADE_UP | {"compensation_rest": [[99.0] * 3] * 2}
     ),
@@ -301,7 +301,7 @@ closed_form("heat.one_sided", each_by_itself_by_poly6=lambda: _pair(_each_by_its
 POOR = 0.1 * CONDUCTIVITY
 closed_form("heat.explicit", a_poor_conductor_forward=lambda: _pair(_moved(0.1 * WEIGHT * APART), conductivity=POOR))
 closed_form(
-    "heat.chebyshev",
+    "heat.implicit",
     a_poor_conductor_by_chebyshev=lambda: _pair(
         _moved(_alone(0.1 * WEIGHT) * APART), conductivity=POOR, conduction=SOLVED
     ),
@@ -325,7 +325,7 @@ def _molten(heat, **more):
 
 # H += E/m, E = g (T_2 - T_1), and over 1 + g (1/C_1 + 1/C_2); T(H) is constant from 0 to the latent heat
 closed_form("heat.explicit", ice_forward=lambda: _molten(-WEIGHT * APART))
-closed_form("heat.chebyshev", ice_backward=lambda: _molten(-_alone() * APART, conduction=SOLVED))
+closed_form("heat.implicit", ice_backward=lambda: _molten(-_alone() * APART, conduction=SOLVED))
 closed_form(  # RKL1 with one stage, which s_max < 1 allows, is forward Euler
     "heat.runge_kutta_legendre", ice_by_one_stage=lambda: _molten(-WEIGHT / 2 * APART, timestep=np.array([0.7, 0.25]))
 )

@@ -178,7 +178,7 @@ def advance(i, lane, exchanges, stage, inverse, substance, plan, k, new_temperat
     in row k of the plan's table. The `change` y - y_before is stored in place of y_before: from the difference of two
     values the rounding of each is fed back, and the mean, which no flow pulls back, drifts with the square of the
     number of stages. With latent heat y are enthalpies, `now` their gain since the start. The first stage has the
-    flow `flow_start`.
+    flow `flow_start`; the last one writes the state, which no other particle reads.
     """
     table, number = plan
     if k < number[0]:
@@ -198,18 +198,13 @@ def advance(i, lane, exchanges, stage, inverse, substance, plan, k, new_temperat
             value = y + change
             new[i] = value
             if substance is not None:
-                new_temperature[i] = at_enthalpy(i, stage.start[i] + value, substance)
-
-
-@kernel
-def collect(i, first, second, number, start, target):
-    """target = the buffer that the last of `number` stages has written, added to `start` where there is one."""
-    value = second[i]
-    if number[0] % 2 == 1:
-        value = first[i]
-    if start is not None:
-        value += start[i]
-    target[i] = value
+                enthalpy = stage.start[i] + value
+                value = at_enthalpy(i, enthalpy, substance)
+                new_temperature[i] = value
+                if k + 1 == number[0]:
+                    stage.start[i] = enthalpy
+            if k + 1 == number[0]:
+                stage.target[i] = value
 
 
 @kernel(rows_of="table")
@@ -224,7 +219,7 @@ def plan_chebyshev(i, largest, conduction, table, number):
         if passes > table.shape[0]:
             number[0] = table.shape[0]
         else:
-            number[0] = max(1, passes)
+            number[0] = passes
         omega = 1.0
         for k in range(number[0]):
             omega = chebyshev_omega(k, float(largest[0]), omega)

@@ -243,7 +243,7 @@ def _side(rows, temperature, inverse):
     "backward Euler, of which (4) is one pair (CHEB)",
     variants=(without(_ALL, conduction="planned"), *_OTHERS),
 )
-def chebyshev(body: Body, melting: Melting, step: Step, enthalpy, temperature):
+def implicit(body: Body, melting: Melting, step: Step, enthalpy, temperature):
     """CHEB: backward Euler (C + dt A) T = C T^n by n steps of Chebyshev's iteration [degrees C].
 
     Written as corrections d of a residual r [K].

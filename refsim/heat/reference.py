@@ -116,7 +116,7 @@ def heated(enthalpy, heat_capacity, change):
 def passes(s_max, tolerance):
     """n = ceil(ln(tol/2)/ln sigma), sigma = rho/(1 + sqrt(1 - rho^2)), rho = s_max/(1 + s_max); dimensionless."""
     rho = s_max / (1 + s_max)
-    return max(1, math.ceil(math.log(tolerance / 2) / math.log(rho / (1 + math.sqrt(1 - rho**2)))))
+    return math.ceil(math.log(tolerance / 2) / math.log(rho / (1 + math.sqrt(1 - rho**2))))
 
 
 def next_correction(d, r, ratio, s_max):

@@ -53,26 +53,13 @@ def copied(values, name, scratch):
     return target
 
 
-def written(rows, scratch, real):
-    """Coefficients of stages that the host has found, as (table (stages, 4), array (1,) of their number)."""
-    table = scratch.array(f"heat table {len(rows)}", (len(rows), 4), real)
-    number = scratch.array("heat number", 1, np.int32)
-    scratch.backend.assign(table, np.array(rows, real))
-    scratch.backend.assign(number, len(rows))
-    return table, number
-
-
-def planned(passes, largest, conduction, scratch, real):
-    """(table, number) of Chebyshev's iteration found where the particles are; the host does not wait for it."""
-    table = scratch.array(f"heat table {passes}", (passes, 4), real)
-    number = scratch.array("heat number", 1, np.int32)
-    kernels.plan_chebyshev(largest, conduction, table, number)
-    return table, number
+def plan_of(length, scratch, real):
+    """(table (stages, 4) of coefficients, array (1,) of their number), not yet written."""
+    return scratch.array(f"heat table {length}", (length, 4), real), scratch.array("heat number", 1, np.int32)
 
 
 def run_stages(plan, exchanges, inverse, flow_start, substance, scratch, enthalpy, temperature):
     """Take the stages of a plan (table, number) one after the other, from the state and into it."""
-    table, number = plan
     state = temperature if substance is None else enthalpy
     n, real = state.shape[0], state.dtype
     change = scratch.array("heat change", n, real)
@@ -82,15 +69,12 @@ def run_stages(plan, exchanges, inverse, flow_start, substance, scratch, enthalp
         warm = [scratch.array(f"heat warm {k}", n, real) for k in range(2)]
         now = scratch.array("heat nothing", n, real)
         scratch.backend.assign(now, 0)
-    for k in range(table.shape[0]):
+    for k in range(plan[0].shape[0]):
         new, target = values[k % 2], warm[k % 2]
-        stage = StageState(state, now, source, flow_start, change)
+        stage = StageState(state, now, source, flow_start, change, temperature)
         kernels.advance(exchanges, stage, inverse, substance, plan, np.int32(k), target, new)
         now = new
         source = new if substance is None else target
-    kernels.collect(*values, number, None if substance is None else state, state)
-    if substance is not None:
-        kernels.collect(*warm, number, None, temperature)
 
 
 def substance_of(body, melting):
@@ -129,7 +113,7 @@ def one_sided(body: Body, neighbours, step: Step, scratch, temperature):
         kernels.sweep(exchanges, inverse, step.conduction, np.int32(backwards), old, temperature)
 
 
-def chebyshev(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
+def implicit(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
     """Backward Euler by Chebyshev's iteration; Chernoff's formula with latent heat.
 
     With `planned_passes` a GPU finds the number of passes itself, so that a step waits for nothing.
@@ -141,8 +125,9 @@ def chebyshev(body: Body, melting: Melting, neighbours, step: Step, scratch, ent
         most = known(largest, enthalpy, temperature, scratch)
         if most is None:
             return
-        passes = max(1, stages.chebyshev_passes(most, float(step.conduction.tolerance)))
-    plan = planned(passes, largest, step.conduction, scratch, temperature.dtype)
+        passes = stages.chebyshev_passes(most, float(step.conduction.tolerance))
+    plan = plan_of(passes, scratch, temperature.dtype)
+    kernels.plan_chebyshev(largest, step.conduction, *plan)
     run_stages(plan, exchanges, inverse, flow, None, scratch, None, temperature)
     if enthalpy is not None:
         kernels.take_up(start, substance_of(body, melting), enthalpy, temperature)
@@ -154,6 +139,8 @@ def runge_kutta_legendre(body: Body, melting: Melting, neighbours, step: Step, s
     most = known(largest, enthalpy, temperature, scratch)
     if most is None:
         return
-    found = stages.legendre_stages(most) if enthalpy is None else stages.first_legendre_stages(most)
-    plan = written(list(found), scratch, temperature.dtype)
+    found = list(stages.legendre_stages(most) if enthalpy is None else stages.first_legendre_stages(most))
+    plan = plan_of(len(found), scratch, temperature.dtype)
+    for array, values in zip(plan, (np.array(found, temperature.dtype), len(found))):
+        scratch.backend.assign(array, values)
     run_stages(plan, exchanges, inverse, flow, substance_of(body, melting), scratch, enthalpy, temperature)

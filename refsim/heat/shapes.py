@@ -58,8 +58,8 @@ Substance = namedtuple("Substance", "heat_capacity melting_point latent_heat")
 Tensors = namedtuple("Tensors", "x rest")
 # What the moments of the pairs follow from, beside their list
 Places = namedtuple("Places", "position volume reservoir conduction period")
-# Values that a stage reads, and the flow and change that it keeps for later ones
-StageState = namedtuple("StageState", "start now temperature flow_start change")
+# Values that a stage reads, the flow and change that it keeps for later ones, and the temperatures after the last
+StageState = namedtuple("StageState", "start now temperature flow_start change target")
 # One stage y' = y + before (y_before - y) + start (y_start - y) + (flow Q(y) + flow_start Q(y_start)) dt/C
 Stage = namedtuple("Stage", "before start flow flow_start")
 

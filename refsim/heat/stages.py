@@ -15,12 +15,12 @@ LARGEST_SUM = 1e12  # s_i beyond which no number of passes is found
 def chebyshev_passes(largest_sum: float, tolerance: float) -> int:
     """Passes after which Chebyshev's iteration has shrunk every error by `tolerance`, for eigenvalues 1..1 + 2 s."""
     if not largest_sum > 0.0:
-        return 0
+        return 1
     if not largest_sum < LARGEST_SUM:
         return 1 << 30
     rho = largest_sum / (1.0 + largest_sum)
     sigma = rho / (1.0 + math.sqrt((1.0 + 2.0 * largest_sum) / (1.0 + largest_sum) ** 2))
-    return max(1, int(math.ceil(math.log(tolerance / 2.0) / math.log(sigma))))  # noqa: RUF046  (a float in CUDA)
+    return int(math.ceil(math.log(tolerance / 2.0) / math.log(sigma)))  # noqa: RUF046  (a float in CUDA)
 
 
 @formula

@@ -20,7 +20,7 @@ def test_heat_and_solids_of_a_melting_step_run_side_by_side():
     plan = make_plan(scene_of("figure_4", 0.2))
     order = [p.operation for _, p in plan.motion]
     before = needed_before([accesses(p, "cuda") for _, p in plan.motion])
-    heat, solids = order.index("heat.chebyshev"), [order.index(f"shape_matching.{n}") for n in ("pull", "damp")]
+    heat, solids = order.index("heat.implicit"), [order.index(f"shape_matching.{n}") for n in ("pull", "damp")]
     assert (before[heat], before[solids[0]], set(before[order.index("sph.kick_drift")])) == ((), (), {heat, solids[1]})
 
 

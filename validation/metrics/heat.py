@@ -88,7 +88,7 @@ class Conductor:
             "period": period_group(period, "float64"),
             "neighbours": neighbour_rows(position, SUPPORT * spacing, period),
         }  # fmt: skip
-        operation = REGISTRY[effect.operation()]
+        operation = REGISTRY[f"heat.{effect.scheme}"]
         self.program, self.names = operation.program("cpu"), operation.arguments("cpu")
 
     def step(self, seconds: float) -> None:
