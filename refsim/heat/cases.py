@@ -215,7 +215,6 @@ closed_form(  # just below and above what three stages hold, s_max = 2.5
 # The pair stands along y, with A of yy = 2 and 4: f = 3, a factor of the weight
 
 MADE_UP = {"compensation_x": [[9.0, 7.0, 5.0]] * 2, "compensation_rest": [[2.0, 8.0, 6.0], [4.0, 8.0, 6.0]]}
-closed_form("heat.explicit", across=5.0, a_compensated_pair=lambda: _pair(_moved(3 * WEIGHT * APART), **MADE_UP))
 closed_form(
     "heat.exchange_rate", across=5.0, rates_of_a_compensated_pair=lambda: _rates(6 * WEIGHT * INVERSE, **MADE_UP)
 )
@@ -291,21 +290,13 @@ closed_form(  # the moduli: |G|/C_i
     rates_by_poly6=lambda: _rates(np.abs(POLY6_WEIGHT) / 0.5 * INVERSE, conduction=BY_POLY6),
 )  # fmt: skip
 closed_form(  # heat goes from cold to warm
-    "heat.explicit", a_pair_forward_by_poly6=lambda: _pair(_moved(POLY6_WEIGHT * APART), conduction=BY_POLY6)
+    "heat.one_sided", each_by_itself_by_poly6=lambda: _pair(_each_by_itself(POLY6_WEIGHT), conduction=BY_POLY6)
 )
-closed_form("heat.one_sided", each_by_itself_by_poly6=lambda: _pair(_each_by_itself(POLY6_WEIGHT), conduction=BY_POLY6))
 
 
 # Conductivities below 1 W/(m K), a tenth of the pair's: the harmonic mean of 0.3 and 0.1 is 0.15.
 
 POOR = 0.1 * CONDUCTIVITY
-closed_form("heat.explicit", a_poor_conductor_forward=lambda: _pair(_moved(0.1 * WEIGHT * APART), conductivity=POOR))
-closed_form(
-    "heat.implicit",
-    a_poor_conductor_by_chebyshev=lambda: _pair(
-        _moved(_alone(0.1 * WEIGHT) * APART), conductivity=POOR, conduction=SOLVED
-    ),
-)
 closed_form(
     "heat.one_sided", a_poor_conductor_by_itself=lambda: _pair(_each_by_itself(0.1 * WEIGHT), conductivity=POOR)
 )
