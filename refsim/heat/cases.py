@@ -168,14 +168,6 @@ closed_form(
 )
 
 
-@closed_form("heat.implicit")
-def a_pair_with_a_reservoir():
-    """The second particle keeps its temperature: T_1 + g/C_1 (T_2 - T_1)/(1 + g/C_1)."""
-    share = WEIGHT * INVERSE[0]
-    temperature = np.array([TEMPERATURE[0] + share * APART / (1 + share), TEMPERATURE[1]])
-    return _pair(temperature, reservoir=[0, 1], conduction=SOLVED)
-
-
 def _each_by_itself(weight):
     """T_i + f_i (T_j - T_i), f_i = g/C_i/(1 + g (1/C_1 + 1/C_2)) of half a step, and again from the new ones."""
     f, t = _alone(weight / 2) * INVERSE, TEMPERATURE
@@ -218,12 +210,6 @@ MADE_UP = {"compensation_x": [[9.0, 7.0, 5.0]] * 2, "compensation_rest": [[2.0, 
 closed_form(
     "heat.exchange_rate", across=5.0, rates_of_a_compensated_pair=lambda: _rates(6 * WEIGHT * INVERSE, **MADE_UP)
 )
-closed_form(  # the factor is at most 10
-    "heat.implicit",
-    a_pair_compensated_most=lambda: _pair(
-        _moved(_alone(10 * WEIGHT) * APART), conduction=SOLVED, **MADE_UP | {"compensation_rest": [[99.0] * 3] * 2}
-    ),
-)
 
 
 SHARE = 3 * 15 / (64 * math.pi)  # L r^2 of the pair [1/m^3]
@@ -257,19 +243,6 @@ def _compensating(**given):
 def compensation_at_the_start():
     """From 0, at rest: P, and four rounds."""
     return Exact(PAIR, _compensating(), _compensated(1.05 / (SHARE * VOLUME[::-1] + 0.05), 21.0, STARTING))
-
-
-@closed_form("heat.compensation")
-def compensation_beside_a_reservoir():
-    """A = I for a reservoir in the first of the rounds; then f = (a_1 + 1)/2."""
-    m = SHARE * VOLUME[1]
-    p = along = 1.05 / (m + 0.05)
-    over = _compensated(np.ones(2), 21.0, STARTING)
-    for weight in STARTING:
-        along += weight * (p * (1 - m * (along + 1) / 2) - (along - p) / 100)
-    across = over["compensation_x"][0, 0]
-    made = {"compensation_x": [[across, 0, 0], [1, 0, 0]], "compensation_rest": [[along, 0, across], [1, 0, 1]]}
-    return Exact(PAIR, _compensating(reservoir=[0, 1]), {name: np.array(value) for name, value in made.items()})
 
 
 @closed_form("heat.compensation", over=(0.0, 1e-3))
