@@ -332,17 +332,16 @@ class HeatConduction(
         return self.scheme == "explicit" or (self.scheme == "runge_kutta_legendre" and self.melts)
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
-        limits, made = self.step_limits(grid, others), []
-        if "exchange" in limits:
-            end = "limit 'exchange' shortens the step"
-            if grid.step > 0:
-                end = f"the fixed step of {grid.step:.3g} s is not shortened, and the run may stop"
-            made.append(
-                f"{self.name}: scheme {self.scheme!r} keeps temperatures in their range while no particle's sum of"
-                f" exchanges s exceeds {limits['exchange'].length:.3g}, on the lattice up to a step of"
-                f" {limits['conduction'].length:.3g} s; where particles crowd or store less heat, {end}"
-            )
-        return tuple(made)
+        limits, end = self.step_limits(grid, others), "limit 'exchange' shortens the step"
+        if "exchange" not in limits:
+            return ()
+        if grid.step > 0:
+            end = f"the fixed step of {grid.step:.3g} s is not shortened, and the run may stop"
+        return (
+            f"{self.name}: scheme {self.scheme!r} keeps temperatures in their range while no particle's sum of"
+            f" exchanges s exceeds {limits['exchange'].length:.3g}, on the lattice up to a step of"
+            f" {limits['conduction'].length:.3g} s; where particles crowd or store less heat, {end}",
+        )
 
     def greatest_diffusivity(self, grid: Discretisation, others: Others) -> float:
         """Largest k/(rho c) [m^2/s] that any of the materials could have; with Shao & Song M11 the largest k."""

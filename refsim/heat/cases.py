@@ -1,13 +1,11 @@
 """Inputs, hard cases and closed forms of heat conduction."""
 
-import dataclasses
 import math
 
 import numpy as np
 
 from refsim.core import cases
 from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, particles, takes
-from refsim.core.period import period_group
 from refsim.heat import HeatConduction
 from refsim.heat.shapes import MUELLER, POLY6, SPIKY, Conduction, conduction_group
 
@@ -292,24 +290,6 @@ closed_form("heat.explicit", ice_forward=lambda: _molten(-WEIGHT * APART))
 closed_form("heat.implicit", ice_backward=lambda: _molten(-_alone() * APART, conduction=SOLVED))
 closed_form(  # RKL1 with one stage, which s_max < 1 allows, is forward Euler
     "heat.runge_kutta_legendre", ice_by_one_stage=lambda: _molten(-WEIGHT / 2 * APART, timestep=np.array([0.7, 0.25]))
-)
-
-
-# The same pairs elsewhere: the next image is beyond h, q = 127/128 in a box of 2 h, and L = (1 - q)^2/q is 1/(64 127)
-# of that at q = 1/2.
-FAR = dataclasses.replace(PAIR, position=PAIR.position * (127 / 64))
-NARROW = period_group((0.0, 4.0, 0.0), "float64")
-
-
-closed_form(
-    "heat.exchange_rate",
-    rates_at_nearly_half_a_period=lambda: _rates(WEIGHT / (64 * 127) / 0.5 * INVERSE, FAR, period=NARROW),
-)
-closed_form(
-    "heat.one_sided",
-    each_by_itself_at_nearly_half_a_period=lambda: dataclasses.replace(
-        _pair(_each_by_itself(WEIGHT / (64 * 127)), period=NARROW), case=FAR
-    ),
 )
 
 
