@@ -202,14 +202,6 @@ closed_form(  # just below and above what three stages hold, s_max = 2.5
 )  # fmt: skip
 
 
-# The pair stands along y, with A of yy = 2 and 4: f = 3, a factor of the weight
-
-MADE_UP = {"compensation_x": [[9.0, 7.0, 5.0]] * 2, "compensation_rest": [[2.0, 8.0, 6.0], [4.0, 8.0, 6.0]]}
-closed_form(
-    "heat.exchange_rate", across=5.0, rates_of_a_compensated_pair=lambda: _rates(6 * WEIGHT * INVERSE, **MADE_UP)
-)
-
-
 SHARE = 3 * 15 / (64 * math.pi)  # L r^2 of the pair [1/m^3]
 STARTING = (1.1, 3.3, 1.3, 1.8)  # weights of the rounds of a start
 
@@ -260,9 +252,6 @@ closed_form(  # the moduli: |G|/C_i
     "heat.exchange_rate", across=5.0,
     rates_by_poly6=lambda: _rates(np.abs(POLY6_WEIGHT) / 0.5 * INVERSE, conduction=BY_POLY6),
 )  # fmt: skip
-closed_form(  # heat goes from cold to warm
-    "heat.one_sided", each_by_itself_by_poly6=lambda: _pair(_each_by_itself(POLY6_WEIGHT), conduction=BY_POLY6)
-)
 
 
 # Conductivities below 1 W/(m K), a tenth of the pair's: the harmonic mean of 0.3 and 0.1 is 0.15.
