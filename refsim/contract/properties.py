@@ -343,7 +343,7 @@ def spoilable(operation: Operation, inputs: Inputs) -> Iterator[str]:
     if operation.exact and all(n in operation.exact and inputs.per_particle(n) for n in written):
         return
     for name in operation.arguments("numpy"):
-        if name in ("position", "position_residual", "shift") or not inputs.per_particle(name):
+        if name in ("position", "position_residual", "way") or not inputs.per_particle(name):
             continue
         if inputs[name] is not None and inputs[name].dtype.kind == "f":
             yield name

@@ -241,7 +241,7 @@ class CorrectsPositions:
     """Moves particles by other displacements than dt v."""
 
     def corrects_positions(self) -> bool:
-        """Whether it does so with these parameters; unless by the field `shift`, the neighbour list is not audited."""
+        """Whether it does so with these parameters; unless by the field `way`, the neighbour list is not audited."""
         return True
 
     def parts_from_density(self) -> bool:

@@ -7,6 +7,7 @@ from refsim.core.effect import Effect, Pass
 from refsim.engine.binding import bind_pass
 from refsim.engine.neighbour_lists import attend, update
 from refsim.engine.state import State
+from refsim.sph import WAY
 
 
 def bind(state: State) -> None:
@@ -79,6 +80,7 @@ def replay(
     touched = set().union(*(state.force_passes[k][1].written for k in only))
     kept = {name: state.host(name) for name, f in state.plan.fields.items() if f.state and name in touched}
     state.current -= touched
+    state.lists.velocities_set |= WAY.name in touched
     state.foreseen = False
     try:
         yield from launch(state, only)

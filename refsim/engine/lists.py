@@ -17,7 +17,7 @@ from refsim.engine.limits import StepOutcome
 from refsim.neighbours import NeighbourSearch, Particles
 from refsim.neighbours.limits import FEW_STEPS, GPU_SKINS, MANY_STEPS
 from refsim.scene.plan import Plan
-from refsim.sph import SHIFT
+from refsim.sph import WAY
 
 WORTH_KEEPING = 0.2  # of the allowed displacement; with less left, rebuilding costs less than checks
 
@@ -31,7 +31,7 @@ class Lists:
     static, walls   wall particles in cell order: their set; their positions and volumes on the backend. Or None
     around_walls    whether there is a list of the particles near each wall particle, too
     auditable       whether a step moves every particle by dt v and a shift, from which its previous position follows
-    velocities_set  whether velocities are others than those that led to the positions, which excludes an audit
+    velocities_set  whether velocities or shifts are others than those that led to the positions: there is no audit then
     squared_displacement  largest since the list was built [m^2]; infinite where it is not known
     margin          relative displacement [m] left to two particles at the latest check; 0 before the first
     step_displacement  bound on that of the latest step [m], of length `length` [s]; `shifted` its part beside dt v
@@ -56,7 +56,7 @@ class Lists:
         self.walls: tuple[Any, Any] | None = None
         self.around_walls = any(effect.extrapolates() for effect in effects_with(effects, BringsWalls))
         self.auditable = not any(
-            effect.corrects_positions() and SHIFT.name not in (f.name for f in effect.fields(effects))  # type: ignore[attr-defined]
+            effect.corrects_positions() and WAY.name not in (f.name for f in effect.fields(effects))  # type: ignore[attr-defined]
             for effect in effects_with(effects, CorrectsPositions)
         )
         self.velocities_set = False

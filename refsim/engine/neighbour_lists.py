@@ -8,7 +8,7 @@ from refsim.core.errors import RunStopped
 from refsim.core.walls import liquid_with_list, with_list
 from refsim.engine.state import State
 from refsim.neighbours import NeighbourSearch, Particles
-from refsim.sph import SHIFT
+from refsim.sph import LONGEST_SHIFT, WAY
 
 SORT_EVERY = 50  # steps between two sortings of particles that no neighbour list sorts
 
@@ -44,8 +44,8 @@ def _look(state: State) -> None:
     if lists.built and lists.auditable and not lists.velocities_set:
         position, velocity = state.fields["position"], state.fields["velocity"]
         neighbours, bounds = state.shared["neighbours"], state.shared.get("bounds")
-        shift = state.fields.get(SHIFT.name)
-        search.audit(position, velocity, state.timestep, neighbours, bounds, shift)
+        shift = tuple(state.fields.get(name) for name in (WAY.name, LONGEST_SHIFT.name, "drawn_body"))
+        search.audit(position, velocity, state.timestep, neighbours, bounds, None if shift[0] is None else shift)
     if lists.built:
         lists.choose_skin(state.steps)
     sort(state, search, before_build=True)

@@ -162,11 +162,12 @@ class NeighbourSearch:
     def audit(
         self, position: Any, velocity: Any, timestep: Any, neighbours: Any, bounds: Any = None, shift: Any = None
     ) -> None:  # fmt: skip
-        """Compare sampled rows of the list with all pairs, where it was last used: at position - dt * velocity - shift.
+        """Compare sampled rows of the list with all pairs, where it was last used: before the latest step.
 
-        position, shift (n, 3) [m], velocity (n, 3) [m/s], timestep (2,) with dt [s] second; misses stand in the log
-        after the next build; a GPU takes the audit along with the sorting or build that follows. Pairs with a particle
-        that stands on a plane of `bounds` [m], which may just have stopped it, do not count.
+        position (n, 3) [m], velocity (n, 3) [m/s], timestep (2,) with dt [s] second; shift: None, or the shifts beside
+        dt v as `sph.kick_drift` takes them, (way (n, 3) [-], longest_shift (bodies,) [m], body (n,) or None). Misses
+        stand in the log after the next build; a GPU takes the audit along with the sorting or build that follows. Pairs
+        with a particle that stands on a plane of `bounds` [m], which may just have stopped it, do not count.
         """
         n = position.shape[0]
         rows = AuditedRows(max(n // AUDITED_ROWS, 1), min(AUDITED_ROWS, n))

@@ -143,10 +143,11 @@ class CellSearch:
 
     def audit(self, position, velocity, timestep, neighbours, audited, radius, bounds=None, shift=None):
         """Launched beside the first part of the sorting that follows, or before a build without one."""
-        places = position, velocity, shift, timestep, bounds, self.period, neighbours
-        given = *places, tuple(audited), position.dtype.type(radius)
-        if self.auditor is None or any(a is not b for a, b in zip(self.auditor[0], places)):
-            self.auditor = given, partial(count_missed, *given, self.lists["own"].queries.report)
+        arrays = position, velocity, timestep, bounds, neighbours, *(shift or ())
+        if self.auditor is None or any(a is not b for a, b in zip(self.auditor[0], arrays)):
+            given = position, velocity, shift, timestep, bounds, self.period, neighbours
+            given = *given, tuple(audited), position.dtype.type(radius), self.lists["own"].queries.report
+            self.auditor = arrays, partial(count_missed, *given)
         self.wanted = True
 
     def _taken_audit(self):

@@ -193,7 +193,7 @@ def known_before(i, j, position, bounds):
 
 @formula(ordered=True)
 def squared_distance_before(i, j, position, velocity, shift, drift, period):
-    """r^2 = |x_i - x_j|^2 [m^2] before a step of `drift` [s] and, unless it is None, by a `shift` [m].
+    """r^2 = |x_i - x_j|^2 [m^2] before a step of `drift` [s] and, unless it is None, by a shift, s = L way.
 
     The same to the bit wherever it is called: a pair at the limit counts among all and in the list, or in neither.
     """
@@ -206,11 +206,21 @@ def squared_distance_before(i, j, position, velocity, shift, drift, period):
 
 @formula(ordered=True)
 def before(c, i, position, velocity, shift, drift):
-    """x(t - dt) = x - dt v - shift [m] along axis c."""
+    """x(t - dt) = x - dt v - s [m] along axis c."""
     x = position[i, c] - drift * velocity[i, c]
     if shift is not None:
-        x -= shift[i, c]
+        x -= longest_of(i, shift[1], shift[2], x) * shift[0][i, c]
     return x
+
+
+@formula
+def longest_of(i, longest_shift, body, zero_like):
+    """v_max dt [m] = `longest_shift` of i's body, the only one where none are told apart; 0 without shifts."""
+    if longest_shift is None:
+        return type(zero_like)(0)
+    if body is None:
+        return longest_shift[0]
+    return longest_shift[body[i]]
 
 
 @formula

@@ -30,12 +30,11 @@ from refsim.core.effect import Discretisation, Effect, Field, Others, Pass
 from refsim.core.errors import InputError
 from refsim.particle_shifting import operations as operations
 from refsim.smoothing import lattice, smoothing
-from refsim.sph import FILLING, LIQUID, NUMBER_DENSITY, SETS, SHIFT, liquid_of, volumes
+from refsim.sph import FILLING, LIQUID, LONGEST_SHIFT, NUMBER_DENSITY, SETS, SHIFT, WAY, liquid_of, volumes
 
 if TYPE_CHECKING:
     from refsim.core.effect import InitialState
 
-WAY = Field("way", "-", "displacement of a step beside dt v over v_max dt: down the gradient of the concentration", 3)
 VELOCITY_RANGE = Field(
     "velocity_range", "m/s", "largest velocities of each body: along each axis, and against it", 6, rows="bodies"
 )
@@ -47,7 +46,6 @@ LEAST_NORMAL = 0.05  # of h times the gradient of the filling, below which a sur
 OUTERMOST, BESIDE_TENSION = (0.9, 0.95), (0.97, 1.0)
 OVERSHOT = 1.75  # of a lattice's wave, most that a step takes away; with 2 it stays as large, and beyond it grows
 LEAST_FULL = 0.97  # share of a box that liquid without a surface fills at least
-PASSING_SHIFT = dataclasses.replace(SHIFT, state=False)  # that no later density takes
 
 
 class Shifting(NamedTuple):
@@ -164,12 +162,13 @@ class ParticleShifting(Effect, CorrectsPositions, Joins, FollowsStart, frozen=Tr
         filling = FILLING if liquid_of(others).advances() else NUMBER_DENSITY
         names = volumes(others) | {"smoothing": "gradient_smoothing", "filling": filling.name if surface else None}
         names |= {} if "shape_matching" in others else {"phase": None}
-        largest = VELOCITY_RANGE if apart else dataclasses.replace(VELOCITY_RANGE, rows=1)
-        made, bodies = PASSING_SHIFT if surface else SHIFT, (DRAWN_BODY,) * apart
+        largest, longest = (f if apart else dataclasses.replace(f, rows=1) for f in (VELOCITY_RANGE, LONGEST_SHIFT))
+        bodies = (DRAWN_BODY,) * apart
         return (
             Pass("particle_shifting.crowding", writes=(WAY,), names=names, fields=(filling,) * surface),
             Pass("particle_shifting.velocity_range", writes=(largest,), names=whole, stage="motion", fields=bodies),
-            Pass("particle_shifting.shift", writes=(made,), names=whole, stage="motion"),
+            Pass("particle_shifting.longest_shift", writes=(longest,), stage="motion"),
+            *((Pass("particle_shifting.shift", writes=(SHIFT,), names=whole, stage="motion"),) * (not surface)),
         )
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:

@@ -8,10 +8,10 @@ from refsim.particle_shifting import ParticleShifting, Shifting
 from refsim.smoothing import smoothing
 from refsim.smoothing.cases import for_each_kernel
 
-example(ParticleShifting(), brings="way number_density shift velocity_range")
+example(ParticleShifting(), brings="way number_density longest_shift velocity_range")
 
 takes("particle_shifting.crowding", shifting="length inverse_neighbour largest least whole outer within")
-takes("particle_shifting.shift", shifting="farthest")
+takes("particle_shifting.longest_shift", shifting="farthest")
 plain_keeps("particle_shifting.velocity_range", drawn_body="the output has a row for each body")
 PAIR = at("shifted_pair", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
@@ -40,6 +40,11 @@ def _filling(case, random):
 # v_max = 3 m/s: half of the diagonal of a box of 4 m/s, 2 m/s and 4 m/s; 1.5 m/s of another body
 RANGE = np.array([[1.0, 0.5, 1.25, 3, 1.5, 2.75], [2.0, -1.0, 5.0, 0.0, 2.0, -3.0]])
 groups(velocity_range=lambda case, grid: RANGE[: 1 + (case.count > 1)].astype(grid.dtype))
+groups(
+    longest_shift=lambda case, grid: (
+        0.01 * case.spacing * np.array([1.0, 0.4])[: 1 + (case.count > 1)].astype(grid.dtype)
+    )
+)
 particles("drawn_body")(lambda case, random: np.arange(case.count, dtype=np.int32) % 2)
 GIVEN = {
     "volume": [2.0, 3.0], "density": [1000.0, 500.0], "walls": None, "filling": None, "phase": None,
@@ -104,9 +109,13 @@ def of_one_body():
 
 WAYS = np.array([[0.0, -0.3, 0.0], [0.1, 0.0, 0.25]])
 closed_form(  # v_max = sqrt(6^2 + 8^2)/2 m/s, for 0.2 s: 1 m, which may count as 0.4 m
-    "particle_shifting.shift",
-    as_fast=lambda: Exact(PAIR, GIVEN | {"way": WAYS, "shifting": Shifting(0.5, 1.0, 0.3)}, {"shift": WAYS}),
+    "particle_shifting.longest_shift",
+    as_fast=lambda: Exact(PAIR, GIVEN | {"shifting": Shifting(0.5, 1.0, 0.3)}, {"longest_shift": [1.0]}),
     where_it_would_overshoot=lambda: Exact(
-        PAIR, GIVEN | {"way": WAYS, "shifting": Shifting(0.5, 1.0, 0.3, farthest=0.4)}, {"shift": 0.4 * WAYS}
+        PAIR, GIVEN | {"shifting": Shifting(0.5, 1.0, 0.3, farthest=0.4)}, {"longest_shift": [0.4]}
     ),
+)
+closed_form(
+    "particle_shifting.shift",
+    of_one_body=lambda: Exact(PAIR, GIVEN | {"way": WAYS, "longest_shift": [0.4]}, {"shift": 0.4 * WAYS}),
 )

@@ -5,6 +5,7 @@ import math
 from refsim.backends.compile import formula, kernel
 from refsim.backends.reductions import reduction
 from refsim.backends.tuples import added, difference, dot, scaled, three
+from refsim.neighbours.formulas import longest_of
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, set_vector
 from refsim.particle_shifting.formulas import FULL, THIN, near_share, shifting_pair
@@ -68,7 +69,7 @@ def fused_pair(
     return a[0], a[1], a[2], g[0], g[1], g[2], g[3], g[4], g[5]
 
 
-@kernel(lanes=True)
+@kernel(lanes=True, registers=48)
 def crowding_and_momentum(
     i, lane, position, velocity, volume, mass, density, pressure, filling, phase, neighbours, walls, gradient_smoothing,
     fluid, central_viscosity, shifting, period, acceleration, way,
@@ -98,9 +99,15 @@ def body_of(i, drawn_body):
 
 
 @kernel(looping=True)
-def shift(i, way, drawn_body, shifting, velocity_range, timestep, shift):
-    """Displacement of a step beside dt v [m]."""
-    u, k = velocity_range, body_of(i, drawn_body)
+def longest_shift(k, velocity_range, shifting, timestep, longest_shift):
+    """(7) v_max dt [m] of body k."""
+    u = velocity_range
     box = u[k, 0] + u[k, 3], u[k, 1] + u[k, 4], u[k, 2] + u[k, 5]
-    longest = min(type(shifting.length)(0.5) * math.sqrt(dot(box, box)) * timestep[1], shifting.farthest)
-    set_vector(shift, i, None, scaled(three(way, i), longest))
+    v_max = type(shifting.length)(0.5) * math.sqrt(dot(box, box))
+    longest_shift[k] = min(v_max * timestep[1], shifting.farthest)
+
+
+@kernel(looping=True)
+def shift(i, way, longest_shift, drawn_body, shift):
+    """Displacement of a step beside dt v [m]."""
+    set_vector(shift, i, None, scaled(three(way, i), longest_of(i, longest_shift, drawn_body, way[i, 0])))

@@ -6,7 +6,7 @@ from refsim.core.operation import Program, operations
 from refsim.core.terms import where
 from refsim.neighbours.sums import Fields, neighbours, wall_particles
 from refsim.particle_shifting import reference as ref
-from refsim.sph.operations import volume_of
+from refsim.sph.operations import shifts, volume_of
 
 operation = operations(paper="Sun et al. 2017")
 FUSED = {
@@ -64,17 +64,20 @@ def velocity_range(velocity, drawn_body):
 
 
 @operation(
-    "(7), v_max dt", outputs="shift", optional="drawn_body", tolerance=8.0,
+    "(7), v_max dt", outputs="longest_shift", tolerance=8.0,
     reason="one rounding in each of a root and its terms, and the products",
-    variants=("drawn_body", ""), invariants="reordering",
 )  # fmt: skip
-def shift(way, drawn_body, shifting, velocity_range, timestep, rows=None):
-    """Displacement [m] of a step beside dt v: `way` v_max dt.
-
-    v_max is half of the diagonal of the box in which all velocities of a body lie; `timestep` has dt second.
-    """
-    body = np.zeros(len(way), int) if drawn_body is None else np.asarray(drawn_body)
+def longest_shift(velocity_range, shifting, timestep):
+    """v_max dt [m] of each body, v_max half of the diagonal of the box of its velocities; `timestep` has dt second."""
     of_bodies, dt = np.asarray(velocity_range, dtype=float).reshape(-1, 2, 3), float(timestep[1])
     longest = np.array([ref.largest_step(*ends, dt, float(shifting.farthest)) for ends in of_bodies])
-    i = Fields(way=way, longest=longest[body]).at(rows)
-    return {"shift": i.longest * i.way}
+    return {"longest_shift": (longest, longest)}
+
+
+@operation(
+    "(7)", outputs="shift", optional="drawn_body", reason="one rounding in the product", variants=("drawn_body", ""),
+    invariants="reordering",
+)  # fmt: skip
+def shift(way, longest_shift, drawn_body, rows=None):
+    """Displacement [m] of a step beside dt v: `way` v_max dt."""
+    return {"shift": Fields(s=shifts(way, longest_shift, drawn_body)).at(rows).s}

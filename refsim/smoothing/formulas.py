@@ -6,6 +6,7 @@
 
 import math
 
+import numpy as np
 from numba import types
 
 from refsim.backends.compile import formula, overloaded
@@ -115,6 +116,23 @@ def viscosity_laplacian(r, smoothing):
     if q >= real(1):
         return real(0)
     return smoothing.laplacian_scale * (real(1) - q)
+
+
+def quick_inverse(x):
+    """1/x [1/unit]; on a GPU, in single precision, with an error of up to two roundings, in fewer instructions."""
+    return type(x)(1) / x
+
+
+def _inverse_on_cuda(x):
+    if x != types.float32:
+        return quick_inverse
+    from numba.cuda import libdevice
+
+    return lambda x: libdevice.fast_fdividef(np.float32(1), x)
+
+
+overloaded(quick_inverse, lambda x: quick_inverse, ("cpu",), forceinline=True)
+overloaded(quick_inverse, _inverse_on_cuda, ("cuda",), forceinline=True)
 
 
 @formula

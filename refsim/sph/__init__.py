@@ -56,6 +56,8 @@ ADVANCED_EXCESS = Field(
 VOLUME_BEFORE = Field("volume_before", "m^3 (m^2 in 2D)", "volume m/rho at the end of the step before")
 BORNE = Field("borne", "-", "from 0 where liquid fell a step before to 1 where something bore its weight", state=True)
 SHIFT = Field("shift", "m", "displacement of a step beside dt v", 3, state=True)  # for the next density
+WAY = Field("way", "-", "displacement of a step beside dt v, over the longest that its body may take", 3)
+LONGEST_SHIFT = Field("longest_shift", "m", "longest displacement of a step beside dt v, of each body", rows="bodies")
 FILLING = Field("filling", "-", "share of space that the told volumes fill, 1 on a lattice and less at a surface")
 SUMMED_DENSITY = Field("summed_density", "kg/m^3 (kg/m^2 in 2D)", "density J(7), beside an advanced one")
 PRESSURE = Field("pressure", "Pa", "pressure p, J(9)")
@@ -379,7 +381,8 @@ class WeaklyCompressible(
         friction = Pass("sph.central_viscosity", updates=("acceleration",), names=names)
         walls = [effect.extrapolates() for effect in effects_with(others, BringsWalls)]
         replaced = any("sph.pressure" in effect.replaces() for effect in others.values())
-        before = (*self._density_passes(others), Pass("sph.state", writes=("pressure",)))
+        stated = () if self.advances() else (Pass("sph.state", writes=("pressure",)),)
+        before = (*self._density_passes(others), *stated)
         if self.viscosity == "central" and all(walls) and not (replaced or self.controls()):
             names |= volumes(others)
             if self.advances() or not self.central():
@@ -663,14 +666,15 @@ def continuity_passes(others: Others, names: Mapping[str, str | None]) -> tuple[
     filling = ("filling",) if finds_filling(others) else ()
     viscous, leans = ("acceleration",) * liquid_of(others).central(), liquid_of(others).leans(others)
     there = {
-        "wall_strain": effects_with(others, BringsWalls), "borne": leans, "turning": leans, "filling": filling,
-        "shift": any(SHIFT in effect.fields(others) for effect in others.values()), "acceleration": viscous,
+        "wall_strain": effects_with(others, BringsWalls), "borne": leans, "turning": leans,
+        "filling": filling, "acceleration": viscous,
+        "shift": any(SHIFT in effect.fields(others) for effect in others.values()),
     }  # fmt: skip
     left_out = {name: None for name, found in there.items() if not found}
     names = {"smoothing": "gradient_smoothing", "volume": VOLUME_BEFORE.name, **names, **left_out}
     return (
         Pass("sph.volume", writes=(VOLUME_BEFORE.name,), names=names),
-        Pass("sph.continuity", writes=(*viscous, *filling, "density_excess", "density"), names=names),
+        Pass("sph.continuity", writes=(*viscous, *filling, "pressure", "density_excess", "density"), names=names),
     )
 
 

@@ -98,10 +98,10 @@ cases.VARIATIONS[sph.Fluid] = cases.Variation(
     other={"exponent": lambda g: g + 1, "internal_pressure": lambda p: 3e4}, usual=("rest_density",)
 )
 cases.readings(fluid="gradient_share wall_share")
-cases.takes("sph.state", fluid="rest_density stiffness exponent clamp internal_pressure")
+cases.takes("sph.continuity", "sph.state", fluid="rest_density stiffness exponent clamp internal_pressure")
 cases.takes("sph.pressure", "sph.momentum", fluid="rest_density gradient_share wall_share")
 cases.takes("sph.central_momentum", "sph.corrected_pressure", fluid="gradient_share")
-cases.takes("sph.continuity", "sph.volume", fluid="rest_density")
+cases.takes("sph.volume", fluid="rest_density")
 cases.takes("sph.viscosity", "sph.central_viscosity", smoothing="support_radius dim")
 
 # Closed forms: h = 2 m
@@ -438,7 +438,7 @@ def carried_on():
         {
             "velocity": [[2.0**-40, 2.0**-40, 0.5]], "acceleration": np.zeros((1, 3)),
             "position_residual": [[2.0**-40, -(2.0**-39), 0.0]], "build_position": position,
-            "timestep": [1.0, 1.0], "shift": None, "bounds": None,
+            "timestep": [1.0, 1.0], "way": None, "longest_shift": None, "drawn_body": None, "bounds": None,
         },
         {
             "position": position + [0.0, 0.0, 0.5], "velocity": [[2.0**-40, 2.0**-40, 0.5]],
@@ -450,8 +450,8 @@ def carried_on():
 def _leapt(position, after, displacement, **given):
     """The pair after a kick of 0.5 s and a drift of 0.25 s; without acceleration unless given otherwise."""
     inputs = {
-        "acceleration": np.zeros((2, 3)), "build_position": PAIR.position, "timestep": [0.5, 0.25], "shift": None,
-        "bounds": None,
+        "acceleration": np.zeros((2, 3)), "build_position": PAIR.position, "timestep": [0.5, 0.25], "way": None,
+        "longest_shift": None, "drawn_body": None, "bounds": None,
     }  # fmt: skip
     expected = {"velocity": [after, [0.0] * 3], "position": position, "displacement": displacement}
     return cases.Exact(PAIR, inputs | given, expected)
@@ -472,7 +472,8 @@ def shifted():
     """x = 0.25 * 2 + 0.125, and -0.5 for the second particle, which is at rest."""
     return _leapt(
         [[0.625, 0.0, 0.0], [0.0, 0.5, 0.0]], [2.0, 0.0, 0.0], [0.390625, 0.0, 0.25],
-        velocity=[[2.0, 0.0, 0.0], [0.0, 0.0, 0.0]], shift=[[0.125, 0.0, 0.0], [0.0, -0.5, 0.0]],
+        velocity=[[2.0, 0.0, 0.0], [0.0, 0.0, 0.0]], way=[[0.25, 0.0, 0.0], [0.0, -0.5, 0.0]],
+        longest_shift=[0.5, 1.0], drawn_body=np.array([0, 1], np.int32),
     )  # fmt: skip
 
 

@@ -7,12 +7,14 @@ from refsim.backends.reductions import reduction
 from refsim.backends.tuples import added, cross, difference, dot, over, scaled, three
 from refsim.motion.formulas import felt
 from refsim.neighbours.forces import force, together
+from refsim.neighbours.formulas import longest_of
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, first_lane, set_vector
 from refsim.smoothing.formulas import (
     gradient_factor,
     kernel_slope,
     kernel_value,
+    quick_inverse,
     safe_distance,
     undivided_factor,
     viscosity_laplacian,
@@ -130,7 +132,7 @@ def continuity_pair(
     approach, f, slope = dot(difference(velocity_i, velocity_j), x_ij), type(r)(0), undivided_factor(r, smoothing)
     if central_viscosity is not None:
         squared = dot(x_ij, x_ij)  # known before its root
-        inverse = type(r)(1) / (squared if squared > type(r)(0) else smoothing.support_radius)
+        inverse = quick_inverse(squared if squared > type(r)(0) else smoothing.support_radius)
         f = -central_viscosity_pair(volume_j, central_viscosity, viscosity_laplacian(r, smoothing)) * approach * inverse
     x, y, z = scaled(x_ij, f)
     if shift_j is not None:
@@ -140,11 +142,12 @@ def continuity_pair(
     spread = filled = held = type(r)(0)
     around = -volume_j * slope * r * r
     if diffusion is not None:
-        head = dot(lean, x_ij)
-        if turning is not None:  # from the pull at i to the mean of both
-            across = cross((turning[0], turning[1], turning[2]), x_ij)
-            head -= type(r)(0.5) * dot(across, across)
+        head = type(r)(0)
         if borne_j is not None:
+            head = dot(lean, x_ij)
+            if turning is not None:  # from the pull at i to the mean of both
+                across = cross((turning[0], turning[1], turning[2]), x_ij)
+                head -= type(r)(0.5) * dot(across, across)
             head *= borne_i * borne_j
         spread = formulas.diffusion_pair(volume_j, advanced_excess_i, advanced_excess_j, head, slope, diffusion)
     if recount is not None:
@@ -182,10 +185,10 @@ def wall_continuity_pair(
 def continuity(
     i, lane, position, velocity, volume, rest_density, phase, advanced_excess, borne, wall_strain, shift, neighbours,
     walls, wall_motion, smoothing, fluid, central_viscosity, diffusion, lean, turning, recount, period, timestep,
-    acceleration, filling, density_excess, density,
+    acceleration, filling, pressure, density_excess, density,
 ):  # fmt: skip
-    """Density after the step [kg/m^dim], its excess over rho0 and the filling; solids keep their rest density. The
-    acceleration [m/s^2] becomes that by viscosity with the density before."""
+    """Density after the step [kg/m^dim], its excess over rho0, pressure [Pa] and filling; solids keep their rest
+    density. The acceleration [m/s^2] becomes that by viscosity with the density before."""
     rest = fluid.rest_density if rest_density is None else rest_density[i]
     per_step, pull = inverse_step(timestep, rest), felt(i, position, None, lean, turning)
     sums = neighbour_sum(
@@ -196,6 +199,7 @@ def continuity(
     given = sums, fields, rest, per_step, timestep, smoothing, period
     put_advanced(i, lane, given, walls, wall_strain, shift, wall_motion, diffusion, recount, filling)
     put_solid(i, lane, phase, rest, filling, density_excess, density)
+    put_pressure(i, lane, density, fluid, pressure)
     if acceleration is not None:
         set_vector(acceleration, i, lane, over(sums[5:8], rest + advanced_excess[i]))
 
@@ -252,6 +256,14 @@ def put_solid(i, lane, phase, rest, filling, density_excess, density):
                 filling[i] = type(rest)(1)
 
 
+@formula(inlined=True)
+def put_pressure(i, lane, density, fluid, pressure):
+    """J(9) or Tait's equation of state [Pa] with the density that stands there."""
+    if pressure is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
+        if first_lane(lane):
+            pressure[i] = formulas.state_pressure(density[i], fluid)
+
+
 @pair
 def continuity_and_sums_pair(
     r, x_ij, velocity_i, velocity_j, volume_j, mass_j, rest_density_j, phase_j, advanced_excess_i, advanced_excess_j,
@@ -272,8 +284,8 @@ def continuity_and_sums_pair(
 def continuity_and_sums(
     i, lane, position, velocity, volume, mass, rest_density, phase, advanced_excess, borne, wall_strain, shift,
     neighbours, walls, wall_motion, gradient_smoothing, smoothing, fluid, central_viscosity, diffusion, lean, turning,
-    recount, period, timestep, number_density, asymmetry, summed_density, acceleration, filling, density_excess,
-    density,
+    recount, period, timestep, number_density, asymmetry, summed_density, acceleration, filling, pressure,
+    density_excess, density,
 ):  # fmt: skip
     """`continuity`, and `density` beside it, with the variants of both [kg/m^dim]."""
     rest = fluid.rest_density if rest_density is None else rest_density[i]
@@ -287,6 +299,7 @@ def continuity_and_sums(
     given = sums[0:5], fields, rest, per_step, timestep, gradient_smoothing, period
     put_advanced(i, lane, given, walls, wall_strain, shift, wall_motion, diffusion, recount, filling)
     put_solid(i, lane, phase, rest, filling, density_excess, density)
+    put_pressure(i, lane, density, fluid, pressure)
     if acceleration is not None:
         set_vector(acceleration, i, lane, over(sums[5:8], rest + advanced_excess[i]))
     groups = smoothing, fluid
@@ -515,9 +528,14 @@ def extremes(
 
 
 @reduction(into="displacement", how="largest count largest", rows="position")
-def kick_drift(i, acceleration, build_position, bounds, timestep, shift, position_residual, velocity, position):
+def kick_drift(
+    i, acceleration, build_position, bounds, timestep, way, longest_shift, drawn_body, position_residual, velocity,
+    position,
+):  # fmt: skip
     """Leap-frog; (squared displacement since the build [m^2], whether a plane stopped it, squared shift [m^2])."""
-    given = position, position_residual, velocity, acceleration, build_position, bounds, timestep, shift
+    longest = longest_of(i, longest_shift, drawn_body, timestep[0])
+    factors = timestep[0], timestep[1], longest
+    given = position, position_residual, velocity, acceleration, build_position, bounds, factors, way
     u, x, a, squared_x, stopped_x = stepped_along(0, i, *given)
     v, y, b, squared_y, stopped_y = stepped_along(1, i, *given)
     w, z, c, squared_z, stopped_z = stepped_along(2, i, *given)
@@ -529,26 +547,27 @@ def kick_drift(i, acceleration, build_position, bounds, timestep, shift, positio
     squared = squared_x + squared_y + squared_z
     if not squared >= type(squared)(0):  # NaN: a maximum over the particles would ignore it
         squared = type(squared)(math.inf)
-    return squared, stopped_x or stopped_y or stopped_z, squared_shift(i, shift, squared)
+    return squared, stopped_x or stopped_y or stopped_z, squared_shift(i, way, longest)
 
 
 @formula
-def squared_shift(i, shift, zero_like):
-    """|s_i|^2 [m^2]; 0 without shifts."""
-    if shift is None:
-        return type(zero_like)(0)
-    return dot(three(shift, i), three(shift, i))
+def squared_shift(i, way, longest):
+    """|s_i|^2 [m^2], s = L way; 0 without shifts."""
+    if way is None:
+        return longest
+    return longest * longest * dot(three(way, i), three(way, i))
 
 
 @formula
 def stepped_along(
-    c, i, position, position_residual, velocity, acceleration, build_position, bounds, timestep, shift
+    c, i, position, position_residual, velocity, acceleration, build_position, bounds, factors, way
 ):  # fmt: skip
     """(v [m/s], x [m], its residual [m], squared displacement [m^2], whether a plane stopped it) along axis c."""
-    v = velocity[i, c] + timestep[0] * acceleration[i, c]
-    change, residual, stopped = timestep[1] * v, type(v)(0), False
-    if shift is not None:
-        change += shift[i, c]
+    kick, drift, longest = factors
+    v = velocity[i, c] + kick * acceleration[i, c]
+    change, residual, stopped = drift * v, type(v)(0), False
+    if way is not None:
+        change += longest * way[i, c]
     if position_residual is not None:
         x, residual = formulas.drifted(position[i, c], position_residual[i, c], change)
     else:

@@ -11,6 +11,7 @@ from refsim.neighbours.sums import Fields, neighbours, wall_particles
 from refsim.sph import reference as ref
 
 operation = operations(paper="Jiang & Zhu 2023")
+SHIFT = "way longest_shift drawn_body"
 _PRESSURES = (
     "one rounding in each of distance, kernel, product and sum, and a few in the kernel's polynomial; the size counts"
     " |p_i| and |p_j|, not |p_i + p_j|"
@@ -80,14 +81,15 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
 @operation(
     "continuity equation with diffusion, shifts and return to the counted density",
     paper="Colagrossi & Landrini 2003; Molteni & Colagrossi 2009; Fourtakas et al. 2019; Sun et al. 2019",
-    outputs="acceleration filling density_excess density",
+    outputs="acceleration filling pressure density_excess density",
     optional="walls wall_strain wall_motion central_viscosity acceleration diffusion turning borne period"
-    " rest_density phase shift recount filling",
+    " rest_density phase shift recount filling pressure",
     variants=(
         "walls wall_strain wall_motion central_viscosity acceleration diffusion turning borne period rest_density phase"
-        " shift recount filling",
+        " shift recount filling pressure",
         "walls wall_strain wall_motion period shift turning",
-        "period wall_motion rest_density phase central_viscosity turning", "period shift filling borne",
+        "period wall_motion rest_density phase central_viscosity turning", "period shift filling pressure",
+        "period shift filling borne turning",
         "walls wall_strain wall_motion rest_density phase recount filling turning",
     ),
     tolerance=12.0, reason="one rounding in each of distance, slope, volume, velocity difference, projection,"
@@ -95,7 +97,7 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
     invariants=f"{SYMMETRY} linear_momentum angular_momentum galilean",
     broken={
         0: "linear_momentum angular_momentum", 1: "rotation", 2: "rotation galilean",
-        3: "translation rotation galilean", 4: "rotation angular_momentum",
+        3: "translation rotation galilean", 4: "translation rotation galilean", 5: "rotation angular_momentum",
     },
     programs={
         "cuda:fused": Program(
@@ -129,7 +131,7 @@ def continuity(
         position=position, velocity=velocity, volume=volume, excess=advanced_excess, density=density, rest=rest,
         mass=density * np.asarray(volume, dtype=float),
         liquid=1.0 if phase is None else np.asarray(phase) == 0,
-        borne=1.0 if borne is None else borne,
+        borne=0.0 if borne is None else borne,
         felt=felt(Fields(position=position, velocity=np.zeros_like(position)), lean, turning),
         shift=None if shift is None or dt == 0 else np.asarray(shift, dtype=float) / dt,
     )  # fmt: skip
@@ -154,7 +156,7 @@ def continuity(
     k = 0.0 if central_viscosity is None else float(central_viscosity.coefficient)
     return {
         "acceleration": around.others(ref.central_viscous_force, k=k), "filling": where(here.liquid, share, 1.0),
-        "density_excess": excess, "density": here.rest + excess,
+        "density_excess": excess, "density": here.rest + excess, **state(here.rest + excess, fluid),
     }  # fmt: skip
 
 
@@ -400,9 +402,16 @@ def at_planes(bounds, before, x, v, rest):
     return np.where(beyond, np.clip(x, lower, upper), x), np.where(beyond, 0.0, v), rest, beyond.any(1)
 
 
+def shifts(way, longest_shift, drawn_body):
+    """s = L way [m], L the longest shift of a particle's body; None without."""
+    if way is None:
+        return None
+    return Fields(longest=np.asarray(longest_shift)[0 if drawn_body is None else drawn_body]).longest * Fields(w=way).w
+
+
 def farthest(shift):
     """Largest |s_i|^2 [m^2]; 0 without shifts."""
-    return 0.0 if shift is None else (np.asarray(shift, dtype=float) ** 2).sum(1).max(initial=0)
+    return 0.0 if shift is None else (shift.value**2).sum(1).max(initial=0)
 
 
 def stepped(acceleration, timestep, shift, position_residual, velocity, position):
@@ -419,20 +428,32 @@ def stepped(acceleration, timestep, shift, position_residual, velocity, position
 
 @operation(
     "leap-frog with a changing step", paper="standard", outputs="position_residual velocity position displacement",
-    optional="bounds position_residual shift",
+    optional=f"bounds position_residual {SHIFT}",
     variants=(
-        "bounds position_residual shift", "position_residual shift",
-        without("bounds shift", timestep="short_steps"), "shift", "",
+        f"bounds position_residual {SHIFT}", f"position_residual {SHIFT}",
+        without(f"bounds {SHIFT}", timestep="short_steps"), SHIFT, "", "drawn_body",
     ),
     reason="one rounding in each product and sum", invariants="reordering", cases="slow_and_far",
 )  # fmt: skip
-def kick_drift(acceleration, build_position, bounds, timestep, shift, position_residual, velocity, position):
+def kick_drift(
+    acceleration,
+    build_position,
+    bounds,
+    timestep,
+    way,
+    longest_shift,
+    drawn_body,
+    position_residual,
+    velocity,
+    position,
+):
     """Leap-frog for v [m/s] and x [m], stopped at the walls' planes `bounds` [m].
 
     With a residual, x + residual is advanced, and the rest of its rounding is the new one; 0 at a plane.
     displacement: [largest squared displacement since the list was built [m^2], number of stopped particles, largest
     squared shift [m^2]].
     """
+    shift = shifts(way, longest_shift, drawn_body)
     v, x, rest = stepped(acceleration, timestep, shift, position_residual, velocity, position)
     x_at, v_at, rest, stopped = at_planes(bounds, np.asarray(position), x.value, v.value, rest)
     x, v = Terms(x_at, x.size, 1), Terms(v_at, v.size, 1)

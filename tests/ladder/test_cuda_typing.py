@@ -190,7 +190,7 @@ def support_launches(dtype):
         (cell_boxes.compare_all, (vectors, vectors, scalars)),
         (cell_boxes.compare_boxes, (vectors, vectors, keys, integers, one, scalars, integers)),
         (search.count_missed, (vectors, vectors, None, scalars, None, None, listed, (1, 8), one, integers)),
-        (search.count_missed, (vectors, vectors, vectors, scalars, None, period, listed, (1, 8), one, integers)),
+        (search.count_missed, (vectors, vectors, (vectors, scalars, integers), scalars, None, period, listed, (1, 8), one, integers)),
         (search.count_missed, (vectors, vectors, None, scalars, planes, None, listed, (1, 8), one, integers)),
         (sparse.block_keys, (vectors, 1.0, 3, keys)), (sparse.point_nodes, (vectors, 1.0, 0.5, blocks, integers)),
         (sparse.count_points, 3 * (integers,)),

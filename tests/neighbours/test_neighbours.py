@@ -199,7 +199,7 @@ def test_audit_looks_where_the_list_was_last_used_and_leaves_out_what_a_plane_st
     velocity = -0.5 * position
     search.audit(position + velocity, velocity, np.array([0.0, 1.0]), listed)
     assert search.programs.missed == 0
-    search.audit(position + 2 * velocity, velocity, np.array([0.0, 1.0]), listed, shift=velocity)
+    search.audit(position + 2 * velocity, velocity, np.array([0.0, 1.0]), listed, shift=(velocity, np.ones(1), None))
     assert search.programs.missed == 0
     search.audit(position + velocity, velocity, np.zeros(2), listed)
     assert search.programs.missed > 20
@@ -230,7 +230,7 @@ def test_an_audit_takes_pairs_at_the_limit_alike_among_all_and_in_the_list():
     velocity, shift = random.normal(size=(2, *before.shape)).astype("float32") * np.float32(0.1)
     step = np.array([0.0, 0.05], dtype="float32")
     listed, rows = search.build(before), AuditedRows(1, len(before))
-    search.programs.audit(before + step[1] * velocity + shift, velocity, step, listed, rows, limit, None, shift)
+    search.programs.audit(before + step[1] * velocity + shift, velocity, step, listed, rows, limit, None, (shift, np.ones(1, "float32"), None))
     assert search.programs.missed == 0
 
 

@@ -39,10 +39,10 @@ def scene(*effects, solid=(), walls=None, **liquid):
 ])  # fmt: skip
 def test_shifting_joins_a_liquid_that_names_no_density_and_has_none_summed(made, joins):
     plan = make_plan(made)
-    assert ("particle_shifting" in plan.effects) == ("particle_shifting.shift" in plan.launches()) == joins
+    assert ("particle_shifting" in plan.effects) == ("particle_shifting.longest_shift" in plan.launches()) == joins
     assert plan.effects["weakly_compressible"].restoring == (0.003 if joins else 0.0)
     off = msgspec.structs.replace(made, effects=(*made.effects, rs.ParticleShifting(strength=0.0)))
-    assert "particle_shifting.shift" not in make_plan(off).launches()
+    assert "particle_shifting.longest_shift" not in make_plan(off).launches()
 
 
 @pytest.mark.parametrize(("density", "bookkeeping"), [(None, "water"), ("summation", "immiscible")])

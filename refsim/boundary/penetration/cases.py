@@ -75,8 +75,9 @@ def _step(begin, speed, position, velocity, corrections=1, field=None, **changes
     """One particle before and after 1 s without acceleration, onto the slab or in another field; c_r = 1/2, D_r = 0."""
     slab, start = _slab(), np.array([begin])
     inputs = {
-        "velocity": np.array([speed]), "acceleration": np.zeros((1, 3)), "timestep": [0.0, 1.0], "shift": None,
-        "build_position": start, "corrections": np.zeros(1, np.int32), "identity": np.zeros(1, np.int32),
+        "velocity": np.array([speed]), "acceleration": np.zeros((1, 3)), "timestep": [0.0, 1.0], "way": None,
+        "longest_shift": None, "drawn_body": None, "build_position": start, "corrections": np.zeros(1, np.int32),
+        "identity": np.zeros(1, np.int32),
         "solid_field": field or slab,
         "penetration": Penetration(0.5, 0.0, 1, 0, *marked_box(slab))._replace(**changes),
     }  # fmt: skip

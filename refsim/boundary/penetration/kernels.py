@@ -10,6 +10,7 @@ from refsim.backends.reductions import reduction
 from refsim.backends.tuples import added, difference, dot, over, scaled, three
 from refsim.boundary.penetration.formulas import pushed, rebound, reflected
 from refsim.boundary.signed_distance.formulas import place_in_field, trilinear, value_beyond
+from refsim.neighbours.formulas import longest_of
 from refsim.sparse_grid.formulas import find_node
 from refsim.sph.formulas import between_ends
 from refsim.sph.kernels import squared_shift, stepped_along
@@ -85,10 +86,10 @@ def outside_box(x, penetration):
 
 @reduction(into="displacement", how="largest count largest", rows="position")
 def kick_drift(
-    i, acceleration, identity, build_position, bounds, timestep, shift, solid_field, penetration, corrections,
-    position_residual, velocity, position,
+    i, acceleration, identity, build_position, bounds, timestep, way, longest_shift, drawn_body, solid_field,
+    penetration, corrections, position_residual, velocity, position,
 ):  # fmt: skip
-    """Leap-frog step v += (dt_previous + dt)/2 a, x += dt v + shift, with patent P8 where it would enter the solid.
+    """Leap-frog step v += (dt_previous + dt)/2 a, x += dt v + s, with patent P8 where it would enter the solid.
 
     Where there is a residual, x + residual is advanced; a corrected place has none.
 
@@ -96,7 +97,9 @@ def kick_drift(
     """
     real = type(timestep[0])
     start = three(position, i)
-    given = position, position_residual, velocity, acceleration, build_position, None, timestep, shift
+    longest = longest_of(i, longest_shift, drawn_body, real(0))
+    factors = timestep[0], timestep[1], longest
+    given = position, position_residual, velocity, acceleration, build_position, None, factors, way
     u, x, a, _, _ = stepped_along(0, i, *given)
     v, y, b, _, _ = stepped_along(1, i, *given)
     w, z, c, _, _ = stepped_along(2, i, *given)
@@ -142,4 +145,4 @@ def kick_drift(
         squared += moved * moved
     if not squared >= real(0):  # NaN: a maximum over the particles would ignore it
         squared = real(math.inf)
-    return squared, stopped, squared_shift(i, shift, squared)
+    return squared, stopped, squared_shift(i, way, longest)

@@ -5,7 +5,7 @@ import numpy as np
 from refsim.boundary.penetration import reference as ref
 from refsim.boundary.signed_distance.reference import Sampled
 from refsim.core.operation import operation, without
-from refsim.sph.operations import at_planes, farthest, stepped
+from refsim.sph.operations import SHIFT, at_planes, farthest, shifts, stepped
 
 PUSHES, LEFT = 16, 128
 ROUNDING = 4e-7  # of a position, relative, in float32
@@ -14,20 +14,20 @@ ROUNDING = 4e-7  # of a position, relative, in float32
 @operation(
     "leap-frog and patent P8 with E26 to E28", paper="patent CN104318598A, 2014",
     outputs="corrections position_residual velocity position displacement", exact="corrections",
-    optional="bounds position_residual shift",
+    optional="bounds position_residual way longest_shift drawn_body",
     variants=(
-        without("bounds position_residual shift", timestep="long_steps"), "shift", "",
-        without("bounds shift", penetration="as_printed"),
+        without(f"bounds position_residual {SHIFT}", timestep="long_steps"), SHIFT, "",
+        without(f"bounds {SHIFT}", penetration="as_printed"),
         without("bounds", timestep="long_steps"),
     ),
     reason="one rounding in each product and sum; the scale counts those of distance and normal",
     invariants="reordering", cases="towards_edges outside_the_grid",
 )  # fmt: skip
 def kick_drift(
-    acceleration, identity, build_position, bounds, timestep, shift, solid_field, penetration, corrections,
-    position_residual, velocity, position,
+    acceleration, identity, build_position, bounds, timestep, way, longest_shift, drawn_body, solid_field, penetration,
+    corrections, position_residual, velocity, position,
 ):  # fmt: skip
-    """Leap-frog for v [m/s] and x [m], with a shift [m]; patent P8 where a particle would enter the solid.
+    """Leap-frog for v [m/s] and x [m], with shifts; patent P8 where a particle would enter the solid.
 
     Swept: x becomes the first point of the path with phi < 0; P8 is repeated, up to 16 times in all, while
     phi < -h/128. position_residual, displacement: as `sph.kick_drift`; a corrected place has no residual. The scale
@@ -36,6 +36,7 @@ def kick_drift(
     old_x, count = np.asarray(position, dtype=float), np.asarray(corrections, dtype=np.int64)
     sampled = Sampled(solid_field, 1 / float(solid_field.inverse_spacing))
     box = tuple(np.asarray(corner, dtype=float) for corner in (penetration.lower, penetration.upper))
+    shift = shifts(way, longest_shift, drawn_body)
     (v, v_scale), (x, x_scale), rest = stepped(acceleration, timestep, shift, position_residual, velocity, position)
     hit, jumped, grazing = np.zeros((3, len(x)), dtype=bool)
     margin, exact = np.full((2, len(x)), np.inf)

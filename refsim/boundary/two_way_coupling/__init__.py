@@ -221,7 +221,6 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
         return (
             *sph.continuity_passes(others, {}),
             *summed,
-            Pass("sph.state", writes=("pressure",)),
             Pass("two_way_coupling.extrapolation", writes=("wet", "suction"), updates=("pressure",)),
             Pass("two_way_coupling.spread", updates=("wet", "suction", "pressure")),
             Pass("two_way_coupling.overlap", updates=("allowed_closeness",), writes=tuple(f.name for f in FILM[4:])),
