@@ -156,6 +156,7 @@ def support_launches(dtype):
 
     n, real = 5, np.dtype(dtype).type
     vectors, scalars, integers = np.zeros((n, 3), dtype), np.zeros(n, dtype), np.zeros(n, np.int32)
+    shifts = vectors, scalars, integers
     fours = np.zeros((n, 4), dtype)
     keys, ranges, one = np.zeros(n, np.int64), np.zeros((n, 9), np.int32), real(1)
     listed, shared = (NeighbourColumns(integers, integers, (np.int32(0),) * lanes) for lanes in (1, 4))
@@ -190,7 +191,7 @@ def support_launches(dtype):
         (cell_boxes.compare_all, (vectors, vectors, scalars)),
         (cell_boxes.compare_boxes, (vectors, vectors, keys, integers, one, scalars, integers)),
         (search.count_missed, (vectors, vectors, None, scalars, None, None, listed, (1, 8), one, integers)),
-        (search.count_missed, (vectors, vectors, (vectors, scalars, integers), scalars, None, period, listed, (1, 8), one, integers)),
+        (search.count_missed, (vectors, vectors, shifts, scalars, None, period, listed, (1, 8), one, integers)),
         (search.count_missed, (vectors, vectors, None, scalars, planes, None, listed, (1, 8), one, integers)),
         (sparse.block_keys, (vectors, 1.0, 3, keys)), (sparse.point_nodes, (vectors, 1.0, 0.5, blocks, integers)),
         (sparse.count_points, 3 * (integers,)),

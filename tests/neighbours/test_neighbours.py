@@ -230,7 +230,8 @@ def test_an_audit_takes_pairs_at_the_limit_alike_among_all_and_in_the_list():
     velocity, shift = random.normal(size=(2, *before.shape)).astype("float32") * np.float32(0.1)
     step = np.array([0.0, 0.05], dtype="float32")
     listed, rows = search.build(before), AuditedRows(1, len(before))
-    search.programs.audit(before + step[1] * velocity + shift, velocity, step, listed, rows, limit, None, (shift, np.ones(1, "float32"), None))
+    shifts = shift, np.ones(1, "float32"), None
+    search.programs.audit(before + step[1] * velocity + shift, velocity, step, listed, rows, limit, None, shifts)
     assert search.programs.missed == 0
 
 
