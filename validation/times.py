@@ -386,12 +386,13 @@ a side of 1 m, h = 2 d and turns at 1 rad/s, float32; Warp 1.19
 (`validation/peers/warp_sph.py`) has the same particles, equations and step. Relative rates are over that of the cube of
 8,000,000 particles. The last column is the time in which the device copies the least bytes of a step, over the time of
 the step: sums over neighbours wait for the memory. The default liquid's sums take 1.9 ms, the papers' 1.5; both read 52
-bytes of each neighbour (68 before: 2.1 ms, and 1.37 times the papers' step, which is now 1.24 times, 2.62 for 2.11 ms).
-The rest takes 0.56 ms for 0.40: shifting and the kept density. Without the pass of the shift, whose factor the
-leap-frog could take, the step is 1.20 times as long. Rows of 28 November are relative to the step of then, 2.98 ms.
-MPM's surface is 44 launches; instructions limit its searches and sweeps. Its row was read on a busy host: on an idle
-one it takes 0.371 ms, 1.32 plain steps.
-Melting is 33, and a list in 59 % of the steps, because fast water flows among solids.
+bytes of each neighbour (68 before: 2.1 ms, 1.37 times the papers' step; 1.24 since, 2.62 for 2.11 ms).
+The rest took 0.56 ms for 0.40 while the shift had a pass of its own. Rows of 28 November are relative to the step of
+then, 2.98 ms.
+MPM's surface is 44 launches; instructions limit its searches and sweeps. Its row is of a busy host; an idle one takes
+0.371 ms, 1.32 plain steps.
+Melting is 33: figure 6 takes 0.32 ms with a kept list, 0.55 with a new one (59 % of steps: fast water flows among
+solids), a million particles 3.0 and 5.1 ms (97.5 %; `python -m validation run melting`).
 """
 THREADS = """
 ### Threads of a CPU
