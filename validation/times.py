@@ -389,7 +389,7 @@ the step: sums over neighbours wait for the memory. The default liquid's sums ta
 bytes of each neighbour (68 before: 2.1 ms, 1.37 times the papers' step; 1.24 since, 2.62 for 2.11 ms).
 The rest took 0.56 ms for 0.40 while the shift had a pass of its own. Rows of 28 November are relative to the step of
 then, 2.98 ms.
-MPM's surface is 44 launches; instructions limit its searches and sweeps. Its row is of a busy host; an idle one takes
+MPM's surface is 44 launches; the sweeps of its fit wait for each other. Its row is of a busy host; an idle one takes
 0.371 ms, 1.32 plain steps.
 Melting is 33: figure 6 takes 0.32 ms with a kept list, 0.55 with a new one (59 % of steps: fast water flows among
 solids), a million particles 3.0 and 5.1 ms (97.5 %; `python -m validation run melting`).
