@@ -19,6 +19,7 @@ from refsim.engine.neighbour_lists import rebuild, renumber
 from refsim.engine.state import State
 from refsim.io.checkpoint import KEPT, Checkpoint, scene_from_checkpoint, scene_to_checkpoint, whole_checkpoint
 from refsim.scene.plan import Plan, make_plan
+from refsim.sph import WAY
 
 OF_RUN = ("time", "steps", "previous_length", "first_length", "stopped_at_walls", "limiters")
 
@@ -152,7 +153,7 @@ def restore(run: State, saved: SavedRun) -> None:
     start(run)
     untaken = 0.0 if clock.density_taken else run.previous_length
     run.backend.assign(run.timestep, np.array([0.0, untaken], dtype=run.plan.grid.dtype))
-    lists.velocities_set = clock.velocities_set
+    lists.velocities_set, lists.ways_renewed = clock.velocities_set, WAY.name in run.fields
     for effect, note in clock.remarks.items():
         run.add_note(effect, note)
     if lists.search is not None and clock.list_built:

@@ -80,7 +80,7 @@ def replay(
     touched = set().union(*(state.force_passes[k][1].written for k in only))
     kept = {name: state.host(name) for name, f in state.plan.fields.items() if f.state and name in touched}
     state.current -= touched
-    state.lists.velocities_set |= WAY.name in touched
+    state.lists.ways_renewed |= WAY.name in touched
     state.foreseen = False
     try:
         yield from launch(state, only)

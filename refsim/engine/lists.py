@@ -31,7 +31,8 @@ class Lists:
     static, walls   wall particles in cell order: their set; their positions and volumes on the backend. Or None
     around_walls    whether there is a list of the particles near each wall particle, too
     auditable       whether a step moves every particle by dt v and a shift, from which its previous position follows
-    velocities_set  whether velocities or shifts are others than those that led to the positions: there is no audit then
+    velocities_set  whether velocities are others than those that led to the positions, which excludes an audit
+    ways_renewed    whether the ways of the shifts are, which does too
     squared_displacement  largest since the list was built [m^2]; infinite where it is not known
     margin          relative displacement [m] left to two particles at the latest check; 0 before the first
     step_displacement  bound on that of the latest step [m], of length `length` [s]; `shifted` its part beside dt v
@@ -59,7 +60,7 @@ class Lists:
             effect.corrects_positions() and WAY.name not in (f.name for f in effect.fields(effects))  # type: ignore[attr-defined]
             for effect in effects_with(effects, CorrectsPositions)
         )
-        self.velocities_set = False
+        self.velocities_set = self.ways_renewed = False
         self.by_forces = not any(
             effect is not None and {"velocity", "position"} & {*p.updates, *p.writes} for effect, p in plan.motion
         )

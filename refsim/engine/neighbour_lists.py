@@ -41,7 +41,7 @@ def _look(state: State) -> None:
     if lists.built and not lists.outlasts(state.steps) and lists.keeps(_particles(state)):
         return
     # The audit steps positions back by velocities and shifts, which must be those that led to them.
-    if lists.built and lists.auditable and not lists.velocities_set:
+    if lists.built and lists.auditable and not (lists.velocities_set or lists.ways_renewed):
         position, velocity = state.fields["position"], state.fields["velocity"]
         neighbours, bounds = state.shared["neighbours"], state.shared.get("bounds")
         shift = tuple(state.fields.get(name) for name in (WAY.name, LONGEST_SHIFT.name, "drawn_body"))

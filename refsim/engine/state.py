@@ -23,6 +23,7 @@ from refsim.engine.timings import Timings
 from refsim.neighbours import NeighbourSearch
 from refsim.scene.plan import Plan
 from refsim.smoothing import Smoothing
+from refsim.sph import WAY
 
 Calls = list[tuple[str, Callable[[], None]]]  # operation and its launch
 
@@ -140,7 +141,7 @@ class State:
         Raises RunStopped where a motion has no finite value at the new time.
         """
         self.current.clear()
-        self.lists.velocities_set = False
+        self.lists.velocities_set, self.lists.ways_renewed = False, self.foreseen and WAY.name in self.fields
         self.lists.after_step(done)
         self.stopped_at_walls += done.stopped
         self.time += done.length

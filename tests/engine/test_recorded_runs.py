@@ -254,10 +254,13 @@ def test_counted_densities_of_stretched_places_are_as_ever(period, recorded):
 
 
 def test_a_velocity_that_is_set_acts_behind_the_step_that_led_to_the_positions():
-    """A density that is advanced belongs to the positions, whatever velocity is set then; at the start it stays."""
+    """A density that is advanced belongs to the positions, whatever is read and set then; at the start it stays."""
     found = []
     for steps, share in ((3, None), (3, 0.0), (3, 2.0), (0, None), (0, 5.0)):
         run = run_of("tank", steps=steps)
+        if share == 2.0:
+            run.evaluate()
+            assert run.lists.ways_renewed  # no audit steps back by them
         if share is not None:
             run.set_field("velocity", share * run.field("velocity"))
         run.evaluate()
