@@ -281,7 +281,7 @@ def impulse_of_walls(drawn: Drawn, backend: str) -> Found | None:
     if not walls or scene.solid or scene.motion or any(e.replaces() for e in scene.effects if e not in walls):
         return None
     gauges = tuple(Gauge(name=e.name, kind="force", on=e.name) for e in walls)
-    step = 0.05 * scene.support_radius / of_kind(scene, WeaklyCompressible).sound_speed
+    step = 0.2 * run(scene, backend, 1).time  # which heat allows, too
     simulation = made(msgspec.structs.replace(scene, step=step, gauge=gauges), backend)
     forces = [p for _, p in simulation.plan.passes if not p.on_demand and "acceleration" in p.written]
     known = ("wall", "sph.gravity", "adami_2012")

@@ -250,7 +250,7 @@ def elsewhere(drawn: Drawn, backend: str) -> Found:
     liquid, boost, period = of_kind(scene, WeaklyCompressible), np.zeros(3), np.array(scene.period)
     held = effects_with(scene.effects, BringsWalls) or scene.solid or period.any()
     if not (liquid is None or held or any(motion.of == "turn" for motion in scene.motion)):
-        scene = msgspec.structs.replace(scene, step=0.05 * scene.support_radius / liquid.sound_speed)
+        scene = msgspec.structs.replace(scene, step=0.2 * run(scene, backend, 1).time)  # which heat allows, too
         boost[0] = 0.1 * liquid.sound_speed
     samples = any(getattr(e, "quadrature", "") == "poisson" for e in scene.effects)  # drawn block after block
     k = float(random.choice([-64.0 if samples else -38.0, 1024.0]))  # cells of MPM are two spacings
