@@ -25,7 +25,7 @@ from refsim.scene.shapes import Ball, Box, Cloud, FluidMesh
 from refsim.scene.solids import SolidBall, SolidBox, SolidMesh
 from refsim.sph import Gravity, WeaklyCompressible
 from refsim.surface_tension.cohesion import PairCohesion
-from validation.laws.laws import STEPS, Found, apart, claims, keeps, lattice, law, made, of_kind, own_scene, run
+from validation.laws.laws import STEPS, Found, apart, claims, keeps, lattice, law, made, of_kind, own_scene, run, warmed
 from validation.laws.scenes import Drawn
 from validation.laws.units import CORNERS, TRIANGLES, hexahedron, mesh_file, without
 from validation.running import take_steps
@@ -257,7 +257,7 @@ def momenta(drawn: Drawn, backend: str) -> Found | None:
     kept: dict[str, Any] = {} if any(scene.period) or scene.solid else {"angular_momentum": np.cross}
     kept["linear_momentum"] = lambda x, u: u
     kept = {name: of for name, of in kept.items() if claims(claiming, name)}
-    if not kept or "melting" in claiming.plan.effects:  # which gives bodies the liquid's mass
+    if not kept or getattr(claiming.plan.effects.get("melting"), "bookkeeping", "") == "water":  # which takes mass
         return None
     step = 0.2 * run(scene, backend, 1).time
     simulation = made(msgspec.structs.replace(alone if scene.solid else scene, step=step), backend)
@@ -306,11 +306,12 @@ def heat(drawn: Drawn, backend: str) -> Found | None:
     """Heat is kept where nothing is held, and what has one temperature keeps it."""
     conduction = of_kind(drawn.scene, HeatConduction)
     off, lost = 0.0, conduction is None or conduction.held or conduction.scheme == "one_sided"  # by design
-    if lost or any(e.name == "melting" for e in drawn.scene.effects):
+    if lost or getattr(with_scene_defaults(drawn.scene.effects).get("melting"), "bookkeeping", "") == "water":
         return None
     for spread in (100.0, 0.0):
         simulation = made(drawn.scene, backend)
-        simulation.set_field("temperature", warm := 37 + drawn.random().uniform(0, spread, simulation.count))
+        warm = 37 + drawn.random().uniform(0, spread, simulation.count)
+        warmed(simulation, warm - simulation.field("temperature"))
         take_steps(simulation, STEPS)
         m, found = (simulation.field(name).astype(float) for name in ("mass", "temperature"))  # of one capacity
         off = max(off, abs((m * found).sum() / (m * warm).sum() - 1), 0.0 if spread else apart(found, warm))

@@ -21,6 +21,7 @@ from refsim import Box, Cloud, Gravity, HeatConduction, Motion, Scene, Simulatio
 from refsim.core.capabilities import BringsWalls, CorrectsPositions, effects_with, with_scene_defaults
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.operation import REGISTRY
+from refsim.heat import enthalpy_of
 from refsim.scene.files import parse_scene, scene_to_toml
 from validation.laws.scenes import Drawn
 from validation.laws.units import Unit, moved, scaled, turned, unit, with_effect, without
@@ -60,11 +61,18 @@ def law(name: str, own: bool = False) -> Callable[[Any], Any]:
 def made(scene: Scene, backend: str, profile: bool = False, threads: int = 1) -> Simulation:
     """The scene at its start; where heat is conducted, particles that move are warmer."""
     simulation = Simulation(scene, backend, threads=threads if backend == "cpu" else None, profile=profile)
-    if "temperature" in simulation.fields and (conduction := of_kind(scene, HeatConduction)) is not None:
+    if (conduction := of_kind(scene, HeatConduction)) is not None:
         speed = (simulation.field("velocity").astype(float) ** 2).sum(1)
-        share = speed / max(speed.max(initial=0.0), 1e-300)
-        simulation.set_field("temperature", simulation.field("temperature") + conduction.temperature * share)
+        warmed(simulation, conduction.temperature * speed / max(speed.max(initial=0.0), 1e-300))
     return simulation
+
+
+def warmed(each: Simulation, by: np.ndarray) -> None:
+    """Raise temperatures [K], if there are any, and the enthalpies from which they are read where bodies melt."""
+    if "temperature" in each.fields:
+        each.set_field("temperature", t := each.field("temperature") + by)
+    if "enthalpy" in each.fields:
+        each.set_field("enthalpy", enthalpy_of(t, *map(each.field, ("heat_capacity", "melting_point", "latent_heat"))))
 
 
 def run(scene: Scene, backend: str, steps: int = STEPS) -> Simulation:
@@ -287,8 +295,7 @@ def given_otherwise(drawn: Drawn, backend: str) -> Found | None:
         return None
     two = (Box(cells=(at, *full[1:])), Box(lower=(at * d, 0.0, 0.0), cells=(full[0] - at, *full[1:])))
     given = ((Box(cells=full),), two, (Cloud(position=lattice(cells, d)),))
-    runs = [run(msgspec.structs.replace(scene, fluid=parts), backend) for parts in given]
-    a, b, c = (places(each)[order(each)] for each in runs)
+    a, b, c = (places(r)[order(r)] for r in (run(msgspec.structs.replace(scene, fluid=f), backend) for f in given))
     return Found(max(apart(a, b), apart(a, c)), ROUNDING, f"a box, two that share a face at {at} cells, a cloud")
 
 
@@ -299,8 +306,7 @@ def other_backend(drawn: Drawn, backend: str) -> Found | None:
     if backend == "numpy" or sum(len(part.position) for part in scene.fluid) > 500:
         return None
     for effect in scene.effects:
-        errata = getattr(effect, "errata", ())
-        if errata and random.random() < 0.3:
+        if (errata := getattr(effect, "errata", ())) and random.random() < 0.3:
             own, printed = of_kind(scene, type(effect)), (str(random.choice(errata)),)
             scene = with_effect(scene, msgspec.structs.replace(own, literal=printed))
     a, b = made(scene, "numpy"), made(scene, backend, threads=1 + int(random.integers(config.NUMBA_NUM_THREADS)) % 2)
@@ -309,8 +315,7 @@ def other_backend(drawn: Drawn, backend: str) -> Found | None:
     warm = random.uniform(-1, 1, a.count)
     for each in (a, b):
         each.set_field("velocity", shaken)
-        if "temperature" in each.fields:
-            each.set_field("temperature", each.field("temperature") + warm)
+        warmed(each, warm)
         try:
             take_steps(each, 3)
         except RunStopped:

@@ -108,8 +108,7 @@ def drawn(draw: Draw, effect: str | None = None, most: int = FEW, alike: int | N
         around = "free"
     bodies = "one" if effect in OF_BODIES else choose(draw, BODY)
     alone = issubclass(kind, PullsParticles) or (kind.replaced and effect not in OF_BODIES)
-    if liquid != LIQUID or around in ("period", "mesh", "both") or alone:
-        bodies = ""
+    bodies = "" if liquid != LIQUID or around in ("period", "mesh", "both") or alone else bodies
     dim = 3 if around in ("mesh", "both") else choose(draw, (2, 2, 3))
     largest = most if most > FEW and draw(st.integers(0, 4)) == 4 else min(most, 144)
     widest = [round(largest ** (1 / axes) - 0.2) for axes in (2, 3)]
@@ -119,15 +118,13 @@ def drawn(draw: Draw, effect: str | None = None, most: int = FEW, alike: int | N
     frame = Frame(dim, cells, around, scale, 2 if around in ("mesh", "both") else 0, effect)
     effects: dict[str, Effect] = {liquid: _liquid(draw, liquid, frame, bool(bodies))}
     if choose(draw, (False, True)) or effect == "gravity":
-        pull = [0.0, 0.0, 0.0]
-        pull[dim - 1] = -(speed**2) / (400 * cells[dim - 1] * spacing)  # c = 10 sqrt(2 g H), H = the box's height
-        effects["gravity"] = EFFECTS["gravity"](acceleration=tuple(pull))
+        g = speed**2 / (400 * cells[dim - 1] * spacing)  # c = 10 sqrt(2 g H), H = the box's height
+        effects["gravity"] = EFFECTS["gravity"](acceleration=tuple(-g * (axis == dim - 1) for axis in range(3)))
     motion = _walls(draw, effects, frame, liquid)
     solid, taken = _bodies(draw, effects, frame, bodies, effect)
     pool = [name for name in sorted(set(EFFECTS) - BUILT) if _fits(name, effects, around)]
     chosen = [choose(draw, pool) for _ in range(choose(draw, (0, 1, 1, 2)))]
-    if effect in pool:
-        chosen = [effect, *chosen[:1]]
+    chosen = [effect, *chosen[:1]] if effect in pool else chosen
     for name in chosen:
         _add(draw, effects, name, frame)
     seed, shape = draw(st.integers(0, 2**16)), draw(st.sampled_from(SHAPES if around != "period" else SHAPES[:1]))
