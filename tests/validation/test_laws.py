@@ -114,7 +114,7 @@ def test_scenes_of_every_kind_are_drawn():
     seen = set()
 
     def drawn_with(number, name):
-        @settings(max_examples=5, database=None, deadline=None, suppress_health_check=list(HealthCheck), phases=PHASES)
+        @settings(max_examples=20, database=None, deadline=None, suppress_health_check=list(HealthCheck), phases=PHASES)
         @seed(number)  # the same for all would draw the same surroundings for each
         @given(drawn(name))
         def look(case):
