@@ -221,7 +221,7 @@ LINES = (
     *(Line(label, f"8M {cube}", AS_FAST, 0.6) for cube, label in BESIDE.items()),
     Line("default liquid", "8M shifting", OVER, 1.2),
     Line("melting, figure 6", "melting figure_6", "ms a step", 0.45),
-    Line("MPM surface of a million particles", "surface in turns", "plain steps", 1.5),
+    Line("MPM surface of a million particles", "surface in turns", "plain steps", 1.3),
     Line("table of MPM blocks, 2,097,152 particles", "table", "ms", 1.0),
 )
 
@@ -385,12 +385,9 @@ Measured by `pytest tests/times/bench_device.py --benchmark-json FILE`. The cube
 a side of 1 m, h = 2 d and turns at 1 rad/s, float32; Warp 1.19
 (`validation/peers/warp_sph.py`) has the same particles, equations and step. Relative rates are over that of the cube of
 8,000,000 particles. The last column is the time in which the device copies the least bytes of a step, over the time of
-the step: sums over neighbours wait for the memory. The default liquid's sums take 1.9 ms, the papers' 1.5; both read 52
-bytes of each neighbour (68 before: 2.1 ms, 1.37 times the papers' step; 1.24 since, 2.62 for 2.11 ms).
-The rest took 0.56 ms for 0.40 while the shift had a pass of its own. Rows of 28 November are relative to the step of
-then, 2.98 ms.
-MPM's surface is 44 launches; the sweeps of its fit wait for each other. Its row is of a busy host; an idle one takes
-0.371 ms, 1.32 plain steps.
+the step: sums over neighbours wait for the memory. The default liquid takes 2.50 ms for the papers' 2.11; both read 52
+bytes of each neighbour. Rows of 28 November are relative to the step of then, 2.98 ms.
+MPM's surface is 44 launches, 0.368 ms for a plain step of 0.274; the sweeps of its fit wait for each other.
 Melting is 33: figure 6 takes 0.32 ms with a kept list, 0.55 with a new one (59 % of steps: fast water flows among
 solids), a million particles 3.0 and 5.1 ms (97.5 %; `python -m validation run melting`).
 """
