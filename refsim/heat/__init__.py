@@ -34,6 +34,7 @@ ROUNDINGS = 4096  # of the largest temperature, by which a run may leave the ran
 ANY_TEMPERATURE = 1e30  # [deg C] if another effect heats
 CROWDED = 3.0  # largest s_i over that of the lattice for which a GPU has enough passes
 TEMPERATURE = Field("temperature", "deg C", "temperature T", state=True)
+OF_ENTHALPY = "enthalpy", "heat_capacity", "melting_point", "latent_heat"  # from which a temperature follows
 ENTHALPY = Field("enthalpy", "J/kg", "specific enthalpy H, 0 for solid at the melting point", state=True)
 HEAT_CAPACITY = Field("heat_capacity", "J/(kg K)", "specific heat c", state=True)
 CONDUCTIVITY = Field("conductivity", "W/(m K)", "heat conductivity k", state=True)
@@ -217,8 +218,7 @@ class HeatConduction(
         names = ["temperature", "heat_capacity", *["conductivity"] * self.conducts]
         values = {n: self.of_particles(n, state) for n in (*names, *("melting_point", "latent_heat") * self.melts)}
         if self.melts:
-            of_enthalpy = ("temperature", "heat_capacity", "melting_point", "latent_heat")
-            values["enthalpy"] = enthalpy_of(*(values[n] for n in of_enthalpy))
+            values["enthalpy"] = enthalpy_of(*(values[n] for n in ("temperature", *OF_ENTHALPY[1:])))
         if self.conducts:
             values["temperature_range"] = np.array([-ANY_TEMPERATURE, ANY_TEMPERATURE])
             if not {"temperature", "enthalpy"} & self._changed_by(others):
@@ -237,10 +237,22 @@ class HeatConduction(
     def after_setting(self, name: str, field: Callable[[str], np.ndarray]) -> Mapping[str, np.ndarray]:
         if name in ("position", "volume") and self.compensates:  # begin anew
             return {part: np.zeros_like(field(part)) for part in ("compensation_x", "compensation_rest")}
-        state = ("temperature", "enthalpy", "heat_capacity", "melting_point", "latent_heat")
-        if not self.conducts or name not in state or float(field("temperature_range")[1]) >= 0.5 * ANY_TEMPERATURE:
-            return {}
-        return {"temperature_range": self._range(field, str(field("temperature").dtype))}
+        made: dict[str, np.ndarray] = {}
+        if name not in ("temperature", *OF_ENTHALPY):
+            return made
+        if self.melts:
+            temperature, (enthalpy, *others) = field("temperature"), (field(n).astype(float) for n in OF_ENTHALPY)
+            before, melting_point = temperature_of(enthalpy, *others), others[1]
+            if name == "temperature":  # what stays at the melting point keeps what has melted of it
+                rounding = np.finfo(temperature.dtype).eps * (np.abs(melting_point) + np.abs(before - melting_point))
+                stays = np.abs(temperature - before) <= 4 * rounding
+                made["enthalpy"] = np.where(stays, enthalpy, enthalpy_of(temperature, *others))
+            else:
+                made["temperature"] = before
+        if self.conducts and float(field("temperature_range")[1]) < 0.5 * ANY_TEMPERATURE:
+            now = {n: made.get(n, field(n)) for n in ("temperature", *OF_ENTHALPY * self.melts)}
+            made["temperature_range"] = self._range(now.__getitem__, str(field("temperature").dtype))
+        return made
 
     def _range(self, field: Callable[[str], np.ndarray], dtype: str) -> np.ndarray:
         """Lowest and highest temperature [deg C] that conduction may reach: the present ones and a scheme's margin.
@@ -250,8 +262,7 @@ class HeatConduction(
         """
         values = [np.asarray(field("temperature"), dtype=float)]
         if self.melts:
-            names = ("enthalpy", "heat_capacity", "melting_point", "latent_heat")
-            values.append(temperature_of(*(np.asarray(field(name), dtype=float) for name in names)))
+            values.append(temperature_of(*(np.asarray(field(name), dtype=float) for name in OF_ENTHALPY)))
         low, high = min(v.min() for v in values), max(v.max() for v in values)
         share = BEYOND.get(self.scheme, BEYOND_OTHERS)
         if self.printed() & {"M5", "M9"}:

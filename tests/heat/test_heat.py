@@ -43,8 +43,26 @@ def test_a_temperature_that_a_user_sets_begins_a_new_range():
     assert values.max() < high < 60
     melting = ran(bar(scheme="implicit", **ICE), 1)
     melting.set_field("enthalpy", melting.field("enthalpy") + 1e6)  # 970 K more
+    assert melting.field("temperature").max() > 900
     advanced(melting, 3)
     assert melting.field("temperature").max() > 900
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_a_temperature_that_is_set_is_kept_where_there_is_latent_heat(dtype):
+    """And so is what has melted of a particle whose temperature stays."""
+    melting = ran(bar(scheme="implicit", temperature=(5.0, -10.0), **ICE).with_(dtype=dtype), 60)
+    values, before = melting.field("temperature"), melting.field("enthalpy")
+    molten = (before > 0.01 * before.max()) & (values == ICE["melting_point"])
+    assert molten.any()
+    values[-1] = 60.0
+    melting.set_field("temperature", values)
+    assert melting.field("temperature")[-1] == 60.0
+    after = melting.field("enthalpy")
+    assert np.array_equal(after[molten], before[molten])
+    assert after[-1] == pytest.approx(1000.0 * 60.0 + 3e4)
+    melting.step()
+    assert melting.field("enthalpy").astype(float).sum() == pytest.approx(after.astype(float).sum(), rel=1e-5)
 
 
 def test_the_plan_says_which_sums_limit_the_step_and_reservoirs_are_held():

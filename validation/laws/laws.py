@@ -21,7 +21,6 @@ from refsim import Box, Cloud, Gravity, HeatConduction, Motion, Scene, Simulatio
 from refsim.core.capabilities import BringsWalls, CorrectsPositions, effects_with, with_scene_defaults
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.operation import REGISTRY
-from refsim.heat import enthalpy_of
 from refsim.scene.files import parse_scene, scene_to_toml
 from validation.laws.scenes import Drawn
 from validation.laws.units import Unit, moved, scaled, turned, unit, with_effect, without
@@ -68,11 +67,9 @@ def made(scene: Scene, backend: str, profile: bool = False, threads: int = 1) ->
 
 
 def warmed(each: Simulation, by: np.ndarray) -> None:
-    """Raise temperatures [K], if there are any, and the enthalpies from which they are read where bodies melt."""
+    """Raise temperatures [K], if there are any."""
     if "temperature" in each.fields:
-        each.set_field("temperature", t := each.field("temperature") + by)
-    if "enthalpy" in each.fields:
-        each.set_field("enthalpy", enthalpy_of(t, *map(each.field, ("heat_capacity", "melting_point", "latent_heat"))))
+        each.set_field("temperature", each.field("temperature") + by)
 
 
 def run(scene: Scene, backend: str, steps: int = STEPS) -> Simulation:
