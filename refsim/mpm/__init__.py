@@ -70,7 +70,6 @@ class Liquid(NamedTuple):
     linear_stress: Any  # thesis M4: without the factor J
     unit_volume: Any  # thesis M3: V0 = 1
     timeless: Any  # thesis M5: dt = 1 s in the update of J or F
-    forgets_shear: Any  # F becomes J^(1/d) I after each step
 
 
 class Embedding(NamedTuple):
@@ -116,8 +115,7 @@ class MpmLiquid(
     dynamic_viscosity  mu [Pa s; N s/m in 2D] of the stress mu (grad v + grad v^T); the thesis's liquid has none
     cell_size        h of the background grid [m]; 0 takes two spacings, 2^dim particles to a cell
     initial_ratio    J of every particle at the start; below one for a drop that its surface tension compresses
-    volume           "ratio" follows J alone (default); "gradient" follows F and removes its shear after each step,
-                     "full_gradient" keeps it, as printed
+    volume           "ratio" follows J alone (default), "full_gradient" F, as printed
     acoustic_number  share a of h/(c + |v|) that the step may have; at most 0.5
     literal          readings of the thesis: misprints "M3" (force without the volume), "M5" (F and J move without dt),
                      "M7" (particles take the nodal velocity of before the update, so that no force acts and no wall),
@@ -141,7 +139,7 @@ class MpmLiquid(
     dynamic_viscosity: NotNegative = 0.0
     cell_size: NotNegative = 0.0
     initial_ratio: Positive = 1.0
-    volume: Literal["ratio", "gradient", "full_gradient"] = "ratio"
+    volume: Literal["ratio", "full_gradient"] = "ratio"
     acoustic_number: Positive = 0.3
     literal: Printed = ()
 
@@ -271,7 +269,6 @@ class MpmLiquid(
             "liquid": Liquid(
                 grid.real(self.rest_density), grid.real(share * self.bulk_modulus * (2 if "M27" in printed else 1)),
                 np.int32("M4" in printed), np.int32("M3" in printed), np.int32("M5" in printed),
-                np.int32(self.volume == "gradient"),
             ),
             "field": np.array(acceleration, dtype=grid.dtype) if pull else None,
             "planes": planes,

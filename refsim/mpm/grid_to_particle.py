@@ -71,26 +71,21 @@ def velocity_and_gradient(i, v, m, moved, carriers, background, cluster_share, i
 
 
 @formula
-def deform(i, a, liquid, step, layers, deformation):
-    """(4.16) F <- (I + dt A) F, then J^(1/d) I if `forgets_shear`; J = det F. Thesis M5 as printed: dt = 1 s."""
+def deform(i, a, liquid, step, deformation):
+    """(4.16) F <- (I + dt A) F and J = det F, dimensionless. Thesis M5 as printed: dt = 1 s."""
     real = type(step)
     t = real(1) if liquid.timeless else step
     f = nine(deformation, i)
     f = added(f, scaled(product(a, f), t))
     put(deformation, i, f)
-    ratio = determinant(f)
-    if liquid.forgets_shear:
-        size = ratio ** (real(1) / real(3) if layers == 3 else real(0.5))
-        last = size if layers == 3 else real(1)
-        put(deformation, i, (size, real(0), real(0), real(0), size, real(0), real(0), real(0), last))
-    return ratio
+    return determinant(f)
 
 
 @formula
 def new_ratio(i, a, medium, volume_ratio, deformation):
     """J after the step, written as well; of F where that is followed."""
     if deformation is not None:
-        volume_ratio[i] = deform(i, a, medium.liquid, medium.timestep[1], medium.background.layers, deformation)
+        volume_ratio[i] = deform(i, a, medium.liquid, medium.timestep[1], deformation)
     else:
         volume_ratio[i] *= dilation(trace(a), medium.liquid, medium.timestep[1])
     return volume_ratio[i]

@@ -309,9 +309,6 @@ def grid_to_particle(
         ratio = ref.advanced_ratio(p, time)
     else:
         new, ratio = ref.advanced_deformation(Fields(affine=a, deformation=_matrices(deformation)), time)
-        if liquid.forgets_shear:
-            third = np.diag([0, 0, _dim(background) == 2])  # F_zz = 1 in the plane
-            new = ref.round_deformation(ratio, _dim(background)) * (np.eye(3) - third) + third
         answer["deformation"] = _rows(new)
     drift, answer["position"] = step * v, ref.advected(Terms(x, rank=1), v, step)
     if position_residual is not None:

@@ -122,11 +122,6 @@ def advanced_deformation(p, dt):
     return new, determinant(new)
 
 
-def round_deformation(volume_ratio, dim):
-    """F = J^(1/d) 1 without shear; its one entry, dimensionless."""
-    return volume_ratio ** (1 / dim)
-
-
 def advected(position, velocity, dt):
     """(4.8), M8: x <- x + dt v_p [m]."""
     return position + dt * velocity

@@ -48,7 +48,6 @@ class Tension(Effect, HasErrata, frozen=True, kw_only=True):
     """Parameters of the reconstruction of the surface and of its tension: base of the effect `SurfaceEnergy`.
 
     surface_tension   k [N/m] (in the plane N, per metre of depth)
-    level_set_radius  r of the spheres around the particles, in cells; by default sqrt(dim)
     quadrature        "facets": a sample to each facet; "poisson": Poisson-disk samples, not on a GPU
     disk_radius       least distance of Poisson-disk samples, in cells, at most 1
     seed              of the Poisson-disk samples
@@ -70,7 +69,6 @@ class Tension(Effect, HasErrata, frozen=True, kw_only=True):
     improvements: ClassVar[tuple[str, ...]] = ("M31", "M32")
 
     surface_tension: NotNegative
-    level_set_radius: Positive | None = None
     quadrature: Literal["facets", "poisson"] = "facets"
     disk_radius: Positive = 0.5
     seed: int = 0
@@ -84,8 +82,8 @@ class Tension(Effect, HasErrata, frozen=True, kw_only=True):
     literal: Printed = ()
 
     def radius(self, dim: int) -> float:
-        """r/h."""
-        return dim**0.5 if self.level_set_radius is None else self.level_set_radius
+        """r/h of the spheres around the particles."""
+        return dim**0.5
 
     def least_component(self, dim: int) -> int:
         """Particles of the smallest component that has tension."""
@@ -100,10 +98,6 @@ class Tension(Effect, HasErrata, frozen=True, kw_only=True):
         owner = self.name or "surface_energy"
         self.printed()
         limits = (
-            (
-                "level_set_radius", self.radius(dim), dim**0.5, 2.0,
-                "so that no component is lost and no cell overlooked",
-            ),
             ("disk_radius", self.disk_radius, 0.05, 1.0, "of a cell"), ("offset", self.offset, 0.0, 2.0, "of a cell"),
             ("relaxation", self.relaxation, 0.0, 2.0, "so that the fit converges"),
             ("inset", max(self.inset, 0.0), 0.0, self.radius(dim), "less than the level set's radius"),
@@ -122,14 +116,12 @@ def surface_term(tension: Tension, dim: int, dtype: str, cell_size: float) -> Su
     """Parameter group of the kernels, for cells of `cell_size` [m]."""
     real = np.dtype(dtype).type
     printed = tension.printed()
-    radius = tension.radius(dim)
-    squared = float(dim) if tension.level_set_radius is None else radius**2
     inset = tension.inset_distance()
     return SurfaceTerm(
-        cell_size=real(cell_size), inverse_cell=inverse_cell(cell_size, dtype), radius_squared=real(squared),
+        cell_size=real(cell_size), inverse_cell=inverse_cell(cell_size, dtype), radius_squared=real(dim),
         offset=real(tension.offset), relaxation=real(tension.relaxation),
         iterations=int32(0 if "M14" in printed else tension.iterations),
-        inset=real(0.0 if inset is None else radius - inset), disk=real(tension.disk_radius),
+        inset=real(0.0 if inset is None else tension.radius(dim) - inset), disk=real(tension.disk_radius),
         tension=real(-tension.surface_tension if "M1" in printed else tension.surface_tension),
     )  # fmt: skip
 

@@ -32,7 +32,7 @@ DETECTION, DETECTION_EACH_STEP = rs.SurfaceDetection(), rs.SurfaceDetection(each
 TENSION = rs.JiangZhu2023(surface_tension=0.5, pair_mode="soft", density_correction=False)
 WARM = rs.HeatConduction(temperature=50.0, melting_point=0.0)
 MESH = pairs.EFFECTS["mesh_boundary"]
-MPM, MPM_FULL = rs.MpmLiquid(bulk_modulus=144e3), rs.MpmLiquid(bulk_modulus=144e3, volume="gradient")
+MPM, MPM_FULL = rs.MpmLiquid(bulk_modulus=144e3), rs.MpmLiquid(bulk_modulus=144e3, volume="full_gradient")
 SOLID = rs.SolidBox(lower=(0.1, 0.1, 0.4), upper=(0.4, 0.4, 0.6))
 
 

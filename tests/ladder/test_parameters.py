@@ -438,7 +438,7 @@ def melting(dim, into=0):
 CELLS = {2: 0.33, 3: 0.31}  # h of the background grid [m], by dimension
 
 
-def material_points(dim, share=1.0, m3=0, m4=0, m5=0, shear=0, m6=False, reading=0, walls=False):
+def material_points(dim, share=1.0, m3=0, m4=0, m5=0, m6=False, reading=0, walls=False):
     """MLS-MPM (Hu et al. 2018) with quadratic splines: D^-1 = 4/h^2; viscosity 4 mu/(rho0 h^2)."""
     h, modulus = CELLS[dim], 3.1e6
     deep = dim == 3
@@ -449,7 +449,6 @@ def material_points(dim, share=1.0, m3=0, m4=0, m5=0, shear=0, m6=False, reading
         },
         "liquid": {
             "rest_density": RHO, "stress": share * modulus, "linear_stress": m4, "unit_volume": m3, "timeless": m5,
-            "forgets_shear": shear,
         },
         "field": None, "planes": wall_nodes(dim) if walls else None, "embedding": {"reading": reading},
         "counting": {"cell_mass": RHO * h**dim},
@@ -689,8 +688,6 @@ def test_the_surface_of_material_points(dim):
     assert not list(wrong(surface_term(Tension(disk_radius=0.3, **given), dim, "float64", h), expected))
     printed = surface_term(Tension(disk_radius=0.3, literal=("M1", "M14", "M31"), **given), dim, "float64", h)
     assert not list(wrong(printed, expected | {"tension": -SIGMA, "iterations": 0, "inset": 0.0}))
-    wider = surface_term(Tension(disk_radius=0.3, level_set_radius=1.9, **given), dim, "float64", h)
-    assert not list(wrong(wider, expected | {"radius_squared": 1.9**2, "inset": 1.9 - 0.2}))
 
 
 def test_the_band_and_the_relaxation():

@@ -47,7 +47,7 @@ class Transfers:
         self.values: dict[str, Any] = {
             "position": np.array(position), "velocity": np.array(velocity), "affine": np.array(affine).reshape(n, 9),
             "mass": self.mass, "volume_ratio": np.ones(n) if ratio is None else np.array(ratio),
-            "background": background, "liquid": Liquid(DENSITY, MODULUS, *np.zeros(4, np.int32)),
+            "background": background, "liquid": Liquid(DENSITY, MODULUS, *np.zeros(3, np.int32)),
             "timestep": np.array([step, step]), "grid": MpmGrid(dim, "float64", CELL, Backend("cpu")),
             "scratch": Scratch(Backend("cpu")), "cell": np.zeros(n, np.int32), "displacement": np.zeros(3),
             "step_extremes": np.zeros(4),
