@@ -166,7 +166,8 @@ class Gauges:
             near = ((x >= place.min(0) - reach) & (x <= place.max(0) + reach))[:, free].all(1)
             names = {p.names.get(name, name) for name in taken}
             fields = {name: run.backend.host(fields[name])[near] for name in fields if name in names}
-            shared = dict(run.plan.shared)
+            turning = run.motions and run.motions.turning
+            shared = {**run.plan.shared, **({} if turning is None else {"turning": run.backend.host(turning)})}
         points = {"walls": WallParticles(place.astype(dtype), np.zeros(len(place), dtype))}
         run.timings.run(p.operation, bind_pass(p, backend, (points, written, given, fields, shared)))
         return [each.astype(float) for each in written.values()]

@@ -102,6 +102,16 @@ def test_the_frame_exerts_no_force_on_a_solid(of):
     assert simulation.gauge("body").values == pytest.approx(0.0, abs=1e-9)  # N, of a body of 4 kg
 
 
+def test_a_pressure_in_a_tank_that_turns_needs_no_list():
+    """The turn presses with 40 m/s^2 on the side; the same with the list of a run and without one that holds."""
+    turn = rs.Motion(of="turn", kind="formula", direction=(0.0, 0.0, 1.0), pivot=(-10.0, 0.0, 0.0), formula="2*t")
+    gauge = rs.Gauge(name="side", kind="pressure", at=(1.0, 0.25, 0.0))
+    simulation = advanced(rs.Simulation(tank(10, (gauge,)).with_(motion=(turn,)), "cpu"), 3)
+    listed = simulation.gauges._pressure(simulation)
+    simulation.lists.squared_displacement = np.inf
+    assert simulation.gauges._pressure(simulation) == pytest.approx(listed, rel=1e-4)
+
+
 def test_a_simulation_without_gauges_has_none():
     simulation = rs.Simulation(tank(5, ()), "numpy")
     assert simulation.gauges is None
