@@ -350,7 +350,7 @@ closed_form(
 SIDES = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
 
 
-def _closed(w, wider, lacks, phase=(SURFACE, SURFACE), body=(1, 1), walls=None, pressure=9e9):
+def _closed(w, wider, lacks, phase=(SURFACE, SURFACE), body=(1, 1), walls=None, pressure=9e9, turning=None):
     """Solids of 0.5 and 2 m^3, the second 1 m above the first; walls 1 m below the first and at the second.
 
     Half of rho0 |g| h is 9 kPa, 1000 kg/m^3 * 9 m/s^2 * 1 m; -G_film.G/|G_film| is `lacks` m^3 times |W'(h/2)|.
@@ -358,6 +358,7 @@ def _closed(w, wider, lacks, phase=(SURFACE, SURFACE), body=(1, 1), walls=None, 
     inputs = {"phase": [*phase], "solid_number": [*body], "mass": [500.0, 1800.0], "density": [1000.0, 900.0]}
     inputs |= {"lean": WallFrameGravity(1.0, -8.0, 4.0), "fluid": Fluid(1000.0, 4e5, 1, 0)}
     inputs |= {"walls": walls and WallParticles(SIDES, np.array(walls)), "pressure": [pressure, 0.0]}
+    inputs |= {"velocity": np.zeros((2, 3)), "turning": turning}
     factor = 1 + wider / (1 + 0.0036 / max(2 * lacks * w.slope, 1e-9) ** 2)
     return Exact(at("closed", PAIR.position, SIDES), inputs, {"film_factor": [factor, 1.0]})
 
@@ -374,6 +375,10 @@ for_each_kernel(
     below_liquid=lambda w: _closed(w, 3.0, 1.5, phase=(SURFACE, FLUID), walls=[0.5, 0.0]),
     uneven_liquid=lambda w: _closed(w, 0.05 / 1.95, 0.05, phase=(SURFACE, FLUID), walls=[1.95, 0.0]),
     near_a_surface=lambda w: _closed(w, 1.5, 1.5, walls=[0.5, 0.0], pressure=9e3),
+    # (1, -8, 4) + (-9, 0.25, 0) m/s^2, see TURNING
+    near_it_in_a_tank_that_turns=lambda w: _closed(
+        w, 1.5, 1.5, walls=[0.5, 0.0], pressure=1e3 * math.hypot(8.0, 7.75, 4.0), turning=TURNING
+    ),
     above_it=lambda w: _closed(w, 0.0, 1.5, walls=[0.5, 0.0], pressure=-9e3),
     # 1.5 below and 1 above: 0.5 (2 - 0.5)/(2.5^2/8)
     two_walls_that_face_each_other=lambda w: _closed(w, 0.96, 0.75 / math.sqrt(2.5**2 / 8), walls=[1.5, 1.0]),

@@ -338,14 +338,14 @@ def wall_around_pair(r, x_ij, volume_j, smoothing):
 
 @kernel(lanes=True)
 def close_films(
-    i, lane, position, phase, solid_number, mass, density, pressure, neighbours, walls, smoothing, fluid, lean,
-    film_factor,
+    i, lane, position, velocity, phase, solid_number, mass, density, pressure, neighbours, walls, smoothing, fluid,
+    lean, turning, film_factor,
 ):  # fmt: skip
     """g_k = 1 - G_film.G/|G_film|^2, dimensionless, 1 to WIDENED, at a solid's particle; 1 in the liquid.
 
     G = sum_j V_j grad W_kj, G_film its part by other solids and walls, whose sides that face each other count little.
-    Near a surface what is missing may be air: g_k - 1 has the share 1/(1 + (P/p_k)^4), P = rho0 |g| h/2; and, as liquid
-    is not even, q^2/(q^2 + LOOSE^2), q = -h G_film.G/|G_film|.
+    Near a surface what is missing may be air: g_k - 1 has the share 1/(1 + (P/p_k)^4), P = rho0 |g| h/2, g as felt
+    at k; and, as liquid is not even, q^2/(q^2 + LOOSE^2), q = -h G_film.G/|G_film|.
     """
     one = type(smoothing.support_radius)(1)
     factor = one
@@ -363,8 +363,9 @@ def close_films(
             h, wider = smoothing.support_radius, lacking / square
             if wider > type(one)(WIDENED - 1):
                 wider = type(one)(WIDENED - 1)
-            deep, much = fluid.rest_density * type(one)(math.sqrt(dot(lean, lean))) * h / type(one)(2), h * lacking
-            much = much * much / type(one)(LOOSE * LOOSE)
+            g = felt(i, position, velocity, lean, turning)
+            deep = fluid.rest_density * type(one)(math.sqrt(dot(g, g))) * h / type(one)(2)
+            much = (h * lacking) * (h * lacking) / type(one)(LOOSE * LOOSE)
             if not pressure[i] <= type(one)(0):
                 near = (deep / pressure[i]) * (deep / pressure[i])
                 factor = one + wider * (much / (much + square)) / (one + near * near)

@@ -4,13 +4,11 @@ Arrays: position, velocity (n, 3); mass, density, pressure, volume, rest_density
 1 solid at its body's surface, 2 solid inside. `rows` picks particles.
 """
 
-import math
-
 import numpy as np
 
 from refsim.boundary.two_way_coupling import reference as ref
 from refsim.core.operation import SYMMETRY, operations
-from refsim.core.terms import Terms, maximum, minimum, where
+from refsim.core.terms import Terms, length, maximum, minimum, where
 from refsim.gauges.operations import in_each
 from refsim.motion.operations import felt
 from refsim.neighbours.sums import Fields, neighbours, wall_particles
@@ -246,21 +244,24 @@ def positive(weights):
 
 
 @operation(
-    "closed films", paper="this project", outputs="film_factor", optional="walls", variants=("walls", ""),
-    tolerance=16.0, reason="one rounding in each of distance, slope, volume, product, sum and quotient",
-    invariants=SYMMETRY, entrywise=True,
+    "closed films", paper="this project", outputs="film_factor", optional="walls turning",
+    variants=("turning", "walls turning", ""), tolerance=16.0, entrywise=True,
+    reason="one rounding in each of distance, slope, volume, product, sum and quotient",
+    invariants=SYMMETRY, broken={2: "translation rotation"},
 )  # fmt: skip
 def close_films(
-    position, phase, solid_number, mass, density, pressure, walls, smoothing, fluid, lean, rows=None
+    position, velocity, phase, solid_number, mass, density, pressure, walls, smoothing, fluid, lean, turning, rows=None
 ):  # fmt: skip
     """Factor with which films push a solid's particle, dimensionless; 1 in the liquid."""
     volume = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
-    i = Fields(position=position, volume=volume, pressure=pressure, part=solid_number, **kinds(phase))
+    i = Fields(
+        position=position, velocity=velocity, volume=volume, pressure=pressure, part=solid_number, **kinds(phase)
+    )  # fmt: skip
     around = neighbours(i, i, smoothing, rows=rows)
     at_walls = neighbours(i, wall_particles(walls, solid=1.0, part=-1), smoothing, rows=rows)
     sums = (around(part) + at_walls(part) for part in (ref.around, ref.of_film, ref.most_of_film))
     h = float(smoothing.support_radius)
-    head = float(fluid.rest_density) * math.hypot(*map(float, lean)) * h / 2
+    head = float(fluid.rest_density) * h / 2 * length(felt(i.at(rows), lean, turning))
     return {"film_factor": where(around.i.solid, ref.film_factor(*sums, around.i, head, h), 1)}
 
 

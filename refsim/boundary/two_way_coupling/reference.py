@@ -157,7 +157,7 @@ def film_factor(whole, film, most, k, head, h):
     """g_k = 1 - G_film.G/|G_film|^2 in 1 to 8, dimensionless: along G_film even pressure then pushes to no side.
 
     |G_film|^2 >= F^2/8, as films on two sides that face each other have a sum near 0. Near a surface what is missing
-    may be air: g_k - 1 has the share 1/(1 + (P/p_k)^4), P = rho0 |g| h/2; and, as liquid is not even,
+    may be air: g_k - 1 has the share 1/(1 + (P/p_k)^4), P = rho0 |g| h/2, g as felt at k; and, as liquid is not even,
     q^2/(q^2 + 0.0036), q = -h G_film.G/|G_film|.
     """
     square = maximum(film @ film, most * most / 8)
