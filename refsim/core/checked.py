@@ -86,12 +86,12 @@ class Checked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
 
 def _kept(value: Any, typed: bool) -> Any:
-    """`value`, or what stands for a list or an array in what does not change: a tuple; untyped arrays are copied."""
-    if isinstance(value, np.ndarray) and not typed:
+    """`value`, or what stands for it in what does not change: tuples, numbers of Python; untyped arrays are copied."""
+    if isinstance(value, np.ndarray | np.generic) and typed:
+        return _kept(value.tolist(), typed)
+    if isinstance(value, np.ndarray):
         value = value.copy()
         value.setflags(write=False)
-    elif isinstance(value, np.ndarray) and value.ndim:
-        return _kept(value.tolist(), typed)
     elif isinstance(value, list | tuple):
         kept = tuple(_kept(v, typed) for v in value)
         return value if isinstance(value, tuple) and all(map(operator.is_, kept, value)) else kept

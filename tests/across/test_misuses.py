@@ -56,8 +56,14 @@ def test_a_call_that_is_not_possible_is_said_in_a_sentence(name, given, named, s
 
 
 def test_numbers_of_numpy_and_names_of_all_arguments_are_taken(run):
+    viscous = rs.WeaklyCompressible(sound_speed=np.array(20.0), dynamic_viscosity=np.float64(1e-3))
     report = rs.simulate(
-        scene=TANK, until=np.float32(1e-6), backend="numpy", threads=np.int64(1), every=np.array(1.0), progress=False
+        scene=TANK.with_(effects=(viscous, *TANK.effects[1:])),
+        until=np.float32(1e-6),
+        backend="numpy",
+        threads=np.int64(1),
+        every=np.array(1.0),
+        progress=False,
     )
     assert report.steps == 1
     assert run.at(np.float64(0.0)).position.shape == run[np.int64(0)].position.shape == (9, 3)
