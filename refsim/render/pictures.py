@@ -58,7 +58,7 @@ class Look:
 
 
 class Series:
-    """Pictures of some frames of a run: one camera, one ground, one range of colours.
+    """Pictures of some frames of a run: one camera, one range of colours.
 
     per_second  pictures of a second of film, whose pace the label of the time tells; None for single pictures
 
@@ -179,12 +179,9 @@ class Series:
     def _stage(self, finer: int) -> space.Stage:
         """What pictures in 3D share."""
         run, box = self.run, self.run.box
-        corners = np.array([np.where(pick, self.high, self.low) for pick in np.ndindex(2, 2, 2)])
         tank = None if box is None else (np.maximum(box[0], self.low), np.minimum(box[1], self.high))
-        return space.Stage(
-            self.low, self.high, run.up, self.camera, self.look.size, ground=float((corners @ run.up).min()), box=tank,
-            softness=2.5 * run.spacing, background=BACKGROUNDS[self.look.style], finer=finer,
-        )  # fmt: skip
+        sky = BACKGROUNDS[self.look.style]
+        return space.Stage(self.low, self.high, run.up, self.camera, self.look.size, tank, background=sky, finer=finer)
 
     def _labelled(self, image: NDArray, frame: Frame) -> NDArray[np.uint8]:
         """The image with time, scale bar and colour bar on it."""

@@ -1,4 +1,4 @@
-"""Pictures in 3D by PyVista, off screen: surfaces or particles on a ground with a soft shadow."""
+"""Pictures in 3D by PyVista, off screen: surfaces or particles."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -15,10 +15,7 @@ from refsim.render.looks import Camera, Cut, level_axes
 
 SUPERSAMPLING = 2  # pixels along a pixel's edge that are drawn and averaged
 BOTTOM, TOP, SIDES = 0.13, 0.09, 0.04  # shares of a picture that are left to its labels
-SHADOW = 0.42  # darkness of the ground under a thick body
-SHADOW_INK = (0.18, 0.2, 0.24)  # its colour where it is darkest
 LIGHT = (-0.45, 0.35, 0.82)  # towards the light: right of the viewer, away from him on the ground, up
-GROUND_CELLS = 768
 OPACITY, LAYERS = 0.45, 6  # of clear liquid; surfaces of it that depth peeling draws one behind the other
 # Ambient and diffuse light on a body: shaded by its form; mildly, so that its colours can be read; not at all.
 SHADED, MILD, FLAT = (0.24, 0.90), (0.70, 0.30), (1.0, 0.0)
@@ -58,14 +55,11 @@ class Stage:
     up: NDArray  # (3,) unit vector
     camera: Camera
     size: tuple[int, int]  # of a picture in pixels
-    ground: float | None = None  # place of the ground along `up` [m]; None for none
     box: tuple[NDArray, NDArray] | None = None  # corners of a tank whose edges are drawn
-    softness: float = 0.0  # of shadows [m]
     background: str = "white"
     half_height: float | None = None  # of what is shown [m]; if None, all that is seen, and space for labels
     finer: int = SUPERSAMPLING  # pixels along a pixel's edge that are averaged; 1 is faster, with smoothed edges
     window: Any = None  # PyVista's, within `kept`
-    floor: Any = None  # the ground's colours there
 
     def frame(self) -> tuple[NDArray[np.float64], float]:
         """Middle of the picture [m] and half of its height [m]."""
@@ -107,7 +101,7 @@ class Stage:
             self.window.enable_depth_peeling(LAYERS)
         try:
             self._lights(pyvista(), self.window)
-            self._surroundings(pyvista(), self.window)
+            self._add_tank(pyvista(), self.window)
             middle, half = self.frame()
             _, upward, towards = self.camera.axes(self.up)
             away = 4.0 * float(np.linalg.norm(self.high - self.low)) + 4.0 * half
@@ -118,7 +112,7 @@ class Stage:
             yield self
         finally:
             self.window.close()
-            self.window = self.floor = None
+            self.window = None
 
     def _images(self, bodies: Sequence[Body], *backgrounds: str) -> list[NDArray[np.uint8]]:
         """The picture (height, width, 3) of the bodies on each background."""
@@ -126,8 +120,6 @@ class Stage:
 
         with nullcontext() if self.window else self.kept():
             pv, plotter = pyvista(), self.window
-            if self.floor is not None:
-                self._shade(pv, bodies)
             actors = [self._add(pv, plotter, body) for body in bodies if len(body.points)]
             plotter.renderer.ResetCameraClippingRange()
             images = []
@@ -156,71 +148,11 @@ class Stage:
         direction = LIGHT[0] * right + LIGHT[1] * level + LIGHT[2] * np.asarray(self.up)
         return direction / np.linalg.norm(direction)
 
-    def _surroundings(self, pv: Any, plotter: Any) -> None:
-        """The edges of the tank and the ground, for all pictures."""
+    def _add_tank(self, pv: Any, plotter: Any) -> None:
+        """The edges of the tank, for all pictures."""
         if self.box is not None:
-            low, high = self.box
-            edges = pv.Box(bounds=np.stack([low, high], 1).ravel()).extract_all_edges()
+            edges = pv.Box(bounds=np.stack(self.box, 1).ravel()).extract_all_edges()
             plotter.add_mesh(edges, color="#8a8f94", line_width=1.2 * self.finer, lighting=False, render=False)
-        if self.ground is None:
-            return
-        middle, reach = self._ground()
-        east, north = level_axes(self.up)
-        plane = pv.Plane(
-            center=middle, direction=self.up, i_size=2 * reach, j_size=2 * reach, i_resolution=1, j_resolution=1
-        )
-        corners = np.asarray(plane.points)
-        plane.active_texture_coordinates = np.stack(
-            [((corners - middle) @ axis / reach + 1.0) / 2.0 for axis in (east, north)], axis=1
-        ).astype(np.float32)
-        self.floor = pv.ImageData(dimensions=(GROUND_CELLS, GROUND_CELLS, 1))
-        self.floor.point_data["colour"] = np.zeros((GROUND_CELLS**2, 3), np.uint8)
-        texture = pv.Texture(self.floor)
-        texture.interpolate = True
-        plotter.add_mesh(plane, color="white", texture=texture, lighting=False, render=False)
-
-    def _ground(self) -> tuple[NDArray[np.float64], float]:
-        """Middle of the drawn square of the ground [m] and half of its edge [m]."""
-        scale = float(np.linalg.norm(self.high - self.low))
-        middle = 0.5 * (self.low + self.high)
-        middle = middle + (self.ground - middle @ self.up) * self.up - 2e-4 * scale * self.up
-        return middle, 1.2 * scale + 3.0 * self.frame()[1]
-
-    def _shade(self, pv: Any, bodies: Sequence[Body]) -> None:
-        """Put the shadow of the bodies on the ground."""
-        dark, colours = self._shadow(bodies).ravel(), self.floor.point_data["colour"]
-        for axis, (back, ink) in enumerate(zip(pv.Color(self.background).float_rgb, SHADOW_INK)):
-            colours[:, axis] = np.rint(255 * (back + (ink - back) * dark))
-        self.floor.Modified()
-
-    def _shadow(self, bodies: Sequence[Body]) -> NDArray[np.float32]:
-        """(GROUND_CELLS, GROUND_CELLS) darkness of the ground, 0 to 1, rows along the second level axis."""
-        from scipy.ndimage import gaussian_filter
-
-        (middle, reach), (east, north) = self._ground(), level_axes(self.up)
-        light, cells = self._to_light(), GROUND_CELLS
-        wide = max(1.5, self.softness / (2 * reach) * cells)
-        around = math.ceil(4 * (1.0 + wide)) + 2  # cells that the filters reach
-        total = np.zeros((cells, cells), np.float32)
-        for body in bodies:
-            away = np.asarray(body.points, dtype=float) - middle
-            if body.facets is not None and len(body.facets):
-                away = away[body.facets].mean(1)
-            height = np.maximum(away @ self.up, 0.0)
-            on_ground = away - height[:, None] / (light @ self.up) * light
-            place = np.stack([(on_ground @ axis / reach + 1.0) / 2.0 * cells for axis in (north, east)])
-            at = np.floor(place[:, ((place >= 0) & (place < cells)).all(0)]).astype(np.int64)
-            if not at.size:
-                continue
-            window = _window(at, around, cells)
-            covered = np.zeros((cells, cells), np.float32)[window]
-            covered[tuple(at - [[part.start] for part in window])] = 1.0
-            darkness = np.clip(1.6 * gaussian_filter(covered, 1.0), 0.0, 1.0) * (0.55 if body.water else 1.0)
-            np.maximum(total[window], darkness, out=total[window])
-        if total.any():
-            window = _window(np.stack(np.nonzero(total)), around, cells)
-            total[window] = SHADOW * gaussian_filter(total[window], wide)
-        return total
 
     def _add(self, pv: Any, plotter: Any, body: Body) -> Any:
         """The actor of a body, which the window shows from now on."""
@@ -264,13 +196,6 @@ class Stage:
         look.SetSpecularPower(35.0)
         plotter.add_actor(actor, render=False)
         return actor
-
-
-def _window(at: NDArray[np.int64], around: int, cells: int) -> tuple[slice, slice]:
-    """The part of a square of `cells` x `cells` that holds the cells at (2, k) and those up to `around` beside them."""
-    low, high = at.min(1) - around, at.max(1) + around + 1
-    rows, columns = (slice(max(a, 0), min(b, cells)) for a, b in zip(low.tolist(), high.tolist()))
-    return rows, columns
 
 
 def _polygons(pv: Any, points: NDArray, facets: NDArray) -> Any:
