@@ -6,10 +6,12 @@ from scipy.spatial import ConvexHull
 
 from refsim.sph.resting import RestingColumn
 from tests.running import rows
+from validation.experiments.liquid import runs as tanks
 from validation.measure import studies
 from validation.measure.studies import SOLVED, sloshed
 from validation.metrics import solutions as scene
 from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface
+from validation.running import Context
 
 
 def test_compressed_heights_are_in_balance():
@@ -249,3 +251,10 @@ def test_the_pool_over_the_torus_is_that_of_its_volume():
     centre = (0.5 * 0.8**2 * depth**2 - 0.2 * ring.volume) / 0.6**3
     assert studies.poured(0.6**3, 0.8, file, 1e6) == pytest.approx(centre, rel=1e-5)
     assert SOLVED["torus"].answer() == pytest.approx(centre - 9.81 * depth**2 / (3 * 40.0**2), rel=5e-4)
+
+
+def test_the_walls_of_a_tank_carry_its_weight():
+    simulation = Context().simulation(tanks._water(2, (8, 8), 3.0, tanks._liquid("rests", tanks.SOUND, 0.01)), "numpy")
+    for _ in range(40):
+        simulation.step()
+    assert tanks.pushed(simulation)[1] == pytest.approx(simulation.field("mass").sum() * tanks.GRAVITY, rel=0.1)

@@ -35,7 +35,6 @@ from refsim.core.effect import Discretisation
 from refsim.core.errors import RunStopped
 from refsim.core.operation import REGISTRY
 from refsim.core.writing import write_file
-from refsim.sph import CORRECTION
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, RunSpec
 from validation.experiments.solutions.runs import _projected, order
@@ -220,11 +219,10 @@ def tank(
 def pushed(simulation: Simulation) -> NDArray:
     """Force of walls with an extrapolated pressure on liquid and solids (3,) [N]."""
     plan, operation = simulation.plan, REGISTRY["adami_2012.wall_force"]
-    given: dict[str, Any] = {n: simulation.field(n) for n in ("position", "density", "pressure", "wall_pressure")}
-    given |= {"walls": plan.walls, "smoothing": plan.shared["gradient_smoothing"], "period": None}
-    given["fluid"] = plan.shared["fluid"]
-    given |= {n: simulation.field(n) if n in plan.fields else None for n in (*CORRECTION, "phase", "suction")}
-    push, _ = operation.program("numpy")(*(given[name] for name in operation.arguments("numpy")))["acceleration"]
+    given = {"walls": plan.walls, "smoothing": plan.shared["gradient_smoothing"], "fluid": plan.shared["fluid"]}
+    names = operation.arguments("numpy")
+    fields = {name: simulation.field(name) for name in names if name in plan.fields}
+    push, _ = operation.program("numpy")(*((given | fields).get(name) for name in names))["acceleration"]
     return simulation.field("mass") @ push
 
 
