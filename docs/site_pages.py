@@ -31,7 +31,7 @@ NAVIGATION = {
     "Evidence": (
         "equations", "checks", "solutions", "laws", "stability",
     ),
-    "Contract": ("contract",),
+    "Contract": ("contract", "vectors"),
     "Contributing": ("contributing", "api", "changelog"),
     "Guarantees": ("guarantees", "public_names"),
 }  # fmt: skip

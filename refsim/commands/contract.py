@@ -54,6 +54,8 @@ DESCRIPTION = (
 @takes("--allow", action="append", default=[], metavar="MEASURE=VALUE",
        help="with --run: largest difference of a measure, in place of both bands; may be repeated")  # fmt: skip
 @takes("--backend", help="with --run: numpy, cpu or cuda; with --arguments and --template: cpu or cuda (cpu)")
+@takes("--export", metavar="FOLDER",
+       help="judge nothing; write test vectors of the operations named, all by default, into a new folder")  # fmt: skip
 @takes("--template", action="store_true",
        help="judge nothing; print a Python file with a stub for each of the operations named")  # fmt: skip
 @takes("--header", choices=("c", "fortran"),
@@ -75,6 +77,8 @@ def execute(options: argparse.Namespace) -> CommandResult:
     _check_modes(options)
     if options.run is not None:
         return _whole_run(options)
+    if options.export is not None:
+        return _export(options)
     for mode in ("template", "header", "guide"):
         if getattr(options, mode):
             text = _printed(options)
@@ -141,11 +145,12 @@ def _replayed(request: Any, name: str) -> Any:
     return dataclasses.replace(request, replay=name, seed=seed, **chosen)
 
 
-MODES = ("run", "template", "header", "arguments", "replay", "guide")
+MODES = ("run", "export", "template", "header", "arguments", "replay", "guide")
 OF_MODES: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("at", "within", "allow", "chaos_only", "without_sensitivity"), ("run",)),
     "backend": ("run", "arguments", "template"),
-    **dict.fromkeys(("step", "seed", "jobs", "allow_untried", "dtype", "variant"), ("",)),
+    **dict.fromkeys(("step", "seed", "jobs", "allow_untried"), ("",)),
+    **dict.fromkeys(("dtype", "variant"), ("", "export")),
 }
 
 
@@ -276,3 +281,19 @@ def _whole_run(options: argparse.Namespace) -> CommandResult:
         lines += ["Errors are shares of the parameter.", acted]
     data["measures"] = whole_runs.report(compared_measures)
     return CommandResult(data, "\n".join(lines), 0 if data["holds"] else 4)
+
+
+def _export(options: argparse.Namespace) -> CommandResult:
+    """Write test vectors."""
+    import msgspec
+
+    from refsim.contract.export import INDEX, READER, SCHEMA, export
+    from refsim.contract.programs import check_names
+
+    check_names(options.names, options.dtype, options.variant)
+    begins = say if wanted() else lambda name: None
+    vectors = export(Path(options.export), options.names, options.dtype, options.variant, begins)
+    files = [file for operation in vectors.operations for file in operation.files]
+    told = f"{sum(len(file.cases) for file in files)} test vectors of {len(vectors.operations)} operations"
+    in_files = f"in {len(files)} npz files; {INDEX} names them, {SCHEMA} is its schema, {READER} reads them in C++."
+    return CommandResult(msgspec.to_builtins(vectors), f"{options.export}: {told} {in_files}")

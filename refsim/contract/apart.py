@@ -223,7 +223,7 @@ def _work(pipe: Any, request: Request, path: list[str]) -> None:
     from refsim.contract import drawn
     from refsim.contract import programs as library
     from refsim.contract.binding import error_line
-    from refsim.contract.replay import write_replay
+    from refsim.contract.export import write_replay
 
     os.setsid()  # what programs start ends with this process
     gc.set_threshold(50_000)  # of the many objects that imports make few are garbage

@@ -33,8 +33,8 @@ from PIL import Image
 import refsim
 from refsim.__main__ import main as refsim_main
 from refsim.contract import Target
+from refsim.contract.export import write_replay
 from refsim.contract.programs import climb
-from refsim.contract.replay import write_replay
 from refsim.core import writing
 from refsim.core.operation import REGISTRY
 from refsim.io.frames import read_arrays, read_head
@@ -80,6 +80,7 @@ COMMANDS = {  # each writes into the folder "out", and what it left there before
     "gauges": words("render run --gauges -o out/plots.png"),
     "table": table,
     "example": words("example droplet --output out --overwrite"),
+    "export": words("contract sph.gravity --export out"),
     "replay": replay,
 }
 SLOW = ("sweep", "study", "film")  # drawn half as often
@@ -256,7 +257,10 @@ def campaign(count: int, seed: int, only: int | None = None, names: tuple[str, .
             draw = random.Random(f"{seed} {number}")
             (name,) = draw.choices(names, chances)
             fault, lasting = draw.choice(list(FAULTS)), draw.random() < 0.5
-            fault_at, old = draw.randrange(calls[name] + 1), name == "resume" or draw.random() < 0.6
+            fault_at, old = (
+                draw.randrange(calls[name] + 1),
+                name == "resume" or (draw.random() < 0.6 and name != "export"),
+            )
             given = fault_at, fault, lasting, old
             try:
                 outcomes[trial(name, disk, *given)] += 1

@@ -1,4 +1,4 @@
-"""Whole files of docs/contract, and libraries in C and Fortran by printed declarations."""
+"""Whole files of docs/contract, libraries in C and Fortran by printed declarations, and test vectors read in C++."""
 
 import importlib.util
 import json
@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -15,8 +16,8 @@ from refsim import contract
 from refsim.__main__ import main
 from refsim.backends.arrays import unavailable
 from refsim.contract import native
+from refsim.contract.export import VectorCase, Vectors, flat
 from refsim.contract.inputs import Inputs, arguments_of_others
-from refsim.contract.replay import _flat
 from refsim.core import cases
 from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY
@@ -152,12 +153,104 @@ def test_the_only_wanted_output_is_returned_as_an_array_also_beside_optional_one
     assert first.passed, str(first)
 
 
-def test_other_programs_get_no_object_of_refsim():
+# Test vectors
+VECTORS = ("sph.density", "mpm.particle_to_grid", "surface_detection.near_surface", "sph.central_viscosity")
+
+
+@pytest.fixture(scope="module")
+def vectors(tmp_path_factory):
+    """(folder of vectors, their index) of four operations' plain variants."""
+    made = tmp_path_factory.mktemp("of_contract") / "vectors"
+    assert main(["contract", "--export", str(made), "--variant", "0", *VECTORS]) == 0
+    return made, msgspec.json.decode((made / "vectors.json").read_bytes(), type=Vectors)
+
+
+def test_vectors_say_what_they_hold(vectors):
+    made, index = vectors
+    density, to_grid, near, viscosity = index.operations
+    assert {a.name: a.unit for a in density.arguments}["mass"] == "kg (kg/m in 2D)"
+    assert {a.name: a.kind for a in to_grid.arguments}["nodes"] == "int32 (nodes, 3)"
+    names = {case.name for case in density.files[0].cases}
+    assert names >= {"cloud_2d_cubic_spline", "dense_cluster", "far_away_2d", "few_2d_other_smoothing.support_radius"}
+    assert near.exact == ["near_surface"]
+    for operation in index.operations:
+        assert [(file.variant, file.dtype) for file in operation.files] == [(0, "float32"), (0, "float64")]
+        for file in operation.files:
+            steps = {case.step for case in file.cases}
+            assert steps >= {"T2", "T3", "T5", "T10"}
+            assert ("T4" in steps) == (operation is viscosity)
+            with np.load(made / file.file) as arrays:
+                assert {name.partition("/")[0] for name in arrays} == {case.name for case in file.cases}
+                assert all(array.dtype.kind in "fiub" for array in arrays.values())
+                for case in file.cases:
+                    for output in (o for o in operation.outputs if o not in file.without):
+                        before, answer, bound = (
+                            arrays[f"{case.name}/{kind}/{output}"] for kind in ("before", "answer", "bound")
+                        )
+                        assert output in operation.adds or np.isnan(before).all() or before.dtype.kind != "f"
+                        assert bound.shape == answer.shape[:1]
+                        assert (bound >= 0).all()
+                        assert case.step == "T9" or not np.isnan(answer).any()
+                    assert not any(f"{case.name}/{name}" in arrays for name in file.without)
+    schema = json.loads((made / "vectors.schema.json").read_text())
+    assert schema["$defs"]["VectorCase"]["properties"].keys() == set(VectorCase.__struct_fields__)
+
+
+def test_conservation_is_read_in_cpp(vectors, tmp_path):
+    made, _ = vectors
+    if shutil.which("g++") is None:
+        pytest.skip("g++ is not on the path")
+    source = pathlib.Path(__file__).with_name("conserved.cpp")
+    command = ["g++", "-std=c++11", "-Wall", "-Wextra", "-Werror", f"-I{made}", source, "-o", "conserved"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    for dtype in ("float32", "float64"):
+        file = made / f"sph.central_viscosity/variant_0_{dtype}.npz"
+        said = subprocess.run([tmp_path / "conserved", file], capture_output=True, text=True, check=True).stdout
+        found = [line.split() for line in said.splitlines()]
+        assert len(found) == 8, said
+        assert {kept for _, kept, *_ in found} == {"linear_momentum", "angular_momentum", "dissipation"}
+        assert all(right == "1" for *_, right, _ in found), said
+        assert all(wrong == "0" for _, kept, _, wrong in found if kept != "dissipation"), said
+
+
+def test_every_operation_has_vectors():
+    """None of them takes an object of refsim."""
     cases.discover()
     inputs = Inputs(cases.CASES["cloud_3d"](), "float32")
     for operation in REGISTRY.values():
         for name in arguments_of_others(operation, "numpy"):
-            assert all(np.asarray(part).dtype.kind in "fiub" for _, part in _flat(name, inputs[name])), name
+            assert all(np.asarray(part).dtype.kind in "fiub" for part in flat(name, inputs[name]).values()), name
+
+
+FLAGS = "-DCMAKE_CXX_FLAGS=-Wall -Wextra -Werror", "-DCMAKE_CXX_FLAGS_RELEASE=-O1"
+SLIPS = {"density": ("mass[j] * scale", "mass[i] * scale"), "particle_to_grid": ("place - 0.5", "place")}
+
+
+@pytest.mark.slow
+def test_vectors_are_read_in_cpp_and_by_ctest(vectors, folder):
+    made, _ = vectors
+    if any(shutil.which(tool) is None for tool in ("g++", "cmake", "ctest")):
+        pytest.skip("g++ or cmake is not on the path")
+
+    def tested():
+        for command in (
+            ["cmake", "-S", ".", "-B", "build", f"-DVECTORS={made}", *FLAGS],
+            ["cmake", "--build", "build"],
+        ):
+            done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+            assert done.returncode == 0, done.stdout + done.stderr
+        done = subprocess.run(["ctest", "--test-dir", "build"], cwd=folder, capture_output=True, text=True)
+        return set(re.findall(r"\d - (\S+) \(Failed\)", done.stdout)), done.stdout
+
+    failed, said = tested()
+    assert not failed
+    assert "100% tests passed, 0 tests failed out of 4" in said
+    for name, (right, wrong) in SLIPS.items():
+        text = (folder / f"{name}.cpp").read_text()
+        assert text.count(right) == 1
+        (folder / f"{name}.cpp").write_text(text.replace(right, wrong))
+    failed, _ = tested()
+    assert len(failed) == 4
 
 
 # The page's own files
