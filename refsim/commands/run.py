@@ -11,18 +11,20 @@ from pathlib import Path
 from typing import Any
 
 from refsim.commands import CommandResult, command, in_time, planned, table, takes
+from refsim.core.effect import EFFECTS
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.stopping import Interrupted, handling_signals
 from refsim.core.tables import vector
 from refsim.core.terminal import say
 from refsim.engine.driver import Progress, RunReport, simulate
 from refsim.engine.simulation import Simulation
-from refsim.io.results import of_ledger
 from refsim.scene.files import load_scene
 from refsim.study.observables import Watching, observable_of
 
 DESCRIPTION = """Run a scene to its end. The folder of the run holds particles.pvd (open it in ParaView),
 checkpoint.h5, report.json and, if the run stops, a post-mortem. Ctrl-C ends the run with a checkpoint."""
+
+INTENSIVE = ("", "-", "m/s")  # units of effects' accounts that are the same in 2D; others are per metre of depth
 
 
 @command("run", "run a scene, or go on from a checkpoint", DESCRIPTION)
@@ -156,11 +158,13 @@ def _text(report: RunReport) -> str:
             f" {_beside(density['greatest_difference'])}"
         )
     for effect, account in end.get("effects", {}).items():
+        kind: Any = EFFECTS[effect]
         for name, value in account.items():
             before = start["effects"][effect][name]
             said = [f"{(value - before) / abs(before):+.3g} of it"] if before else []
-            unit, expected = of_ledger(f"{effect}.{name}", report.dim)
-            told = f"{effect}, {name}: {before:.9g} -> {value:.9g} {unit.removesuffix('-')}".rstrip()
+            unit, expected = (of.get(name, "") for of in (kind.ledger_units, kind.ledger_expected))
+            per = " per m" if report.dim == 2 and unit not in INTENSIVE else ""
+            told = f"{effect}, {name}: {before:.9g} -> {value:.9g} {unit.removesuffix('-')}{per}".rstrip()
             said += [expected] if expected else []
             lines.append(f"{told} ({'; '.join(said)})" if said else told)
     lines += [f"{name}: {path}" for name, path in report.files.items()]

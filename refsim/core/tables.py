@@ -4,19 +4,9 @@ import io
 import math
 import sys
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from typing import Any
-
-from refsim.core.checked import suggestion
-from refsim.core.errors import InputError
-
-
-class UnknownRow(InputError, KeyError):
-    """A table has no row of that name; a KeyError, too, so that `in` and `get` work as in every mapping."""
-
-    __str__ = Exception.__str__
-
 
 NARROW = 16  # letters of words to which a column may shrink
 APART = 2  # letters between two columns
@@ -125,38 +115,3 @@ class Shown:
     def __repr__(self) -> str:
         title, rows = self._summary()
         return f"{title}\n{table(rows)}"
-
-
-class Table(Mapping[str, Any]):
-    """Rows, a tuple each, under named columns; the first column names the rows.
-
-    `table["mass"]` is the value of the row named mass, or, with several columns of values, the values by column;
-    `table["search"]` is the table of the rows named "search.rebuilds" and the like. Raises UnknownRow (an InputError
-    and a KeyError) for another name.
-    """
-
-    def __init__(self, title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-        self.title = title
-        self.columns = tuple(columns)
-        self.rows = tuple(map(tuple, rows))
-        self._places = {str(row[0]): k for k, row in enumerate(self.rows)}
-
-    def __getitem__(self, name: str) -> Any:
-        if name not in self._places:
-            inner = [(row[0].removeprefix(f"{name}."), *row[1:]) for row in self.rows if row[0].startswith(f"{name}.")]
-            if not inner:
-                raise UnknownRow(f"{self.title}: there is no row {name!r}; {suggestion(name, self._places)}")
-            return Table(f"{self.title}, {name}", self.columns, inner)
-        values = dict(zip(self.columns, self.rows[self._places[name]]))
-        del values[self.columns[0]]
-        return values if len(values) > 1 else values[self.columns[1]]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._places)
-
-    def __len__(self) -> int:
-        return len(self._places)
-
-    def __repr__(self) -> str:
-        shown = [[f"{c:.6g}" if isinstance(c, float) else c for c in row] for row in self.rows]
-        return table(shown, self.columns)

@@ -1,4 +1,4 @@
-"""Results of a run in Python: frames, ledger, report and scene, from the folder that `refsim run` wrote.
+"""Results of a run in Python: frames, report and scene, from the folder that `refsim run` wrote.
 
 The series that gauges measure lie in `gauges.hdf5`, replaced whole at every checkpoint. Behind the head of a checkpoint
 (`refsim.io.checkpoint`) it has the datasets `arrays/NAME.time` (k,) [s] and `arrays/NAME.values` (k, columns) of each
@@ -16,22 +16,17 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim.core.capabilities import KeepsLedger
 from refsim.core.checked import plainly, suggestion
-from refsim.core.effect import EFFECTS, Field
+from refsim.core.effect import Field
 from refsim.core.errors import InputError
 from refsim.core.reading import open_regular
-from refsim.core.tables import Shown, Table
+from refsim.core.tables import Shown
 from refsim.gauges import GaugeSeries
 from refsim.io.checkpoint import Checkpoint, Unreadable, read_checkpoint, scene_from_checkpoint, write_checkpoint
 from refsim.io.frames import heads_of, read_arrays, read_origin
 from refsim.scene.scene import Scene
 
 PARTICLES, REPORT = "particles.pvd", "report.json"
-# Units of the ledger, in 3D
-UNITS = {"particles": "-", "outside_walls": "-", "greatest_speed": "m/s", "mass": "kg", "momentum": "kg m/s"}
-UNITS |= {"angular_momentum": "kg m^2/s", "kinetic_energy": "J", "potential_energy": "J"}
-INTENSIVE = ("-", "m/s")  # units of the ledger that are the same in 2D; the other quantities are per metre of depth
 SAME_TIME = 5e-6  # relative difference of two times that are the same to the six digits in which times are printed
 
 
@@ -154,26 +149,20 @@ class Run(Shown):
         return scene_from_checkpoint(saved, str(self._file))
 
     @property
-    def report(self) -> Table:
-        """What the run did: the entries of `report.json`, those of inner tables as "search.rebuilds" and the like.
-
-        `report["search"]` is the inner table of its entries.
-        """
-        return Table("report", ("entry", "value"), _flat(self._report_json()))
-
-    @property
-    def ledger(self) -> Table:
-        """Particles, mass, momentum and energies at the start and at the end of the run; in 2D per metre of depth."""
-        ledger = self._report_json()["ledger"]
-        per_depth = self._origin.scene.strip() and self.scene.dim == 2
-        stocks = ({**ledger[when], **ledger[when].get("effects", {})} for when in ("start", "end"))
-        before, after = (dict(_flat({n: v for n, v in stock.items() if n != "effects"})) for stock in stocks)
-        rows = []
-        for name, end in after.items():
-            start = before.get(name)
-            change = end - start if isinstance(start, int | float) and isinstance(end, int | float) else None
-            rows.append((name, of_ledger(name, 2 if per_depth else 3)[0], start, end, change))
-        return Table("ledger", ("quantity", "unit", "start", "end", "change"), rows)
+    def report(self) -> dict[str, Any]:
+        """What the run did, as `report.json` has it: in "ledger" particles, mass, momentum and energies at its start
+        and its end, in 2D per metre of depth. Raises InputError where the file is missing or damaged."""
+        path = self.folder / REPORT
+        try:
+            with open_regular(path) as file:
+                report: dict[str, Any] = json.load(file)
+        except OSError as error:
+            raise InputError(f"report {path} cannot be read ({error.strerror}); a checkpoint writes it.") from None
+        except ValueError as error:
+            raise InputError(f"report {path} is damaged ({error}); run the scene again.") from None
+        if not (isinstance(report, dict) and {"start", "end"} <= set(report.get("ledger", ()))):
+            raise InputError(f"report {path} is not that of a run; give the folder of a run.")
+        return report
 
     @property
     def gauges(self) -> tuple[str, ...]:
@@ -187,19 +176,6 @@ class Run(Shown):
         if name not in series:
             raise InputError(f"run {self.folder}: there is no gauge {name!r}; {suggestion(name, series)}")
         return series[name]
-
-    def _report_json(self) -> dict[str, Any]:
-        path = self.folder / REPORT
-        try:
-            with open_regular(path) as file:
-                report = json.load(file)
-        except OSError as error:
-            raise InputError(f"report {path} cannot be read ({error.strerror}); a checkpoint writes it.") from None
-        except ValueError as error:
-            raise InputError(f"report {path} is damaged ({error}); run the scene again.") from None
-        if not (isinstance(report, dict) and {"start", "end"} <= set(report.get("ledger", ()))):
-            raise InputError(f"report {path} is not that of a run; give the folder of a run.")
-        return report
 
     # As text
 
@@ -222,31 +198,6 @@ def open_run(folder: str | os.PathLike[str], *, check: bool = True) -> Run:
     Raises InputError where there is no frame, or one is cut short; of a damaged one when it is read.
     """
     return Run(Path(folder), check)
-
-
-def _flat(tables: Mapping[str, Any], place: str = "") -> list[tuple[str, Any]]:
-    """(name, value) of the innermost values, vectors by component; an empty table or list is a value."""
-    rows: list[tuple[str, Any]] = []
-    for name, value in tables.items():
-        if isinstance(value, Mapping) and value:
-            rows += _flat(value, f"{place}{name}.")
-        elif isinstance(value, list) and len(value) == 3 and all(isinstance(v, int | float) for v in value):
-            rows += [(f"{place}{name}.{axis}", v) for axis, v in zip("xyz", value)]
-        elif isinstance(value, list) and value:
-            rows += [(f"{place}{name}.{k}", v) for k, v in enumerate(value)]
-        else:
-            rows.append((f"{place}{name}", value))
-    return rows
-
-
-def of_ledger(quantity: str, dim: int) -> tuple[str, str]:
-    """Unit of a row of the ledger, in 2D per metre of depth, and what becomes of it in a right run; "" if unknown."""
-    name, _, rest = quantity.partition(".")
-    effect = EFFECTS.get(name)
-    unit, expected = UNITS.get(name, ""), ""
-    if effect is not None and issubclass(effect, KeepsLedger):
-        unit, expected = effect.ledger_units.get(rest, ""), effect.ledger_expected.get(rest, "")
-    return f"{unit} per m" if dim == 2 and unit and unit not in INTENSIVE else unit, expected
 
 
 # Series of gauges

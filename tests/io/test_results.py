@@ -1,4 +1,4 @@
-"""Results of a run in Python: frames, units, ledger, report and scene come back as they were."""
+"""Results of a run in Python: frames, units, report and scene come back as they were."""
 
 import json
 import pathlib
@@ -72,18 +72,11 @@ def test_units_and_meanings_stand_in_the_file(folder):
     assert "[effects.gravity]" in saved.attributes["scene"]
 
 
-def test_ledger_and_report_are_those_of_the_run(folder):
-    run, written = open_run(folder), json.loads((folder / "report.json").read_text())
-    mass = run.ledger["mass"]
-    assert (mass["unit"], mass["start"], mass["end"], mass["change"]) == (
-        "kg per m", written["ledger"]["start"]["mass"], written["ledger"]["end"]["mass"], 0.0,
-    )  # fmt: skip
-    assert run.ledger["momentum.y"]["end"] == written["ledger"]["end"]["momentum"][1]
-    assert run.ledger["particles"]["unit"] == "-"
-    assert all(unit for _, unit, *_ in run.ledger.rows)
-    assert run.report["steps"] == written["steps"] == 10
-    assert run.report["ledger.start.mass"] == written["ledger"]["start"]["mass"]
-    assert str(run.ledger).splitlines()[0].split() == ["quantity", "unit", "start", "end", "change"]
+def test_the_report_is_that_of_the_run(folder):
+    report = open_run(folder).report
+    assert report == json.loads((folder / "report.json").read_text())
+    assert report["steps"] == 10
+    assert report["ledger"]["start"]["mass"] == report["ledger"]["end"]["mass"]
 
 
 def test_sorted_rows_are_the_same_particle_in_every_frame(tmp_path):
@@ -110,12 +103,12 @@ def test_errors_say_what_and_where(folder, tmp_path):
     shutil.copytree(folder / "particles", tmp_path / "particles")
     alone = open_run(tmp_path / "particles.pvd")
     with pytest.raises(rs.InputError, match=r"report .*report\.json cannot be read"):
-        alone.report["steps"]
+        _ = alone.report
     with pytest.raises(rs.InputError, match="do not say their scene"):
         shuffled(tmp_path / "mixed.pvd").scene  # noqa: B018
     (tmp_path / "report.json").write_text("{")
     with pytest.raises(rs.InputError, match="is damaged"):
-        len(alone.ledger)
+        _ = alone.report
 
 
 def test_a_missing_extra_is_named(monkeypatch):
