@@ -15,60 +15,33 @@ from refsim.core.errors import InputError
 from refsim.core.reading import LONGEST, open_regular
 
 T = TypeVar("T")
-TEXT = ("obj", "off", "ply", "stl", "gltf")  # whose names and comments may be in any alphabet of one byte
-READ = (*TEXT, "glb")  # formats in which nothing is compressed: a few kB of others can unpack to all memory
+READ = ("obj", "off", "ply", "stl")  # nothing in them is compressed: a few kB of others can unpack to all memory
 
 
-def read_mesh(path: str | os.PathLike[str], what: str = "mesh", opened: list[str] | None = None) -> Any:
-    """The mesh in a file as trimesh holds it, in numbers that are finite.
-
-    what    first words of the messages
-    opened  is given the paths of the files that the mesh names and its reader opens
+def read_mesh(path: str | os.PathLike[str], what: str = "mesh") -> Any:
+    """The mesh in a file as trimesh holds it, in numbers that are finite; `what` begins the messages.
 
     Raises InputError, in one sentence, for what cannot be read or holds no triangles.
     """
     import trimesh
 
-    class Beside(trimesh.resolvers.FilePathResolver):
-        """Files in a mesh's folder that it names, such as buffers of .gltf; pipes and devices are refused."""
-
-        def get(self, name: str) -> bytes:
-            place = os.path.join(self.parent, name.strip())
-            folder = os.path.realpath(self.parent)
-            if os.path.commonpath([folder, os.path.realpath(place)]) != folder:
-                raise InputError(
-                    f"{what}: {str(path)!r} needs the file {name.strip()!r}, which is outside of its folder; put it"
-                    " beside the mesh, or save the mesh in one file."
-                )
-            if opened is not None:
-                opened.append(place)
-            with open_regular(place) as file:
-                return file.read()
-
-    kind = Path(path).suffix[1:].lower()
+    kind, name = Path(path).suffix[1:].lower(), f"{what}: {str(path)!r}"
     if kind not in READ:
-        raise InputError(f"{what}: {str(path)!r} is of no format that is read; give a mesh as .{', .'.join(READ)}.")
+        raise InputError(f"{name} is of no format that is read; give a mesh as .{', .'.join(READ)}.")
     options = {} if kind in ("stl", "off") else {"skip_materials": True}  # no texture has to be there
     try:
-        with open_regular(path) as file, _silent():
-            content = io.BytesIO(_plain(file.read(), kind, f"{what}: {str(path)!r}")) if kind in TEXT else file
-            read = trimesh.load(
-                content, file_type=kind, force="mesh", process=False, resolver=Beside(str(path)), **options
-            )
+        with open_regular(path) as file:
+            content = io.BytesIO(_plain(file.read(), kind, name))
+        with _silent():
+            read = trimesh.load(content, file_type=kind, force="mesh", process=False, **options)
         vertices, faces = np.array(read.vertices, dtype=float), np.array(read.faces, dtype=np.int64)
     except InputError:
         raise
-    except FileNotFoundError as error:
-        if error.filename is not None and os.fspath(error.filename) == os.fspath(path):
-            raise InputError(f"{what}: there is no file {str(path)!r}; give the path of a mesh.") from None
-        name = os.path.basename(os.fspath(error.filename or str(error)))
-        raise InputError(
-            f"{what}: {str(path)!r} cannot be read: it is damaged, or needs the file {name!r}, which is not beside it;"
-            " save it again."
-        ) from None
+    except FileNotFoundError:
+        raise InputError(f"{what}: there is no file {str(path)!r}; give the path of a mesh.") from None
     except Exception as error:  # trimesh raises whatever its readers do
         reason = getattr(error, "strerror", None) or " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"{what}: {str(path)!r} cannot be read ({reason}); give a mesh file.") from None
+        raise InputError(f"{name} cannot be read ({reason}); give a mesh file.") from None
     check_triangles(vertices, faces, str(path), what)
     return read
 
@@ -90,44 +63,18 @@ def _plain(data: bytes, kind: str, name: str) -> bytes:
     return head.decode("utf-8", "replace").encode() + mark + numbers
 
 
-def mesh_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:
-    """The file of a mesh and those from which its reader takes more of its geometry, such as buffers of .gltf."""
-    if Path(path).suffix[1:].lower() not in ("gltf", "glb"):
-        return (Path(path),)
-    import hashlib
-
-    try:
-        with open_regular(path) as file:
-            digest = hashlib.sha256(file.read()).digest()
-    except OSError:  # reading the mesh reports it
-        return (Path(path),)
-    return (Path(path), *_named_in(os.path.abspath(path), digest))
-
-
-@functools.lru_cache(maxsize=64)
-def _named_in(path: str, digest: bytes) -> tuple[Path, ...]:
-    """The files that a mesh of this content names."""
-    opened: list[str] = []
-    with contextlib.suppress(InputError):
-        read_mesh(path, opened=opened)
-    return tuple(map(Path, dict.fromkeys(opened)))
-
-
-def written_at(path: str | os.PathLike[str]) -> tuple[int, ...]:
-    """When the files of a mesh were written [ns]; 0 for one that is not there, which reading the mesh reports."""
-    times = []
-    for file in mesh_files(path):
-        try:
-            times.append(os.stat(file).st_mtime_ns)
-        except (OSError, ValueError):
-            times.append(0)
-    return tuple(times)
-
-
 def while_unchanged(function: Callable[..., T]) -> Callable[..., T]:
     """The function of a mesh's file and more, whose last results are kept while that file is unchanged."""
     kept = functools.lru_cache(maxsize=8)(lambda written, *given: function(*given))
-    return functools.wraps(function)(lambda file, *given: kept(written_at(file), file, *given))
+
+    def called(file: str, *given: Any) -> T:
+        try:
+            written = os.stat(file).st_mtime_ns
+        except (OSError, ValueError):  # reading the mesh reports it
+            written = 0
+        return kept(written, file, *given)
+
+    return functools.wraps(function)(called)
 
 
 @contextlib.contextmanager

@@ -320,7 +320,7 @@ class Cloud(Checked, tag="cloud", tag_field="shape", frozen=True, kw_only=True):
 class FluidMesh(Checked, tag="mesh", tag_field="shape", frozen=True, kw_only=True):
     """What meshes and solids leave of the inside of a closed triangle mesh, packed so that no gap stays.
 
-    file      mesh file (.obj, .off, .ply, .stl, .gltf, .glb)
+    file      mesh file (.obj, .off, .ply, .stl)
     center    where the middle of its bounding box goes [m]; left out, the file's
     size      its longest edge there [m]; 0 leaves the file's numbers as metres
     rotation  turn about x, then y, then z before [degrees]

@@ -122,7 +122,7 @@ class SolidTorus(Solid, tag="torus", frozen=True, kw_only=True):
 class SolidMesh(Solid, tag="mesh", frozen=True, kw_only=True):
     """Closed triangle mesh.
 
-    file      mesh file (.obj, .off, .ply, .stl, .gltf, .glb)
+    file      mesh file (.obj, .off, .ply, .stl)
     center    where the middle of its bounding box goes [m]
     size      its longest edge there [m]; 0 leaves the file's numbers as metres
     rotation  turn about x, then y, then z before [degrees]

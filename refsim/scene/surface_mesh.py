@@ -79,7 +79,7 @@ class SurfaceMesh:
 
 @plainly
 def load_mesh(path: str | os.PathLike[str], what: str = "mesh") -> SurfaceMesh:
-    """The mesh in a file (.obj, .off, .ply, .stl, .gltf, .glb), repaired as by `surface_mesh`.
+    """The mesh in a file (.obj, .off, .ply, .stl), repaired as by `surface_mesh`.
 
     what  first words of the messages
 

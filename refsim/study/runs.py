@@ -24,7 +24,6 @@ from refsim.engine.driver import CHECKPOINT
 from refsim.engine.simulation import Simulation
 from refsim.io.store import read_stored, set_aside, write_stored
 from refsim.scene.files import scene_to_toml
-from refsim.scene.meshes import mesh_files
 from refsim.scene.plan import make_plan
 from refsim.scene.scene import Scene
 from refsim.study.cost import bytes_of
@@ -260,10 +259,9 @@ def scene_digest(scene: Scene) -> Any:
     """A hash that has taken in a scene without its title, which changes no number, and the files that it names."""
     digest = hashlib.sha256(scene_to_toml(msgspec.structs.replace(scene, name="")).encode())
     for part in (*scene.fluid, *scene.solid, *scene.effects):
-        named = getattr(part, "file", "")
-        for file in mesh_files(named) if named else ():
+        if named := getattr(part, "file", ""):
             try:
-                with open_regular(file) as opened:
+                with open_regular(named) as opened:
                     digest.update(hashlib.file_digest(opened, "sha256").digest())
             except OSError:  # its run reports it
                 digest.update(b"\0" * 32)

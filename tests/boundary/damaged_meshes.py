@@ -26,7 +26,7 @@ from refsim.core.errors import InputError
 from refsim.scene.surface_mesh import load_mesh
 
 LONGEST = 30.0  # s that one mesh may take
-FORMATS = ("stl", "stl_ascii", "obj", "ply", "off", "glb")
+FORMATS = ("stl", "stl_ascii", "obj", "ply", "off")
 Triangles = tuple[np.ndarray, np.ndarray]
 Damage = Callable[[random.Random, np.ndarray, np.ndarray], Triangles]
 

@@ -1,7 +1,5 @@
 """Meshes whose triangles overlap, end, stand twice or do not meet: signs, distances and volume against closed forms."""
 
-import json
-import os
 import random
 
 import numpy as np
@@ -13,7 +11,6 @@ from refsim.boundary.sampling import sample
 from refsim.boundary.signed_distance import signed_distance
 from refsim.core.errors import InputError
 from refsim.scene import overlaps
-from refsim.scene.meshes import mesh_files
 from tests.boundary import damaged_meshes
 from tests.running import python, rows
 
@@ -206,46 +203,6 @@ def test_a_texture_is_not_looked_for(tmp_path, texture, caplog, capfd):
     assert load_mesh(tmp_path / "a.obj").volume == pytest.approx(1.0)
     assert not caplog.text
     assert capfd.readouterr() == ("", "")
-
-
-def test_a_buffer_that_cannot_be_read_is_named_in_one_sentence(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    for name, data in trimesh.exchange.gltf.export_gltf(trimesh.Scene(BOX)).items():
-        (tmp_path / name).write_bytes(data)
-    load_mesh("model.gltf")
-    buffer = json.loads((tmp_path / "model.gltf").read_text())["buffers"][0]["uri"]
-    for damage, words in (
-        (lambda: (tmp_path / buffer).write_bytes(b"xx"), "'model.gltf' cannot be read"),
-        ((tmp_path / buffer).unlink, f"needs the file '{buffer}'"),
-        (lambda: os.mkfifo(buffer), "it is a pipe or a device"),
-    ):
-        damage()
-        with pytest.raises(InputError, match=words) as told:
-            load_mesh("model.gltf")
-        assert "\n" not in str(told.value)
-
-
-def test_files_outside_of_a_meshs_folder_are_not_opened(tmp_path):
-    """A buffer above the folder, by its whole path and behind a link; one in a folder below is taken."""
-    folder = tmp_path / "meshes"
-    (folder / "below").mkdir(parents=True)
-    for name, data in trimesh.exchange.gltf.export_gltf(trimesh.Scene(BOX)).items():
-        (folder / name).write_bytes(data)
-    model = folder / "model.gltf"
-    told = json.loads(model.read_text())
-    secret = tmp_path / "secret.bin"
-    (folder / told["buffers"][0]["uri"]).rename(secret)
-    (folder / "link.bin").symlink_to(secret)
-    for uri in ("../secret.bin", str(secret), "link.bin", "below/../../secret.bin", "/dev/zero"):
-        told["buffers"][0]["uri"] = uri
-        model.write_text(json.dumps(told))
-        with pytest.raises(InputError, match="outside of its folder; put it beside the mesh"):
-            load_mesh(model)
-        assert mesh_files(model) == (model,)
-    secret.rename(folder / "below" / "kept.bin")
-    told["buffers"][0]["uri"] = "below/kept.bin"
-    model.write_text(json.dumps(told))
-    assert load_mesh(model).volume == pytest.approx(1.0)
 
 
 def test_comments_in_latin_1_and_bytes_after_the_last_triangle_are_taken(tmp_path):

@@ -44,7 +44,7 @@ class MeshBoundary(
 ):
     """A solid at rest, given as a closed triangle mesh, that the liquid flows around.
 
-    file            mesh file (.obj, .off, .ply, .stl, .gltf, .glb); in a scene file, relative to its folder
+    file            mesh file (.obj, .off, .ply, .stl); in a scene file, relative to its folder
     center          position of the centre of its bounding box [m]; if omitted, the file's
     size            its longest edge [m]; 0 takes the file's numbers as metres
     rotation        about x, then y, then z, before it is scaled and moved [degrees]
