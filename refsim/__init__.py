@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any
 from refsim import isosurface, surface_energy
 from refsim.boundary import sampling, signed_distance
 from refsim.boundary.akinci_2012 import BoxWalls
-from refsim.boundary.mesh import load_mesh
 from refsim.boundary.one_way_coupling import MeshBoundary
 from refsim.boundary.two_way_coupling import TwoWayCoupling
 from refsim.core.doors import open_doors
@@ -35,6 +34,7 @@ from refsim.particle_shifting import ParticleShifting
 from refsim.scene.scene import Scene
 from refsim.scene.shapes import Ball, Box, Cloud, FluidMesh
 from refsim.scene.solids import SolidBall, SolidBox, SolidCells, SolidMesh, SolidTorus
+from refsim.scene.surface_mesh import load_mesh
 from refsim.shape_matching import ShapeMatching
 from refsim.sph import Gravity, WeaklyCompressible
 from refsim.sph.iisph import ImplicitPressure

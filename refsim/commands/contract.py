@@ -39,10 +39,9 @@ DESCRIPTION = (
        help="seconds for the import of the programs and for each call of one (120)")  # fmt: skip
 @takes("--allow-untried", action="store_true",
        help="exit code 0 also where a trial was not tried, for the time that a call would take")  # fmt: skip
-@takes("--arguments", action="store_true", help="judge nothing; say what the operations named take")
-@takes(
-    "--run", metavar="SCENE", help="judge a folder of npz or VTK files against runs of the scene, in place of PROGRAMS"
-)
+@takes("--arguments", group="mode", action="store_true", help="judge nothing; say what the operations named take")
+@takes("--run", group="mode", metavar="SCENE",
+       help="judge a folder of npz or VTK files against runs of the scene, in place of PROGRAMS")  # fmt: skip
 @takes("--at", type=float, metavar="T", help="with --run: time [s]; that of the last frame by default")
 @takes("--within", type=float, metavar="N",
        help="with --run: times the width of refsim's three runs that a measure may be away from their"
@@ -54,17 +53,17 @@ DESCRIPTION = (
 @takes("--allow", action="append", default=[], metavar="MEASURE=VALUE",
        help="with --run: largest difference of a measure, in place of both bands; may be repeated")  # fmt: skip
 @takes("--backend", help="with --run: numpy, cpu or cuda; with --arguments and --template: cpu or cuda (cpu)")
-@takes("--export", metavar="FOLDER",
+@takes("--export", group="mode", metavar="FOLDER",
        help="judge nothing; write test vectors of the operations named, all by default, into a new folder")  # fmt: skip
-@takes("--template", action="store_true",
+@takes("--template", group="mode", action="store_true",
        help="judge nothing; print a Python file with a stub for each of the operations named")  # fmt: skip
-@takes("--header", choices=("c", "fortran"),
+@takes("--header", group="mode", choices=("c", "fortran"),
        help="judge nothing; print the declaration of the operation's function in a compiled library")  # fmt: skip
-@takes("--replay", metavar="TRIAL",
+@takes("--replay", group="mode", metavar="TRIAL",
        help="run one trial by the name that a report gives, or by the file of a drawn input that failed, and write"
             f" its inputs and answers into {REPLAYED}")  # fmt: skip
 @takes("-j", "--jobs", type=int, metavar="N", help="processes that share the operations (1; 2 for refsim's own)")
-@takes("--guide", action="store_true", help="judge nothing; print how to bring your own code")
+@takes("--guide", group="mode", action="store_true", help="judge nothing; print how to bring your own code")
 def execute(options: argparse.Namespace) -> CommandResult:
     """Judge the programs and report."""
     from refsim.contract import apart
@@ -155,11 +154,8 @@ OF_MODES: dict[str, tuple[str, ...]] = {
 
 
 def _check_modes(options: argparse.Namespace) -> None:
-    """InputError for two modes at a time, and for options that the mode does not have."""
-    chosen = [mode for mode in MODES if getattr(options, mode)]
-    if len(chosen) > 1:
-        raise InputError(f"--{chosen[0]} and --{chosen[1]} exclude each other; give one of them.")
-    mode = chosen[0] if chosen else ""
+    """InputError for options that the mode does not have."""
+    mode = next((mode for mode in MODES if getattr(options, mode)), "")
     for name, modes in OF_MODES.items():
         if getattr(options, name) not in (None, [], False) and mode not in modes:
             option = name.replace("_", "-")

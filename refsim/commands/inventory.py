@@ -12,7 +12,7 @@ from refsim.core.checked import suggestion
 from refsim.core.effect import EFFECTS, Effect
 from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY
-from refsim.scene.files import describe
+from refsim.scene.files import as_toml, describe
 
 WIDTH = 100  # of a line at most, in a pipe, too
 
@@ -102,18 +102,10 @@ def _effect(entry: tuple[str, dict[str, Any]]) -> str:
     name, effect = entry
     lines = ["", f"[effects.{name}] {effect['summary']}"]
     for p in effect["parameters"]:
-        value = "required" if p["required"] else f"= {_shown(p['default'])}"
+        value = "required" if p["required"] else "= None" if p["default"] is None else f"= {as_toml(p['default'])}"
         lines.append(f"  {p['name']} {value}  {p['meaning']}")
     if paper := effect["paper"]:
-        taken = [*paper["errata"], *(f"{key} = {_shown(value)}" for key, value in paper["parameters"].items())]
+        taken = [*paper["errata"], *(f"{key} = {as_toml(value)}" for key, value in paper["parameters"].items())]
         listed = ", ".join(taken) or "nothing, no choice differs"
         lines.append(f'  literal = "paper" takes of {paper["source"]}: {listed}')
     return "\n".join(lines)
-
-
-def _shown(value: Any) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, tuple):
-        return "[" + ", ".join(map(_shown, value)) + "]"
-    return f'"{value}"' if isinstance(value, str) else str(value)

@@ -155,7 +155,7 @@ def scene_to_toml(scene: Scene) -> str:
     headed += [(f"[effects.{_key(name)}]", values) for name, values in effects.items()]
     lines = []
     for head, values in [("", tables), *headed]:
-        lines += ["", head] * bool(head) + [f"{_key(name)} = {_toml(value)}" for name, value in values.items()]
+        lines += ["", head] * bool(head) + [f"{_key(name)} = {as_toml(value)}" for name, value in values.items()]
     return "\n".join(lines) + "\n"
 
 
@@ -303,7 +303,8 @@ def _plain(struct: Any) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value is not None}
 
 
-def _toml(value: Any) -> str:
+def as_toml(value: Any) -> str:
+    """A plain value as TOML has it."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int | float):
@@ -311,11 +312,11 @@ def _toml(value: Any) -> str:
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, list | tuple):
-        return f"[{', '.join(map(_toml, value))}]"
+        return f"[{', '.join(map(as_toml, value))}]"
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{_key(k)} = {_toml(v)}" for k, v in value.items()) + "}"
+        return "{" + ", ".join(f"{_key(k)} = {as_toml(v)}" for k, v in value.items()) + "}"
     raise TypeError(f"{value!r} cannot be written as TOML")
 
 
 def _key(name: str) -> str:
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _toml(name)
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else as_toml(name)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import refsim as rs
-from refsim.boundary.mesh import surface_mesh
+from refsim.scene.surface_mesh import surface_mesh
 from tests.running import rows
 
 TANK = rs.Scene(

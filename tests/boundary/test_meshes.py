@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from refsim.boundary.mesh import load_mesh, surface_mesh
 from refsim.boundary.sampling import sample
 from refsim.boundary.signed_distance import signed_distance
 from refsim.core.errors import InputError
 from refsim.scene import overlaps
+from refsim.scene.surface_mesh import load_mesh, surface_mesh
 from tests.boundary import damaged_meshes
 from tests.running import python, rows
 

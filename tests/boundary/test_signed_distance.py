@@ -6,11 +6,11 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from refsim.backends.arrays import on_threads
-from refsim.boundary.mesh import surface_mesh
 from refsim.boundary.sampling import sample
 from refsim.boundary.signed_distance import signed_distance
 from refsim.boundary.signed_distance.cases import needle, plate
 from refsim.core.errors import InputError
+from refsim.scene.surface_mesh import surface_mesh
 from refsim.sparse_grid.reference import node_table
 from refsim.winding_number.reference import solid_angles
 from tests.running import rows

@@ -9,8 +9,8 @@ import sys
 import pytest
 
 from refsim.__main__ import main
-from refsim.boundary.mesh import load_mesh
 from refsim.core.errors import InputError
+from refsim.scene.surface_mesh import load_mesh
 from tests.commands import refused_writes
 from tests.commands.test_cli import one_sentence
 from tests.running import ROOT, answer_of

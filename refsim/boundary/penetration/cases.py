@@ -5,11 +5,11 @@ import math
 
 import numpy as np
 
-from refsim.boundary.mesh import surface_mesh
 from refsim.boundary.penetration import Penetration, marked_box, penetration_groups
 from refsim.boundary.signed_distance import DistanceField, signed_distance
 from refsim.boundary.signed_distance.cases import field_at
 from refsim.core.cases import Exact, at, closed_form, cloud, groups, hard_input, other, particles, readings, takes
+from refsim.scene.surface_mesh import surface_mesh
 from refsim.sparse_grid import inverse_cell
 from refsim.winding_number.cases import FACES, OCTAHEDRON
 

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from refsim.backends.arrays import Backend, choose
-from refsim.boundary.mesh import SurfaceMesh
 from refsim.boundary.sampling import operations as operations
 from refsim.boundary.signed_distance import LEAST_BAND, DistanceField, NarrowBand, signed_distance
 from refsim.core.checked import Printed, plainly
@@ -21,6 +20,7 @@ from refsim.core.operation import REGISTRY
 from refsim.isosurface import Contour, edges_and_facets
 from refsim.neighbours import NeighbourSearch
 from refsim.scene.solids import countable
+from refsim.scene.surface_mesh import SurfaceMesh
 from refsim.sparse_grid import Blocks
 
 HEXAGONAL = math.pi / (2 * math.sqrt(3))  # g of the densest packing, at the spacing 2 r

@@ -11,13 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from refsim.backends.arrays import Backend, choose
-from refsim.boundary.mesh import SurfaceMesh, areas
 from refsim.boundary.signed_distance import operations as operations
 from refsim.core.checked import plainly
 from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY
 from refsim.scene.overlaps import across_edges, edge_numbers
 from refsim.scene.solids import countable
+from refsim.scene.surface_mesh import SurfaceMesh, areas
 from refsim.sparse_grid import Blocks, inverse_cell, nodes
 from refsim.sparse_grid.tables import blocks_of
 from refsim.winding_number import Clusters, clusters

@@ -7,9 +7,9 @@ import numpy as np
 
 from refsim.backends.arrays import choose
 from refsim.boundary import signed_distance
-from refsim.boundary.mesh import SurfaceMesh
 from refsim.boundary.signed_distance import BandGrid, DistanceField, TriangleLists, Triangles, band_grid, operations
 from refsim.core.cases import CASES, VARIATIONS, Case, Exact, Variation, at, closed_form, groups, hard_input, takes
+from refsim.scene.surface_mesh import SurfaceMesh
 from refsim.sparse_grid.tables import blocks_of, keys_at
 from refsim.winding_number import clusters
 from refsim.winding_number.cases import FACES, OCTAHEDRON

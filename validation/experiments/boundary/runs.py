@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 import refsim
 from refsim.backends.arrays import choose
-from refsim.boundary.mesh import SurfaceMesh, surface_mesh
 from refsim.boundary.sampling import MOST_ITERATIONS, relaxed, sample
 from refsim.boundary.signed_distance import NarrowBand, signed_distance
 from refsim.core.errors import RunStopped
 from refsim.core.walls import WallParticles
 from refsim.scene.plan import make_plan
+from refsim.scene.surface_mesh import SurfaceMesh, surface_mesh
 from validation.checks import Checks
 from validation.experiment import Experiment, Measure, Options, Results, RunSpec, each, every
 from validation.experiments.boundary import scene as meshes

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from refsim.boundary.mesh import SurfaceMesh, surface_mesh
 from refsim.core.writing import write_file
+from refsim.scene.surface_mesh import SurfaceMesh, surface_mesh
 
 TORUS = (1.0, 0.35)  # radii of the ring and of its tube [m]
 CUBE = 1.0  # side [m]
