@@ -24,7 +24,6 @@ from refsim.backends.tuples import (
     two_of,
 )
 from refsim.mpm.formulas import CLUSTER, CORRECTED, dilation
-from refsim.mpm.groups import Carriers, Cluster, Medium, Moved
 from refsim.mpm.kernels import place, spread_of, stencil_weights
 from refsim.sparse_grid.formulas import node_coordinates
 from refsim.sph.formulas import drifted
@@ -212,12 +211,12 @@ def moments(at, background, weights, values, sums):
 def gather(b, places, node_velocity, medium, cluster, carriers, build_position, moved, extremes):
     """Velocity, gradient, volume ratio and position of the particles of block b from the nodes.
 
-    extremes (blocks, 5): largest squared displacement, least J, largest J, largest |tr A|, largest squared displacement
+    extremes (blocks, 5): largest squared displacement, largest -J and J, largest |tr A|, largest squared displacement
     of the step
     """
     bins, background = places.bins, medium.background
     real = type(background.cell_size)
-    far, least, most, fast, jump = real(0), real(math.inf), real(-math.inf), real(0), real(0)
+    far, least, most, fast, jump = real(0), real(-math.inf), real(-math.inf), real(0), real(0)
     if bins.first[b + 1] > bins.first[b]:
         origin = node_coordinates(places.blocks, b * 64)
         values = load_block(b, places.blocks, background, node_velocity)
@@ -230,22 +229,16 @@ def gather(b, places, node_velocity, medium, cluster, carriers, build_position, 
             squared, ratio, rate, leap = move_particle(
                 i, i, sums, f, medium, cluster, carriers, build_position, moved, moved
             )
-            far, least, most, fast = max(far, squared), min(least, ratio), max(most, ratio), max(fast, rate)
+            far, least, most, fast = max(far, squared), max(least, -ratio), max(most, ratio), max(fast, rate)
             jump = max(jump, leap)
     extremes[b, 0], extremes[b, 1], extremes[b, 2], extremes[b, 3], extremes[b, 4] = far, least, most, fast, jump
 
 
-def grid_to_particle(
-    node_velocity, medium: Medium, cluster: Cluster, carriers: Carriers, build_position, grid, displacement,
-    step_extremes, moved: Moved,
-):  # fmt: skip
-    """(4.12), (4.13) or A of the cluster, (4.16), (4.8): velocity, affine matrix, volume ratio and position."""
-    extremes = np.empty((len(grid.blocks.keys), 5), step_extremes.dtype)
-    gather(grid.places("particles"), node_velocity, medium, cluster, carriers, build_position, moved, extremes)
-    largest = extremes.max(0, initial=-math.inf)
-    displacement[:] = max(largest[0], 0.0), 0.0, 0.0
-    any_particle = largest[2] > -math.inf
-    step_extremes[:] = (extremes[:, 1].min(), *largest[2:]) if any_particle else (1.0, 1.0, 0.0, 0.0)
+def reduce_extremes(extremes, displacement, step_extremes):
+    """Extremes of all blocks."""
+    far, least, *others = extremes.max(0, initial=-math.inf)
+    displacement[:] = max(far, 0.0), 0.0, 0.0
+    step_extremes[:] = (-least, *others) if least > -math.inf else (1.0, 1.0, 0.0, 0.0)
 
 
 @formula
@@ -256,8 +249,8 @@ def put_moments(c, v, m, carrier_moment):
         carrier_moment[c, 3 + k] = m[k]
 
 
-@kernel(rows_of="keys", ordered=True, packed=True, allocates=True)
-def gather_carriers(b, places, node_velocity, carrier_position, background, keys, carrier_moment):
+@kernel(rows_of="complete", ordered=True, packed=True, allocates=True)
+def gather_carriers(b, places, node_velocity, carrier_position, background, complete, carrier_moment):
     """Moments of the nodes' velocities about the embedded points of block b."""
     bins = places.bins
     if bins.first[b] == bins.first[b + 1]:
@@ -271,9 +264,3 @@ def gather_carriers(b, places, node_velocity, carrier_position, background, keys
         at = (z * background.width + y) * background.width + x
         v, m = moments(at, background, stencil_weights(f, background), values, work)
         put_moments(c, v, centred(v, m, f, background.cell_size), carrier_moment)
-
-
-def grid_to_carriers(node_velocity, carrier_position, background, grid, carrier_moment):
-    """Sums of B v and B v (x_j - x_q)^T about every embedded point."""
-    places = grid.places("carriers")
-    gather_carriers(places, node_velocity, carrier_position, background, grid.blocks.keys, carrier_moment)

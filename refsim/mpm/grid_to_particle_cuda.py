@@ -10,7 +10,7 @@ import numpy as np
 from refsim.backends.compile import cuda, cuda_kernel, formula
 from refsim.backends.runtime import simulated
 from refsim.mpm.grid_to_particle import centred, move_particle, put_moments
-from refsim.mpm.groups import Carriers, Cluster, Medium, Moved
+from refsim.mpm.groups import Moved
 from refsim.mpm.kernels import place, stencil_weights
 from refsim.mpm.particle_to_grid_cuda import REACH, quotient
 from refsim.sparse_grid.block_search_cuda import SUMMING, number
@@ -143,9 +143,9 @@ def shared_rest(position_residual, ends):
     return None
 
 
-@cuda_kernel(block_for_each_row=True, threads=GATHERING, rows_of="block_extremes", registers=64)
-def gather(places, node_velocity, medium, cluster, carriers, build_position, block_extremes, moved):
-    """Velocity, gradient, volume ratio and position of every particle; extremes as on a CPU, of -J for the least."""
+@cuda_kernel(block_for_each_row=True, threads=GATHERING, registers=64)
+def gather(places, node_velocity, medium, cluster, carriers, build_position, moved, block_extremes):
+    """Velocity, gradient, volume ratio and position of every particle; extremes as on a CPU."""
     b, thread = number(cuda.blockIdx.x), number(cuda.threadIdx.x)
     bins, background = places.bins, medium.background
     real = type(background.cell_size)
@@ -220,16 +220,6 @@ def reduce_extremes(block_extremes, displacement, step_extremes):
                 step_extremes[c - 1] = mine if some else real(0)
 
 
-def grid_to_particle(
-    node_velocity, medium: Medium, cluster: Cluster, carriers: Carriers, build_position, grid, displacement,
-    step_extremes, moved: Moved,
-):  # fmt: skip
-    """(4.12), (4.13) or A of the cluster, (4.16), (4.8): velocity, affine matrix, volume ratio and position."""
-    extremes = grid.block_extremes
-    gather(grid.places("particles"), node_velocity, medium, cluster, carriers, build_position, extremes, moved)
-    reduce_extremes(extremes, displacement, step_extremes)
-
-
 @cuda_kernel(block_for_each_row=True, threads=GATHERING, rows_of="complete")
 def gather_carriers(places, node_velocity, carrier_position, background, complete, carrier_moment):
     """Moments of the nodes' velocities about every embedded point; a thread block for each row of `complete`."""
@@ -244,9 +234,3 @@ def gather_carriers(places, node_velocity, carrier_position, background, complet
         f, base = place(c, carrier_position, places.cell, origin, background)
         v, m = moments(base, f, background, values)
         put_moments(c, v, centred(v, m, f, background.cell_size), carrier_moment)
-
-
-def grid_to_carriers(node_velocity, carrier_position, background, grid, carrier_moment):
-    """Sums of B v and B v (x_j - x_q)^T about every embedded point."""
-    places = grid.places("carriers")
-    gather_carriers(places, node_velocity, carrier_position, background, grid.complete, carrier_moment)

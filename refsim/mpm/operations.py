@@ -26,6 +26,7 @@ operation = operations(
 )
 _EMBEDDED = "cluster_share inverse_spread embedding"
 _LONE = f"{_EMBEDDED} carrier_first carrier_position carrier_moment build_position position_residual"
+_TRANSFERS = {"cpu": "transfers", "cuda": "transfers"}
 _SUMS = "a few roundings for each of place, weights and field, and a sum over the 27 nodes or some ten points"
 
 
@@ -179,7 +180,7 @@ def _pushed(velocity, acceleration, timestep):
         without("acceleration", embedding="as_printed"), f"{_EMBEDDED} acceleration",
     ),
     tolerance=32.0, reason=_SUMS, invariants="reordering",
-    programs={"cpu": "particle_to_grid", "cuda": "particle_to_grid_cuda"},
+    programs=_TRANSFERS,
 )  # fmt: skip
 def particle_to_grid(
     position, velocity, mass, affine, volume_ratio, acceleration, liquid, background, timestep, cluster_share,
@@ -202,7 +203,7 @@ def particle_to_grid(
 @operation(
     "(4.15)", adds="node_mass node_momentum", entrywise=True, optional="acceleration",
     variants=(without("acceleration", embedding="as_printed"), ""), tolerance=32.0, reason=_SUMS,
-    programs={"cpu": "particle_to_grid", "cuda": "particle_to_grid_cuda"},
+    programs=_TRANSFERS,
 )  # fmt: skip
 def carriers_to_grid(
     carrier_position, carrier_owner, position, velocity, mass, affine, volume_ratio, acceleration, liquid, background,
@@ -263,7 +264,7 @@ def _moments(position, background, grid, node_velocity):
 
 @operation(
     "(4.14): moments of the embedded points", outputs="carrier_moment", entrywise=True, tolerance=32.0, reason=_SUMS,
-    programs={"cpu": "grid_to_particle", "cuda": "grid_to_particle_cuda"},
+    programs=_TRANSFERS,
 )  # fmt: skip
 def grid_to_carriers(node_velocity, carrier_position, background, grid):
     """v = sum_j B v_j [m/s] and sum_j B v_j (x_j - x_q)^T [m^2/s], row by row, of every embedded point."""
@@ -289,7 +290,7 @@ def _cluster(v, moment, x, share, first, carrier_position, carrier_moment, readi
         f"{_LONE} deformation", "deformation position_residual", without("build_position", embedding="as_printed"),
         without("deformation build_position", embedding="corrected"), _LONE,
     ),
-    tolerance=48.0, reason=_SUMS, programs={"cpu": "grid_to_particle", "cuda": "grid_to_particle_cuda"},
+    tolerance=48.0, reason=_SUMS, programs=_TRANSFERS,
 )  # fmt: skip
 def grid_to_particle(
     node_velocity, liquid, background, timestep, cluster_share, inverse_spread, embedding, carrier_first,

@@ -12,7 +12,6 @@ stencil and gradient g, both times mass; g is a tuple, row by row, in units of m
 from refsim.backends.compile import formula, kernel
 from refsim.backends.tuples import added, difference, less_times, nine, put, scaled, symmetric, three, times
 from refsim.mpm.formulas import CLUSTER, stress_moment
-from refsim.mpm.groups import Cluster, Medium, Owned, Particles
 from refsim.mpm.kernels import place, pushed, round_spread, spread_of, stencil_slopes, stencil_weights
 from refsim.sparse_grid.formulas import node_coordinates, number
 
@@ -181,38 +180,15 @@ def collect_node(n, bits, each, bins, blocks, scratch):
     return m, (px, py, pz)
 
 
-@kernel(rows_of="scratch")
-def collect(b, bins, blocks, add, scratch, node_mass, node_momentum):
-    """m_j [kg] and (mv)_j [kg m/s] of block b's nodes, of its own copies and those below; added to them if `add`."""
-    bits = 2 if blocks.neighbour.shape[1] == 27 else 3
-    for n in range(64 * b, 64 * b + 64):
-        m, p = collect_node(n, bits, 1, bins, blocks, scratch)
-        put_sums(n, m, p, add, node_mass, node_momentum)
-
-
-@formula
-def put_sums(n, m, p, add, node_mass, node_momentum):
-    """m_j [kg] and (mv)_j [kg m/s] of node n; added to the present values if `add`."""
+@kernel(rows_of="node_mass")
+def collect(n, bins, each, blocks, add, scratch, node_momentum, node_mass):
+    """m_j [kg] and (mv)_j [kg m/s] of node n, of its own block's copy and those below; added to them if `add`."""
+    if blocks.neighbour.shape[1] == 27:  # widths that the compiler knows
+        m, p = collect_node(n, 2, each, bins, blocks, scratch)
+    else:
+        m, p = collect_node(n, 3, each, bins, blocks, scratch)
     if add:
         m += node_mass[n]
         p = added(p, three(node_momentum, n))
     node_mass[n] = m
     put(node_momentum, n, p)
-
-
-def particle_to_grid(
-    particles: Particles, medium: Medium, cluster: Cluster, kernel_gradient, grid, node_mass, node_momentum
-):
-    """(4.10), (4.15), (4.17): m_j and (mv)_j with the impulse of the liquid's stress."""
-    places, scratch = grid.places("particles"), grid.scratch
-    scatter(places, particles.position, None, particles, medium, cluster, kernel_gradient, scratch)
-    collect(places.bins, grid.blocks, False, scratch, node_mass, node_momentum)
-
-
-def carriers_to_grid(
-    carriers: Owned, particles: Particles, medium: Medium, cluster: Cluster, grid, node_mass, node_momentum
-):
-    """(4.15) of the embedded points, added to m_j and (mv)_j."""
-    places, scratch = grid.places("carriers"), grid.scratch
-    scatter(places, carriers.carrier_position, carriers, particles, medium, cluster, None, scratch)
-    collect(places.bins, grid.blocks, True, scratch, node_mass, node_momentum)

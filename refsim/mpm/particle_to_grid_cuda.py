@@ -9,9 +9,8 @@ atomic addition of floats: results repeat bit for bit.
 import numpy as np
 
 from refsim.backends.compile import cuda, cuda_kernel, formula
-from refsim.mpm.groups import Cluster, Medium, Owned, Particles
 from refsim.mpm.kernels import place, stencil_slopes, stencil_weights
-from refsim.mpm.particle_to_grid import carrier_field, collect_node, particle_field, put_sums
+from refsim.mpm.particle_to_grid import carrier_field, particle_field
 from refsim.sparse_grid.block_search_cuda import number
 from refsim.sparse_grid.formulas import node_coordinates
 
@@ -184,33 +183,3 @@ def scatter(places, position, carriers, particles, medium, cluster, kernel_gradi
         at += 3
         first += 3
     deposit(total, own_cell, row, background, shared, scratch, b)
-
-
-@cuda_kernel
-def collect(bins, blocks, add, scratch, node_momentum, node_mass):
-    """m_j [kg] and (mv)_j [kg m/s] from the blocks' sums; added to the present values if `add`."""
-    n = number(cuda.grid(1))
-    if n < node_mass.shape[0]:
-        if blocks.neighbour.shape[1] == 27:
-            m, p = collect_node(n, 2, 64, bins, blocks, scratch)
-        else:
-            m, p = collect_node(n, 3, 64, bins, blocks, scratch)
-        put_sums(n, m, p, add, node_mass, node_momentum)
-
-
-def particle_to_grid(
-    particles: Particles, medium: Medium, cluster: Cluster, kernel_gradient, grid, node_mass, node_momentum
-):
-    """(4.10), (4.15), (4.17): m_j and (mv)_j with the impulse of the liquid's stress."""
-    places, scratch = grid.places("particles"), grid.scratch
-    scatter(places, particles.position, None, particles, medium, cluster, kernel_gradient, scratch)
-    collect(places.bins, grid.blocks, False, scratch, node_momentum, node_mass)
-
-
-def carriers_to_grid(
-    carriers: Owned, particles: Particles, medium: Medium, cluster: Cluster, grid, node_mass, node_momentum
-):
-    """(4.15) of the embedded points, added to m_j and (mv)_j."""
-    places, scratch = grid.places("carriers"), grid.scratch
-    scatter(places, carriers.carrier_position, carriers, particles, medium, cluster, None, scratch)
-    collect(places.bins, grid.blocks, True, scratch, node_momentum, node_mass)

@@ -112,6 +112,8 @@ def operation_arguments(name, program, variant, dtype):
             return LiquidColumns(inputs["position"], count, entries)
         if argument == "walls" and inputs["walls"] is not None:
             return WallColumns(*inputs["walls"], count, entries)
+        if argument == "grid":
+            inputs["grid"].on_device = True
         return inputs[argument]
 
     return {argument: value(argument) for argument in operation.arguments(program)}
