@@ -346,7 +346,8 @@ def mls_normals(
     sample_normal,
 ):  # fmt: skip
     """(3.8) and (3.17): value [h], dimensionless gradient and unit normal of the implicit surface at position q."""
-    value, gradient = mls_gradient(q, query_position, spline_cells.cell[q], blocks, surface_term, coefficients)
+    base = spline_cells.cell[q]
+    value, gradient = implicit_surface(q, query_position, base, blocks, surface_term, coefficients, 1)
     store_normal(q, value, gradient, outward, surface_value, surface_gradient, sample_normal)
 
 
@@ -356,16 +357,17 @@ def spline_normals(
     sample_normal,
 ):  # fmt: skip
     """(3.8) and (3.9): value [h], dimensionless gradient and unit normal of the implicit surface at position q."""
-    value, gradient = spline_gradient(q, query_position, spline_cells.cell[q], blocks, surface_term, coefficients)
+    base = spline_cells.cell[q]
+    value, gradient = implicit_surface(q, query_position, base, blocks, surface_term, coefficients, None)
     store_normal(q, value, gradient, outward, surface_value, surface_gradient, sample_normal)
 
 
 @formula
-def mls_gradient(q, query_position, base, blocks, surface_term, coefficients):
-    """(value [h], gradient) of the implicit surface at position q: (3.8) and (3.17).
+def implicit_surface(q, query_position, base, blocks, surface_term, coefficients, mls):
+    """(value [h], gradient) of the implicit surface at position q: (3.8) and (3.17), or where `mls` is None (3.9).
 
-    C and lengths in units of h: 4/h^2 sum_j B_j C_j (x_j - y) is 4 sum_j B_j C_j (k - f), dimensionless. 0 where no
-    block holds `base`, the lowest node of the position's splines.
+    C and lengths in units of h: 4/h^2 sum_j B_j C_j (x_j - y) is 4 sum_j B_j C_j (k - f), dimensionless, as is
+    sum_j C_j h grad B_j. 0 where no block holds `base`, the lowest node of the position's splines.
     """
     real = type(surface_term.cell_size)
     value, gx, gy, gz = real(0), real(0), real(0), real(0)
@@ -375,44 +377,27 @@ def mls_gradient(q, query_position, base, blocks, surface_term, coefficients):
     space = blocks.neighbour.shape[1] == 27
     for kz in range(3 if space else 1):
         wz = formulas.spline_weight(fz, kz) if space else real(1)
+        sz = formulas.spline_slope(fz, kz) if space else real(0)
         az = real(kz) - fz if space else real(0)
         for ky in range(3):
-            across = formulas.spline_weight(fy, ky) * wz
-            ay = real(ky) - fy
-            for kx in range(3):
-                j = step_node(blocks, base, kx, ky, kz)
-                if j >= 0:
-                    term = formulas.spline_weight(fx, kx) * across * coefficients[j]
-                    value += term
-                    gx += term * (real(kx) - fx)
-                    gy += term * ay
-                    gz += term * az
-    four = real(4)
-    return value, (four * gx, four * gy, four * gz)
-
-
-@formula
-def spline_gradient(q, query_position, base, blocks, surface_term, coefficients):
-    """(value [h], gradient) of the implicit surface at position q by (3.8) and (3.9), sum_j C_j h grad B_j; or 0."""
-    real = type(surface_term.cell_size)
-    value, gx, gy, gz = real(0), real(0), real(0), real(0)
-    if base < 0:
-        return value, (gx, gy, gz)
-    fx, fy, fz = formulas.place_over(query_position, q, node_coordinates(blocks, base), surface_term)
-    space = blocks.neighbour.shape[1] == 27
-    for kz in range(3 if space else 1):
-        wz = formulas.spline_weight(fz, kz) if space else real(1)
-        sz = formulas.spline_slope(fz, kz) if space else real(0)
-        for ky in range(3):
             wy, sy = formulas.spline_weight(fy, ky), formulas.spline_slope(fy, ky)
+            across, ay = wy * wz, real(ky) - fy
             for kx in range(3):
                 j = step_node(blocks, base, kx, ky, kz)
                 if j >= 0:
                     wx, c = formulas.spline_weight(fx, kx), coefficients[j]
-                    value += wx * wy * wz * c
-                    gx += formulas.spline_slope(fx, kx) * wy * wz * c
-                    gy += wx * sy * wz * c
-                    gz += wx * wy * sz * c
+                    term = wx * across * c
+                    value += term
+                    if mls is not None:
+                        gx += term * (real(kx) - fx)
+                        gy += term * ay
+                        gz += term * az
+                    else:
+                        gx += formulas.spline_slope(fx, kx) * wy * wz * c
+                        gy += wx * sy * wz * c
+                        gz += wx * wy * sz * c
+    if mls is not None:
+        gx, gy, gz = real(4) * gx, real(4) * gy, real(4) * gz
     return value, (gx, gy, gz)
 
 

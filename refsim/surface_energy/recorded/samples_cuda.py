@@ -273,10 +273,7 @@ def turn_vertices(spheres, blocks, surface_term, vertex_edge, counts, vertices):
 def implicit_normal(q, position, guess, blocks, surface_term, coefficients, outward, mls, normal):
     """Unit normal of the implicit surface at position q: (3.17), or without `mls` (3.9)."""
     base = node_at(three(position, q), 0.5, guess, blocks, surface_term)
-    if mls is not None:
-        _, gradient = kernels.mls_gradient(q, position, base, blocks, surface_term, coefficients)
-    else:
-        _, gradient = kernels.spline_gradient(q, position, base, blocks, surface_term, coefficients)
+    _, gradient = kernels.implicit_surface(q, position, base, blocks, surface_term, coefficients, mls)
     put(normal, q, kernels.oriented_normal(gradient, three(outward, q)))
 
 
