@@ -40,8 +40,7 @@ DESCRIPTION = (
 @takes("--allow-untried", action="store_true",
        help="exit code 0 also where a trial was not tried, for the time that a call would take")  # fmt: skip
 @takes("--arguments", group="mode", action="store_true", help="judge nothing; say what the operations named take")
-@takes("--run", group="mode", metavar="SCENE",
-       help="judge a folder of npz or VTK files against runs of the scene, in place of PROGRAMS")  # fmt: skip
+@takes("--run", group="mode", metavar="SCENE", help="judge a folder of npz or VTK files against runs of the scene")
 @takes("--at", type=float, metavar="T", help="with --run: time [s]; that of the last frame by default")
 @takes("--within", type=float, metavar="N",
        help="with --run: times the width of refsim's three runs that a measure may be away from their"

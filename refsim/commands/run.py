@@ -35,7 +35,7 @@ INTENSIVE = ("", "-", "m/s")  # units of effects' accounts that are the same in 
        help="folder of the run (NAME_run for NAME.toml; with --resume that of the checkpoint)")  # fmt: skip
 @takes("--every", type=float, metavar="S", help="simulated time between frames [s] (a hundredth of the run)")
 @takes("--checkpoint-every", type=float, default=60.0, metavar="S", help="wall time between checkpoints [s] (60)")
-@takes("--resume", metavar="FILE|DIR", help="go on from a checkpoint, or from the newest one in a folder")
+@takes("--resume", metavar="FILE|DIR", help="go on from a checkpoint, or from that of a run's folder")
 @takes("--overwrite", action="store_true", help="begin anew in a folder that holds an earlier run")
 @takes("--threads", type=int, metavar="N", help="CPU threads (one for 1,024 particles, at most all)")
 @takes("--observable", metavar="WHAT", help="print its value, as refsim study takes it (panel:NAME of refsim advise)")

@@ -71,7 +71,7 @@ class SavedRun:
 
 
 def load_checkpoint(path: str | os.PathLike[str]) -> SavedRun:
-    """The run in a checkpoint, or in the newest whole checkpoint of a folder.
+    """The run in a checkpoint, or in the newest whole one of a run's folder.
 
     Its digest, its version and its schema are compared: the clock's fields, and the shapes and dtypes of the arrays
     that its scene needs. Raises InputError, in one sentence, where there is none or it does not fit its own scene.

@@ -34,13 +34,12 @@ from refsim.engine.postmortem import AFTER_THESE, POSTMORTEM, POSTMORTEM_FIELDS,
 from refsim.engine.simulation import Simulation
 from refsim.engine.state import State
 from refsim.gauges import number
-from refsim.io.checkpoint import KEPT, previous_path
+from refsim.io.checkpoint import CHECKPOINT, KEPT, previous_path
 from refsim.io.frames import OLDER, Frame, ParticleWriter, origin_of
 from refsim.io.results import GAUGES, PARTICLES, REPORT, write_series
 from refsim.scene.plan import Plan
 from refsim.scene.scene import Scene
 
-CHECKPOINT = "checkpoint.h5"
 ONE_BY_ONE = (
     "profiled on cuda: the passes were launched one by one with a wait after each, not as one CUDA graph; each launch"
     " took some 10 to 50 microseconds longer than in a run without a profile"

@@ -276,8 +276,8 @@ class Simulation(State, Shown):
     ) -> "Simulation":
         """The simulation as it was when the checkpoint was written.
 
-        path     a checkpoint, or a folder, of which the newest whole checkpoint is taken; where it is missing or
-                 damaged, the one before it is taken, and `notes` says so
+        path     a checkpoint, or the folder of a run; where it is missing or damaged, the one before it is taken, and
+                 `notes` says so
         backend  that of the checkpoint by default; on it the run goes on bit for bit. Another one is allowed,
                  and `notes` then says that the numbers differ by rounding
         scene    where given, it must be the checkpoint's but for end_time and name, which are taken from it

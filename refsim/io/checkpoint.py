@@ -4,10 +4,10 @@ A checkpoint is written beside its final name and renamed into place, so a kille
 at most the interval since the last one. Values are restored bit for bit; a digest detects a
 damaged file.
 
-Layout, version 3: the file begins with a block of 512 bytes that HDF5 passes over, lines of text padded with zero
-bytes: `refsim checkpoint` (or another kind of file), `version`, `written_ns` (clock of the writer, nanoseconds),
-`bytes` (of the whole file) and `sha256` (of the lines before it and of all that follows the block). It is compared
-before HDF5 sees the file: HDF5 may read a damaged file without end. Behind the block stand one dataset per array in the
+Layout, version 4: the file begins with a block of 512 bytes that HDF5 passes over, lines of text padded with zero
+bytes: `refsim checkpoint` (or another kind of file), `version`, `bytes` (of the whole file) and `sha256` (of the lines
+before it and of all that follows the block). It is compared before HDF5 sees the file: HDF5 may read a damaged file
+without end. Behind the block stand one dataset per array in the
 group `arrays` and the attributes as JSON text in the dataset `attributes`. Other versions are not read.
 """
 
@@ -18,7 +18,6 @@ import io
 import json
 import os
 import re
-import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -39,7 +38,8 @@ from refsim.scene.scene import Scene
 from refsim.scene.shapes import Cloud
 from refsim.scene.solids import Solid, SolidCells, SolidMesh
 
-VERSION = 3
+VERSION = 4
+CHECKPOINT = "checkpoint.h5"  # in the folder of a run
 KEPT = "the last good checkpoint is untouched"
 BLOCK = 512  # bytes before what HDF5 reads; HDF5 looks for its signature there
 
@@ -76,21 +76,16 @@ def write_checkpoint(
     Raises InputError when the folder cannot be written to. One writer per `path`: a write removes the temporary files
     of killed writers.
     """
-    path, before = Path(path), -1
-    with suppress(Unreadable):
-        before = _written_ns(path, what)
-    content = checkpoint_bytes(path, arrays, attributes, what, before)
+    path = Path(path)
+    content = checkpoint_bytes(path, arrays, attributes, what)
     with writing(what, path, KEPT):
         replace_file(path, content, put=functools.partial(_put_in_place, keep=keep))
 
 
 def checkpoint_bytes(
-    path: Path, arrays: Mapping[str, np.ndarray], attributes: Mapping[str, Attribute], what: str, before: int = -1
+    path: Path, arrays: Mapping[str, np.ndarray], attributes: Mapping[str, Attribute], what: str
 ) -> bytes:
-    """What `write_checkpoint` writes; later than `before` by the clock, even when that was set back [ns].
-
-    Raises RunStopped("non_finite"), whose sentence names the path.
-    """
+    """What `write_checkpoint` writes. Raises RunStopped("non_finite"), whose sentence names the path."""
     import h5py
 
     file, text = io.BytesIO(), json.dumps(dict(attributes))
@@ -102,8 +97,7 @@ def checkpoint_bytes(
         root.create_dataset("attributes", data=text, dtype=h5py.string_dtype("utf-8", len(text)))
     # From 3.12 on Python must not collect a BytesIO that still has a view.
     with file.getbuffer() as content, content[BLOCK:] as body:
-        now = max(time.time_ns(), before + 1)
-        lines = f"refsim {what}\nversion {VERSION}\nwritten_ns {now}\nbytes {len(content)}\n".encode()
+        lines = f"refsim {what}\nversion {VERSION}\nbytes {len(content)}\n".encode()
         digest = hashlib.sha256(lines)
         digest.update(body)
         content[:BLOCK] = (lines + f"sha256 {digest.hexdigest()}\n".encode()).ljust(BLOCK, b"\0")
@@ -113,39 +107,21 @@ def checkpoint_bytes(
 def whole_checkpoint(path: str | os.PathLike[str]) -> tuple[Path, Checkpoint, tuple[str, ...]]:
     """(its path, what it holds, one sentence for each that was passed over) of the checkpoint to go on from.
 
-    path  a checkpoint, or the one before it where that one is missing, cut short or altered; or a folder, of which the
-          newest whole checkpoint is taken
+    path  a checkpoint, or the folder of a run, whose one is `CHECKPOINT`; the one before it is taken where that is
+          missing, cut short or altered
 
     Raises InputError where there is no whole one.
     """
-    path = Path(path)
+    path = Path(path, CHECKPOINT) if os.path.isdir(path) else Path(path)
     passed: list[Unreadable] = []
-    for file in _newest_first(path) if os.path.isdir(path) else (path, previous_path(path)):
+    for file in (path, previous_path(path)):
         try:
             saved = read_checkpoint(file)
         except Unreadable as error:
             passed.append(error)
         else:
             return file, saved, tuple(f"{error.sentence}: resumed from {file}" for error in passed)
-    if not passed:
-        raise InputError(f"folder {path} holds no whole checkpoint; give the folder of a run, or start the run again.")
     raise passed[0]
-
-
-def _newest_first(folder: Path) -> list[Path]:
-    """Files of the folder to go on from: HDF5 files that do not begin as checkpoints do, then the newest first."""
-    try:
-        files = sorted(entry for entry in folder.iterdir() if entry.is_file() and not entry.name.startswith("."))
-    except OSError as error:
-        raise InputError(f"folder {folder} cannot be read ({error.strerror}); give the folder of a run") from error
-    dated, damaged = [], []
-    for file in files:
-        try:
-            dated.append((_written_ns(file), file))
-        except Unreadable:
-            if file.suffix == ".h5":
-                damaged.append(file)
-    return damaged + [file for _, file in sorted(dated, reverse=True)]
 
 
 def previous_path(path: str | os.PathLike[str]) -> Path:
@@ -170,8 +146,8 @@ def _finite(path: Path, name: str, array: np.ndarray) -> np.ndarray:
 
 
 HEAD = re.compile(
-    rb"(refsim ([a-z ]+)\nversion (\d{1,9})\nwritten_ns (\d{1,19})\nbytes (\d{1,19})\n)sha256 ([0-9a-f]{64})\n\0*"
-)  # the lines that the digest covers, too; kind, version, clock, size; the digest
+    rb"(refsim ([a-z ]+)\nversion (\d{1,9})\nbytes (\d{1,19})\n)sha256 ([0-9a-f]{64})\n\0*"
+)  # the lines that the digest covers, too; kind, version, size; the digest
 
 
 def _put_in_place(temporary: Path, path: Path, keep: int) -> None:
@@ -220,9 +196,9 @@ def read_checkpoint(path: str | os.PathLike[str], what: str = "checkpoint") -> C
 
     with _opened(path, what) as (file, head):
         size = os.fstat(file.fileno()).st_size
-        if size != int(head[5]):
-            raise Unreadable(what, path, f"is cut short or damaged (it has {size} of {int(head[5])} bytes)")
-        if hashlib.file_digest(file, lambda: hashlib.sha256(head[1])).hexdigest() != head[6].decode():
+        if size != int(head[4]):
+            raise Unreadable(what, path, f"is cut short or damaged (it has {size} of {int(head[4])} bytes)")
+        if hashlib.file_digest(file, lambda: hashlib.sha256(head[1])).hexdigest() != head[5].decode():
             raise Unreadable(what, path, "is damaged (it does not match its digest)")
         with h5py.File(file, "r") as root:
             arrays = {name: np.asarray(dataset[()]) for name, dataset in root["arrays"].items()}
@@ -248,11 +224,6 @@ def _opened(path: str | os.PathLike[str], what: str) -> Iterator[tuple[BufferedR
         raise Unreadable(what, path, "does not exist") from None
     except OSError as error:
         raise Unreadable(what, path, f"cannot be read ({error.strerror})") from error
-
-
-def _written_ns(path: Path, what: str = "checkpoint") -> int:
-    with _opened(path, what) as (_, head):
-        return int(head[4])
 
 
 # Scenes in checkpoints and particle files

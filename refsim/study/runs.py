@@ -20,8 +20,8 @@ from refsim.core.reading import open_regular
 from refsim.core.tables import in_time
 from refsim.core.versions import versions
 from refsim.core.writing import in_turn, plain, replace_file
-from refsim.engine.driver import CHECKPOINT
 from refsim.engine.simulation import Simulation
+from refsim.io.checkpoint import CHECKPOINT
 from refsim.io.store import read_stored, set_aside, write_stored
 from refsim.scene.files import scene_to_toml
 from refsim.scene.plan import make_plan

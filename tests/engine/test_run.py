@@ -222,7 +222,7 @@ def test_frames_of_a_killed_run_have_the_times_of_the_uninterrupted_one(tmp_path
     out = tmp_path / "killed"
     killed_after(steps, scene, out, every=every, checkpoint_every=interval)
     if steps == 0:  # before the first checkpoint
-        with pytest.raises(rs.InputError, match="holds no whole checkpoint"):
+        with pytest.raises(rs.InputError, match=r"checkpoint\.h5 does not exist"):
             whole_checkpoint(out)
         report = simulate(scene, backend="numpy", output=out, every=every)
         assert report.resumed_at_step is None

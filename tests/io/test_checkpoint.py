@@ -34,8 +34,8 @@ def test_every_dtype_comes_back_bit_for_bit(tmp_path):
         "strided": np.arange(10, dtype=np.int32)[::3],
     }  # fmt: skip
     attributes = {"time": 0.1 + 0.2, "limit": float("inf"), "step": 2**70, "on": True, "scene": "é\n\0='x'" * 20000}
-    write_checkpoint(tmp_path / "run.h5", arrays, attributes)
-    back = read_checkpoint(tmp_path / "run.h5")
+    write_checkpoint(tmp_path / "checkpoint.h5", arrays, attributes)
+    back = read_checkpoint(tmp_path / "checkpoint.h5")
     assert back.arrays.keys() == arrays.keys()
     for name, array in arrays.items():
         found = back.arrays[name]
@@ -48,7 +48,7 @@ def test_every_dtype_comes_back_bit_for_bit(tmp_path):
 
 @pytest.mark.parametrize("keep", [1, 2])
 def test_keeps_as_many_as_asked(tmp_path, keep):
-    path = tmp_path / "run.h5"
+    path = tmp_path / "checkpoint.h5"
     for step in range(5):
         write_checkpoint(path, state(step), {"step": step}, keep=keep)
     files = [path, previous_path(path)][:keep]
@@ -67,7 +67,7 @@ def test_rotates_without_hard_links(tmp_path, monkeypatch):
 
 def test_a_whole_checkpoint_lies_there_between_any_two_calls(tmp_path, monkeypatch):
     """Look at the folder before and after every call that changes a name."""
-    path = tmp_path / "run.h5"
+    path = tmp_path / "checkpoint.h5"
     for step in range(3):
         write_checkpoint(path, state(step), {"step": step})
     seen = []
@@ -93,7 +93,7 @@ def test_a_whole_checkpoint_lies_there_between_any_two_calls(tmp_path, monkeypat
 @pytest.mark.parametrize("dtype", [np.float32, np.float64, np.complex128])
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_non_finite_values_never_replace_a_good_checkpoint(tmp_path, dtype, value):
-    path = tmp_path / "run.h5"
+    path = tmp_path / "checkpoint.h5"
     write_checkpoint(path, state(0), {"step": 0})
     before = path.read_bytes()
     bad = np.zeros((5, 3), dtype)
@@ -101,7 +101,7 @@ def test_non_finite_values_never_replace_a_good_checkpoint(tmp_path, dtype, valu
     with pytest.raises(RunStopped, match=r"'force'.*1 non-finite.*\(3, 1\)") as caught:
         write_checkpoint(path, state(1) | {"force": bad}, {"step": 1})
     assert (caught.value.reason, caught.value.exit_code) == ("non_finite", 3)
-    assert ([file.name for file in tmp_path.iterdir()], path.read_bytes()) == (["run.h5"], before)
+    assert ([file.name for file in tmp_path.iterdir()], path.read_bytes()) == (["checkpoint.h5"], before)
 
 
 # -- files that are not whole checkpoints
@@ -115,7 +115,7 @@ def refuse(path, words):
 
 
 def test_files_that_are_no_checkpoints(tmp_path):
-    path = tmp_path / "run.h5"
+    path = tmp_path / "checkpoint.h5"
     refuse(path, "does not exist")
     refuse(tmp_path, "cannot be read")
     path.write_bytes(b"")
@@ -129,22 +129,22 @@ def test_files_that_are_no_checkpoints(tmp_path):
     refuse(path, "does not begin as one")
     assert read_checkpoint(path, "file of gauges").attributes == {}
     write_checkpoint(path, state(0), {})
-    path.write_bytes(path.read_bytes().replace(b"\nversion 3\n", b"\nversion 2\n", 1))
-    refuse(path, "format version 2, and this refsim reads version 3")
+    path.write_bytes(path.read_bytes().replace(b"\nversion 4\n", b"\nversion 3\n", 1))
+    refuse(path, "format version 3, and this refsim reads version 4")
 
 
 @posix
 @pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("/dev/zero")], ids=["pipe", "device"])
 def test_what_never_ends_is_refused(tmp_path, make):
-    make(tmp_path / "run.h5")
-    refuse(tmp_path / "run.h5", "is a pipe or a device")
-    with pytest.raises(InputError, match="holds no whole checkpoint"):
+    make(tmp_path / "checkpoint.h5")
+    refuse(tmp_path / "checkpoint.h5", "is a pipe or a device")
+    with pytest.raises(InputError, match="is a pipe or a device"):
         whole_checkpoint(tmp_path)
 
 
 def test_hdf5_never_sees_a_damaged_file(tmp_path, monkeypatch):
     """HDF5 reads some damaged files without end: one flipped bit, or an end, at any byte is noticed before."""
-    path = tmp_path / "run.h5"
+    path = tmp_path / "checkpoint.h5"
     write_checkpoint(path, {"position": np.zeros((4, 3))}, {"step": 0})
     whole = path.read_bytes()
     monkeypatch.setattr(h5py, "File", lambda *_, **__: pytest.fail("HDF5 was given a damaged file"))
@@ -158,7 +158,7 @@ def test_hdf5_never_sees_a_damaged_file(tmp_path, monkeypatch):
 
 
 def test_the_previous_checkpoint_is_named_when_it_is_whole(tmp_path):
-    path = tmp_path / "run.h5"
+    path = tmp_path / "checkpoint.h5"
     for step in range(2):
         write_checkpoint(path, state(step), {"step": step})
     path.write_bytes(path.read_bytes()[:-1])
