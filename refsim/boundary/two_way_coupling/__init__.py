@@ -30,7 +30,7 @@ WET = Field("wet", "-", "sum of W over the liquid near a solid's particle, over 
 SUCTION = Field("suction", "Pa", "least pressure of a film, below 0, where it breaks")
 FILM_FACTOR = Field("film_factor", "-", "times which films too thin for particles push")
 ALLOWED_CLOSENESS = Field("allowed_closeness", "-", "how close others may be to a solid's particle", state=True)
-CONTACT_PRESSURE = Field("contact_pressure", "Pa", "what presses bodies apart that overlap, over the closeness of all")
+CONTACT_PRESSURE = Field("contact_pressure", "Pa", "what presses bodies apart that overlap")
 PLANE_PRESSURE = Field("plane_pressure", "Pa", "the same of planes across x, y and z", 3)
 FILM = WET, SUCTION, FILM_FACTOR, ALLOWED_CLOSENESS, CONTACT_PRESSURE, PLANE_PRESSURE
 TOLD_WET = Field("told_wet", "-", "wetness of solids in the step before", state=True)

@@ -98,7 +98,10 @@ cases.readings(coupling="printed_volume printed_pressure printed_viscosity")
 takes("two_way_coupling.push", fluid="gradient_share")
 takes("two_way_coupling.hold", smoothing="support_radius dim")
 takes("two_way_coupling.overlap", smoothing="support_radius")
-takes("two_way_coupling.contact", smoothing="support_radius", overlapping="inverse_spacing inverse_volume")
+takes(
+    "two_way_coupling.contact", smoothing="support_radius", fluid="rest_density",
+    overlapping="inverse_spacing inverse_volume",
+)  # fmt: skip
 takes("two_way_coupling.spread", fluid="rest_density")
 takes("two_way_coupling.close_films", fluid="rest_density")
 takes("two_way_coupling.contribution", coupling="least_volume printed_volume")
@@ -287,14 +290,14 @@ IN_CORNER = {
     "walls": WallParticles(CORNER, np.full(2, 0.2)),
     "bounds": planes(np.array([-0.5, -0.5, -np.inf]), np.inf),
 }  # fmt: skip
-BORNE = 100 * np.array([3 * math.log(1.6), 3 * math.log(1.6) + 0.5625, 0.0]) / (2 * 1.6**3)
+BORNE = 50 * np.array([3 * math.log(1.6), 3 * math.log(1.6) + 0.5625, 0.0])
 
 
 closed_form(
     "two_way_coupling.overlap",
-    # 100 Pa (3 ln 1.6 + 0.25 s 4.8/(4 m * 1.6) 3 m/s)/1.6^3
+    # 100 Pa (3 ln 1.6 + 0.25 s 4.8/(4 m * 1.6) 3 m/s)
     solids_that_overlap=lambda: _overlapping_by(
-        100 * (3 * math.log(1.6) + 0.5625) / 1.6**3, 1.0, allowed_closeness=[1.0, 1.0]
+        100 * (3 * math.log(1.6) + 0.5625), 1.0, allowed_closeness=[1.0, 1.0]
     ),
     # 3 ln 1.6 - 3 * 0.5625 is no pull
     solids_that_part=lambda: _overlapping_by(0.0, 1.0, allowed_closeness=[1.0, 1.0], velocity=9.0 * np.eye(3)[[0, 1]]),
@@ -311,18 +314,18 @@ closed_form(
     ),
     # of a mesh they do: 2 n^3 in all
     in_a_mesh=lambda: _overlapping_by(
-        [100 * (math.log(2 * 1.6**3) + 0.28125) / (2 * 1.6**3), 0.0], 1.0, where=BESIDE, allowed_closeness=[1.0, 1.0],
+        [100 * (math.log(2 * 1.6**3) + 0.28125), 0.0], 1.0, where=BESIDE, allowed_closeness=[1.0, 1.0],
         **IN_CORNER | {"bounds": None},
     ),
 )  # fmt: skip
 
 
-def _touching(force, where=PAIR, **changes):
+def _touching(force, where=PAIR, rest_density=50.0, **changes):
     """Solids of 10 and 30 Pa, 1 m apart, d = 2 m, of cells of 8 m^3; |grad C| = 4.8 * 1.6^2/4 m; F on the second."""
     inputs = {
         "mass": [500.0, 1800.0], "phase": [SURFACE, INTERIOR], "solid_number": [1, 2], "walls": None, "bounds": None,
         "contact_pressure": [10.0, 30.0], "plane_pressure": [[9.0, 20.0, 9.0]] * 2,
-        "overlapping": Overlapping(0.5, 0.125, 1.0, 1.0),
+        "overlapping": Overlapping(0.5, 0.125, 1.0, 1.0), "fluid": Fluid(rest_density, 1.0, 1, 0),
     } | changes  # fmt: skip
     force = 3.072 * np.array([0.0, force, 0.0])
     return Exact(where, inputs, {"acceleration": [-force / 500, force / 1800]})
@@ -337,6 +340,8 @@ BY_WALL = {
 closed_form(
     "two_way_coupling.contact",
     solids_push_each_other=lambda: _touching(8 * 40.0),
+    # the lighter one has a quarter of the liquid's 2000 kg
+    lighter_than_liquid=lambda: _touching(2 * 40.0, rest_density=250.0),
     beside_liquid=lambda: _touching(0.0, phase=WATER_AND_ICE),
     of_one_solid=lambda: _touching(0.0, solid_number=[2, 2]),
     # half of a cell, 1 m from each, with twice its 30 Pa, or the 20 Pa of planes

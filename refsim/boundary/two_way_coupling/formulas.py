@@ -36,6 +36,12 @@ def steepness(r, overlapping):
 
 
 @formula
+def lightness(mass, fluid, overlapping):
+    """l = m/(rho0 d^dim), at most 1, dimensionless: as stiff, a lighter particle would not bear the liquid's step."""
+    return min(mass * overlapping.inverse_volume / fluid.rest_density, type(mass)(1))
+
+
+@formula
 def side(place, bounds):
     """(o_x, o_y, o_z, o) of a wall particle, dimensionless, sum 1: o_x = 1 beyond planes across x, o = 1 of meshes."""
     real = type(place[0])
@@ -53,9 +59,9 @@ def side(place, bounds):
 
 @formula
 def pressed(close, allowed, growth, total, overlapping):
-    """s/C_all = K (ln(C/C_0) + tau (dC/dt)/C)/C_all [Pa], at least 0; 0 where C <= C_0."""
+    """s C/C_all, s = K (ln(C/C_0) + tau (dC/dt)/C) [Pa], at least 0; 0 where C <= C_0."""
     real = type(close)
     if close <= allowed:  # NaN goes on
         return real(0)
-    push = real(math.log(close / allowed)) + overlapping.delay * growth / close
+    push = close * real(math.log(close / allowed)) + overlapping.delay * growth
     return real(0) if push < real(0) else overlapping.stiffness * push / total

@@ -5,7 +5,7 @@ import math
 from refsim.backends.compile import formula, kernel
 from refsim.backends.tuples import added, difference, dot, over, scaled, three
 from refsim.boundary.two_way_coupling import PASSED
-from refsim.boundary.two_way_coupling.formulas import nearness, pressed, side, steepness, tait_pressure
+from refsim.boundary.two_way_coupling.formulas import lightness, nearness, pressed, side, steepness, tait_pressure
 from refsim.motion.formulas import felt
 from refsim.neighbours.forces import force
 from refsim.neighbours.pairs import neighbour_sum, pair
@@ -248,7 +248,7 @@ def overlap(
     i, lane, position, velocity, phase, solid_number, neighbours, walls, bounds, smoothing, overlapping,
     allowed_closeness, contact_pressure, plane_pressure,
 ):  # fmt: skip
-    """Pressure of contact over C [Pa] at a solid's particle to which other solids, meshes or planes are closer than
+    """Pressure of contact [Pa] at a solid's particle to which other solids, meshes or planes are closer than
     ever, and than a spacing."""
     zero = type(smoothing.support_radius)(0)
     planes = zero, zero, zero, zero, zero, zero, zero, zero
@@ -282,19 +282,23 @@ def overlap(
 
 @pair
 def contact_pair(
-    r, x_ij, phase_j, solid_number_i, solid_number_j, contact_pressure_i, contact_pressure_j, smoothing, overlapping
+    r, x_ij, mass_i, mass_j, phase_j, solid_number_i, solid_number_j, contact_pressure_i, contact_pressure_j, smoothing,
+    fluid, overlapping,
 ):  # fmt: skip
-    """-(b_k + b_s) grad C_ks of another solid's particle, b = s/C [Pa/m]."""
+    """-(b_k + b_s) grad C_ks of another solid's particle, b = s C/C_all [Pa/m]; of the lighter, of less if light."""
     f = type(r)(0)
     if phase_j != FLUID and solid_number_i != solid_number_j:
         f = (contact_pressure_i + contact_pressure_j) * steepness(r, overlapping)
+        f *= lightness(min(mass_i, mass_j), fluid, overlapping)
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 
 @pair
-def wall_contact_pair(r, x_ij, contact_pressure_i, plane_pressure_i, place_j, volume_j, smoothing, overlapping, bounds):
+def wall_contact_pair(
+    r, x_ij, mass_i, contact_pressure_i, plane_pressure_i, place_j, volume_j, smoothing, fluid, overlapping, bounds
+):  # fmt: skip
     """The same of a wall particle, V_b/d^dim times, with b_b = b_k of its planes."""
-    o, share = side(place_j, bounds), volume_j * overlapping.inverse_volume
+    o, share = side(place_j, bounds), volume_j * overlapping.inverse_volume * lightness(mass_i, fluid, overlapping)
     b = dot(o[0:3], plane_pressure_i) + o[3] * contact_pressure_i
     f = share * (b + b) * steepness(r, overlapping)
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
@@ -303,18 +307,19 @@ def wall_contact_pair(r, x_ij, contact_pressure_i, plane_pressure_i, place_j, vo
 @kernel(lanes=True)
 def contact(
     i, lane, position, mass, phase, solid_number, contact_pressure, plane_pressure, neighbours, walls, bounds,
-    smoothing, overlapping, acceleration,
+    smoothing, fluid, overlapping, acceleration,
 ):  # fmt: skip
     """What presses a solid's particle off other solids and walls; added to the acceleration [m/s^2]."""
     if phase[i] == FLUID:
         return
     force = neighbour_sum(
-        contact_pair, i, lane, neighbours, position, None, phase, solid_number, contact_pressure, smoothing, overlapping
+        contact_pair, i, lane, neighbours, position, None, mass, phase, solid_number, contact_pressure, smoothing,
+        fluid, overlapping,
     )  # fmt: skip
     if walls is not None:
         of_walls = neighbour_sum(
-            wall_contact_pair, i, lane, walls, position, None, contact_pressure, plane_pressure, walls.position,
-            walls.volume, smoothing, overlapping, bounds,
+            wall_contact_pair, i, lane, walls, position, None, mass, contact_pressure, plane_pressure, walls.position,
+            walls.volume, smoothing, fluid, overlapping, bounds,
         )  # fmt: skip
         force = added(force, of_walls)
     add_vector(acceleration, i, lane, over(force, mass[i] * overlapping.inverse_volume))

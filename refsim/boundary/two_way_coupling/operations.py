@@ -160,7 +160,7 @@ def spread(
 
 
 def touching(position, phase, solid_number, walls, bounds, overlapping, smoothing, rows, bears=(None,) * 4, **own):
-    """Pairs with other particles, and with walls: meshes, and planes across x, y and z. `share` is o, `bears` s/C."""
+    """Pairs with other particles, and with walls: meshes, and planes across x, y and z. `share` is o, `bears` b."""
     kind = kinds(phase)
     beyond = np.zeros((0 if walls is None else len(walls.volume), 3))
     if walls is not None and bounds is not None:
@@ -186,8 +186,8 @@ def touching(position, phase, solid_number, walls, bounds, overlapping, smoothin
 def overlap(
     position, velocity, phase, solid_number, walls, bounds, smoothing, overlapping, allowed_closeness, rows=None
 ):  # fmt: skip
-    """Least closeness to a solid's particle so far, at least 1, and what presses apart what is closer, over the
-    closeness [Pa]: of other solids and meshes, and of planes across x, y and z."""
+    """Least closeness to a solid's particle so far, at least 1, and what presses apart what is closer [Pa]: other
+    solids and meshes, and planes across x, y and z, each by its share of the closeness."""
     own = {"velocity": velocity, "allowed": allowed_closeness}
     around, *at_walls = touching(position, phase, solid_number, walls, bounds, overlapping, smoothing, rows, **own)
     inverse, _, stiffness, delay = map(float, overlapping)
@@ -204,7 +204,7 @@ def overlap(
     for c, rate in zip(close, growth):
         near = solid & (c.value > allowed.value)
         c = where(near, c, 1)
-        push.append(where(near, ref.pressed(c, allowed, rate, stiffness, delay) / where(near, total, 1), 0))
+        push.append(where(near, ref.pressed(c, allowed, rate, stiffness, delay) * c / where(near, total, 1), 0))
     return {
         "allowed_closeness": where(solid, allowed, before), "contact_pressure": push[0],
         "plane_pressure": tuple(np.stack(parts, 1) for parts in zip(*push[1:])),
@@ -218,7 +218,7 @@ def overlap(
     invariants=f"{SYMMETRY} linear_momentum angular_momentum", broken={2: "translation rotation"},
 )  # fmt: skip
 def contact(
-    position, mass, phase, solid_number, contact_pressure, plane_pressure, walls, bounds, smoothing, overlapping,
+    position, mass, phase, solid_number, contact_pressure, plane_pressure, walls, bounds, smoothing, fluid, overlapping,
     rows=None,
 ):  # fmt: skip
     """Accelerations [m/s^2] of solids by others and by walls that they touch."""
@@ -226,7 +226,8 @@ def contact(
     around, *at_walls = touching(
         position, phase, solid_number, walls, bounds, overlapping, smoothing, rows, bears, mass=mass
     )  # fmt: skip
-    given = {"d": 1 / float(overlapping.inverse_spacing), "cell": 1 / float(overlapping.inverse_volume)}
+    cell, rho0 = 1 / float(overlapping.inverse_volume), float(fluid.rest_density)
+    given = {"d": 1 / float(overlapping.inverse_spacing), "cell": cell, "least": rho0 * cell}
     return {"acceleration": sum((at(ref.contact_of_walls, **given) for at in at_walls), around(ref.contact, **given))}
 
 
@@ -245,7 +246,7 @@ def positive(weights):
 
 @operation(
     "closed films", paper="this project", outputs="film_factor", optional="walls turning",
-    variants=("turning", "walls turning", ""), tolerance=16.0, entrywise=True,
+    variants=("walls turning", "turning", ""), tolerance=16.0, entrywise=True,
     reason="one rounding in each of distance, slope, volume, product, sum and quotient",
     invariants=SYMMETRY, broken={2: "translation rotation"},
 )  # fmt: skip

@@ -1,6 +1,6 @@
 """Shao & Song 2017, Adami, Hu & Adams 2012: the terms of one pair, and what follows from sums. Solids are k and s."""
 
-from refsim.core.terms import clip, length, log, maximum, where
+from refsim.core.terms import clip, length, log, maximum, minimum, where
 from refsim.sph.reference import central_viscous_force
 from refsim.sph.reference import state as state
 
@@ -128,14 +128,19 @@ def pressed(close, allowed, growth, stiffness, delay):
     return stiffness * maximum(log(close / allowed) + delay * growth / close, 0)
 
 
-def contact(k, s, ks, d, cell):
-    """a_k = -(d^dim/m_k) sum_s (s_k/C_all + s_s/C_all) grad n_ks^3 [m/s^2], C_all its sum of all C; `cell` = d^dim."""
-    return -cell / k.mass * s.share * (k.bears + s.bears) * gradient(k, s, ks, d)
+def contact(k, s, ks, d, cell, least):
+    """a_k = -(d^dim/m_k) sum_s l (b_k + b_s) grad n_ks^3 [m/s^2], b = s C/C_all, C_all all its C; `cell` = d^dim.
+
+    l = min(m_k, m_s, rho0 d^dim)/(rho0 d^dim), as a step of the liquid is too long for light bodies as stiff; `least` =
+    rho0 d^dim [kg].
+    """
+    lightness = minimum(minimum(k.mass, s.mass) / least, 1)
+    return -cell / k.mass * lightness * s.share * (k.bears + s.bears) * gradient(k, s, ks, d)
 
 
-def contact_of_walls(k, b, kb, d, cell):
-    """a_k = -(d^dim/m_k) sum_b 2 o_b s_k/C_all grad n_kb^3 [m/s^2], s_k of meshes or of planes across an axis."""
-    return -2 * cell / k.mass * k.bears * b.share * gradient(k, b, kb, d)
+def contact_of_walls(k, b, kb, d, cell, least):
+    """a_k = -(d^dim/m_k) sum_b 2 l o_b b_k grad n_kb^3 [m/s^2], b_k of meshes or of planes across an axis, l of k."""
+    return -2 * cell / k.mass * minimum(k.mass / least, 1) * k.bears * b.share * gradient(k, b, kb, d)
 
 
 def around(k, j, kj):
