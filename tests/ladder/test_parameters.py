@@ -287,7 +287,7 @@ def half_space_normal(dim, kernels):
     return np.array(found)
 
 
-def continuum(dim, kernels="wendland", normalise=True, plain=0, threshold=0.5, gradient=None):
+def continuum(dim, kernels="wendland", normalise=True, plain=0, threshold=0.5, gradient=None, cotangent=0.0):
     """Brackbill, Kothe & Zemach 1992 with one-sided normals: sigma, |n| > threshold/h, and the lost share of |n|."""
     share = 1 / float(half_space_normal(dim, kernels).sum() * D) if normalise else 1.0
     return detection(dim, sums=SETS[kernels][0]) | {
@@ -296,6 +296,7 @@ def continuum(dim, kernels="wendland", normalise=True, plain=0, threshold=0.5, g
             "plain": plain,
         },
         "marangoni": gradient and dict(zip("xyz", gradient)),
+        "wetting": {"cotangent": lambda found, group: abs(found - cotangent) < 1e-8},
     }  # fmt: skip
 
 

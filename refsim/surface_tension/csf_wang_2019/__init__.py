@@ -7,8 +7,9 @@ These forces are not pairwise opposite and equal, so that momentum is not conser
 import functools
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
+import msgspec
 import numpy as np
 
 from refsim.core.capabilities import HasErrata, HasTension, KnowsLimits, Margin, PullsParticles
@@ -35,6 +36,12 @@ class Continuum(NamedTuple):
     factor: float  # dim - 1; dim in the plain reading
     share: float  # 1/int |n| over the liquid's side of a flat surface; dimensionless
     plain: int  # 1: the plain reading
+
+
+class Wetting(NamedTuple):
+    """Contact angle at walls as kernels take it."""
+
+    cotangent: float  # of the angle; dimensionless
 
 
 class Marangoni(NamedTuple):
@@ -74,6 +81,7 @@ class CsfWang2019(
 
     surface_tension      sigma [N/m]: that of measured drops in the default liquid
     tension_gradient     gradient of sigma along x, y, z [N/m^2], which drives the force along the surface
+    contact_angle        angle between surface and walls, through the liquid [degrees]
     threshold            a particle belongs to the surface where |n| h exceeds this (Morris 2000 takes 0.01 with his h,
                          half the support radius)
     normalise            compensate for the half of |n| outside the liquid, where there are no particles; without it the
@@ -96,13 +104,17 @@ class CsfWang2019(
 
     surface_tension: NotNegative
     tension_gradient: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    contact_angle: Annotated[float, msgspec.Meta(ge=0, le=180)] = 90.0
     threshold: Positive = 0.5
     normalise: bool = True
     density_correction: bool | None = None
     literal: Printed = ()
 
     def _plain(self) -> "CsfWang2019":
-        return type(self)(surface_tension=self.surface_tension, tension_gradient=self.tension_gradient)
+        return type(self)(
+            surface_tension=self.surface_tension, tension_gradient=self.tension_gradient,
+            contact_angle=self.contact_angle,
+        )  # fmt: skip
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         return (
@@ -150,6 +162,7 @@ class CsfWang2019(
                 real(share), int32(plain),
             ),
             "marangoni": gradient,
+            "wetting": Wetting(real(1 / math.tan(math.radians(np.clip(self.contact_angle, 0.01, 179.99))))),
         }  # fmt: skip
 
     def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:

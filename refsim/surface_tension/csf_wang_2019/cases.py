@@ -23,14 +23,16 @@ def _normals(case, random):
 particles(curvature=lambda case, random: random.uniform(-1, 1, case.count) / case.support_radius)
 
 
-@groups("continuum", "marangoni")
+@groups("continuum", "marangoni", "wetting")
 def _continuum(case, grid):
     slope = tuple(c / case.support_radius for c in (0.3, -0.2, 0.25 if case.dim == 3 else 0.0))
     literal = ("all",) if case.literal else ()
-    return CsfWang2019(surface_tension=0.5, tension_gradient=slope, literal=literal).prepare(grid, case.effects)
+    effect = CsfWang2019(surface_tension=0.5, contact_angle=60.0, tension_gradient=slope, literal=literal)
+    return effect.prepare(grid, case.effects)
 
 
 readings(continuum="plain")
+takes("csf_wang_2019.normal", wetting="cotangent")
 takes("csf_wang_2019.curvature", continuum="threshold factor plain")
 takes("csf_wang_2019.force", continuum="tension threshold share")
 

@@ -7,7 +7,7 @@ from refsim.backends.tuples import added, difference, dot, over, scaled, three
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, first_lane, set_vector
 from refsim.smoothing.formulas import gradient_factor, kernel_slope, kernel_value, safe_distance
-from refsim.sph.kernels import own_share, wall_gradient, wall_sum
+from refsim.sph.kernels import own_share
 from refsim.surface_tension.csf_wang_2019 import formulas
 
 
@@ -19,14 +19,33 @@ def normal_pair(r, x_ij, mass_j, density_j, gradient_smoothing, smoothing):
     return f * x_ij[0], f * x_ij[1], f * x_ij[2], volume * kernel_value(r, smoothing)
 
 
+@pair
+def wall_pair(r, x_ij, volume_j, gradient_smoothing, smoothing):
+    """V_b grad W_ib [1/m], and V_b W_ib."""
+    f = volume_j * gradient_factor(r, gradient_smoothing)
+    return f * x_ij[0], f * x_ij[1], f * x_ij[2], volume_j * kernel_value(r, smoothing)
+
+
+@pair
+def beyond_pair(r, x_ij, volume_j, smoothing, inward):
+    """V_b W_ib |n.x_ib| of walls on the side from which n points, and of all; dimensionless."""
+    height = dot(inward, x_ij)
+    size = volume_j * kernel_value(r, smoothing) * abs(height)
+    return size if height > type(r)(0) else type(r)(0), size
+
+
 @kernel(lanes=True)
-def normal(i, lane, position, mass, density, neighbours, walls, smoothing, gradient_smoothing, interface_normal):
-    """n_i = sum_j V_j grad W_ij / sum_k V_k W_ik, walls as liquid, inward [1/m]."""
+def normal(
+    i, lane, position, mass, density, neighbours, walls, smoothing, gradient_smoothing, wetting, interface_normal
+):
+    """n_i = sum_j V_j grad W_ij / sum_k V_k W_ik, inward [1/m], with walls by the contact angle."""
     sums = neighbour_sum(normal_pair, i, lane, neighbours, position, None, mass, density, gradient_smoothing, smoothing)
     n, filled = sums[0:3], sums[3] + mass[i] / density[i] * own_share(smoothing)
     if walls is not None:
-        n = added(n, wall_gradient(i, lane, position, walls, gradient_smoothing, type(filled)(1), None))
-        filled += wall_sum(i, lane, position, walls, smoothing, None)
+        at = neighbour_sum(wall_pair, i, lane, walls, position, None, walls.volume, gradient_smoothing, smoothing)
+        n, filled = added(n, at[0:3]), filled + at[3]
+        beyond, both = neighbour_sum(beyond_pair, i, lane, walls, position, None, walls.volume, smoothing, n)
+        n, filled = formulas.at_walls(n, at[0:3], filled, at[3], beyond, both, wetting)
     set_vector(interface_normal, i, lane, over(n, filled))
 
 

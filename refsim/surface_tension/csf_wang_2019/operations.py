@@ -3,7 +3,7 @@
 import numpy as np
 
 from refsim.core.operation import SYMMETRY, operations
-from refsim.core.terms import Terms, length, where
+from refsim.core.terms import Terms, length, minimum, where
 from refsim.neighbours.sums import Fields, neighbours, wall_particles
 from refsim.surface_tension.csf_wang_2019 import reference as ref
 
@@ -15,12 +15,20 @@ operation = operations(paper="Wang, Zhu & Yin 2019, reconstructed")
     reason="the roundings of one pair, and once more those of the denominator", invariants=SYMMETRY,
     packed="normal_pair",
 )  # fmt: skip
-def normal(position, mass, density, walls, smoothing, gradient_smoothing, rows=None):
-    """Normals, inward [1/m], walls as liquid; i itself in the denominator."""
+def normal(position, mass, density, walls, smoothing, gradient_smoothing, wetting, rows=None):
+    """Normals, inward [1/m], walls by the contact angle; i itself in the denominator."""
     i, b = Fields(position=position, mass=mass, density=density), wall_particles(walls)
     around, at_walls = (neighbours(i, j, smoothing, gradient_smoothing, rows=rows) for j in (i, b))
-    filled = around(ref.filled) + at_walls(ref.wall_filled)
-    return {"interface_normal": (around(ref.normal) + at_walls(ref.wall_normal)) / filled}
+    n, filled = around(ref.normal), around(ref.filled)
+    if walls is not None:
+        w, walled = at_walls(ref.wall_normal), at_walls(ref.wall_filled)
+        n, filled = n + w, filled + walled
+        from_here = at_walls.of(Fields(inward=n), b)
+        whole = from_here(ref.beyond, both=True)
+        there = whole.value > 0
+        dry = where(there, minimum(8 * from_here(ref.beyond) / where(there, whole, 1), 1), 0)
+        n, filled = ref.turned(n, w, dry, float(wetting.cotangent)), filled - dry * walled
+    return {"interface_normal": n / filled}
 
 
 @operation(

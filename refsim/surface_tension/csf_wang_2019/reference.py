@@ -1,6 +1,8 @@
 """Wang, Zhu & Yin 2019, reconstructed: the term of one pair in each sum, or what follows from the sums."""
 
-from refsim.core.terms import length
+import numpy as np
+
+from refsim.core.terms import Terms, clip, length, maximum, minimum
 from refsim.surface_normal.reference import filled as filled
 from refsim.surface_normal.reference import wall_filled as wall_filled
 
@@ -11,8 +13,25 @@ def normal(i, j, ij):
 
 
 def wall_normal(i, b, ib):
-    """sum_b V_b grad W_ib of walls [1/m]."""
+    """sum_b V_b grad W_ib of walls, w_i [1/m]; both sums are n_i with walls as liquid."""
     return b.volume * ib.gradient
+
+
+def beyond(i, b, ib, both=False):
+    """B_i = sum_b V_b W_ib max(n_i.x_ib, 0), walls on the side from which n_i points; of both sides A_i [-]."""
+    height = i.inward @ ib.x
+    return b.volume * ib.W * maximum(height, -height if both else 0)
+
+
+def turned(n, w, dry, cotangent):
+    """n_i turned to the contact angle: n_i + w^ c_i with w^ = w_i/|w_i| and c_i = |n_i across w^| cot(angle) - n_i.w^,
+    at most 2 |n_i across w^| and dry_i |w_i| in size, where dry_i = min(8 B_i/A_i, 1) [1/m]."""
+    size = length(w)
+    unit = Terms(w.value / np.where(size.value > 0, size.value, 1)[..., None], rank=1)
+    along = n @ unit
+    across = length(n - along * unit)
+    most = minimum(2 * across, dry * size)
+    return n + clip(cotangent * across - along, -most, most) * unit
 
 
 def divergence(i, j, ij):
