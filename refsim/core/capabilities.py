@@ -105,6 +105,12 @@ class HasTension:
         raise NotImplementedError  # an effect with this capability defines it
 
 
+class PullsAtLines:
+    """Has a pass of forces without opposites: walls bear their sum where the surface ends at them."""
+
+    unopposed: ClassVar[str] = ""  # the operation
+
+
 class SumsDensity:
     """May need a liquid whose density is summed."""
 

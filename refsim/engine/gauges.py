@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim.backends.arrays import Backend
+from refsim.core.capabilities import PullsAtLines, effects_with
 from refsim.core.checked import suggestion
 from refsim.core.effect import Effect, Pass
 from refsim.core.errors import InputError
@@ -62,6 +63,9 @@ class Gauges:
         self.wall_passes: tuple[tuple[Effect, Pass], ...] = tuple(part for part in plan.passes if _of_walls(part[1]))
         on_walls = [k for k, g in enumerate(self.gauges) if g.does.needs == "force" and not g.on.startswith("solid")]
         self.shares = {k: tuple(self._split(run, self.gauges[k])) for k in on_walls}
+        ends_at_walls = {effect.unopposed for effect in effects_with(plan.effects, PullsAtLines)}
+        self.line_passes = tuple(part for part in plan.passes if part[1].operation in ends_at_walls)
+        self._tree: Any = None  # of the wall particles
         self._rows: Any = None
         self._rows_of = self._listed_at = -1
         self._static: Any = None
@@ -93,7 +97,8 @@ class Gauges:
         fields = {"position", *(("density", "pressure") if "pressure" in needs else ())}
         for k in wanted:
             if k in self.shares:
-                fields |= {name for share in self.shares[k] for _, p in share.passes for name in p.reads}
+                of = (*self.line_passes, *(part for share in self.shares[k] for part in share.passes))
+                fields |= {name for _, p in of for name in p.reads}
             elif self.gauges[k].does.needs == "force":
                 fields.add("acceleration")
         ready(run)
@@ -220,14 +225,8 @@ class Gauges:
         grid, dim = plan.grid, plan.grid.dim
         of_friction = tuple(part for part in self.wall_passes if part[1].operation in FRICTION)
         of_pressure = tuple(part for part in self.wall_passes if part[1].operation not in FRICTION)
-        owner = gauge.on if gauge.on in plan.wall_rows else "box_walls"
-        first, last = plan.wall_rows[owner]
-        whole = np.ones((last - first, dim))
-        pressure, friction = whole, whole
-        if gauge.on not in plan.wall_rows:
-            box, position = plan.effects[owner], plan.walls.position[first:last]
-            both = shares_of_faces(box, position, acceleration_of(plan.effects), grid)
-            pressure, friction = (part[gauge.on] for part in both)
+        first, last = plan.wall_rows[_owner(run, gauge)]
+        pressure, friction = self._shares_of(run, gauge)
         for passes, share in ((of_pressure, pressure), (of_friction, friction)):
             columns: dict[bytes, list[int]] = {}
             for axis in range(dim):
@@ -238,6 +237,42 @@ class Gauges:
                     volume[first:last] = plan.walls.volume[first:last] * share[:, axes[0]]
                     listed = run.lists.in_list_order(volume).astype(grid.dtype)
                     yield Share(run.backend.asarray(listed), axes, passes)
+
+    def _shares_of(self, run: State, gauge: Gauge) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The gauge's shares (m, dim) of the pressure and of the friction on the wall particles that it counts on."""
+        plan, owner = run.plan, _owner(run, gauge)
+        first, last = plan.wall_rows[owner]
+        whole = np.ones((last - first, plan.grid.dim))
+        if gauge.on == owner:
+            return whole, whole
+        position = plan.walls.position[first:last]
+        pressure, friction = shares_of_faces(plan.effects[owner], position, acceleration_of(plan.effects), plan.grid)
+        return pressure[gauge.on], friction[gauge.on]
+
+    def _of_lines(self, run: State, gauge: Gauge) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Forces (n, 3) [N] on the wall by surfaces that end at it, and where they act (n, 3) [m].
+
+        The opposite of the sum R of forces that have none: -R w_i/sum_j w_j, w_i = |m_i a_i| sum_b V_b W_ib.
+        """
+        from scipy.spatial import cKDTree
+
+        plan = run.plan
+        grid, (first, last) = plan.grid, plan.wall_rows[_owner(run, gauge)]
+        pull = run.host("mass").astype(float)[:, None] * _forced(run, self.line_passes)
+        drawn = np.flatnonzero(pull.any(1))
+        place = grid.absolute(run.host("position")[drawn].astype(float))
+        if self._tree is None:
+            self._tree = cKDTree(plan.walls.position)
+        near = self._tree.query_ball_point(place, grid.support_radius, return_sorted=True)
+        i, b = np.repeat(np.arange(len(drawn)), [len(each) for each in near]), np.concatenate([[], *near]).astype(int)
+        r = np.linalg.norm(place[i] - plan.walls.position[b], axis=1)
+        size = np.linalg.norm(pull[drawn], axis=1)
+        weight = size[i] * plan.walls.volume[b] * kernel_value(r, plan.shared["smoothing"])
+        share = np.zeros((len(plan.walls.volume), 3))
+        share[first:last, : grid.dim] = self._shares_of(run, gauge)[1]
+        borne = np.zeros((len(drawn), 3))
+        np.add.at(borne, i, weight[:, None] * share[b])
+        return -pull.sum(0) * borne / (weight.sum() or 1.0), place
 
     def _wall(self, run: State, k: int) -> list[float]:
         """Force and torque of the liquid on a wall: the reaction to the forces of the wall on the liquid."""
@@ -250,6 +285,9 @@ class Gauges:
             if run.backend.name == "numpy":  # the oracles sum over the liquid, too
                 acceleration -= _pushed(run, share.passes, np.zeros_like(share.volume), rows)
             push[:, share.components] -= mass[:, None] * acceleration[:, share.components]
+        if self.line_passes:
+            of_lines, places = self._of_lines(run, self.gauges[k])
+            push, place = np.vstack([push, of_lines]), np.vstack([place, places])
         about = np.array(self.gauges[k].about or (0.0, 0.0, 0.0))
         return _row(push, place - about, run.plan.grid.dim)
 
@@ -338,6 +376,19 @@ def _pushed(run: State, passes: Iterable[tuple[Effect, Pass]], volume: Any, rows
             arguments["neighbours"] = near._replace(count=run.backend.zeros(near.count.shape, near.count.dtype))
         launch_pass(run, dataclasses.replace(p, algorithm="plain"), arguments, run.parameters[effect.name])
     return run.backend.taken(summed, rows).astype(float)
+
+
+def _forced(run: State, passes: Iterable[tuple[Effect, Pass]]) -> NDArray[np.float64]:
+    """Acceleration (n, 3) [m/s^2] by these passes."""
+    summed = run.backend.zeros((run.plan.grid.count, 3), run.plan.grid.dtype)
+    for effect, p in passes:
+        launch_pass(run, p, {"acceleration": summed}, run.parameters[effect.name])
+    return run.backend.host(summed).astype(float)
+
+
+def _owner(run: State, gauge: Gauge) -> str:
+    """Name of the walls on which the force of a gauge acts."""
+    return gauge.on if gauge.on in run.plan.wall_rows else "box_walls"
 
 
 def _of_walls(p: Pass) -> bool:

@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 import msgspec
 import numpy as np
 
-from refsim.core.capabilities import HasErrata, HasTension, KnowsLimits, Margin, PullsParticles
+from refsim.core.capabilities import HasErrata, HasTension, KnowsLimits, Margin, PullsAtLines, PullsParticles
 from refsim.core.checked import NotNegative, Positive, Printed
 from refsim.core.effect import Discretisation, Effect, Field, Others, Pass, StepLimit, int32
 from refsim.smoothing import lattice, smoothing
@@ -75,7 +75,7 @@ LEAST_VISCOSITY = 0.45
 
 
 class CsfWang2019(
-    Effect, MeasuredByDrops, HasTension, KnowsLimits, HasErrata, PullsParticles, frozen=True, kw_only=True
+    Effect, MeasuredByDrops, HasTension, KnowsLimits, HasErrata, PullsParticles, PullsAtLines, frozen=True, kw_only=True
 ):
     """Surface tension of a free liquid surface as a force along its normal, by its curvature.
 
@@ -97,6 +97,7 @@ class CsfWang2019(
     scales: ClassVar[tuple[str, ...]] = ("surface_tension", "tension_gradient")
     source: ClassVar[str] = "Wang et al."
     errata: ClassVar[tuple[str, ...]] = ("shell",)
+    unopposed: ClassVar[str] = "csf_wang_2019.force"
     virial: ClassVar[str] = "the force acts on the surface alone, and the capillary limit holds"
     sums: ClassVar[bool] = True
     needed: ClassVar[tuple[str, ...]] = (LIQUID,)
