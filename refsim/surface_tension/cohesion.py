@@ -235,10 +235,11 @@ class MeasuredByDrops(ReturnsDensity, FollowsScene):
             )
         weight = liquid_of(others).rest_density * float(np.linalg.norm(acceleration_of(others)))
         walled = any(effect.extrapolates() for effect in effects_with(others, BringsWalls))
-        if radius and walled and weight * grid.drop_radius**2 < FLAT * getattr(self, SIGMA):
+        on_walls = drops_of(self.name).on_walls
+        if on_walls and radius and walled and weight * grid.drop_radius**2 < FLAT * getattr(self, SIGMA):
             yield (
-                f"{self.name}: walls pull this liquid, so that drops have a contact angle of"
-                f" {drops_of(self.name).on_walls} degrees on them; akinci_2013 has others by calibrate_contact_angle"
+                f"{self.name}: walls pull this liquid, so that drops have a contact angle of {on_walls} degrees on"
+                " them; csf_wang_2019 takes a contact_angle, akinci_2013 has others by calibrate_contact_angle"
             )
 
     def nominal_tension(self, grid: Discretisation, others: Others) -> float:
