@@ -18,7 +18,7 @@ from refsim.core.errors import InputError
 from refsim.core.stopping import held_back
 from refsim.core.terminal import Bar, wanted
 from refsim.core.writing import made_by, output_path, replaced_at_the_end, write_file, writing
-from refsim.io.frames import Frame
+from refsim.io.results import RunFrame
 from refsim.isosurface import Mesh
 from refsim.render import looks, space
 from refsim.render.plane import add_area, add_discs, add_line
@@ -73,14 +73,13 @@ class Series:
         self.cut = looks.cut_of(look.cut, towards, run.dim, run.plan.grid.origin)
         self.low, self.high = run.seen(self.chosen)
         self.wall = run.wall_distance()
-        self.fields = () if look.colour in (None, "part") else (look.colour or "",)
         self.limits = self._limits(look.colour) if look.colour is not None and look.limits is None else look.limits
         apart = np.diff(run.files.times[self.chosen])
         self.pace = "" if per_second is None or not len(apart) else pace(per_second * float(np.median(apart)))
         self.stage = self._stage(space.SUPERSAMPLING if per_second is None else 1)
 
     def _limits(self, colour: str) -> tuple[float, float]:
-        ends = usual_range(self.run.values(f, colour) for f in self.run.frames(self.chosen, self.fields))
+        ends = usual_range(self.run.values(f, colour) for f in self.run.frames(self.chosen))
         if ends is None:
             raise InputError(f"{colour!r} has no finite value in these frames; colour by another quantity.")
         low, high = ends
@@ -89,10 +88,10 @@ class Series:
     def __iter__(self) -> Iterator[tuple[int, NDArray[np.uint8]]]:
         """(number of the frame, picture (height, width, 3)), one after another."""
         with nullcontext() if self.run.dim == 2 else self.stage.kept():
-            for number, frame in zip(self.chosen, self.run.frames(self.chosen, self.fields)):
+            for number, frame in zip(self.chosen, self.run.frames(self.chosen)):
                 yield number, self.picture(frame)
 
-    def picture(self, frame: Frame) -> NDArray[np.uint8]:
+    def picture(self, frame: RunFrame) -> NDArray[np.uint8]:
         """The picture (height, width, 3) of one frame."""
         if self.run.dim == 2:
             return self._in_plane(frame)
@@ -100,7 +99,7 @@ class Series:
 
     # What is seen
 
-    def _paint(self, frame: Frame) -> NDArray[np.float64]:
+    def _paint(self, frame: RunFrame) -> NDArray[np.float64]:
         """Of the particles: places (n, 1) on the colour bar, 0 to 1, or colours (n, 3) where there is none."""
         if self.look.colour is not None:
             assert self.limits is not None
@@ -128,20 +127,21 @@ class Series:
 
         return matplotlib.colormaps[looks.MAP](paint[:, 0])[:, :3]
 
-    def _seen(self, position: NDArray) -> NDArray[np.bool_]:
-        """(n,) particles that are drawn: before the cut, and not far beside the picture."""
-        far = float((self.high - self.low).max()) / min(self.camera.zoom, 1.0)
-        near = np.asarray(((position > self.low - far) & (position < self.high + far)).all(1))
-        return near if self.cut is None or self.look.style != "particles" else near & (self.cut(position) <= 0)
+    def _shown(self, frame: RunFrame) -> tuple[NDArray, NDArray, NDArray]:
+        """Places, paint and bodies of the particles that are drawn: before the cut, and not far beside the picture."""
+        position, far = self.run.position(frame), float((self.high - self.low).max()) / min(self.camera.zoom, 1.0)
+        seen = np.asarray(((position > self.low - far) & (position < self.high + far)).all(1))
+        if self.cut is not None and self.look.style == "particles":
+            seen &= self.cut(position) <= 0
+        return position[seen], self._paint(frame)[seen], self.run.solid_body(frame)[seen]
 
     def _surface(self, points: NDArray, liquid: bool) -> Mesh:
         cell, solid = CELL if self.run.dim == 3 else 0.5 * CELL, self.run.mesh
         around = (None if solid is None else solid.distance, self.run.closed_box) if liquid else ()
         return surface_around(points, self.run.spacing, self.run.dim, cell, *around)
 
-    def _bodies(self, frame: Frame) -> Iterator[space.Body]:
-        seen = self._seen(frame.position)
-        x, paint, body = frame.position[seen], self._paint(frame)[seen], self.run.solid_body(frame)[seen]
+    def _bodies(self, frame: RunFrame) -> Iterator[space.Body]:
+        x, paint, body = self._shown(frame)
         light = space.SHADED if self.look.colour is None else space.MILD
         if self.look.style == "particles":
             gloss = 0.3 if light == space.SHADED else 0.0
@@ -183,7 +183,7 @@ class Series:
         sky = BACKGROUNDS[self.look.style]
         return space.Stage(self.low, self.high, run.up, self.camera, self.look.size, tank, background=sky, finer=finer)
 
-    def _labelled(self, image: NDArray, frame: Frame) -> NDArray[np.uint8]:
+    def _labelled(self, image: NDArray, frame: RunFrame) -> NDArray[np.uint8]:
         """The image with time, scale bar and colour bar on it."""
         figure, time = self.labels
         time.set_text(self._time(frame))
@@ -202,7 +202,7 @@ class Series:
         metres_a_pixel = 2.0 * self.stage.frame()[1] / self.stage.size[1]
         return figure, self._labels(figure, axes, metres_a_pixel)
 
-    def _in_plane(self, frame: Frame) -> NDArray[np.uint8]:
+    def _in_plane(self, frame: RunFrame) -> NDArray[np.uint8]:
         figure, axes = self._sheet()
         width, height = self.look.size
         size = self.high - self.low
@@ -214,8 +214,7 @@ class Series:
         def pixels(points: NDArray) -> NDArray[np.float64]:
             return np.pad((np.asarray(points, dtype=float)[:, :2] - at) / metres, ((0, 0), (0, 1)))
 
-        seen, radius = self._seen(frame.position), 0.5 * self.run.spacing / metres
-        x, paint, body = frame.position[seen], self._paint(frame)[seen], self.run.solid_body(frame)[seen]
+        (x, paint, body), radius = self._shown(frame), 0.5 * self.run.spacing / metres
         if self.look.style == "particles":
             add_discs(axes, pixels(x), radius, self._colours(paint))
         else:
@@ -277,7 +276,7 @@ class Series:
         axes.set_axis_off()
         return figure, axes
 
-    def _time(self, frame: Frame) -> str:
+    def _time(self, frame: RunFrame) -> str:
         return f"t = {frame.time:.4g} s{self.pace}"
 
     def _labels(self, figure: Any, axes: Any, metres: float) -> Any:
@@ -318,8 +317,8 @@ def moving(run: SavedRun, chosen: Sequence[int]) -> list[int]:
     """
     kept: list[int] = []
     last = np.zeros(0)
-    for number, frame in zip(chosen, run.frames(chosen, ())):
-        x = frame.position[np.argsort(frame.fields["identity"], kind="stable")]
+    for number, frame in zip(chosen, run.frames(chosen)):
+        x = frame.sorted().position
         if last.shape != x.shape or np.quantile(((x - last) ** 2).sum(1), USUAL[1]) > (STILL * run.spacing) ** 2:
             kept.append(number)
             last = x

@@ -1,7 +1,7 @@
 """A finished run read back: its frames, and what its scene says about its particles."""
 
 import os
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from refsim.boundary.one_way_coupling import MeshBoundary
 from refsim.boundary.one_way_coupling.placing import PlacedSolid
 from refsim.core.errors import InputError
-from refsim.io.frames import Frame
-from refsim.io.results import Run
+from refsim.io.results import Run, RunFrame
 from refsim.render.surfaces import Distance, depth
 from refsim.scene.plan import Plan, make_plan
 from refsim.sph import acceleration_of
@@ -112,7 +111,7 @@ class SavedRun:
         """What a quantity is called in a picture."""
         return "speed" if name == "velocity" else name.replace("_", " ")
 
-    def values(self, frame: Frame, name: str) -> NDArray[np.float64]:
+    def values(self, frame: RunFrame, name: str) -> NDArray[np.float64]:
         """(n,) values of a quantity: a field, the length of a vector, a component ("velocity.x"), or "part".
 
         Raises InputError for a quantity that the run does not have.
@@ -122,32 +121,33 @@ class SavedRun:
             return self.part(frame).astype(float)
         if base not in self.files.fields or base in NO_QUANTITY:
             raise InputError(f"{self.files.folder} has no field {base!r}; give one of {', '.join(self.quantities())}.")
-        field = np.asarray(frame.fields[base], dtype=float)
+        field = np.asarray(frame[base], dtype=float)
         if component:
             if field.ndim != 2 or field.shape[1] != 3 or component not in tuple(COMPONENTS):
                 raise InputError(f"{name!r} is no component; only a vector has components, x, y and z.")
             return field[:, COMPONENTS.index(component)]
         return field if field.ndim == 1 else np.sqrt((field**2).sum(1))
 
-    def part(self, frame: Frame) -> NDArray[np.int64]:
+    def part(self, frame: RunFrame) -> NDArray[np.int64]:
         """(n,) part of the scene to which each particle belongs: its solids first, then the parts of its fluid."""
         ends = np.cumsum(self.plan.state.sizes)
-        return np.searchsorted(ends, frame.fields["identity"], side="right").clip(max=len(ends) - 1)
+        return np.searchsorted(ends, frame["identity"], side="right").clip(max=len(ends) - 1)
 
-    def solid_body(self, frame: Frame) -> NDArray[np.int64]:
+    def solid_body(self, frame: RunFrame) -> NDArray[np.int64]:
         """(n,) number of the solid body of each particle; -1 for liquid and for melt."""
         part = self.part(frame)
         solid = part < self.solids
         if "phase" in frame.fields:
-            solid &= frame.fields["phase"] > 0
+            solid &= frame["phase"] > 0
         return np.where(solid, part, -1)
 
-    def frames(self, chosen: Sequence[int], fields: Collection[str] | None = None) -> Iterator[Frame]:
-        """The chosen frames; `fields` beside identity and phase, all by default."""
-        wanted = None if fields is None else {"identity", "phase", *(f.partition(".")[0] for f in fields)}
-        names = [name for name in self.files.fields if name != "position" and (wanted is None or name in wanted)]
-        for frame in map(self.files.__getitem__, chosen):
-            yield Frame(frame.time, self.plan.grid.local(frame.position), {name: frame[name] for name in names})
+    def frames(self, chosen: Iterable[int]) -> Iterator[RunFrame]:
+        """The chosen frames."""
+        return map(self.files.__getitem__, chosen)
+
+    def position(self, frame: RunFrame) -> NDArray[np.float64]:
+        """Positions (n, 3) [m] relative to the plan's origin."""
+        return self.plan.grid.local(frame.position)
 
     def bounds(self, chosen: Sequence[int], strays: bool = True) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Corners (3,), (3,) [m] of the box that holds the particles of the chosen frames, and the solid at rest.
@@ -155,9 +155,9 @@ class SavedRun:
         strays  whether it also holds those far beside the box of 99 % of a frame's particles
         """
         low, high = np.full(3, np.inf), np.full(3, -np.inf)
-        for frame in self.frames(chosen, ()):
-            if len(frame.position):
-                x = frame.position if strays else without_strays(frame.position)
+        for frame in self.frames(chosen):
+            if len(frame):
+                x = self.position(frame) if strays else without_strays(self.position(frame))
                 low, high = np.minimum(low, x.min(0)), np.maximum(high, x.max(0))
         if self.mesh is not None:
             place = self.mesh.mesh.vertices + self.mesh.mesh.origin

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from refsim.core.errors import InputError
 from refsim.core.writing import write_file
-from refsim.io.frames import Frame
 from refsim.render.looks import MAP, OBSTACLE, level_axes, liquid_colour, solid_colour
 from refsim.render.saved_run import SavedRun, chosen_frames, open_run, usual_range
 
@@ -56,14 +55,14 @@ def view(run: str | os.PathLike[str], frames: str | None = None, fields: Sequenc
     saved = open_run(run)
     chosen = chosen_frames(frames or "all", len(saved.files))
     names, left_out = _fields(saved, fields)
-    loaded = [_in_order(frame) for frame in saved.frames(chosen, [name for name in names if name != "part"])]
-    counts = {len(frame.position) for frame in loaded}
+    loaded = [frame.sorted() for frame in saved.frames(chosen)]  # each particle keeps its place from frame to frame
+    counts = set(map(len, loaded))
     if len(counts) > 1 or counts == {0}:
         raise InputError(f"{saved.files.folder} has frames of {sorted(counts)} particles; show frames of one number.")
     low, high = saved.bounds(chosen)
     if saved.dim == 2:
         low[2], high[2] = -0.5 * saved.spacing, 0.5 * saved.spacing
-    blobs = {"places": _packed_places([frame.position for frame in loaded], low, high)}
+    blobs = {"places": _packed_places(list(map(saved.position, loaded)), low, high)}
     shown: list[dict[str, Any]] = []
     for name in names:
         values = np.array([saved.values(frame, name) for frame in loaded])
@@ -74,7 +73,7 @@ def view(run: str | os.PathLike[str], frames: str | None = None, fields: Sequenc
         blobs[f"field{len(shown)}"] = _packed_values(values, *ends)
         words = {"name": name, "label": saved.label(name), "unit": saved.unit(name)}
         shown.append(words | {"low": ends[0], "high": ends[1]})
-    head = _head(saved, chosen, len(loaded[0].position), low, high) | {"fields": shown}
+    head = _head(saved, chosen, len(loaded[0]), low, high) | {"fields": shown}
     if saved.mesh is not None:
         import trimesh
 
@@ -110,12 +109,6 @@ def _fields(run: SavedRun, wanted: Sequence[str] | None) -> tuple[list[str], tup
     usual = [name for name in known if name == "part" or run.files.fields[name].components in (1, 3)]
     usual.sort(key=lambda name: (FIRST.index(name) if name in FIRST else len(FIRST), name))
     return usual[:FIELDS], tuple(usual[FIELDS:])
-
-
-def _in_order(frame: Frame) -> Frame:
-    """The frame with its particles in the order of the start, so that each keeps its place from frame to frame."""
-    order = np.argsort(frame.fields["identity"], kind="stable")
-    return Frame(frame.time, frame.position[order], {name: values[order] for name, values in frame.fields.items()})
 
 
 def _packed_places(positions: Sequence[NDArray], low: NDArray, high: NDArray) -> bytes:

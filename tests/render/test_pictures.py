@@ -4,6 +4,7 @@ import importlib.util
 import re
 import sys
 from contextlib import closing
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -106,12 +107,21 @@ def test_lines_in_the_plane_close():
 
 
 # Runs read back
+class Rows(dict):
+    """Arrays of a frame that no file holds."""
+
+    fields = property(lambda self: self)
+
+    def sorted(self):
+        return SimpleNamespace(position=self["position"][self["identity"].argsort()])
+
+
 def test_quantities_have_values_and_units_and_walls_their_distance(in_plane):
     run = open_run(in_plane)
     frame = next(run.frames([3]))
     assert (run.unit("mass"), run.unit("velocity.y"), run.unit("part")) == ("kg/m", "m/s", "")
     assert [run.label(name) for name in ("velocity", "volume_ratio")] == ["speed", "volume ratio"]
-    v = frame.fields["velocity"]
+    v = frame["velocity"]
     assert np.allclose(run.values(frame, "velocity"), np.linalg.norm(v, axis=1))
     assert (run.values(frame, "velocity.y") == v[:, 1]).all()
     part = run.part(frame)
@@ -140,7 +150,7 @@ def test_solids_and_their_melt_have_colours_of_their_own(tmp_path):
     count, solid = len(scene.state.position), scene.state.sizes[0]
     identity, phase = np.arange(count)[::-1], np.zeros(count, int)
     phase[-solid // 2 :] = 1
-    frame = Frame(0.0, scene.state.position[::-1], {"identity": identity, "phase": phase})
+    frame = Rows(identity=identity, phase=phase)
     series = Series.__new__(Series)
     series.run, series.look = run, Look()
     colours = {tuple(c) for c in series._paint(frame)}
@@ -159,8 +169,8 @@ def test_what_is_no_run_is_refused(tmp_path, place):
 def test_frames_in_which_nothing_moves_are_left_out(in_plane, monkeypatch):
     run = open_run(in_plane)
     first, *others = run.frames(range(4))
-    still = first.fields["identity"].argsort()[::-1]  # in another order, which is no motion
-    mixed = Frame(time=0.0, position=first.position[still], fields={"identity": first.fields["identity"][still]})
+    still = first["identity"].argsort()[::-1]  # in another order, which is no motion
+    mixed = Rows(position=first.position[still], identity=first["identity"][still])
     for frames, kept in (((first, mixed, others[2], others[2]), [0, 2]), ((first, mixed, mixed, mixed), [0, 3])):
         monkeypatch.setattr(type(run), "frames", lambda *_, frames=frames: iter(frames))
         assert moving(run, range(4)) == kept
