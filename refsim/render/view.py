@@ -144,15 +144,10 @@ def _head(run: SavedRun, chosen: Sequence[int], count: int, low: NDArray, high: 
     parts += [liquid_colour(k) for k in range(len(run.plan.state.sizes) - run.solids)]
     palette = [[round(255 * c) for c in parts[min(k, len(parts) - 1)]] for k in range(LEVELS + 1)]
     ramp = (255 * matplotlib.colormaps[MAP](np.linspace(0, 1, LEVELS + 1))[:, :3]).round().astype(int).tolist()
-    box = run.box
-    if box is not None:
-        axis = int(np.abs(run.up).argmax())
-        if run.up[axis] > 0:
-            box[1][axis] = min(box[1][axis], high[axis])
-        else:
-            box[0][axis] = max(box[0][axis], low[axis])
+    seen = run.seen(chosen)
+    box = None if run.box is None else np.clip(run.box, *seen)  # as high as the particles reach
     places = {"low": low, "extent": high - low, "up": run.up, "east": east, "north": north, "box": box}
-    places |= {"seen": run.seen(chosen), "tint": OBSTACLE}
+    places |= {"seen": seen, "tint": OBSTACLE}
     head = {name: None if place is None else np.array(place).tolist() for name, place in places.items()}
     head |= {"title": run.plan.scene.name, "particles": count, "times": run.files.times[chosen].tolist()}
     head |= {"spacing": run.spacing, "flat": run.dim == 2, "mesh": run.mesh is not None}

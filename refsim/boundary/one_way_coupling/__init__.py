@@ -11,7 +11,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import msgspec
 import numpy as np
@@ -30,7 +30,6 @@ from refsim.scene.shapes import HOLLOW
 from refsim.smoothing import Smoothing, smoothing
 from refsim.sph import acceleration_of, lean, liquid_of, pressure_is_replaced
 
-MOST_LAYERS = 100  # of boundary particles
 # Least spacing of boundary particles and distances, in spacings of the liquid: guards against wrong units
 FINEST = 0.01
 EVEN = 2.5  # spacings of a support below which liquid that fills an uneven vessel is noted for its pressure
@@ -83,7 +82,7 @@ class MeshBoundary(
     size: NotNegative = 0.0
     rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)
     radius: NotNegative = 0.0
-    layers: int = 0
+    layers: Annotated[int, msgspec.Meta(ge=0, le=100)] = 0
     model: Literal["mirrored", "extrapolated"] | None = None
     viscosity: NotNegative = 0.0
     no_slip: bool = False
@@ -98,11 +97,6 @@ class MeshBoundary(
     def check(self, grid: Discretisation, others: Others) -> None:
         if grid.dim != 3:
             raise InputError(f"{self.name}: a mesh is a body in space; set dim to 3 or leave it out.")
-        if not 0 <= self.layers <= MOST_LAYERS:
-            raise InputError(
-                f"{self.name}: layers = {self.layers} is not possible; give 1 to {MOST_LAYERS}, or 0: layers deeper"
-                " than a support radius have no effect."
-            )
         for part in ("radius", "field_spacing"):
             if 0 < getattr(self, part) < FINEST * grid.spacing:
                 raise InputError(
