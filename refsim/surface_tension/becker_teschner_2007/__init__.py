@@ -31,7 +31,7 @@ class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
     kappa             coefficient of the attraction [m^3/s^2; m^2/s^2 in 2D], instead of sigma
     clamp_distance    W is constant below one spacing (not in the paper, where nearer pairs attract more)
 
-    The forces of a pair are opposite and equal for equal masses only; linear and angular momentum are then conserved.
+    Linear and angular momentum are conserved: m_j/m_i of the paper, for equal masses, is 2 m_j/(m_i + m_j) here.
     """
 
     name: ClassVar[str] = "becker_teschner_2007"

@@ -8,7 +8,7 @@ from refsim.surface_tension.becker_teschner_2007 import reference as ref
 @operation(
     "surface tension by attraction", paper="Becker & Teschner 2007", adds="acceleration", tolerance=12.0,
     reason="one rounding in each of distance, kernel, product and sum, and a few in the spline's cubic",
-    invariants=SYMMETRY, packed="cohesion_pair",
+    invariants=f"{SYMMETRY} linear_momentum angular_momentum", packed="cohesion_pair",
 )  # fmt: skip
 def cohesion(position, mass, smoothing, attraction, rows=None):
     """Acceleration [m/s^2] by attraction."""

@@ -17,6 +17,6 @@ def attraction_function(r, h, dim, least_distance):
 
 
 def cohesion(i, j, ij, kappa, least_q):
-    """a_i = -(kappa/m_i) sum_j m_j W(max(r, d)) x_ij [m/s^2]."""
+    """a_i = -kappa sum_j 2 m_j/(m_i + m_j) W(max(r, d)) x_ij [m/s^2]; printed (kappa/m_i) m_j, for equal masses."""
     W = Terms(attraction_function(ij.r.value, ij.h, ij.dim, least_q * ij.h))
-    return -kappa * j.mass / i.mass * W * ij.x
+    return -kappa * 2 * j.mass / (i.mass + j.mass) * W * ij.x
