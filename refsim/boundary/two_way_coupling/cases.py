@@ -242,6 +242,9 @@ def liquid_h_away():
     return _taken([300.0, 0.0], 0.0, 0.0, at("far", [[0.0, 0.0, 0.0], [0.0, 2 - 1e-8, 0.0]]))
 
 
+UPWARDS = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
+
+
 def _film(wanted, **changes):
     """Solids' particles 1 m below and beside the one that is dry; the liquid's rest density is 1000 kg/m^3."""
     three = at("film", [[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
@@ -262,6 +265,12 @@ for_each_kernel(
     mean_of_two_that_are_wet=lambda w: _film([0.5, 7500.0, -30.0]),
     # (3 (-9500 + 9000) + 1 (500 - 1000))/4 Pa: the head of gravity goes on below zero
     goes_on_below_zero=lambda w: _film([0.5, -500.0, -30.0], told_pressure=[-9500.0, 9.0, 500.0]),
+    # g - a_k = (1, -9 - 2) m/s^2 becomes as long as g
+    solid_that_rises=lambda w: _film(
+        [0.5, 1000 + 8000 * math.sqrt(82 / 122), -30.0],
+        velocity=3.0 * UPWARDS,
+        followed_velocity=2.0 * UPWARDS,
+    ),
     # beside the axis g is (1 - 9, -9 + 0.25) m/s^2: (3 (500 + 8750) + 1 (2500 + 8000))/4 Pa
     in_a_tank_that_turns=lambda w: _film([0.5, 9562.5, -30.0], turning=TURNING),
     one_was_wet=lambda w: _film([0.75, 9500.0, -40.0], told_wet=[3.0, 7.0, 0.0]),

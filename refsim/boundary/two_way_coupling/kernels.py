@@ -209,11 +209,15 @@ def spread(
     smoothing, fluid, lean, turning, delay, wet, suction, pressure,
 ):  # fmt: skip
     """What `extrapolation` tells [-, Pa], of a solid's particle without liquid in reach, by a film from those that had
-    some in the step before; 0 without any."""
+    some in the step before; 0 without any. g - a_k is no longer than g: films have no inertia to hold bodies back."""
     zero = type(smoothing.support_radius)(0)
     if phase[i] == FLUID or wet[i] > zero:
         return
     pull = pulled(i, position, velocity, followed_velocity, lean, turning, delay)
+    g = felt(i, position, velocity, lean, turning)
+    most, much = dot(g, g), dot(pull, pull)
+    if much > most:
+        pull = scaled(pull, type(zero)(math.sqrt(most / much)))
     total, alone, weights, whole = neighbour_sum(
         spread_pair, i, lane, neighbours, position, None, told_wet, told_pressure, told_suction, smoothing, fluid, pull
     )

@@ -236,6 +236,8 @@ def near_solids(i, smoothing, lean, turning, delay, rows):
     solid = i.at(rows)
     pull = ref.pull(solid, felt(solid, lean, turning), float(delay.tau))
     own = {"place": solid.place} if hasattr(i, "place") else {}
+    if own:  # films
+        pull = ref.film_pull(pull, felt(solid, lean, turning))
     return neighbours(Fields(position=solid.position, pull=pull, **own), i, smoothing), solid
 
 

@@ -68,6 +68,13 @@ def pull(k, felt, tau):
     return felt - (k.velocity - k.followed) / tau
 
 
+def film_pull(pull, felt):
+    """(g - a_k) l [m/s^2], l = |g|/|g - a_k|, at most 1: with more a light body that rises were pushed the faster."""
+    much, most = length(pull), length(felt)
+    longer = much.value > most.value
+    return pull * where(longer, most / where(longer, much, 1), 1)
+
+
 def weight_of_liquid(k, f, kf):
     """sum_f W_kf [1/m^dim] over liquid f."""
     return f.liquid * kf.W
