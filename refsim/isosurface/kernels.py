@@ -33,18 +33,22 @@ def with_corner(c, state, other, crossings, case):
 @kernel(rows_of="cell_case")
 def facets(i, blocks, crossings, cell_case, edge_first, facet_first, table, vertex_edge, facets):
     """Numbers of the cut edges of node i, and of the vertices of the facets of cell i; dimensionless."""
-    write_facets(i, blocks, crossings, cell_case, edge_first, facet_first, table, vertex_edge, facets)
+    write_edges(i, int(crossings[i]), edge_first[i], vertex_edge)
+    write_facets(i, blocks, crossings, cell_case, edge_first, facet_first, table, facets)
 
 
 @formula
-def write_facets(i, blocks, crossings, cell_case, edge_first, facet_first, table, vertex_edge, facets):
-    """vertex_edge <- 3 i + axis for the cut edges of node i; facets <- vertices of the facets of cell i."""
-    bits = int(crossings[i])
-    at = edge_first[i]
+def write_edges(i, bits, at, vertex_edge):
+    """vertex_edge <- 3 i + axis for the cut edges of node i, as `bits` says, from row `at` on, where there is room."""
     for axis in range(3):
-        if (bits >> axis) & 1:
+        if (bits >> axis) & 1 and at < vertex_edge.shape[0]:
             vertex_edge[at] = 3 * i + axis
             at += 1
+
+
+@formula
+def write_facets(i, blocks, crossings, cell_case, edge_first, facet_first, table, facets):
+    """facets <- vertices of the facets of cell i."""
     case = int(cell_case[i])
     sides = facets.shape[1]
     for f in range(int(table.count[case])):

@@ -75,16 +75,16 @@ def classify(blocks, node_state, table, crossings, cell_case):
 def facets(blocks, node_state, table, vertex_edge, facets):
     """Vertices by their edges, facets by their vertices; numbered by block, then within each block."""
     own = {"node_state": node_state, "table": table, "vertex_edge": vertex_edge, "facets": facets}
-    a = arrays(blocks, np.float32) | own
+    a = arrays(blocks, np.float32, vertices=vertex_edge.shape[0]) | own
     stages.count_cuts(a)
-    stages.launch(a, level_set_cuda.write_facets)
+    stages.launch(a | {"spheres": None}, samples_cuda.place_vertices)
 
 
 def exit_points(interior_position, cells, blocks, node_state, surface_term, vertex_edge, vertex_position):
     """Algorithm 1, lines 10 to 17."""
     own = {"node_state": node_state, "vertex_edge": vertex_edge, "vertex_position": vertex_position}
     a = sorted_particles(interior_position, blocks, surface_term, vertices=vertex_edge.shape[0])
-    stages.launch(a | own, samples_cuda.place_vertices)
+    stages.launch(a | own | {"cut_cells": None}, samples_cuda.place_vertices)
 
 
 def facet_samples(vertex_position, facets, blocks, surface_term, sample_position, sample_area, facet_normal):

@@ -232,14 +232,13 @@ class SurfaceGraph:
         """From vertices and facets to normals, fitted or those of facets or offsets; as a `whole` the samples, too."""
         device.launch_after([
             self._part("components", stages.join_components, a),
-            self._part("level set and facets", stages.launch, a, level_set_cuda.write_facets),
             self._part("level set and facets", stages.launch, a, samples_cuda.place_vertices),
             self._part("offsets", stages.launch, a, samples_cuda.place_points),
             self._part("fit", self._sweep, a),
             self._part("offsets", stages.launch, a, samples_cuda.turn_vertices),
             self._part("normals", self._normals, a),
             *((partial(self._samples, a),) if whole else ()),
-        ], [(), (), (1,), (2,), (3,), (2,), (4, 5), (6, 0)][: 8 if whole else 7])  # fmt: skip
+        ], [(), (), (1,), (2,), (1,), (3, 4), (5, 0)][: 7 if whole else 6])  # fmt: skip
 
     def _part(self, name: str, *call: Any) -> Callable[[], None]:
         """What is launched for a stage."""

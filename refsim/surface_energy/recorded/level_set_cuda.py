@@ -235,9 +235,9 @@ def sum_to(b, part, cut_sum, cut_total):
 
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="cut_total")
 def first_cuts(cuts, table, firsts, vertex_edge, facets, counts, sent, cut_sum, cut_total):
-    """First vertex of each node's edges and first facet of each cell; how many there are, and how many are made.
+    """First vertex of each node's edges, and first facet of each cell; how many there are, and how many are made.
 
-    `sent` takes what the host reads of the counts.
+    `vertex_edge` takes the edges of the vertices, `sent` takes what the host reads of the counts.
     """
     part = cuda.shared.array(CELLS, np.int32)
     wide = cuda.shared.array(CELLS, np.int64)
@@ -249,6 +249,7 @@ def first_cuts(cuts, table, firsts, vertex_edge, facets, counts, sent, cut_sum, 
         before, lower = sum_before(part, mine), sum_to(b, wide, cut_sum, cut_total)
         edge_first[i] = np.int32(lower & 0xFFFFFFFF) + (before & 0xFFFF)
         facet_first[i] = np.int32(lower >> 32) + (before >> 16)
+        isosurface_kernels.write_edges(i, int(crossings[i]), edge_first[i], vertex_edge)
         if b == last and thread == 0:
             whole = lower + cut_total[b]
             counts[EDGES], counts[FACETS] = whole & 0xFFFFFFFF, whole >> 32
@@ -311,13 +312,11 @@ def add_members(first, node_label, members, cut_total):
         cuda.atomic.add(members, common, together[0])
 
 
-@row_kernel(rows_of="crossings")
-def write_facets(i, blocks, counts, crossings, cell_case, edge_first, facet_first, table, vertex_edge, facets):
-    """Vertices by their edges, facets by their vertices."""
-    if counts[VERTICES] > 0:
-        isosurface_kernels.write_facets(
-            i, blocks, crossings, cell_case, edge_first, facet_first, table, vertex_edge, facets
-        )
+@formula
+def write_facets(i, blocks, cut_cells, counts, facets):
+    """Facets of cell i by their vertices."""
+    if i < cut_cells[0].shape[0] and counts[MADE] > 0:
+        isosurface_kernels.write_facets(i, blocks, *cut_cells, facets)
 
 
 @formula

@@ -29,6 +29,7 @@ from refsim.surface_energy.recorded.cells_cuda import (
     row_near,
     row_parts,
 )
+from refsim.surface_energy.recorded.level_set_cuda import write_facets
 
 LANES = 2  # for a nearest particle
 EXIT_LANES = 2 if simulated() else 8  # for a vertex
@@ -212,10 +213,9 @@ def farthest_of_lanes(lane, i, axis, towards, spheres, blocks, surface_term):
     return farthest, found
 
 
-@cuda_kernel(lanes=EXIT_LANES, rows_of="vertex_edge")
-def place_vertices(spheres, blocks, node_state, surface_term, vertex_edge, counts, vertices):
-    """Algorithm 1, lines 10 to 17: vertices on the union of spheres [m], and the particles of their spheres."""
-    v, lane = cuda.grid(1) // EXIT_LANES, cuda.grid(1) % EXIT_LANES
+@cuda_formula
+def place_vertex(v, lane, spheres, blocks, node_state, surface_term, vertex_edge, counts, vertices):
+    """Algorithm 1, lines 10 to 17: vertex v on the union of spheres [m], and the particle of its sphere."""
     if v < counts[VERTICES]:
         h = surface_term.cell_size
         real = type(h)
@@ -231,6 +231,23 @@ def place_vertices(spheres, blocks, node_state, surface_term, vertex_edge, count
             length = real(towards) * min(farthest, real(1))
             put(vertices.vertex_position, v, formulas.on_edge(node_coordinates(blocks, i), axes, length, h))
             vertices.vertex_centre[v] = centre
+
+
+@cuda_kernel(rows_of="searching")
+def place_vertices(
+    spheres, blocks, node_state, surface_term, vertex_edge, counts, vertices, cut_cells, facets, searching
+):
+    """Vertices, each by EXIT_LANES of the first threads, and facets by their vertices, a cell's by one of the others.
+
+    The first threads suffice for the capacity of vertices. Without `spheres` there are facets only, without
+    `cut_cells` vertices only.
+    """
+    v, lane = cuda.grid(1) // EXIT_LANES, cuda.grid(1) % EXIT_LANES
+    if v >= vertex_edge.shape[0]:
+        if cut_cells is not None:
+            write_facets(cuda.grid(1) - EXIT_LANES * vertex_edge.shape[0], blocks, cut_cells, counts, facets)
+    elif spheres is not None:
+        place_vertex(v, lane, spheres, blocks, node_state, surface_term, vertex_edge, counts, vertices)
 
 
 @cuda_kernel(lanes=LANES, rows_of="facets")

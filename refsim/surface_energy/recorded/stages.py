@@ -21,6 +21,7 @@ GROUPS: dict[str, Any] = {  # arguments of kernels that are made of several arra
     "samples": samples_cuda.Samples, "points": samples_cuda.FitPoints, "components": samples_cuda.Components,
     "active": fit_cuda.Active, "bins": ("first", "held"), "of_cells": ("held_samples", "fit_place", "fit_cell"),
     "told": ("counts", "sent"), "cuts": ("crossings", "cell_case"), "firsts": ("edge_first", "facet_first"),
+    "cut_cells": ("crossings", "cell_case", "edge_first", "facet_first", "table"),
 }  # fmt: skip
 
 
@@ -43,7 +44,8 @@ def work_arrays(
         "reached": ((27, 2 * f + 1), real), "change": ((27, 2 * f + 1), real), "pulls": ((81, f + 1), real),
         "rows": (force_cuda.ROWS * f, np.uint8), "sample_normal": ((f, 3), real), "vertex_normal": ((v, 3), real),
         "inset_position": ((v, 3), real), "sample_position": ((f, 3), real), "sample_area": (f, real), "nearest": f,
-        "either": (f + v, np.uint8), "total": b, "cut_sum": (b // 64 + 1, np.int64),
+        "either": (f + v, np.uint8), "searching": (samples_cuda.EXIT_LANES * v + count, np.uint8), "total": b,
+        "cut_sum": (b // 64 + 1, np.int64),
         "totals": device.tiles(count), "counts": cells_cuda.COUNTS,
         "held_samples": count, "samples_first": count, "sample_point": f, "node_force": ((count, 3), real),
     }  # fmt: skip
