@@ -166,6 +166,10 @@ class BringsWalls:
         """Positions and volumes of the boundary particles; None if there are none."""
         raise NotImplementedError  # an effect with this capability defines it
 
+    def normals(self, grid: Discretisation, points: np.ndarray) -> np.ndarray:
+        """Unit vectors (m, 3) across the wall at its particles (m, 3) [m], of either sign; 0 at its edges."""
+        raise NotImplementedError  # as above, where its particles take an extrapolated pressure
+
 
 Face = Literal["-x", "+x", "-y", "+y", "-z", "+z"]
 FACES: tuple[Face, ...] = get_args(Face)

@@ -77,6 +77,8 @@ class Lists:
                 self.static = self.search.static_set(position)
                 volume = backend.asarray(self.in_list_order(plan.walls.volume).astype(dtype))
                 self.walls = self.static.position, volume
+                if plan.shared["wall_normal"] is not None:
+                    shared["wall_normal"] = backend.asarray(self.in_list_order(plan.shared["wall_normal"]))
 
     @property
     def built(self) -> bool:

@@ -128,7 +128,7 @@ def _planned(scene: Scene, grid: Discretisation, given: Mapping[str, Effect], ab
     effects = {name: effect.local(grid) for name, effect in given.items()}
     fields = {f.name: f for f in (*BASE, *((POSITION_RESIDUAL,) if scene.dtype == "float32" else ()))}
     period = period_group(scene.period, scene.dtype) if any(scene.period) else None
-    shared: dict[str, Any] = {"walls": None, "period": period}
+    shared: dict[str, Any] = {"walls": None, "wall_normal": None, "period": period}
     parameters: dict[str, dict[str, Any]] = {}
     bringing: list[Any] = effects_with(effects, BringsWalls)
     brought = [effect.walls(grid, effects) for effect in bringing]
@@ -162,6 +162,9 @@ def _planned(scene: Scene, grid: Discretisation, given: Mapping[str, Effect], ab
     if walls:
         merged = type(walls[0])(*(np.concatenate(parts) for parts in zip(*walls)))
         merged = merged._replace(position=grid.absolute(merged.position))
+        if any(effect.extrapolates() for effect in bringing):
+            across = [e.normals(grid, part.position) for e, part in zip(bringing, brought) if part is not None]
+            shared["wall_normal"] = np.concatenate(across).astype(grid.dtype)
     passes = ordered_passes(merged_passes(of["forces"], parameters)), motion_passes(of["motion"])
     judging = effects_with(effects, JudgesStart)
     notes = (

@@ -536,7 +536,8 @@ class WeaklyCompressible(
             excess[ends[bodies] :] = self.rest_density * (ratio ** (1 / exponent) - 1)
         usual = np.isclose(state.mass, self.particle_mass(grid), rtol=1e-12, atol=0.0)
         mass = np.where(usual, state.mass * (1 + excess / self.rest_density), state.mass)
-        return {ADVANCED_EXCESS.name: excess, "mass": mass}
+        borne = {BORNE.name: (excess > 0).astype(float)} if self.leans(others) else {}
+        return {ADVANCED_EXCESS.name: excess, "mass": mass, **borne}
 
     def _stands(self, x: np.ndarray, down: np.ndarray, grid: Discretisation, others: Others) -> bool:
         """Whether liquid at x (n, 3) [m] stands on a plane or on other walls' particles, a spacing below at most."""
@@ -665,9 +666,10 @@ def continuity_passes(others: Others, names: Mapping[str, str | None]) -> tuple[
     """The passes that advance the density; walls, where there are any, are those of `adami_2012`."""
     filling = ("filling",) if finds_filling(others) else ()
     viscous, leans = ("acceleration",) * liquid_of(others).central(), liquid_of(others).leans(others)
+    walls = effects_with(others, BringsWalls)
     there = {
-        "wall_strain": effects_with(others, BringsWalls), "borne": leans, "turning": leans,
-        "filling": filling, "acceleration": viscous,
+        "wall_normal": walls, "wall_strain": walls, "borne": leans, "turning": leans, "filling": filling,
+        "acceleration": viscous,
         "shift": any(SHIFT in effect.fields(others) for effect in others.values()),
     }  # fmt: skip
     left_out = {name: None for name, found in there.items() if not found}

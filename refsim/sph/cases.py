@@ -6,7 +6,7 @@ import numpy as np
 
 from refsim import sph
 from refsim.core import cases
-from refsim.core.walls import WallMotion, WallParticles, planes
+from refsim.core.walls import WallParticles, planes
 from refsim.smoothing import SHAPES, Smoothing, smoothing
 from refsim.smoothing.cases import for_each_kernel
 
@@ -203,17 +203,17 @@ def diffusing_pair(w):
 
 
 @for_each_kernel("sph.continuity")
-def moving_walls(w):
-    """One wall particle at rest below, one that moves at the same distance above.
+def between_walls(w):
+    """V_b v.n n.e |W'(h/2)| of one and V_b v.e |W'(h/2)| of an edge.
 
-    V_b (v - v_b).e |W'(h/2)| of each; nothing of their strain, as they surround a particle without liquid.
+    Nothing of their strain, as they surround a particle without liquid.
     """
-    place, far = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]]), np.full(3, np.inf)
-    rate = 1100 * 50 * w.slope * (-0.002 + (0.002 - 0.005))
+    place = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
+    rate = 1100 * w.slope * (75 * 0.002 - 50 * 0.8 * (0.8 * 0.002 - 0.6 * 1.0))
     return _continued(
         [100.0 + 0.25 * rate], cases.at("between_walls", [0, 0, 0], place), velocity=[[1.0, 0.002, 0.0]],
-        walls=WallParticles(place, np.full(2, 50.0)), wall_strain=[0.02, -0.01],
-        wall_motion=WallMotion(-far, np.array([np.inf, 0.5, np.inf]), np.array([3.0, 0.005, 0.0])),
+        walls=WallParticles(place, np.array([50.0, 75.0])), wall_strain=[0.02, -0.01],
+        wall_normal=[[-0.6, 0.8, 0.0], [0.0, 0.0, 0.0]],
     )  # fmt: skip
 
 
@@ -221,8 +221,8 @@ def _half_surrounded(w, change, shares=(0.6, 0.25), **given):
     """The first particle's `change` at rest between another of V_j and a wall particle of V_b: l = 0.6, b = 0.25."""
     place, large = np.array([[0.0, -1.0, 0.0], [0.0, 9.0, 0.0]]), 3 * np.array(shares) / w.slope
     inputs = {
-        "mass": [2.0, 980 * large[0]], "walls": WallParticles(place, np.full(2, large[1])), "wall_motion": None,
-        "wall_strain": None,
+        "mass": [2.0, 980 * large[0]], "walls": WallParticles(place, np.full(2, large[1])), "wall_strain": None,
+        "wall_normal": None,
     }  # fmt: skip
     case = cases.at("half_surrounded", PAIR.position, place)
     return _continued(EXCESS + np.array([change(*large), 0.0]), case, **inputs | given)
@@ -232,7 +232,7 @@ def _half_surrounded(w, change, shares=(0.6, 0.25), **given):
 def strained_by_a_wall(w):
     """d rho = rho f s_b W(h/2)/V dt, f = (0.6/(1 - 0.25) - 0.75)/0.1 = 0.5; the second has too little around it."""
     strained = 0.25 * 1100 * 0.5 * 1100 / 2 * 0.02 * w.share * w.at_zero
-    return _half_surrounded(w, lambda v_j, v_b: strained, wall_strain=[0.02, -0.01])
+    return _half_surrounded(w, lambda v_j, v_b: strained, wall_strain=[0.02, -0.01], wall_normal=[[0.0, 1.0, 0.0]] * 2)
 
 
 @for_each_kernel("sph.continuity")

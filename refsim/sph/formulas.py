@@ -1,6 +1,7 @@
 """Scalar formulas of weakly compressible SPH: Jiang & Zhu 2023, equations (7) to (11); Tait; walls."""
 
 from refsim.backends.compile import formula
+from refsim.backends.tuples import dot, scaled
 
 LEAST_FILLED, FILLED = 0.5, 0.8  # det M without and with the whole correction; a lattice has 0.9 to 1
 STRETCHED = 0.05  # share of rho0 by which an advanced density is less at most
@@ -61,6 +62,13 @@ def continuity_pair(volume_j, approach, slope):
     `approach` = (v_i - v_j).x_ij [m^2/s], `slope` = W'(r)/r; Colagrossi & Landrini 2003.
     """
     return volume_j * slope * approach
+
+
+@formula
+def across(v, n):
+    """n n.v, what moves across a wall of normal n [m/s]; all of v at an edge, where n = 0."""
+    part = dot(v, n)
+    return scaled(n, part) if dot(n, n) > type(part)(0) else v
 
 
 @formula

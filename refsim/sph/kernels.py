@@ -160,15 +160,15 @@ def continuity_pair(
 
 @pair
 def wall_continuity_pair(
-    r, x_ij, velocity_i, shift_i, place_j, volume_j, wall_strain_j, smoothing, wall_motion, recount, number, per_step
+    r, x_ij, velocity_i, shift_i, volume_j, wall_normal_j, wall_strain_j, smoothing, recount, number, per_step
 ):
-    """(d rho_i/dt)/rho_i by a wall particle [1/s], at rest or moving beyond the planes of `wall_motion`, -V_b r W',
+    """(d rho_i/dt)/rho_i by a wall particle at rest [1/s], of what moves across it where it has a normal, -V_b r W',
     (d rho_i/dt)/rho_i by its strain, `number` = 1/V_i [1/m^dim], and, where it is counted, V_b W_ib.
     """
-    approach = dot(velocity_i, x_ij)
-    if wall_motion is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
-        if wall_moves(place_j, wall_motion):
-            approach -= dot(wall_motion.velocity, x_ij)
+    v = velocity_i
+    if wall_normal_j is not None:
+        v = formulas.across(v, wall_normal_j)
+    approach = dot(v, x_ij)
     if shift_i is not None:
         approach += per_step * formulas.shift_approach(dot(shift_i, x_ij), type(r)(0))
     slope = gradient_factor(r, smoothing)
@@ -184,7 +184,7 @@ def wall_continuity_pair(
 @kernel(lanes=True)
 def continuity(
     i, lane, position, velocity, volume, rest_density, phase, advanced_excess, borne, wall_strain, shift, neighbours,
-    walls, wall_motion, smoothing, fluid, central_viscosity, diffusion, lean, turning, recount, period, timestep,
+    walls, wall_normal, smoothing, fluid, central_viscosity, diffusion, lean, turning, recount, period, timestep,
     acceleration, filling, pressure, density_excess, density,
 ):  # fmt: skip
     """Density after the step [kg/m^dim], its excess over rho0, pressure [Pa] and filling; solids keep their rest
@@ -197,7 +197,7 @@ def continuity(
     )  # fmt: skip
     fields = position, velocity, volume, advanced_excess, density_excess, density
     given = sums, fields, rest, per_step, timestep, smoothing, period
-    put_advanced(i, lane, given, walls, wall_strain, shift, wall_motion, diffusion, recount, filling)
+    put_advanced(i, lane, given, walls, wall_normal, wall_strain, shift, diffusion, recount, filling)
     put_solid(i, lane, phase, rest, filling, density_excess, density)
     put_pressure(i, lane, density, fluid, pressure)
     if acceleration is not None:
@@ -212,7 +212,7 @@ def inverse_step(timestep, zero_like):
 
 
 @formula(inlined=True)
-def put_advanced(i, lane, given, walls, wall_strain, shift, wall_motion, diffusion, recount, filling):
+def put_advanced(i, lane, given, walls, wall_normal, wall_strain, shift, diffusion, recount, filling):
     """Write what `continuity` says [kg/m^dim] with the neighbours' sums; the walls' are added."""
     sums, fields, rest, per_step, timestep, smoothing, period = given
     position, velocity, volume, advanced_excess, density_excess, density = fields
@@ -221,8 +221,8 @@ def put_advanced(i, lane, given, walls, wall_strain, shift, wall_motion, diffusi
     if walls is not None:
         number = type(rest)(1) / volume[i]
         beside, around, strain, more = neighbour_sum(
-            wall_continuity_pair, i, lane, walls, position, period, velocity, shift, walls.position, walls.volume,
-            wall_strain, smoothing, wall_motion, recount, number, per_step,
+            wall_continuity_pair, i, lane, walls, position, period, velocity, shift, walls.volume, wall_normal,
+            wall_strain, smoothing, recount, number, per_step,
         )  # fmt: skip
         rate, held, filled = rate + beside, held + around, filled + more
     dim = type(fill)(smoothing.dim)
@@ -283,7 +283,7 @@ def continuity_and_sums_pair(
 @kernel(lanes=True)
 def continuity_and_sums(
     i, lane, position, velocity, volume, mass, rest_density, phase, advanced_excess, borne, wall_strain, shift,
-    neighbours, walls, wall_motion, gradient_smoothing, smoothing, fluid, central_viscosity, diffusion, lean, turning,
+    neighbours, walls, wall_normal, gradient_smoothing, smoothing, fluid, central_viscosity, diffusion, lean, turning,
     recount, period, timestep, number_density, asymmetry, summed_density, acceleration, filling, pressure,
     density_excess, density,
 ):  # fmt: skip
@@ -297,7 +297,7 @@ def continuity_and_sums(
     )  # fmt: skip
     fields = position, velocity, volume, advanced_excess, density_excess, density
     given = sums[0:5], fields, rest, per_step, timestep, gradient_smoothing, period
-    put_advanced(i, lane, given, walls, wall_strain, shift, wall_motion, diffusion, recount, filling)
+    put_advanced(i, lane, given, walls, wall_normal, wall_strain, shift, diffusion, recount, filling)
     put_solid(i, lane, phase, rest, filling, density_excess, density)
     put_pressure(i, lane, density, fluid, pressure)
     if acceleration is not None:

@@ -82,15 +82,15 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
     "continuity equation with diffusion, shifts and return to the counted density",
     paper="Colagrossi & Landrini 2003; Molteni & Colagrossi 2009; Fourtakas et al. 2019; Sun et al. 2019",
     outputs="acceleration filling pressure density_excess density",
-    optional="walls wall_strain wall_motion central_viscosity acceleration diffusion turning borne period"
+    optional="walls wall_strain wall_normal central_viscosity acceleration diffusion turning borne period"
     " rest_density phase shift recount filling pressure",
     variants=(
-        "walls wall_strain wall_motion central_viscosity acceleration diffusion turning borne period rest_density phase"
+        "walls wall_strain wall_normal central_viscosity acceleration diffusion turning borne period rest_density phase"
         " shift recount filling pressure",
-        "walls wall_strain wall_motion period shift turning",
-        "period wall_motion rest_density phase central_viscosity turning", "period shift filling pressure",
+        "walls wall_strain wall_normal period shift turning",
+        "period rest_density phase central_viscosity turning", "period shift filling pressure",
         "period shift filling borne turning",
-        "walls wall_strain wall_motion rest_density phase recount filling turning",
+        "walls wall_strain wall_normal rest_density phase recount filling turning",
     ),
     tolerance=12.0, reason="one rounding in each of distance, slope, volume, velocity difference, projection,"
     " quotients, product and sum",
@@ -107,7 +107,7 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
                 "sph.density.density": "summed_density",
             },
             variants=(
-                "walls wall_strain wall_motion period rest_density phase shift central_viscosity",
+                "walls wall_strain wall_normal period rest_density phase shift central_viscosity",
                 "diffusion turning borne period number_density recount filling",
             ),
         )
@@ -115,13 +115,13 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
     packed="continuity_pair",
 )  # fmt: skip
 def continuity(
-    position, velocity, volume, rest_density, phase, advanced_excess, borne, wall_strain, shift, walls, wall_motion,
+    position, velocity, volume, rest_density, phase, advanced_excess, borne, wall_strain, shift, walls, wall_normal,
     smoothing, fluid, central_viscosity, diffusion, lean, turning, recount, period, timestep, rows=None,
 ):  # fmt: skip
     """Density [kg/m^dim] a step after rho0 + advanced_excess, its excess over rho0, and the filling [-], 1 in solids.
     The viscosity [m/s^2] and all sums are over the volumes before the step.
 
-    `timestep` [s] has the step's length second; walls rest, or move by `wall_motion` beyond its planes. Solids (`phase`
+    `timestep` [s] has the step's length second. Walls move along themselves alone, which is no strain. Solids (`phase`
     not 0) keep their rest density and take no part in the diffusion.
     """
     dt = float(timestep[1])
@@ -135,10 +135,10 @@ def continuity(
         felt=felt(Fields(position=position, velocity=np.zeros_like(position)), lean, turning),
         shift=None if shift is None or dt == 0 else np.asarray(shift, dtype=float) / dt,
     )  # fmt: skip
-    b = wall_particles(walls, velocity=moving(walls, wall_motion), strain=wall_strain)
+    b = wall_particles(walls, velocity=moving(walls, None), strain=wall_strain, normal=wall_normal)
     around, at_walls = (neighbours(i, j, smoothing, period=period, rows=rows) for j in (i, b))
     here, spread, released = around.i, 0.0, 0.0
-    strain = around(ref.strain) + at_walls(ref.strain)
+    strain = around(ref.strain) + at_walls(ref.strain if wall_normal is None else ref.strain_across)
     if shift is not None and dt != 0:
         strain += around(ref.transport) + at_walls(ref.transport_at_walls)
     held = (around(ref.filling_of_solids) + at_walls(ref.filling)) / int(smoothing.dim)

@@ -105,6 +105,16 @@ def handed_on(i, b, ib):
     return b.strain * ib.W
 
 
+def across(v, n):
+    """n n.v, what moves across a wall of normal n [m/s]; all of v at an edge, where n = 0."""
+    return where(n @ n, (v @ n) * n, v)
+
+
+def strain_across(i, b, ib):
+    """The strain by walls along which the liquid slides, sum_b V_b n_b n_b.v_i.grad W_ib [1/s], n n.v of `across`."""
+    return b.volume * (across(i.velocity, b.normal) @ ib.gradient)
+
+
 def lone(around):
     """a = (0.3 - s)/0.1 between 0 and 1, s the share of the space around that is filled; dimensionless."""
     return clip((0.3 - around) / 0.1, 0, 1)

@@ -108,7 +108,7 @@ def test_masses_of_1000_to_1_stop_by_name_or_stay_slow(heavy):
 
 @pytest.mark.parametrize(("dim", "dtype"), [(2, "float32"), (2, "float64"), (3, "float32")])
 def test_planes_end_at_an_open_face_but_at_an_open_top(dim, dtype):
-    """One particle falls off the floor, and not onto it from below; the wall holds another above the open top."""
+    """One falls off the floor, not under it, and none onto it from below; the wall holds another above the open top."""
     up = dim - 1
     places, corner = np.full((3, 3), 0.05), np.full(3, 0.1)
     places[:, [0, up]] = [[0.09, 0.005], [0.11, 0.0], [0.01, 0.15]]
@@ -119,6 +119,7 @@ def test_planes_end_at_an_open_face_but_at_an_open_top(dim, dtype):
         dim=dim, dtype=dtype, spacing=D, support_radius=H, fluid=(cloud,),
         effects=(Liquid(sound_speed=SOUND), rs.Gravity(), walls),
     )  # fmt: skip
-    x = run_to(rs.Simulation(scene, "numpy"), 0.08).field("position")
-    assert (x[:2, up] < -0.02).all()
+    x = run_to(rs.Simulation(scene, "numpy"), 0.12).field("position")
+    assert x[:2, up].max() < -0.035
+    assert x[:2, 0].min() > 0.15
     assert 0.0 <= x[2, 0] < D

@@ -76,8 +76,9 @@ class ParticleWalls(Effect, BringsWalls, FollowsScene, SumsDensity, frozen=True,
             return ()
         solids = "two_way_coupling" in others
         pushing: dict[str, str | None] = {"smoothing": "gradient_smoothing"}
-        names = pushing | ({} if solids else dict.fromkeys(("phase", "wet", "suction", "film_factor")))
         liquid = liquid_of(others)
+        names = pushing | ({} if solids else dict.fromkeys(("phase", "wet", "suction", "film_factor")))
+        names |= {} if liquid.leans(others) else {"borne": None}
         return (
             *((Pass("adami_2012.strain", writes=("wall_strain",), names=names),) if liquid.advances() else ()),
             Pass("adami_2012.extrapolation", writes=("wall_pressure",), names=names),

@@ -37,17 +37,27 @@ def _wall_strain(case, grid):
     return {"wall_strain": strain.astype(grid.dtype)}
 
 
+@groups("wall_normal")
+def _wall_normal(case, grid):
+    """Of every direction, and 0 at edges."""
+    n = case.random("wall_normal").normal(size=(len(case.wall_position), 3)) * (1, 1, case.dim == 3)
+    n[::3] = 0
+    return {"wall_normal": (n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)).astype(grid.dtype)}
+
+
 def _beside(wall_position):
     position = np.array([[0.0, 0.0, 0.0], [0.0, 2.0, 0.0]])
     return at("beside_walls", position, wall_position)
 
 
-def _extrapolated(phase, wanted, wet=(0.0, 0.0), pressure=(300.0, 500.0), clamp=0, turning=None, **cohesion):
+def _extrapolated(
+    phase, wanted, wet=(0.0, 0.0), pressure=(300.0, 500.0), clamp=0, turning=None, borne=None, **cohesion
+):  # fmt: skip
     """Wall particles 1 m from both particles and far away."""
     place = np.array([[0.0, 1.0, 0.0], [0.0, 9.0, 0.0]])
     inputs = {
         "density": [1000.0, 500.0], "pressure": [*pressure], "lean": WallFrameGravity(2.0, -9.0, 1.5),
-        "walls": WallParticles(place, np.full(2, 0.5)), "period": None, "turning": turning,
+        "walls": WallParticles(place, np.full(2, 0.5)), "period": None, "turning": turning, "borne": borne,
         "phase": phase and np.array(phase, np.int32), "wet": wet and phase and np.array(wet),
         "fluid": Fluid(2000.0, 4e5, 1, clamp, **cohesion),
     }  # fmt: skip
@@ -58,6 +68,10 @@ for_each_kernel(
     "adami_2012.extrapolation",
     # mean of p_1 + rho_1 g.(0, 1, 0) and p_2 - rho_2 g.(0, 1, 0); that of the liquid alone where a solid is as near
     mean_of_two=lambda w: _extrapolated([0, 0], 0.5 * (300.0 + 1000.0 * -9.0 + 500.0 - 500.0 * -9.0)),
+    # half and a quarter of it
+    of_falling=lambda w: _extrapolated(
+        None, 0.5 * (300.0 + 0.5 * 1000.0 * -9.0 + 500.0 - 0.25 * 500.0 * -9.0), borne=[0.5, 0.25]
+    ),
     # g - a_w is (-6.75, 0.25, 1.5) m/s^2 where the wall is (-1, 1, -7) m off the axis, with w = 3 and dw/dt = 1/4
     in_a_tank_that_turns=lambda w: _extrapolated(
         None,
@@ -75,8 +89,10 @@ for_each_kernel(
         None, 0.5 * (0.5 + 1000.0 * -9.0 + 0.25 - 500.0 * -9.0), pressure=(0.5, 0.25), clamp=1
     ),
     thin_films=lambda w: _extrapolated([1, 2], 0.25 * 0.5 + 0.75 * 0.25, wet=[0.1, 0.3], pressure=(18000.5, -17999.75)),
-    # p_1 + rho_1 g.(0, 1, 0) of liquid, and with 1/1000 of the weight a film of p_2 - rho0 g.(0, 1, 0)
-    beside_a_film=lambda w: _extrapolated([0, 1], (300.0 - 9000.0 + 1e-3 * (500.0 + 18000.0)) / 1.001, wet=[0.0, 1.0]),
+    # p_1 + rho_1/2 g.(0, 1, 0) of liquid, and with 1/1000 of the weight a film of p_2 - rho0 g.(0, 1, 0)
+    beside_a_film=lambda w: _extrapolated(
+        [0, 1], (300.0 - 4500.0 + 1e-3 * (500.0 + 18000.0)) / 1.001, wet=[0.0, 1.0], borne=[0.5, 0.25]
+    ),
     # mean of p_1 + rho0 g.(0, 1, 0) and p_2 - rho0 g.(0, 1, 0) by their wetness
     film_between_solids=lambda w: _extrapolated(
         [1, 2], 0.25 * (300.0 - 18000.0) + 0.75 * (500.0 + 18000.0), wet=[0.1, 0.3]
@@ -85,15 +101,17 @@ for_each_kernel(
 
 
 @for_each_kernel("adami_2012.strain")
-def strained_by_one(w):
-    """V_w V_f v_f.e |W'(h/2)|/W(h/2); a solid does not count."""
-    place = np.array([[0.0, 1.0, 0.0]])
+def strained_by_two(w):
+    """V_w/2 sum_f V_f (v_f - t).e_f |W'(h/2)|/W(h/2), t = u - n n.u; a solid does not count."""
+    place, around = np.array([[0.0, 1.0, 0.0]]), np.array([[0.0, 0.0, 0.0], [0.0, 2.0, 0.0], [1.0, 1.0, 0.0]])
     inputs = {
-        "mass": [2.0, 3.0], "velocity": [[7.0, 2.0, 0.0], [3.0, 0.0, -5.0]], "advanced_excess": [100.0, -20.0],
-        "walls": WallParticles(place, np.array([0.25])), "period": None, "phase": [0, 1],
-        "fluid": Fluid(1000.0, 4e5, 1, 0),
+        "mass": [2.0, 3.0, 5.0], "velocity": [[7.0, 2.0, 0.0], [3.0, 0.0, -5.0], [9.0, 0.0, 0.0]], "period": None,
+        "advanced_excess": [100.0, -20.0, 0.0], "walls": WallParticles(place, np.array([0.25])), "phase": [0, 0, 1],
+        "fluid": Fluid(1000.0, 4e5, 1, 0), "wall_normal": [[0.0, 0.6, 0.8]],
     }  # fmt: skip
-    return Exact(_beside(place), inputs, {"wall_strain": [0.25 * 2.0 * 2 / 1100 * w.slope / (w.share * w.at_zero)]})
+    along = 1.0 - 0.6 * (0.6 * 1.0 - 0.8 * 2.5)  # of u = (5, 1, -2.5)
+    strain = 0.25 / 2 * (2 / 1100 * (2 - along) + 3 / 980 * along) * w.slope / (w.share * w.at_zero)
+    return Exact(at("around_a_wall", around, place), inputs, {"wall_strain": [strain]})
 
 
 def _pushed(w, first, second, turned=(0.0, 1.0, 0.0), pressure=(300.0, 500.0), wall=200.0, cohesion=0.0, **changes):

@@ -1,29 +1,32 @@
 """What a wall particle takes from the liquid, and a liquid particle from the walls."""
 
 from refsim.backends.compile import kernel
-from refsim.backends.tuples import dot, over
+from refsim.backends.tuples import dot, over, scaled, three
 from refsim.motion.formulas import felt
 from refsim.neighbours.forces import force
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector
 from refsim.smoothing.formulas import gradient_factor, kernel_value, safe_distance, viscosity_laplacian
-from refsim.sph.formulas import borne_pressure, corrected, film_pressure
+from refsim.sph.formulas import across, borne_pressure, corrected, film_pressure
 from refsim.sph.kernels import LIQUID_PHASE, wall_moves
 
 FILM = 1e-3  # weight of a film on solids where there is liquid, too
 
 
 @pair
-def weighted_pair(r, x_ij, density_j, pressure_j, phase_j, wet_j, smoothing, lean, fluid):
-    """Adami 2012 (27): W p, p = p_f + rho_f (g - a_w).(x_w - x_f) [Pa/m^dim], and W [1/m^dim]; the same of a film on
-    solids, with less weight. Without solids p_f is what walls bear. `lean` is g - a_w.
+def weighted_pair(r, x_ij, density_j, pressure_j, phase_j, wet_j, borne_j, smoothing, lean, fluid):
+    """Adami 2012 (27): W p, p = p_f + b_f rho_f (g - a_w).(x_w - x_f) [Pa/m^dim], and W [1/m^dim]; the same of a film
+    on solids, with less weight and all its head. Without solids p_f is what walls bear. `lean` is g - a_w.
     """
     w, p, head = kernel_value(r, smoothing), pressure_j, dot(lean, x_ij)
+    of_liquid = density_j * head
+    if borne_j is not None:
+        of_liquid *= borne_j
     if phase_j is None:
         p = borne_pressure(p, density_j, fluid)
-        return w * (p + density_j * head), w
+        return w * (p + of_liquid), w
     if phase_j == LIQUID_PHASE:
-        p += density_j * head
+        p += of_liquid
     elif wet_j is None:
         w = type(r)(0)
     else:
@@ -34,12 +37,13 @@ def weighted_pair(r, x_ij, density_j, pressure_j, phase_j, wet_j, smoothing, lea
 
 @kernel
 def extrapolation(
-    i, density, pressure, phase, wet, liquid_near_walls, walls, smoothing, lean, turning, fluid, period, wall_pressure
-):
+    i, density, pressure, phase, wet, borne, liquid_near_walls, walls, smoothing, lean, turning, fluid, period,
+    wall_pressure,
+):  # fmt: skip
     """Adami 2012 (27): pressure of wall particle i [Pa]; 0 where neither liquid nor a film is within reach."""
     total, weights = neighbour_sum(
-        weighted_pair, i, None, liquid_near_walls, walls.position, period, density, pressure, phase, wet, smoothing,
-        felt(i, walls.position, None, lean, turning), fluid,
+        weighted_pair, i, None, liquid_near_walls, walls.position, period, density, pressure, phase, wet, borne,
+        smoothing, felt(i, walls.position, None, lean, turning), fluid,
     )  # fmt: skip
     zero = type(smoothing.support_radius)(0)
     wall_pressure[i] = total / weights if weights > zero else zero
@@ -47,26 +51,36 @@ def extrapolation(
 
 @pair
 def straining_pair(r, x_ij, velocity_j, mass_j, advanced_excess_j, phase_j, smoothing, fluid):
-    """V_f v_f.grad_f W_fw [1/s], and W [1/m^dim]; none by solids."""
+    """V_f v_f.grad_f W_fw [1/s], W [1/m^dim], V_f grad_f W_fw [1/m] and W v_f; none by solids."""
     w = kernel_value(r, smoothing)
-    volume = mass_j / (fluid.rest_density + advanced_excess_j)
-    strain = -volume * dot(velocity_j, x_ij) * gradient_factor(r, smoothing)
+    f = -mass_j / (fluid.rest_density + advanced_excess_j) * gradient_factor(r, smoothing)
     if phase_j is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
         if phase_j != LIQUID_PHASE:
-            w, strain = type(r)(0), type(r)(0)
-    return strain, w
+            w, f = type(r)(0), type(r)(0)
+    g, v = scaled(x_ij, f), scaled(velocity_j, w)
+    return dot(velocity_j, g), w, g[0], g[1], g[2], v[0], v[1], v[2]
 
 
 @kernel
-def strain(i, velocity, mass, advanced_excess, phase, liquid_near_walls, walls, smoothing, fluid, period, wall_strain):
-    """V_w sum_f V_f v_f.grad_f W_fw / sum_f W_fw of wall particle i [m^(2 dim)/s]; 0 without liquid."""
+def strain(
+    i, velocity, mass, advanced_excess, phase, liquid_near_walls, walls, wall_normal, smoothing, fluid, period,
+    wall_strain,
+):  # fmt: skip
+    """V_w sum_f V_f (v_f - t).grad_f W_fw / sum_f W_fw of wall particle i [m^(2 dim)/s]; 0 without liquid.
+
+    t is the part along the wall of the mean of v_f with W_fw.
+    """
     zero = type(smoothing.support_radius)(0)
-    total, weights = neighbour_sum(
+    sums = neighbour_sum(
         straining_pair, i, None, liquid_near_walls, walls.position, period, velocity, mass, advanced_excess, phase,
         smoothing, fluid,
     )  # fmt: skip
-    volume = walls.volume[i]
-    wall_strain[i] = volume * total / weights if weights > zero else zero
+    strained, weights, gradient, n = sums[0], sums[1], sums[2:5], three(wall_normal, i)
+    wall_strain[i] = zero
+    if weights > zero:
+        u = over(sums[5:8], weights)
+        sliding = dot(gradient, u) - dot(gradient, across(u, n))
+        wall_strain[i] = walls.volume[i] * (strained - sliding) / weights
 
 
 @pair

@@ -8,6 +8,7 @@ from refsim.core.terms import Terms, maximum, where
 from refsim.motion.operations import felt
 from refsim.neighbours.sums import Fields, neighbours, wall_particles
 from refsim.sph.operations import moving, symmetric
+from refsim.sph.reference import across
 
 operation = operations(paper="Adami, Hu & Adams 2012")
 _CORRECTION, _FILM = "correction_diagonal correction_mixed", "phase suction film_factor"
@@ -17,7 +18,7 @@ def _mean(around, term, share, **given):
     """Sum of a term over the sum of W, 0 without any; its size counts the terms, as a wall particle has no list."""
     weight, count = around(share), around(lambda i, j, ij: Terms(share(i, j, ij).value > 0))
     average = where(weight.value > 0, around(term, **given) / where(weight.value > 0, weight, 1), 0)
-    return Terms(average.value, (1 + count.value) * average.size)
+    return Terms(average.value, ((1 + count) * Terms(average.size, rank=average.rank)).value, average.rank)
 
 
 def _borne(pressure, density, fluid):
@@ -28,19 +29,25 @@ def _borne(pressure, density, fluid):
 
 
 @operation(
-    "(27)", outputs="wall_pressure", entrywise=True, optional="phase wet turning period",
-    variants=("phase wet turning period", "phase wet turning", "phase period", "turning period", "phase wet period"),
+    "(27)", outputs="wall_pressure", entrywise=True, optional="phase wet borne turning period",
+    variants=(
+        "phase wet borne turning period", "phase wet turning", "phase borne period", "turning period",
+        "phase wet borne period",
+    ),
     tolerance=16.0,
     reason="one rounding in each of distance, kernel, head, product and sum, and those of the quotient",
 )  # fmt: skip
-def extrapolation(position, density, pressure, phase, wet, walls, smoothing, lean, fluid, turning=None, period=None):
+def extrapolation(
+    position, density, pressure, phase, wet, borne, walls, smoothing, lean, fluid, turning=None, period=None
+):  # fmt: skip
     """Pressure of each wall particle [Pa]; 0 where neither liquid nor a wet solid is within reach."""
     liquid = np.ones(len(pressure), bool) if phase is None else np.asarray(phase) == 0
     film = 0.0 if wet is None else 1e-3 * np.asarray(wet, dtype=float)
-    borne = pressure if phase is not None else _borne(pressure, density, fluid)
+    pushing = pressure if phase is not None else _borne(pressure, density, fluid)
+    heavy = np.asarray(density, dtype=float) * (1.0 if borne is None else borne)
     j = Fields(
-        position=position, pressure=borne, liquid=liquid, share=np.where(liquid, 1.0, film),
-        heavy=np.where(liquid, np.asarray(density, dtype=float), float(fluid.rest_density)),
+        position=position, pressure=pushing, liquid=liquid, share=np.where(liquid, 1.0, film),
+        heavy=np.where(liquid, heavy, float(fluid.rest_density)),
     )  # fmt: skip
     still = Fields(position=walls.position, velocity=np.zeros_like(walls.position))
     around = neighbours(wall_particles(walls, felt=felt(still, lean, turning)), j, smoothing, period=period)
@@ -52,13 +59,15 @@ def extrapolation(position, density, pressure, phase, wet, walls, smoothing, lea
     tolerance=16.0, reason="one rounding in each of distance, slope, volume, projection, product and sum, and those of"
     " the quotient",
 )  # fmt: skip
-def strain(position, velocity, mass, advanced_excess, phase, walls, smoothing, fluid, period=None):
+def strain(position, velocity, mass, advanced_excess, phase, walls, wall_normal, smoothing, fluid, period=None):
     """What `sph.continuity` takes from each wall particle [m^(2 dim)/s]; 0 where no liquid is within reach."""
     rho = float(fluid.rest_density) + np.asarray(advanced_excess, dtype=float)
     liquid = 1.0 if phase is None else np.asarray(phase) == 0
     f = Fields(position=position, velocity=velocity, mass=mass, density=rho, share=liquid)
     around = neighbours(wall_particles(walls), f, smoothing, period=period)
-    return {"wall_strain": around.i.volume * _mean(around, ref.strain, ref.share)}
+    u = _mean(around, ref.velocity, ref.share)
+    sliding = around.of(wall_particles(walls, along=u - across(u, Terms(wall_normal, rank=1))), f)
+    return {"wall_strain": around.i.volume * _mean(sliding, ref.strain, ref.share)}
 
 
 @operation(

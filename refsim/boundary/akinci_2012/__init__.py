@@ -164,6 +164,11 @@ class BoxWalls(ParticleWalls, HasPlanes, HasErrata, frozen=True, kw_only=True):
         volume = liquid_of(others).particle_volume(grid) * left[kept]
         return WallParticles(moment[kept] / left[kept, None], volume)
 
+    def normals(self, grid: Discretisation, points: np.ndarray) -> np.ndarray:
+        away = points - np.clip(points, *self._corners(grid))
+        away[:, grid.dim :] = 0
+        return np.sign(away) * (np.count_nonzero(away, axis=1) == 1)[:, None]
+
     def wall_speed(self) -> float:
         return math.hypot(*self.velocity) if self.moving_faces else 0.0
 

@@ -176,6 +176,9 @@ class MeshBoundary(
     def taken(self, grid: Discretisation, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return self.placed(grid).filled(points, grid.spacing)
 
+    def normals(self, grid: Discretisation, points: np.ndarray) -> np.ndarray:
+        return self.placed(grid).normals(points, grid.support_radius)
+
     def corrects_positions(self) -> bool:
         """True where patent P8 moves particles that would enter the solid."""
         return self.correction != "none"

@@ -18,6 +18,7 @@ HALF_DIAGONAL = 0.5 * 3**0.5  # of a cell, in its edges
 PARTS = 4  # of a cell's edge, where the surface cuts the cell
 BAND = 4.0  # width of the band in its spacings
 TIED = 1e-6  # spacings, or share of the largest area, that decide nothing
+AROUND, STRAIGHT = 125, 0.9  # cells beside one that tell an edge; cosine of the angle between normals that is none
 PROBE = 0.5  # depth under a boundary particle, in spacings of the band, where the field must be negative
 
 
@@ -80,6 +81,22 @@ class PlacedSolid:
     def distance(self, points: np.ndarray) -> np.ndarray:
         """Signed distances (n,) [m] of points (n, 3) [m], negative inside, clamped to the band."""
         return self.band.at(np.ascontiguousarray(points, dtype=float))[0]
+
+    def normals(self, points: np.ndarray, reach: float) -> np.ndarray:
+        """Unit normals (n, 3) of the surface near points (n, 3) [m], far from it those of the nearest that is near; 0
+        at edges, where those of some of the nearest points, within `reach` [m], differ.
+        """
+        from scipy.spatial import cKDTree
+
+        _, normal = self.band.project(np.ascontiguousarray(points, dtype=float))
+        near = normal.any(1)
+        normal = normal[near][cKDTree(points[near]).query(points)[1]]
+        tree, found = cKDTree(points), normal.copy()
+        for few in np.array_split(np.arange(len(points)), 1 + len(points) // 4096):
+            apart, beside = tree.query(points[few], min(AROUND, len(points)))
+            alike = np.abs(np.einsum("nc,nkc->nk", normal[few], normal[beside]))
+            found[few[((alike < STRAIGHT) & (apart < reach)).any(1)]] = 0
+        return found
 
     def _depth(self, points: np.ndarray) -> np.ndarray:
         """Depths (n,) [m] of points (n, 3) [m] below the surface, exact at edges, where the band's are rounded off."""
