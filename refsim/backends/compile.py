@@ -115,10 +115,13 @@ class CudaKernel:
     their number. `registers` is the largest number for each thread: with fewer registers more threads run at a time,
     and some values are kept in local memory. With `looping` there are no more threads than run at a time, and the
     kernel takes its rows in a loop; with `resident` it has one block for each multiprocessor, and they may wait for
-    each other. An `early` one begins while the kernel launched before it ends, where the device can: what that one
-    writes is read behind `wait_for_last`, which the first block always calls, so that kernels end in their order.
+    each other. An `early` one begins while the kernel launched before it ends, where the device can.
     """
 
+    # What keeps an early kernel safe: its first block always calls `wait_for_last`, so that kernels end in their order.
+    # It begins once every block of the kernel before has left that call or has ended: then all before that one have
+    # ended. Ahead of its own call it may read what they wrote, not what the last one does, and write what that one
+    # neither reads nor writes, in every program that launches both. It pays where there is work ahead of the call.
     def __init__(
         self, function: Callable, *, rows_of: str | None = None, lanes: str | int = 1,
         block_for_each_row: bool = False, threads: int | None = None, registers: int | None = None,
