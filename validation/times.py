@@ -387,7 +387,7 @@ a side of 1 m, h = 2 d and turns at 1 rad/s, float32; Warp 1.19
 8,000,000 particles. The last column is the time in which the device copies the least bytes of a step, over the time of
 the step: sums over neighbours wait for the memory. The default liquid takes 2.50 ms for the papers' 2.11; both read 52
 bytes of each neighbour. Rows of 28 November are relative to the step of then, 2.98 ms.
-MPM's surface is 44 launches, 0.368 ms for a plain step of 0.274; the sweeps of its fit wait for each other.
+MPM's surface is 43 launches, 0.362 ms for a plain step of 0.279; the sweeps of its fit wait for each other.
 Melting is 33: figure 6 takes 0.32 ms with a kept list, 0.55 with a new one (59 % of steps: fast water flows among
 solids), a million particles 3.0 and 5.1 ms (97.5 %; `python -m validation run melting`).
 """
