@@ -17,7 +17,7 @@ from refsim.shape_matching import PHASE
 # solids in a liquid, the largest measured; of liquids that melting has produced
 MASS_RATIO, LIQUIDS_RATIO = 1000.0, 10.0
 REST_DENSITY = Field("rest_density", "kg/m^3", "rest density rho0 of the particle's substance", state=True)
-VOLUME = Field("volume", "m^3", "volume V = m/rho")
+VOLUME = Field("volume", "m^3 (m^2 in 2D)", "volume V = m/rho")
 RELATIVE_CONTRIBUTION = Field(
     "relative_contribution", "-", "weight in Shao & Song (1): 1 in liquid, phi at a solid's surface, 0 inside solids"
 )
