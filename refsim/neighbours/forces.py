@@ -1,8 +1,8 @@
 """Kernels that follow from a pair function: the acceleration is the sum of its terms over the neighbours.
 
-`force` makes the kernel of one pair function, `together` that of two whose neighbours a GPU then reads once. Such a
-kernel takes the position, the fields that the pair function reads, the lists, and what else the pair function names;
-`refsim show OPERATION` prints it.
+`force` makes the kernel of one pair function, `together` that of two whose neighbours a GPU then reads once, `joined`
+the pair function of two for another kernel. A kernel takes the position, the fields that the pair function reads, the
+lists, and what else the pair function names; `refsim show OPERATION` prints it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Mapping
 from refsim.backends.compile import Kernel
 from refsim.backends.tuples import added, over, scaled
 from refsim.backends.written import function_of
-from refsim.neighbours.pair_functions import DISTANCE, SEPARATION, parts_of
+from refsim.neighbours.pair_functions import DISTANCE, SEPARATION, parts_of, terms
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector
 
@@ -76,22 +76,32 @@ def together(
     """
     share, unit = ("", "N/m^3") if per_volume else (" * inverse_density", "m/s^2")
     given = {} if per_volume else {"inverse_density": "type(density[i])(1) / density[i]"}
-    renamed = {"smoothing": "gradient_smoothing", "volume_j": "mass_j"}, names or {}
-    of_first, of_second = (
-        [called.get(name, name) for name in inspect.signature(part).parameters]
-        for part, called in zip((first, second), renamed)
-    )
-    taken = [name for name in (*of_first, *of_second, *given) if name.isidentifier() and name != "None"]
-    lines = [
-        *_call(f"def {name}_pair(", taken, "):"),
-        f'    """Terms of `{_called(first, second)}` and `{_called(second)}` [{unit}]."""',
-        *_call(f"    p = {_called(first, second)}(", of_first, ")"),
-        *_call(f"    t = {_called(second)}(", of_second, ")"),
-        f"    return {', '.join(f'p[{c}]{share} + t[{c}]' for c in range(3))}",
-    ]
-    both = pair(_made(second, lines, first))
+    parts = (first, {"smoothing": "gradient_smoothing", "volume_j": "mass_j"}), (second, names or {})
+    force_of_both = ", ".join(f"t0[{c}]{share} + t1[{c}]" for c in range(3))
+    both = pair(_made(second, _in_turn(f"{name}_pair", f" [{unit}]", force_of_both, *parts, given=given), first))
     divided = "density" if per_volume else ""
     return both, force(both, divided=divided, walled=walled, given=given)
+
+
+def joined(name: str, *parts: tuple[Callable, Mapping[str, str]]) -> Callable:
+    """The pair function with the terms of two, given with what the sum calls some of their parameters."""
+    each = ", ".join(f"t{k}[{c}]" for k, (part, _) in enumerate(parts) for c in range(terms(part)))
+    return pair(_made(parts[1][0], _in_turn(name, "", each, *parts), parts[0][0]))
+
+
+def _in_turn(
+    name: str, unit: str, returned: str, *parts: tuple[Callable, Mapping[str, str]], given: Iterable[str] = ()
+) -> list[str]:
+    """Lines of a pair function that returns what follows from the terms t0, t1 of others."""
+    takes = [[called.get(name, name) for name in inspect.signature(part).parameters] for part, called in parts]
+    taken = [name for names in (*takes, given) for name in names if name.isidentifier() and name != "None"]
+    called = [_called(part, parts[-1][0]) for part, _ in parts]
+    return [
+        *_call(f"def {name}(", taken, "):"),
+        f'    """Terms of {" and ".join(f"`{part}`" for part in called)}{unit}."""',
+        *(line for k, part in enumerate(called) for line in _call(f"    t{k} = {part}(", takes[k], ")")),
+        f"    return {returned}",
+    ]
 
 
 def _called(function: Callable, beside: Callable | None = None) -> str:

@@ -5,6 +5,7 @@ import math
 from refsim.backends.compile import formula, kernel
 from refsim.backends.reductions import reduction
 from refsim.backends.tuples import added, difference, dot, scaled, three
+from refsim.neighbours.forces import joined
 from refsim.neighbours.formulas import longest_of
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, set_vector
@@ -54,19 +55,8 @@ def put_way(i, lane, sums, position, filling, phase, walls, groups, period, way)
     set_vector(way, i, lane, s)
 
 
-@pair
-def fused_pair(
-    r, x_ij, velocity_i, velocity_j, volume_j, density_j, pressure_i, pressure_j, gradient_smoothing, fluid,
-    central_viscosity, shifting,
-):  # fmt: skip
-    """J(10) and, unless `central_viscosity` is None, the viscosity along the line of centres [N/m^3]; gradients of
-    concentration and filling [1/m]."""
-    a = central_momentum_pair(
-        r, x_ij, velocity_i, velocity_j, volume_j, density_j, pressure_i, pressure_j, gradient_smoothing, fluid,
-        central_viscosity,
-    )  # fmt: skip
-    g = crowding_pair(r, x_ij, volume_j, density_j, gradient_smoothing, shifting)
-    return a[0], a[1], a[2], g[0], g[1], g[2], g[3], g[4], g[5]
+SMOOTHING = {"smoothing": "gradient_smoothing"}
+fused_pair = joined("fused_pair", (central_momentum_pair, SMOOTHING), (crowding_pair, SMOOTHING))
 
 
 @kernel(lanes=True, registers=48)

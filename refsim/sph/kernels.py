@@ -6,7 +6,7 @@ from refsim.backends.compile import formula, kernel
 from refsim.backends.reductions import reduction
 from refsim.backends.tuples import added, cross, difference, dot, over, scaled, three
 from refsim.motion.formulas import felt
-from refsim.neighbours.forces import force, together
+from refsim.neighbours.forces import force, joined, together
 from refsim.neighbours.formulas import longest_of
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, first_lane, set_vector
@@ -264,20 +264,9 @@ def put_pressure(i, lane, density, fluid, pressure):
             pressure[i] = formulas.state_pressure(density[i], fluid)
 
 
-@pair
-def continuity_and_sums_pair(
-    r, x_ij, velocity_i, velocity_j, volume_j, mass_j, rest_density_j, phase_j, advanced_excess_i, advanced_excess_j,
-    borne_i, borne_j, shift_i, shift_j, gradient_smoothing, smoothing, fluid, central_viscosity, diffusion, lean,
-    turning, recount, own_rest, per_step,
-):  # fmt: skip
-    """Terms of the continuity equation and those of J(7), J(8) and sum W_ij x_ij."""
-    a = continuity_pair(
-        r, x_ij, velocity_i, velocity_j, volume_j, rest_density_j, phase_j, advanced_excess_i, advanced_excess_j,
-        borne_i, borne_j, shift_i, shift_j, gradient_smoothing, fluid, central_viscosity, diffusion, lean, turning,
-        recount, own_rest, per_step,
-    )  # fmt: skip
-    s = density_moment_pair(r, x_ij, mass_j, smoothing)
-    return a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], s[0], s[1], s[2], s[3], s[4]
+continuity_and_sums_pair = joined(
+    "continuity_and_sums_pair", (continuity_pair, {"smoothing": "gradient_smoothing"}), (density_moment_pair, {})
+)
 
 
 @kernel(lanes=True)
@@ -291,9 +280,9 @@ def continuity_and_sums(
     rest = fluid.rest_density if rest_density is None else rest_density[i]
     per_step, pull = inverse_step(timestep, rest), felt(i, position, None, lean, turning)
     sums = neighbour_sum(
-        continuity_and_sums_pair, i, lane, neighbours, position, period, velocity, volume, mass, rest_density, phase,
-        advanced_excess, borne, shift, gradient_smoothing, smoothing, fluid, central_viscosity, diffusion, pull,
-        turning, recount, rest, per_step,
+        continuity_and_sums_pair, i, lane, neighbours, position, period, velocity, volume, rest_density, phase,
+        advanced_excess, borne, shift, gradient_smoothing, fluid, central_viscosity, diffusion, pull, turning, recount,
+        rest, per_step, mass, smoothing,
     )  # fmt: skip
     fields = position, velocity, volume, advanced_excess, density_excess, density
     given = sums[0:5], fields, rest, per_step, timestep, gradient_smoothing, period
