@@ -15,7 +15,7 @@ from refsim.core.cases import TAKES, VARIATIONS, Variation
 from refsim.core.effect import Field
 from refsim.core.operation import REGISTRY, Fused, Operation
 from refsim.core.period import Period
-from refsim.core.walls import WallParticles, liquid_with_list, with_list
+from refsim.core.walls import WallParticles, with_list
 from refsim.neighbours import NeighbourSearch
 from refsim.neighbours.reference import pair_blocks
 from refsim.smoothing import SHAPES, Smoothing, smoothing
@@ -206,7 +206,7 @@ def value_of(operation: Operation, name: str, inputs: Inputs, neighbours: Any, w
         case, position = inputs.case, inputs["position"]
         radius = case.list_radius * (1 + case.skin)
         near = listed(inputs["walls"].position, position, radius, False, backend, period_of(operation, inputs))
-        return liquid_with_list(backend.asarray(position), near)
+        return with_list(backend.asarray(position), None, near)
     if name == "scratch":
         return Scratch(backend)
     if name == "walls" and not inputs.dropped(name):

@@ -53,51 +53,27 @@ class WallMotion(NamedTuple):
     velocity: Any  # (3,) [m/s]
 
 
-class WallRows(NamedTuple):
-    """Wall particles and, row by row, those near each fluid particle (CPU)."""
+class ListedRows(NamedTuple):
+    """Wall particles and, row by row, those near each fluid particle, or the liquid's near each wall particle (CPU)."""
 
-    position: Any  # (m, 3) positions of the wall particles [m]
-    volume: Any  # (m,) volumes of the wall particles [m^dim]
+    position: Any  # (m, 3) of the particles that are listed [m]
+    volume: Any  # (m,) of wall particles [m^dim]; None of the liquid's
     start: Any
     count: Any
     entries: Any
 
 
-class WallColumns(NamedTuple):
-    """Wall particles and, column by column, those near each fluid particle (GPU)."""
+class ListedColumns(NamedTuple):
+    """The same column by column (GPU)."""
 
-    position: Any  # (m, 3) positions of the wall particles [m]
-    volume: Any  # (m,) volumes of the wall particles [m^dim]
+    position: Any
+    volume: Any
     count: Any
     entries: Any
 
 
-class LiquidRows(NamedTuple):
-    """Positions of the liquid particles and, row by row, those near each wall particle (CPU)."""
-
-    position: Any  # (n, 3) positions of the liquid particles [m]
-    start: Any
-    count: Any
-    entries: Any
-
-
-class LiquidColumns(NamedTuple):
-    """Positions of the liquid particles and, column by column, those near each wall particle (GPU)."""
-
-    position: Any  # (n, 3) positions of the liquid particles [m]
-    count: Any
-    entries: Any
-
-
-def liquid_with_list(position: Any, neighbours: Any) -> LiquidRows | LiquidColumns:
-    """The liquid's positions together with a list of wall particles, whichever of the two forms it has."""
+def with_list(position: Any, volume: Any, neighbours: Any) -> ListedRows | ListedColumns:
+    """Particles together with a list of them, whichever of the two forms it has."""
     if hasattr(neighbours, "start"):
-        return LiquidRows(position, *neighbours)
-    return LiquidColumns(position, neighbours.count, neighbours.entries)
-
-
-def with_list(position: Any, volume: Any, neighbours: Any) -> WallRows | WallColumns:
-    """Wall particles together with their list, whichever of the two forms it has."""
-    if hasattr(neighbours, "start"):
-        return WallRows(position, volume, *neighbours)
-    return WallColumns(position, volume, neighbours.count, neighbours.entries)
+        return ListedRows(position, volume, *neighbours)
+    return ListedColumns(position, volume, neighbours.count, neighbours.entries)

@@ -18,7 +18,7 @@ from refsim.core.checked import suggestion
 from refsim.core.effect import Effect, Pass
 from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY
-from refsim.core.walls import WallParticles, liquid_with_list
+from refsim.core.walls import WallParticles, with_list
 from refsim.engine.binding import bind_pass
 from refsim.engine.launching import bring, launch_pass, ready
 from refsim.engine.state import State
@@ -185,7 +185,7 @@ class Gauges:
             self._near = search.build_around(run.build_position, self._static, "gauges")
             self._listed_at = search.log.rebuilds
         around = WallParticles(self._static.position, self._static.position)  # of which only the places are read
-        return {"walls": around, "liquid_near_walls": liquid_with_list(run.fields["position"], self._near)}
+        return {"walls": around, "liquid_near_walls": with_list(run.fields["position"], None, self._near)}
 
     def _pressure(self, run: State) -> NDArray[np.float64]:
         """Pressure [Pa] at all points, extrapolated from the liquid near them; 0 where there is none."""

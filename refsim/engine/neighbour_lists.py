@@ -5,7 +5,7 @@ import math
 from typing import Any
 
 from refsim.core.errors import RunStopped
-from refsim.core.walls import liquid_with_list, with_list
+from refsim.core.walls import with_list
 from refsim.engine.state import State
 from refsim.neighbours import NeighbourSearch, Particles
 from refsim.sph import LONGEST_SHIFT, WAY
@@ -73,7 +73,7 @@ def rebuild(state: State) -> None:
         lists.latest, state.bound = new, False
         state.shared["neighbours"] = near
         if around is not None:
-            state.shared["liquid_near_walls"] = liquid_with_list(state.fields["position"], around)
+            state.shared["liquid_near_walls"] = with_list(state.fields["position"], None, around)
         if lists.walls is not None:
             state.shared["walls"] = with_list(*lists.walls, at_walls)
 

@@ -22,7 +22,7 @@ from refsim.backends.arrays import Scratch
 from refsim.contract.inputs import Inputs, with_variant
 from refsim.core import cases
 from refsim.core.operation import REGISTRY, backend_of
-from refsim.core.walls import LiquidColumns, WallColumns
+from refsim.core.walls import ListedColumns
 from refsim.neighbours.rows import NeighbourColumns
 
 CAPABILITY = (8, 0)
@@ -109,9 +109,9 @@ def operation_arguments(name, program, variant, dtype):
         if argument == "neighbours":
             return NeighbourColumns(count, entries)
         if argument == "liquid_near_walls":
-            return LiquidColumns(inputs["position"], count, entries)
+            return ListedColumns(inputs["position"], None, count, entries)
         if argument == "walls" and inputs["walls"] is not None:
-            return WallColumns(*inputs["walls"], count, entries)
+            return ListedColumns(*inputs["walls"], count, entries)
         if argument == "grid":
             inputs["grid"].on_device = True
         return inputs[argument]
