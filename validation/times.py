@@ -360,6 +360,9 @@ def goals(times: Times) -> list[str]:
     for name, system in scaling(times).items():
         found |= {f"{name}, {count}": f"{median(system[1]) / median(row):.1f}" for count, row in system.items()}
     found |= {key: where(times, key) for key in times}
+    waits = json.loads(WAITS.read_text(encoding="utf-8"))
+    found |= {name: f"{float(np.median(taken)):.2g}" for name, taken in waits["seconds"].items()}
+    found["waits"] = f"{waits['processor']}, {waits['cores']} cores, {waits['date']}"
     names = ("work", "at 512adce3", "found", "goal", "command", "where and when")
     rows = tomllib.loads(GOALS.read_text(encoding="utf-8"))["row"]
     return table(names, [[row[name].format_map(found) for name in names] for row in rows])
@@ -368,6 +371,7 @@ def goals(times: Times) -> list[str]:
 # Pages
 
 GOALS = Path(__file__).with_name("goals.toml")
+WAITS = Path(__file__).parent / "data" / "waits.json"
 PAGE = DOCS / "study.md"
 PICTURE = FIGURES / "device_limits.png"
 EFFECTS = """### Each effect

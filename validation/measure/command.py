@@ -39,11 +39,7 @@ def add_commands(made: argparse.ArgumentParser) -> None:
     for name, about, file in (
         ("drops", "measures the free drops of the sigma map", "drops.json"),
         ("sessile", "measures the drops of the wetting map, which sit on a plane", "wetting.json"),
-        (
-            "tension",
-            "measures the tension that acts in the default liquid over the asked one",
-            "tension.json",
-        ),
+        ("tension", "measures the tension that acts in the default liquid over the asked one", "tension.json"),
     ):
         part = add(name, about)
         part.set_defaults(perform=measure_drops)
@@ -75,11 +71,10 @@ def add_commands(made: argparse.ArgumentParser) -> None:
     part.add_argument("--backend", default="cpu", help="cpu (default) or cuda")
     part.add_argument("--threads", type=int, default=1, help="CPU threads (1)")
     part.add_argument("--output", type=Path, default=DATA / "liquid_price.json", help="file of the steps' seconds")
-    add(
-        "states",
-        "computes the stored moments of the dam break anew (some minutes)",
-        "validation.experiments.dam_break.scene",
-    )
+    part = add("waits", "measures how long import, advice and the first frame of a run take (a minute)")
+    part.add_argument("--output", type=Path, default=DATA / "waits.json", help="file of their seconds")
+    about = "computes the stored moments of the dam break anew (some minutes)"
+    add("states", about, "validation.experiments.dam_break.scene")
 
 
 def _words(text: str) -> tuple[str, ...]:
