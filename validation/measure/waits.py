@@ -50,7 +50,7 @@ def perform(given: argparse.Namespace) -> None:
     """The command."""
     seconds = {name: [waited(command) for _ in range(1 + TURNS)][1:] for name, command in COMMANDS.items()}
     about = environment(None, "cpu")
-    kept = {name: about[name] for name in ("date", "processor", "cores", "commit")} | {"seconds": seconds}
+    kept = {name: about[name] for name in ("date", "processor", "cores")} | {"seconds": seconds}
     write_file(given.output, json.dumps(kept, indent=1) + "\n")
     for name, taken in seconds.items():
         print(f"{name:<12} {statistics.median(taken):6.3f} s ({min(taken):.3f} to {max(taken):.3f})")
