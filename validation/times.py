@@ -360,7 +360,7 @@ def goals(times: Times) -> list[str]:
     for name, system in scaling(times).items():
         found |= {f"{name}, {count}": f"{median(system[1]) / median(row):.1f}" for count, row in system.items()}
     found |= {key: where(times, key) for key in times}
-    waits = json.loads(WAITS.read_text(encoding="utf-8"))
+    waits = json.loads(STORED.with_name("data").joinpath("waits.json").read_text(encoding="utf-8"))
     found |= {name: f"{float(np.median(taken)):.2g}" for name, taken in waits["seconds"].items()}
     found["waits"] = f"{waits['processor']}, {waits['cores']} cores, {waits['date']}"
     names = ("work", "at 512adce3", "found", "goal", "command", "where and when")
@@ -371,7 +371,6 @@ def goals(times: Times) -> list[str]:
 # Pages
 
 GOALS = Path(__file__).with_name("goals.toml")
-WAITS = Path(__file__).parent / "data" / "waits.json"
 PAGE = DOCS / "study.md"
 PICTURE = FIGURES / "device_limits.png"
 EFFECTS = """### Each effect
@@ -389,12 +388,11 @@ Measured by `pytest tests/times/bench_device.py --benchmark-json FILE`. The cube
 a side of 1 m, h = 2 d and turns at 1 rad/s, float32; Warp 1.19
 (`validation/peers/warp_sph.py`) has the same particles, equations and step. Relative rates are over that of the cube of
 8,000,000 particles. The last column is the time in which the device copies the least bytes of a step, over the time of
-the step. [Counters](../validation/gpu_reports/nvidia_h200.md#counters-of-kernels)
-say that the sums over neighbours issue instructions in 75 to 85 % of all cycles and keep L1 busy for 56 to 77 %, the
-memory for 32 to 55 %: four entries in one read would save 15 % of a density, entries of 2 bytes or tiles nothing.
-DualSPHysics, published and not run here: a million particles and more on one GPU of 2011 up to two orders of magnitude
-faster than on one core (Crespo et al. 2011, PLoS ONE 6, e20685).
-Rows of 28 November are relative to the step of then, 2.98 ms.
+the step. [Counters](../validation/gpu_reports/nvidia_h200.md#counters-of-kernels) say that sums over neighbours issue
+instructions in 75 to 85 % of all cycles, with L1 busy for 56 to 77 %, the memory for 32 to 55 %: four entries in one
+read would save 15 % of a density, entries of 2 bytes or tiles nothing. DualSPHysics, published and not run here: a
+million particles and more on a GPU of 2011 up to two orders of magnitude faster than on one core (Crespo et al. 2011,
+PLoS ONE 6, e20685). Rows of 28 November are relative to the step of then, 2.98 ms.
 MPM's surface is 43 launches, 0.362 ms for a plain step of 0.279; the sweeps of its fit wait for each other.
 Melting is 33: figure 6 takes 0.32 ms with a kept list, 0.55 with a new one (59 % of steps: fast water flows among
 solids), a million particles 3.0 and 5.1 ms (97.5 %; `python -m validation run melting`).
