@@ -9,6 +9,8 @@ from scipy.integrate import solve_ivp
 
 import refsim as rs
 from refsim import make_plan, simulate
+from refsim.smoothing import lattice, smoothing
+from refsim.smoothing.reference import kernel_value
 from refsim.sph.resting import RestingColumn
 from tests.running import advanced
 
@@ -65,6 +67,20 @@ def test_a_fast_particle_does_not_make_the_others_shift_too_far(dim, ratio):
         simulation.step()
         taken.append(-simulation.field("shift")[:, 0] @ crest / (crest @ crest))
     assert max(taken) == pytest.approx(1.75, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("reach", "axes", "diagonals"),
+    [(2.6, 0.109, 0.004), (3.0, 0.023, -0.011), (3.2, -0.024, -0.005), (4.0, 0.009, 0.004)],
+)
+def test_a_lattice_resists_shear(reach, axes, diagonals):
+    """With N''/4 p, N(e) of a lattice exp(e) times as long along one direction, and as much narrower."""
+    x, e = lattice(math.ceil(reach) + 1, 2)[:, :2], 1e-3
+    turned = x @ np.array([[1.0, -1.0], [1.0, 1.0]]) / math.sqrt(2)
+    for places, wanted in ((x, axes), (turned, diagonals)):
+        r = [np.linalg.norm(places * np.exp([s, -s]), axis=1) for s in (e, 0.0, -e)]
+        filled = [kernel_value(distance, smoothing("wendland_c2", reach, 2)).sum() for distance in r]
+        assert (filled[0] - 2 * filled[1] + filled[2]) / e**2 / 4 == pytest.approx(wanted, abs=6e-4)
 
 
 def test_a_lone_particle_gives_off_its_pressure():

@@ -1,5 +1,5 @@
-"""Flows of the literature with the liquid that rests (docs/solutions.md): a cavity with a moving lid and a tank that
-sways (2D, float64, default options), and water that falls onto sensors (`falls.toml`).
+"""Flows of the literature with the liquid that rests (docs/solutions.md): a cavity with a moving lid, a tank that sways
+and columns that collapse (2D, float64, default options), and water that falls onto sensors (`falls.toml`).
 """
 
 from __future__ import annotations
@@ -15,8 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import refsim
+from refsim.engine.counting import counted
+from refsim.study.panels.scenes import shaken
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, RunSpec
+from validation.metrics import dam_break
 from validation.metrics.liquid import centre_lines
 from validation.metrics.solutions import DEPTH, LENGTH, PERIOD, PROBE, SWAY, swaying_linear, swaying_potential
 from validation.results import Result
@@ -25,6 +28,7 @@ from validation.running import Context, advance
 DENSITY, GRAVITY = 1000.0, 9.81  # kg/m^2, m/s^2
 ARTIFICIAL = 0.02  # alpha of the artificial viscosity that has the kinematic viscosity of water that falls or sways
 PAPERS = Path(__file__).resolve().parents[2] / "papers"
+SERIES = tuple(name for name, (_, kind) in dam_break.FRONT_DATA.items() if kind == "experiment")
 REYNOLDS, SETTLED, MEAN = 100.0, 15.0, 1.0  # of the cavity; s until it is steady, s of the mean at the end
 
 EXTREMES = (
@@ -72,7 +76,8 @@ def cavity(context: Context, cells: int, support: float, backend: str) -> Result
     return Result(values, {"u": u, "v": v})
 
 
-FALLS: Mapping[str, Any] = tomllib.loads(Path(__file__).with_name("falls.toml").read_text(encoding="utf-8"))
+FALLS: dict[str, Any] = tomllib.loads(Path(__file__).with_name("falls.toml").read_text(encoding="utf-8"))
+COLLAPSES: Mapping[str, Any] = FALLS.pop("collapses")
 
 
 def measured(fall: Mapping[str, Any]) -> dict[str, tuple[NDArray, NDArray]]:
@@ -132,6 +137,44 @@ def impact(context: Context, kind: str, fall: Mapping[str, Any], cells: int, bac
     return Result(values, arrays)
 
 
+def collapse(context: Context, kind: str, of: Mapping[str, Any], cells: int, seed: int, backend: str) -> Result:
+    """A column of `collapses` in `falls.toml`, `cells` to a metre, moved by 0.01 d at random.
+
+    Of a splash level_off  twice the mean height, less that of waves (as large as their kinetic energy), over the depth
+    at rest, off 1, mean over the times; counted_off  counted density over the told one at the end, off 1.
+    Else a series' name: root mean square difference of the front from it, in widths, with the best offset in time;
+    left_at_wall  height of the water at x = 0, the wall that it leaves, at t sqrt(2g/L) = 3.5, over the width
+    """
+    left, high, (*lower, right, top) = of["left"], of["high"], of["box"]
+    sound, rows = 10 * math.sqrt(2 * GRAVITY * high), list[tuple[float, ...]]()
+    scene = refsim.Scene(
+        name=kind, dim=2, dtype="float64", spacing=1 / cells, support_radius=3 / cells,
+        fluid=(refsim.Box(lower=(left, 0.0, 0.0), cells=(round((1 - left) * cells), high * cells, 1)),),
+        effects=(
+            _liquid(sound, 3 * sound / cells / of["number"]), refsim.Gravity(acceleration=(0.0, -GRAVITY, 0.0)),
+            refsim.BoxWalls(lower=(*lower, 0.0, 0.0), upper=(right, top, 0.0)),
+        ),
+    )  # fmt: skip
+    simulation = context.simulation(shaken(scene, seed), backend)
+
+    def sample(simulation: refsim.Simulation, wall: float) -> None:
+        x, v = simulation.field("position")[:, :2], simulation.field("velocity")
+        level = 2 * x[:, 1].mean() - (v**2).sum(1).mean() / GRAVITY
+        edge = dam_break.front_position(x, 1 / cells).connected
+        rows.append((simulation.time, level, edge, x[np.abs(x[:, 0]) < 0.1, 1].max(initial=0.0)))
+
+    advance(simulation, np.linspace(*of["times"]).tolist(), sample, context)
+    values: dict[str, Any] = {"kind": kind, "cells": cells, "particles": simulation.count}
+    time, level, edge, above = np.array(rows).T
+    if kind == "splash":
+        depth, found = (1 - left) * high / (right - lower[0]), counted(simulation)
+        counted_off = math.nan if found is None else abs(found.difference)
+        return Result(values | {"level_off": abs(float(level.mean()) / depth - 1), "counted_off": counted_off})
+    time = dam_break.dimensionless_time(time, 1.0)
+    off = {name: dam_break.fit_time_offset(time, edge, dam_break.load_front_data(name)).rms for name in SERIES}
+    return Result(values | off | {"left_at_wall": float(np.interp(3.5, time, above))})
+
+
 def sway(context: Context, cells: int, support: float, amplitude: float, until: float, backend: str) -> Result:
     """A tank with water `cells` particles deep sways with `amplitude` [m]; seen from it.
 
@@ -189,6 +232,10 @@ def planned(options: Options) -> list[RunSpec]:
     for cells, amplitude in SWAYS:
         row = {"cells": cells, "support": 3.2, "amplitude": amplitude, "until": 5.6, "backend": "cpu"}
         made.append(RunSpec(f"sway_{cells}_{1000 * amplitude:g}mm", sway, row, estimate=4e-3 * cells**3))
+    for kind, of in COLLAPSES.items():
+        for cells, seed in itertools.product(of["cells"], range(of["starts"])):
+            row = {"kind": kind, "of": of, "cells": cells, "seed": seed, "backend": "cpu"}
+            made.append(RunSpec(f"{kind}_{cells}_{seed}", collapse, row, estimate=2e-4 * cells**3))
     return made[:1] if options.quick else made
 
 
@@ -196,6 +243,10 @@ def checks(results: Results, check: Checks) -> None:
     """Bars hold at the finer spacing; the coarser one is shown."""
     for key, result in results.items():
         row, fine = result.values, key.startswith(("cavity_50", "sway_25"))
+        if row["kind"] in COLLAPSES:
+            for name in row.keys() - {"kind", "cells", "particles"}:
+                check("front" if name in SERIES else name, row[name], f"{key}.{name}", f"{row['cells']} cells")
+            continue
         if row["kind"] in FALLS:
             _judge_fall(FALLS[row["kind"]], row, key, check)
             continue

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-from validation.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION
+from validation.drawing import BLUE, GREEN, GREY, VERMILION
 from validation.experiment import Picture, Results
 from validation.experiments.solutions.runs import _behind
 
@@ -24,13 +24,9 @@ WITH_TENSION = {
     "meniscus": ("Liquid lifted by a wall", {"lifted_off": "area"}),
 }
 STYLES = ("-", "--")
-COLOURS = {
-    "": BLUE, "laplacian": VERMILION, "central": BLUE, "rests": GREEN, "corrected": PURPLE, "wider": ORANGE,
-    "70": BLUE, "110": VERMILION,
-}  # fmt: skip
+COLOURS = {"": BLUE, "laplacian": VERMILION, "central": BLUE, "rests": GREEN, "70": BLUE, "110": VERMILION}
 WORDS = {
     "": "", "laplacian": ", J(11)", "central": ", central", "rests": ", that rests",
-    "corrected": ", that rests, corrected", "wider": ", that rests, h = 4 d",
     "70": ", 70 degrees", "110": ", 110 degrees",
 }  # fmt: skip
 

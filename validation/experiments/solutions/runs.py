@@ -39,8 +39,7 @@ from validation.results import Result
 from validation.running import Context, advance
 
 DENSITY, SUPPORT = 1000.0, 2.6  # kg/m^2; h/d
-RESTS, CORRECTED, WIDER = "rests", "corrected", "wider"
-REACH = {RESTS: 3.2, CORRECTED: 3.2, WIDER: 4.0}  # h/d of the liquid that rests
+RESTS, REACH = "rests", 3.2  # the liquid that rests, and its h/d
 NUMERICAL = 1 / 200  # kinematic viscosity over c h where the solution has none: above the least of docs/stability.md
 STEP = 0.3  # c dt/h of a fixed step
 
@@ -61,14 +60,13 @@ def _scene(
 ) -> Scene:  # fmt: skip
     """A scene in 2D of one part of the base liquid with kinematic viscosity `viscosity` [m^2/s].
 
-    form  of the viscosity, or the liquid that rests (docs/liquid.md), with the central one: a key of REACH
+    form  of the viscosity, or the liquid that rests (docs/liquid.md), in a disc without shifts, which would turn it
     """
     own: dict[str, Any] = {"viscosity": form, "density": "summation", "clamp_pressure": clamp}
-    if form in REACH:
-        gradient = CORRECTED if form == CORRECTED else "plain"
-        own = {"density": "continuity", "viscosity": "central", "gradient": gradient}
+    if form == RESTS:
+        own = {"density": "continuity"} if name == "disc" else {}
     liquid = WeaklyCompressible(rest_density=DENSITY, sound_speed=sound, dynamic_viscosity=DENSITY * viscosity, **own)
-    reach = REACH.get(form, SUPPORT) * spacing
+    reach = (REACH if form == RESTS else SUPPORT) * spacing
     return Scene(
         name=name, dim=2, dtype="float64", spacing=spacing, support_radius=reach, fluid=(fluid,),
         effects=(liquid, *effects), **more,
@@ -228,12 +226,12 @@ def _pulled(
 
     No effect has this force: it is added to the velocities between the steps, with the leap-frog's share of the step.
     """
-    reach = REACH.get(form, SUPPORT) * spacing
+    reach = (REACH if form == RESTS else SUPPORT) * spacing
     viscous = 0.125 * (0.5 * reach) ** 2 / viscosity / (1 if form == "laplacian" else 3)  # docs/sph.md#step
     step = min(STEP * reach / sound, 0.8 * viscous)
     cloud = Cloud(position=position, velocity=velocity)
     simulation = context.simulation(_scene(name, spacing, cloud, (), sound, viscosity, form, step=step), backend)
-    if form in REACH:
+    if form == RESTS:
         square = (position**2).sum(1)
         edge = np.sort(square)[-1]
         simulation.set_field("advanced_excess", 0.5 * DENSITY * (PULL / sound) ** 2 * (edge - square))
@@ -455,8 +453,8 @@ CELLS = {
     "poiseuille": (12, 24, 48), "capillary": (12, 24, 48),
     "meniscus": (4, 8, 12), "jurin": (8, 12, 16),
 }  # fmt: skip
-WITH_FORMS = dict.fromkeys(("disc", "vortex", "couette", "poiseuille"), ALL)
-WITH_FORMS |= {"ellipse": ("", *REACH), "meniscus": ("70", "110")}  # [degrees]
+WITH_FORMS: dict[str, tuple[str, ...]] = dict.fromkeys(("disc", "vortex", "couette", "poiseuille"), ALL)
+WITH_FORMS |= {"ellipse": ("", RESTS), "meniscus": ("70", "110")}  # [degrees]
 JUDGED = {  # quantities by problem: those with a measured order, and those that are judged at the smallest spacing
     "ellipse": ("error", "period_off"), "disc": ("rate_off",), "vortex": ("rate_off", "error"),
     "couette": ("error", "steady"), "poiseuille": ("error", "steady"), "capillary": ("crest_off", "error", "side"),
