@@ -47,11 +47,8 @@ def add_commands(made: argparse.ArgumentParser) -> None:
         where.add_argument("--jobs", type=int, default=1, help="processes of one thread each")
         where.add_argument("--scheduler", metavar="ADDRESS", help="the workers of a Dask scheduler instead")
         part.add_argument("--output", type=Path, default=DATA / file, help=f"file of rows; validation/data/{file}")
-        part.add_argument("--models", type=_words, help="some of them, with commas between; all by default")
-        part.add_argument(
-            "--dims", type=lambda text: tuple(map(int, text.split(","))), default=(2, 3),
-            help="2, 3 or 2,3 (the default)",
-        )  # fmt: skip
+        part.add_argument("--models", type=lambda text: tuple(text.split(",")), help="with commas; all by default")
+        part.add_argument("--dims", type=lambda text: tuple(map(int, text.split(","))), default=(2, 3), help="or 2, 3")
         part.add_argument("--backend", default="cpu", help="cpu (default) or cuda")
         part.add_argument("--advanced", action="store_true", help="only drops of an advanced density")
         part.add_argument("--seconds", type=float, default=math.inf, help="stop after so long")
@@ -75,10 +72,6 @@ def add_commands(made: argparse.ArgumentParser) -> None:
     part.add_argument("--output", type=Path, default=DATA / "waits.json", help="file of their seconds")
     about = "computes the stored moments of the dam break anew (some minutes)"
     add("states", about, "validation.experiments.dam_break.scene")
-
-
-def _words(text: str) -> tuple[str, ...]:
-    return tuple(text.split(","))
 
 
 def write(path: Path, rows: dict[str, dict]) -> None:

@@ -9,7 +9,7 @@ themselves: ``data_spread``, ``data_tolerance``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import combinations
 from pathlib import Path
 from typing import NamedTuple
@@ -42,6 +42,11 @@ FRONT_DATA = {  # file in validation/papers, whose SOURCES.md says more, and kin
 def load_front_data(name: str) -> FrontData:
     """The series called ``name`` in FRONT_DATA, from a file with one line of headings."""
     return FrontData(*np.loadtxt(_PAPERS / FRONT_DATA[name][0], delimiter=",", skiprows=1, unpack=True))
+
+
+def experiments() -> dict[str, FrontData]:
+    """The measured series."""
+    return {name: load_front_data(name) for name, (_, kind) in FRONT_DATA.items() if kind == "experiment"}
 
 
 def dimensionless_time(time: ArrayLike, width: float, gravity: float = 9.81) -> NDArray[np.float64]:
@@ -78,97 +83,57 @@ def front_position(position: ArrayLike, spacing: float, *, axis: int = 0, link: 
     return Front(*edges, detached=int(np.sum(~bulk)))
 
 
-class OffsetFit(NamedTuple):
-    """The fitted shift between two clocks.
-
-    offset: T to add to the data's clock to get the curve's. rms: root mean square misfit of z/a with it.
-    points: data points used. at_limit: the best offset is the end of the allowed range, hence means nothing.
-    """
-
-    offset: float
-    rms: float
-    points: int
-    at_limit: bool
-
-
-def fit_time_offset(time: ArrayLike, front: ArrayLike, data: FrontData, max_offset: float = 0.5) -> OffsetFit:
-    """The one time offset that brings a front curve nearest to the data.
+def fit_time_offset(time: Sequence[float], front: ArrayLike, data: FrontData) -> tuple[float, float]:
+    """(offset, root mean square misfit of z/a) with the time that brings a front curve nearest to the data.
 
     Least squares of front(T_data + offset) - z_data, all dimensionless.
     time (k,), front (k,): the curve, dimensionless as the data, time increasing; linear between its points.
-    max_offset: largest shift allowed. Before the release, with which the curve starts, the front stands still.
-    Only data points that the curve covers at every allowed offset are used: all are judged by the same points.
-    Raises ValueError for fewer than two data points left.
+    No shift exceeds 0.5. Before the release, with which the curve starts, the front stands still.
+    Data points that the curve covers at every such offset are used; ValueError for fewer than two.
     """
-    time, front = np.asarray(time, dtype=np.float64), np.asarray(front, dtype=np.float64)
-    usable = data.time + max_offset <= time[-1]
+    usable = data.time + 0.5 <= time[-1]
     if usable.sum() < 2:
-        raise ValueError(
-            f"the curve from T = {time[0]:.3g} to {time[-1]:.3g} covers {usable.sum()} data points "
-            f"at every offset up to {max_offset}; need 2"
-        )
+        raise ValueError(f"the curve to T = {time[-1]:.3g} covers {usable.sum()} data points at every offset; need 2")
     at, wanted = data.time[usable], data.front[usable]
 
     def misfit(offset: float) -> float:
         return float(np.mean((np.interp(at + offset, time, front) - wanted) ** 2))
 
-    trial = np.linspace(-max_offset, max_offset, 201)
+    trial = np.linspace(-0.5, 0.5, 201)
     best = int(np.argmin([misfit(offset) for offset in trial]))
     bounds = trial[max(best - 1, 0)], trial[min(best + 1, len(trial) - 1)]
     minimum = minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 1e-9})
-    offset = float(minimum.x) if minimum.fun <= misfit(trial[best]) else float(trial[best])
-    limit = max_offset * (1.0 - 1e-4)
-    return OffsetFit(offset, float(np.sqrt(misfit(offset))), int(usable.sum()), abs(offset) > limit)
+    offset = min((float(minimum.x), float(trial[best])), key=misfit)
+    return offset, float(np.sqrt(misfit(offset)))
 
 
-class FrontError(NamedTuple):
-    """Deviation (front - data) / data of a curve.
-
-    largest: the one largest in size, with its sign. at: the data's T there. rms: root mean square.
-    points: data points compared.
-    """
-
-    largest: float
-    at: float
-    rms: float
-    points: int
-
-
-def front_error(time: ArrayLike, front: ArrayLike, data: FrontData, offset: float = 0.0) -> FrontError:
-    """Relative deviation of a front curve from the data, the fitted ``offset`` added to the data's times.
+def front_error(time: Sequence[float], front: ArrayLike, data: FrontData, offset: float) -> float:
+    """The largest of (front - data)/data of a curve, with its sign, the fitted ``offset`` added to the data's times.
 
     time (k,), front (k,): dimensionless, time increasing. All data points within the curve's times count.
     """
-    time, front = np.asarray(time, dtype=np.float64), np.asarray(front, dtype=np.float64)
     at = data.time + offset
     within = (at >= time[0]) & (at <= time[-1])
     deviation = np.interp(at[within], time, front) / data.front[within] - 1.0
-    worst = int(np.argmax(np.abs(deviation)))
-    rms = float(np.sqrt(np.mean(deviation**2)))
-    return FrontError(float(deviation[worst]), float(data.time[within][worst]), rms, int(within.sum()))
+    return float(deviation[np.argmax(np.abs(deviation))])
 
 
 def data_tolerance() -> float:
-    """The bar on a simulated front: the largest deviation between two experiments as published, 0.108.
-
-    The earlier entry of FRONT_DATA is the one deviated from; it is linear between its points and compared on the common
-    range only.
-    """
+    """The bar on a simulated front: the largest deviation of an experiment from one before it, 0.108, while both last."""
     largest = 0.0
-    names = [name for name, (_, kind) in FRONT_DATA.items() if kind == "experiment"]
-    for base, other in combinations(map(load_front_data, names), 2):
+    for base, other in combinations(experiments().values(), 2):
         within = (other.time >= base.time[0]) & (other.time <= base.time[-1])
         deviation = other.front[within] / np.interp(other.time[within], *base) - 1.0
         largest = max(largest, float(np.abs(deviation).max()))
     return largest
 
 
-def ritter_front(time: ArrayLike, aspect_ratio: float = 2.0) -> NDArray[np.float64]:
-    """Upper bound z/a = 1 + sqrt(2 n^2) T of the front, for a column of height/width n^2; 1 + 2 T for n^2 = 2.
+def ritter_front(time: ArrayLike) -> NDArray[np.float64]:
+    """Upper bound 1 + 2 T of the front for n^2 = 2.
 
     Ritter's front 2 sqrt(g n^2 a) t of shallow water on a dry bed (1892, Z. Ver. Dtsch. Ing. 36:947) in these units.
     """
-    return 1.0 + np.sqrt(2.0 * aspect_ratio) * np.asarray(time, dtype=np.float64)
+    return 1.0 + 2.0 * np.asarray(time, dtype=np.float64)
 
 
 def neighbour_sums(position: np.ndarray, reach: float) -> tuple[Callable[[np.ndarray], np.ndarray], np.ndarray]:

@@ -205,11 +205,9 @@ def surge(context: Context, columns: int, backend: str, depth: int = 1, tank: fl
     wall = advance(simulation, times, sample, context, lambda: series["farthest"][-1] < tank - 0.1)
     fits = {}
     for name, data in published.items():
-        offset = dam_break.fit_time_offset(series["time"], series["connected"], data).offset
-        error = dam_break.front_error(series["time"], series["connected"], data, offset)
-        fits[name] = {
-            "offset": offset, "largest": error.largest, "at": error.at, "rms": error.rms, "points": error.points
-        }  # fmt: skip
+        offset, _ = dam_break.fit_time_offset(series["time"], series["connected"], data)
+        largest = dam_break.front_error(series["time"], series["connected"], data, offset)
+        fits[name] = {"offset": offset, "largest": largest}
     return Result({
         "particles": simulation.count, **series, "front": fits, "ledger": ledger.values(simulation),
         "steps": simulation.steps, "seconds": wall,

@@ -28,7 +28,6 @@ from validation.running import Context, advance
 DENSITY, GRAVITY = 1000.0, 9.81  # kg/m^2, m/s^2
 ARTIFICIAL = 0.02  # alpha of the artificial viscosity that has the kinematic viscosity of water that falls or sways
 PAPERS = Path(__file__).resolve().parents[2] / "papers"
-SERIES = tuple(name for name, (_, kind) in dam_break.FRONT_DATA.items() if kind == "experiment")
 REYNOLDS, SETTLED, MEAN = 100.0, 15.0, 1.0  # of the cavity; s until it is steady, s of the mean at the end
 
 EXTREMES = (
@@ -171,7 +170,7 @@ def collapse(context: Context, kind: str, of: Mapping[str, Any], cells: int, see
         counted_off = math.nan if found is None else abs(found.difference)
         return Result(values | {"level_off": abs(float(level.mean()) / depth - 1), "counted_off": counted_off})
     time = dam_break.dimensionless_time(time, 1.0)
-    off = {name: dam_break.fit_time_offset(time, edge, dam_break.load_front_data(name)).rms for name in SERIES}
+    off = {name: dam_break.fit_time_offset(time, edge, data)[1] for name, data in dam_break.experiments().items()}
     return Result(values | off | {"left_at_wall": float(np.interp(3.5, time, above))})
 
 
@@ -245,7 +244,8 @@ def checks(results: Results, check: Checks) -> None:
         row, fine = result.values, key.startswith(("cavity_50", "sway_25"))
         if row["kind"] in COLLAPSES:
             for name in row.keys() - {"kind", "cells", "particles"}:
-                check("front" if name in SERIES else name, row[name], f"{key}.{name}", f"{row['cells']} cells")
+                kind = "front" if name in dam_break.FRONT_DATA else name
+                check(kind, row[name], f"{key}.{name}", f"{row['cells']} cells")
             continue
         if row["kind"] in FALLS:
             _judge_fall(FALLS[row["kind"]], row, key, check)
