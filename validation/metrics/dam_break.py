@@ -119,7 +119,7 @@ def front_error(time: Sequence[float], front: ArrayLike, data: FrontData, offset
 
 
 def data_tolerance() -> float:
-    """The bar on a simulated front: the largest deviation of an experiment from one before it, 0.108, while both last."""
+    """The bar on a simulated front: the largest deviation of an experiment from one before it, 0.108."""
     largest = 0.0
     for base, other in combinations(experiments().values(), 2):
         within = (other.time >= base.time[0]) & (other.time <= base.time[-1])
