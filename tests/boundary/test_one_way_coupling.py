@@ -122,6 +122,14 @@ def test_liquid_inside_the_solid_is_refused(ball):
             rs.make_plan(rs.Scene(spacing=SPACING, support_radius=0.026, fluid=(part,), effects=effects))
 
 
+def test_a_mesh_of_one_wall_particle_has_a_normal(ball):
+    effects = (rs.WeaklyCompressible(sound_speed=20.0), rs.Gravity(), rs.MeshBoundary(file=ball, size=0.012))
+    block = rs.Box(lower=(-0.03, -0.03, 0.06), cells=(6, 6, 6))
+    plan = rs.make_plan(rs.Scene(spacing=SPACING, support_radius=0.026, fluid=(block,), effects=effects))
+    assert len(plan.walls.position) == 1
+    assert np.linalg.norm(plan.shared["wall_normal"]) == pytest.approx(1.0)
+
+
 DONG = rs.Dong2016(surface_tension=1.0, solver="hu_adams")
 SOLVERS = {
     "shared": (LIQUID,), "dong_2016": (LIQUID, DONG), "iisph": (LIQUID, rs.ImplicitPressure()),

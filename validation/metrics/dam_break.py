@@ -1,5 +1,4 @@
-"""The surge front of a collapsing column: published series, the front of a particle cloud, and how the two
-are compared.
+"""The surge front of a collapsing column: published series, the front of a particle cloud, how they are compared.
 
 A column of width a and height n^2 a stands against a wall and is released at t = 0. The front is z/a, its
 distance from that wall in column widths; time is T = t sqrt(2 g / a), the scale of the series of n^2 = 2 kept

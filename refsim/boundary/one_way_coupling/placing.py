@@ -93,7 +93,7 @@ class PlacedSolid:
         normal = normal[near][cKDTree(points[near]).query(points)[1]]
         tree, found = cKDTree(points), normal.copy()
         for few in np.array_split(np.arange(len(points)), 1 + len(points) // 4096):
-            apart, beside = tree.query(points[few], min(AROUND, len(points)))
+            apart, beside = tree.query(points[few], range(1, 1 + min(AROUND, len(points))))
             alike = np.abs(np.einsum("nc,nkc->nk", normal[few], normal[beside]))
             found[few[((alike < STRAIGHT) & (apart < reach)).any(1)]] = 0
         return found
