@@ -5,8 +5,6 @@ None there, and what only then acts, is left out, and so are lanes and smoothing
 `refsim show OPERATION --backend cpu` prints it with an example, and a run with REFSIM_PLAIN=1 compiles it.
 """
 
-from __future__ import annotations
-
 import ast
 import builtins
 import functools

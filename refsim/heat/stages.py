@@ -1,7 +1,5 @@
 """Coefficients of the schemes' stages, from the largest s_i; computed in float64."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

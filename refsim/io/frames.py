@@ -5,8 +5,6 @@ and `origin.h5`, which says what made them. A file is written beside its name an
 instant. Nothing is read from the collection: it is made anew from the files whenever frames are written.
 """
 
-from __future__ import annotations
-
 import hashlib
 import html
 import json
@@ -61,7 +59,7 @@ class Origin:
     meanings: Mapping[str, str] = field(default_factory=dict)
 
 
-def origin_of(plan: Plan) -> Origin:
+def origin_of(plan: "Plan") -> Origin:
     """What frames of a run of this plan say of it: its scene, and units and meanings of the particle fields."""
     scene, arrays = scene_to_checkpoint(plan)
     fields = {name: f for name, f in plan.particle_fields.items() if name != POSITION_RESIDUAL.name}
@@ -182,7 +180,7 @@ class ParticleWriter:
         attributes = {"units": json.dumps(dict(origin.units)), "meanings": json.dumps(dict(origin.meanings))}
         return {file: checkpoint_bytes(file, origin.arrays, {"scene": origin.scene, **attributes}, ORIGIN)}
 
-    def _write_collection(self, heads: Sequence[Head]) -> None:
+    def _write_collection(self, heads: "Sequence[Head]") -> None:
         name = html.escape(self.folder.name)
         lines = (f'<DataSet timestep="{h.time!r}" file="{name}/{h.path.name}"/>\n' for h in heads)
         head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1"><Collection>\n'
@@ -216,7 +214,7 @@ class ParticleWriter:
             unlock(self._lock)
 
 
-def heads_of(path: Path) -> list[Head]:
+def heads_of(path: Path) -> "list[Head]":
     """The heads of the frames of a collection, in order of time. Raises InputError where there is none."""
     heads = [read_head(file) for file in frame_files(path)]
     if not heads:

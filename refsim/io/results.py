@@ -5,8 +5,6 @@ The series that gauges measure lie in `gauges.hdf5`, replaced whole at every che
 gauge, and in `attributes` its kind, columns and units.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
@@ -41,7 +39,7 @@ class RunFrame:
     the same particle in all frames.
     """
 
-    def __init__(self, run: Run, number: int, by_identity: bool = False) -> None:
+    def __init__(self, run: "Run", number: int, by_identity: bool = False) -> None:
         self._run, self._by_identity = run, by_identity
         self.number = number
         self.time = float(run.times[number])
@@ -68,7 +66,7 @@ class RunFrame:
             self._read[name] = values
         return self._read[name]
 
-    def sorted(self) -> RunFrame:
+    def sorted(self) -> "RunFrame":
         """This frame with its rows in the order of `identity`."""
         return RunFrame(self._run, self.number, by_identity=True)
 

@@ -6,8 +6,6 @@ A node inside has state 1, one outside 0, and one of unknown state 2: cells with
 surface ends there. Facets are triangles in space and segments in the plane; their normals point from inside to outside.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -6,8 +6,6 @@ agree with their neighbours, and the surface is closed. The classical table merg
 two cells of such a face may disagree and leave a hole.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 from collections.abc import Iterator

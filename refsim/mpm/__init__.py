@@ -4,8 +4,6 @@ Its step as passes is `refsim.mpm.step`, its surface the effect of `refsim.surfa
 Numbers in brackets are those of the thesis, and so are the errata M3 to M27 (docs/errata.md).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Literal, NamedTuple

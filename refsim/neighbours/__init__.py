@@ -5,8 +5,6 @@ particle has moved half the skin. Rows follow the particles' cell order, so the 
 Reference: all pairs (`refsim.neighbours.reference`).
 """
 
-from __future__ import annotations
-
 import math
 from collections import namedtuple
 from collections.abc import Callable, Sequence
@@ -105,18 +103,18 @@ class NeighbourSearch:
         self.log.rebuilds += 1
         return self._checked(self.programs.build(position))
 
-    def build_against(self, position: Any, static: StaticSet) -> Any:
+    def build_against(self, position: Any, static: "StaticSet") -> Any:
         """List of the static particles (walls) near each particle."""
         return self._checked(self.programs.build_against(position, static.prepared))
 
-    def build_around(self, position: Any, static: StaticSet, name: str = "around") -> Any:
+    def build_around(self, position: Any, static: "StaticSet", name: str = "around") -> Any:
         """List of the particles, which stand in cell order and have been listed, near each static particle.
 
         name  of the list; one of the same name as before takes its place
         """
         return self._checked(self.programs.build_around(position, static.prepared, name))
 
-    def static_set(self, position: np.ndarray) -> StaticSet:
+    def static_set(self, position: np.ndarray) -> "StaticSet":
         """Static particles, sorted by cell once; `order` says how their other arrays must be sorted."""
         return StaticSet(*self.programs.static_set(np.asarray(position, dtype=self.dtype)))
 

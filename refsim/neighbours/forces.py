@@ -5,8 +5,6 @@ the pair function of two for another kernel. A kernel takes the position, the fi
 lists, and what else the pair function names; `refsim show OPERATION` prints it.
 """
 
-from __future__ import annotations
-
 import inspect
 import sys
 import textwrap

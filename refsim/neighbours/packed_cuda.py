@@ -6,8 +6,6 @@ round. Here entries are read three rounds ahead and fields one; only entries, tw
 kernel read the same fields of the neighbour. It is compiled for one shape of the smoothing kernel.
 """
 
-from __future__ import annotations
-
 import inspect
 from collections import namedtuple
 from collections.abc import Callable, Mapping

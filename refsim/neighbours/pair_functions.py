@@ -1,7 +1,5 @@
 """What a pair function says: the fields that it reads, their order in packed rows, the number of its terms."""
 
-from __future__ import annotations
-
 import dis
 import functools
 import inspect

@@ -26,8 +26,6 @@ computes with them (`refsim.backends.fast.staging`); where the list carries pack
 (`refsim.neighbours.packed_cuda`).
 """
 
-from __future__ import annotations
-
 import functools
 import inspect
 import math

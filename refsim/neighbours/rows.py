@@ -1,7 +1,5 @@
 """The neighbour list as kernels see it: rows in memory on the CPU, columns on the GPU."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

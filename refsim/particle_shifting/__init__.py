@@ -9,7 +9,7 @@ import functools
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -26,14 +26,11 @@ from refsim.core.capabilities import (
     open_axis,
 )
 from refsim.core.checked import NotNegative
-from refsim.core.effect import Discretisation, Effect, Field, Others, Pass
+from refsim.core.effect import Discretisation, Effect, Field, InitialState, Others, Pass
 from refsim.core.errors import InputError
 from refsim.particle_shifting import operations as operations
 from refsim.smoothing import lattice, smoothing
 from refsim.sph import FILLING, LIQUID, LONGEST_SHIFT, NUMBER_DENSITY, SETS, SHIFT, WAY, liquid_of, volumes
-
-if TYPE_CHECKING:
-    from refsim.core.effect import InitialState
 
 VELOCITY_RANGE = Field(
     "velocity_range", "m/s", "largest velocities of each body: along each axis, and against it", 6, rows="bodies"
@@ -140,7 +137,7 @@ class ParticleShifting(Effect, CorrectsPositions, Joins, FollowsStart, frozen=Tr
         if self.bodies == "apart" and (named is None or named.bodies is None):
             yield f"bodies of {self.name} are 'apart', since several do not touch at the start"
 
-    def initial(self, grid: Discretisation, state: "InitialState", others: Others) -> Mapping[str, np.ndarray]:
+    def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
         """Bodies that are told apart. Raises InputError for a box that is not full without a surface."""
         filled = 1.0 if _within_meshes(others) else _filled(grid, others)
         if self.surface == "none" and filled < LEAST_FULL:

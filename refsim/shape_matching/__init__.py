@@ -4,8 +4,6 @@ Tables have a row for each node of a solid, in the particles' first order: every
 particles anew, and nodes keep their numbers. Field `place` is the row of a node's particle.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import math

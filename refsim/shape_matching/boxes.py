@@ -1,7 +1,5 @@
 """The cells over which fast summation adds up regions, after FastLSM (Rivers & James 2007)."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Names and normalisations of the smoothing kernels; computed on the host in float64."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 
@@ -43,11 +41,11 @@ class Smoothing(NamedTuple):
     shape: Any  # its number; a tuple of that length where it is `fixed`
     dim: int
 
-    def fixed(self) -> Smoothing:
+    def fixed(self) -> "Smoothing":
         """The same with a shape that the compiler knows: loops over neighbours have no branches and vectorise."""
         return self._replace(shape=(np.int32(0),) * int(self.shape))
 
-    def numbered(self) -> Smoothing:
+    def numbered(self) -> "Smoothing":
         """The same with the number of its shape, also of a `fixed` one."""
         return self._replace(shape=int32(len(self.shape))) if isinstance(self.shape, tuple) else self
 

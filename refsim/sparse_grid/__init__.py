@@ -3,8 +3,6 @@
 Memory follows what is covered, not the domain. Reference: `refsim.sparse_grid.reference`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Weakly compressible SPH: density, state, pressure, viscosity, leap-frog (Jiang & Zhu 2023, (7) to (11))."""
 
-from __future__ import annotations
-
 import functools
 import itertools
 import math
@@ -247,13 +245,13 @@ class WeaklyCompressible(
     density_bound: float = 1.5
     literal: Printed = ()
 
-    def in_scene(self, grid: Discretisation) -> WeaklyCompressible:
+    def in_scene(self, grid: Discretisation) -> "WeaklyCompressible":
         """With the artificial viscosity, alpha times (h/2) c/(2 (dim + 2)) for nu, in the dynamic one."""
         reach = grid.support_radius / (4 * (grid.dim + 2))
         whole = self.dynamic_viscosity + self.artificial_viscosity * self.rest_density * self.sound_speed * reach
         return msgspec.structs.replace(self, dynamic_viscosity=whole, artificial_viscosity=0.0)
 
-    def with_scene_defaults(self, others: Others) -> WeaklyCompressible:
+    def with_scene_defaults(self, others: Others) -> "WeaklyCompressible":
         standing = stands(others)
         summed = bool(self.literal) or any(
             effect.sums_density(standing) for effect in effects_with(others, SumsDensity)
@@ -270,7 +268,7 @@ class WeaklyCompressible(
                 restoring = SLOW if drifts else 0.0 if not pulled else CALM if standing else RESTORING
         return msgspec.structs.replace(self, density=density, viscosity=viscosity, restoring=restoring)
 
-    def on_grid(self, given: Any, grid: Discretisation, others: Others) -> WeaklyCompressible:
+    def on_grid(self, given: Any, grid: Discretisation, others: Others) -> "WeaklyCompressible":
         """With the rate of a tension beside it, where `restoring` is not given."""
         if given.restoring is not None or not self.restoring:
             return self
@@ -707,7 +705,7 @@ class Gravity(Effect, frozen=True, kw_only=True):
 
     acceleration: tuple[float, float, float] | None = None
 
-    def in_scene(self, grid: Discretisation) -> Gravity:
+    def in_scene(self, grid: Discretisation) -> "Gravity":
         downwards = (0.0, -9.81, 0.0) if grid.dim == 2 else (0.0, 0.0, -9.81)
         return self if self.acceleration else msgspec.structs.replace(self, acceleration=downwards)
 

@@ -1,7 +1,5 @@
 """Whether a scene's flow stays far enough below the sound speed of its liquid, judged before the run."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 

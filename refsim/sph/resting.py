@@ -4,8 +4,6 @@ With x = rho/rho0 and p = rho0 c^2 (x^k - 1)/k the density is x = exp(g s/c^2) o
 x^(k - 1) = 1 + (k - 1) g s/c^2 of Tait's. An incompressible liquid has p = rho0 g s, and H^2 rho0 g/2 on a side.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

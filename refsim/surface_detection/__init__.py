@@ -9,8 +9,6 @@ Another effect that needs the detected sets takes the scene's settings, or the d
 `detection_in(others)` and lists their passes, fields and parameter groups; a pass that both effects list runs once.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from typing import Any, ClassVar, Literal, NamedTuple

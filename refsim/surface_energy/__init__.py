@@ -5,8 +5,6 @@
 Interior particles are those of the liquid; samples stand on its surface. Symbols are those of the thesis.
 """
 
-from __future__ import annotations
-
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np

@@ -8,8 +8,6 @@ spurious normal. In J(20) it has the number density of particle i and so adds no
 denominator.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from refsim.core.effect import Discretisation, Field, Pass, int32

@@ -6,8 +6,6 @@ Without this term a linear equation of state balances P_int by compression: rho/
 Pi = P_int/(rho0 c^2), which has no solution for Pi > 1/4: the liquid collapses.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable, Iterator, Mapping

@@ -4,8 +4,6 @@ It is 1 inside a closed mesh and 0 outside, 2 where two bodies overlap, and betw
 near a point are summed one by one, those farther away in clusters, by the first term of Barill et al. 2018.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

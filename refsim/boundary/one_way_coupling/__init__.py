@@ -6,8 +6,6 @@ passes of the liquid treat them as wall particles: they contribute to its densit
 correction of particles that would enter the solid (P8, `refsim.boundary.penetration`).
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable, Mapping
@@ -116,7 +114,7 @@ class MeshBoundary(
     def sums_density(self, standing: bool) -> bool:
         return self.model == "mirrored" or self._of_mirrored()
 
-    def local(self, grid: Discretisation) -> MeshBoundary:
+    def local(self, grid: Discretisation) -> "MeshBoundary":
         if not any(grid.origin):
             return self
         from refsim.boundary.one_way_coupling.placing import placed_mesh
@@ -124,7 +122,7 @@ class MeshBoundary(
         middle = self.center or placed_mesh(self.file, None, self.size, self.rotation).origin
         return msgspec.structs.replace(self, center=tuple(map(float, grid.local(middle))))
 
-    def placed(self, grid: Discretisation) -> PlacedSolid:
+    def placed(self, grid: Discretisation) -> "PlacedSolid":
         """The solid in its position: boundary particles and narrow band. Raises InputError for a defective mesh."""
         from refsim.boundary.one_way_coupling.placing import placed_solid
 

@@ -4,8 +4,6 @@ The paper gives cohesion and area term one coefficient gamma, although the dimen
 for water in SI units the coefficient of the area term is 0.001 gamma rho0. Here each term has its own coefficient.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Literal, NamedTuple

@@ -7,8 +7,6 @@ bulk to 1 at the surface: a drop that is symmetric at the start becomes round, i
 becomes a rigid crust. With the modes by the surface set S drops do not come to rest.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Literal, NamedTuple
 
