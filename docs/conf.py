@@ -3,8 +3,6 @@
 The pages are those that are read in the repository. What only the site has is made while it is built, in `site_pages`.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What the site has beside the pages of the repository: navigation, gallery, the pages above `docs/`, and the API."""
 
-from __future__ import annotations
-
 import inspect
 import json
 import re

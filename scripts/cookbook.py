@@ -7,8 +7,6 @@ recipes.json beside the pictures keeps particles, steps and processor seconds of
 `pip install "refsim[view]"`. Exit code: 0, 2 for a name that is no recipe, else that of the command that failed.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import json

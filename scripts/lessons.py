@@ -11,8 +11,6 @@ A picture of a folded answer is drawn and not written. Exit code: 0 if every les
 the worked answers, 2 for a name that is no lesson, 4 if one failed.
 """
 
-from __future__ import annotations
-
 import argparse
 import io
 import json

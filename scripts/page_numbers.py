@@ -7,8 +7,6 @@ says "Measured by" and names one; a mark of `validation.filling` has one anywher
 command, their share, and the words that no program wrote; `--without` the lines of the other numbers, too.
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 import re

@@ -4,8 +4,6 @@ They are made of packaged examples and of verdicts on file. Needs `pip install "
 Exit code: 0, 2 for a name that is no picture.
 """
 
-from __future__ import annotations
-
 import collections
 import sys
 from collections.abc import Callable

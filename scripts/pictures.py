@@ -1,7 +1,5 @@
 """The command line that the scripts of pictures share: names of pictures, a folder to write them into."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

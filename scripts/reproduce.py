@@ -8,8 +8,6 @@ ones in figures/quick/), every table and verdict is in results/report.md. Exit c
 stopped, 4 a check failed.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import sys

@@ -3,8 +3,6 @@
 Regions, surfaces, samples and cells come from the formulas and references of refsim.
 """
 
-from __future__ import annotations
-
 import itertools
 import sys
 from collections.abc import Callable

@@ -7,8 +7,6 @@ Slips that change no answer stand in `harmless_host.toml` with reasons. Prints e
 if no test noticed one.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import contextlib

@@ -4,8 +4,6 @@ Every command prints its own help and touches nothing with `--help`. Exit codes:
 4 a check failed.
 """
 
-from __future__ import annotations
-
 import argparse
 import datetime
 import importlib.util

@@ -5,8 +5,6 @@ first. A command may end well or with one sentence (exit codes 0, 2, 3); a state
 and a resumed run has the bits of the uninterrupted one.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import faulthandler

@@ -18,8 +18,6 @@ Claims that are measured alike are a `[family.NAME]`, which says how they could 
 of a map of what is stable.
 """
 
-from __future__ import annotations
-
 import fnmatch
 import functools
 import math

@@ -1,7 +1,5 @@
 """How pictures look, where they and their data are kept, and views of balls and surfaces in 3D by `refsim.render`."""
 
-from __future__ import annotations
-
 import base64
 import contextlib
 import functools

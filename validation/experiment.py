@@ -6,8 +6,6 @@ their pictures come from the runs of the experiment itself;
 claims of a paper, hard cases and maps of what is stable bring runs of their own.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import difflib
 import functools

@@ -4,8 +4,6 @@ A name is that of an experiment, of a check, of a map, or of the source of claim
 runs, whose results are stored, and what follows from them.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import random
 import tempfile

@@ -20,8 +20,6 @@ scale, and two for m W. 55 of the forces are 4 for root, r + tiny, V_j/r, 7 for 
 for viscosity, 21 for J(16), and 6 for the vector of the pressure. The list's own search tests more pairs than it keeps.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 STEP_KERNELS = ("density", "state", "forces", "extremes", "motion")  # of every step; the list is built now and then

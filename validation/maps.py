@@ -1,7 +1,5 @@
 """Maps of how far a setting can go: judged, as a table, and as a picture."""
 
-from __future__ import annotations
-
 import math
 import textwrap
 from collections.abc import Mapping

@@ -4,8 +4,6 @@ One scene of each system, which the rest of validation takes, too; nothing diffe
 figures/own_choices.json and, from there, on docs/study.md.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path

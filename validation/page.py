@@ -4,8 +4,6 @@
 their place (`docs/site_pages.py`), from the entries on file and what was stored beside figures.
 """
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

@@ -1,7 +1,5 @@
 """Performing: what is not stored yet is computed, then judged and drawn from what is stored."""
 
-from __future__ import annotations
-
 import datetime
 import gzip
 import json

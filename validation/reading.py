@@ -1,7 +1,5 @@
 """What was measured of a setting, where and with what."""
 
-from __future__ import annotations
-
 import datetime
 import functools
 import math

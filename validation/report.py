@@ -3,8 +3,6 @@
 The page is a Markdown file; its pictures are the files of the folder of figures.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import datetime
 import json

@@ -7,8 +7,6 @@ result.json begins with the digest of its content and has that of arrays.npz; a 
 `*.damaged`, and so is one that was written before there were digests.
 """
 
-from __future__ import annotations
-
 import ast
 import functools
 import gzip

@@ -1,7 +1,5 @@
 """Advancing simulations for experiments: progress, samples at set times, and what the stepping alone has cost."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager

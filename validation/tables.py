@@ -1,7 +1,5 @@
 """Tables as aligned text: words to the left, numbers to the right."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ A ladder is a scene to which effects are added one by one; the systems are one s
 turning cube is the scene of the device's limits.
 """
 
-from __future__ import annotations
-
 import functools
 import time
 from collections.abc import Callable, Mapping, Sequence

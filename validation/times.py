@@ -5,8 +5,6 @@ tables and the picture of docs/study.md are made of what is stored there; withou
 nothing but the page is renewed. A kernel's benchmark stands on no page.
 """
 
-from __future__ import annotations
-
 import json
 import tomllib
 from collections.abc import Mapping, Sequence

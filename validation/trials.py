@@ -4,8 +4,6 @@ A hard case is a function of a `Trial`, marked `hard_case`, that a check of that
 performs and judges it.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import inspect

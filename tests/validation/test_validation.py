@@ -1,7 +1,5 @@
 """Experiments: reuse of results, verdicts, exit codes, JSON, drawing; one is added; the main job."""
 
-from __future__ import annotations
-
 import dataclasses
 import io
 import json

@@ -1,7 +1,5 @@
 """Campaigns: scenes drawn by Hypothesis, held to laws, in one table of laws by effects."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import math

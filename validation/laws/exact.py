@@ -1,7 +1,5 @@
 """What must hold in every scene: rest, closed forms, ledgers, what is told against a recount, true silence."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import tempfile

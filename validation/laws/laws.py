@@ -4,8 +4,6 @@ A law returns what it found, the bound and how the scene was varied, or None whe
 spacings unless said.
 """
 
-from __future__ import annotations
-
 import contextlib
 import re
 import tempfile

@@ -1,7 +1,5 @@
 """Scenes of 50 to 3,000 particles, drawn by Hypothesis: every effect by its own schema, every length, time and mass."""
 
-from __future__ import annotations
-
 import random
 import types
 import typing

@@ -5,8 +5,6 @@ on where it was. `sigma_map` and `wetting_map` condense them into the tables of 
 `refsim.calibrate_contact_angle`.
 """
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import json

@@ -6,8 +6,6 @@ larger S. `points` lists what is measured; `python -m validation measure drops` 
 rows.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import time

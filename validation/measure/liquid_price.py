@@ -5,8 +5,6 @@ and steps of what moves.
 and prints medians, and medians and ranges of the ratios.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

@@ -4,8 +4,6 @@
 `laplace` and `oscillation` show it, and measure a few of its drops again.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

@@ -4,8 +4,6 @@ Lengths in spacings, rho0 = 1 and the nominal sigma = 1. A drop's setting is an 
 `validation.measure.drops.Point`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable
 from typing import Any

@@ -5,8 +5,6 @@ extrapolated value against the exact one, continues it to a finer spacing, and r
 table on docs/study.md. Results are kept in results/study.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 from collections.abc import Callable

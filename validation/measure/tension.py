@@ -4,8 +4,6 @@ A row's `laplace` and `rayleigh` are the tensions by pressure jump and by freque
 `share` is the measured over the nominal one that the model took for it, 1 where it knows none.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass

@@ -6,8 +6,6 @@ it, and `measure wetting_map` condenses the rows (`data/wetting.json`) into the 
 `refsim.calibrate_contact_angle`.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """What is measured of a body of MPM liquid with a surface: shape, pressure, ledgers, frequency."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any

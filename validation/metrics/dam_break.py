@@ -6,8 +6,6 @@ here (t sqrt(g / a) is 1.41 times smaller). Bars are not tighter than what the e
 themselves: ``data_spread``, ``data_tolerance``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from itertools import combinations
 from pathlib import Path

@@ -4,8 +4,6 @@ All measures refer to the centre of mass of equal particles and are independent 
 where a unit is named.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -3,8 +3,6 @@
 Everywhere k = rho = c = 1 (SI units) and the melting point is 0 deg C.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

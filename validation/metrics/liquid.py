@@ -3,8 +3,6 @@
 Positions and velocities are (n, dim) arrays of any program.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """What the triangles of a mesh are like."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Transfers of MPM on particles and samples that are handed in: what they keep, and what a reading loses."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping
 from typing import Any

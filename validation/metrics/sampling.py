@@ -1,7 +1,5 @@
 """How even particles on a surface are, and how even the wall's force is that they make."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -4,8 +4,6 @@ The spacing is the unit of length unless given. Every shape is the same for the 
 machine up to rounding.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Solutions that the liquid is held against, of its own equation of state p = c^2 (rho - rho0) where it matters."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -3,8 +3,6 @@
 Raster and reach are in particle spacings, so that the counts do not depend on the size of the box.
 """
 
-from __future__ import annotations
-
 import itertools
 from typing import Any
 

@@ -16,8 +16,6 @@ touch has one answer in every orientation. Coincident particles (closer than 1e-
 not cover each other and share one answer.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

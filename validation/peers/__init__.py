@@ -4,8 +4,6 @@ A module of this package is one program: its `run` calls `launch`, which starts 
 an empty folder; there the module's `work` gets what `run` gave, and what it returns is stored with the version.
 """
 
-from __future__ import annotations
-
 import importlib.metadata
 import importlib.util
 import json

@@ -10,8 +10,6 @@ The patent's third rival, impulses at the boundary (Oh, Kim & Roh 2009), is not 
 stands on docs/walls.md.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -5,8 +5,6 @@ Kernel (a quintic spline of radius 3 d), step and scheme are its own; c is ten t
 thread; the seconds are processor time from the first step on.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from typing import Any

@@ -9,8 +9,6 @@ column its DFSPH on a column of liquid that collapses in a tank, in 2D; walls ar
 Coefficients are set through its own interface: what a scene file says of them it does not read in every version.
 """
 
-from __future__ import annotations
-
 import ctypes.util
 import json
 import os

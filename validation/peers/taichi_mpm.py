@@ -6,8 +6,6 @@ parallel loop over particles with atomic additions. The state at the end is retu
 checked that both computed the same.
 """
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Runs of boundary sampling and of liquid at meshes."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math

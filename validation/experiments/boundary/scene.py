@@ -1,7 +1,5 @@
 """Meshes that particles are spread over, about 2 m across, and distances that are known in closed form."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Runs of the dam break. Lengths in metres; the column is 1 m high (2 L) unless its height is given."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import time

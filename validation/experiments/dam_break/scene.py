@@ -3,8 +3,6 @@
 `python -m validation measure states` computes them anew (some minutes); what they were made with stands in each file.
 """
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Pictures of Dong's scenes, each drawn from its own data file."""
 
-from __future__ import annotations
-
 import statistics
 from collections.abc import Mapping
 from typing import Any

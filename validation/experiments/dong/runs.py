@@ -1,7 +1,5 @@
 """Runs of Dong's scenes."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import statistics

@@ -4,8 +4,6 @@ The paper gives k = lambda = mu = 0.001, h = 1.5 d and dt = 0.005 s. They are th
 this project's. Units are SI.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, Literal
 

@@ -1,7 +1,5 @@
 """Pictures of the droplet, each drawn from its own data file."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Runs of the droplet."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """The droplet scene: every parameter of the default model stands here and nowhere else."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Pressures of water that falls onto sensors, beside the experiments'."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -2,8 +2,6 @@
 and columns that collapse (2D, float64, default options), and water that falls onto sensors (`falls.toml`).
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import tomllib

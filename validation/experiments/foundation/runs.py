@@ -1,7 +1,5 @@
 """Hard cases of weakly compressible liquid between walls, its largest stable step and lowest viscosity."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any

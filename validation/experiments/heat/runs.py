@@ -2,8 +2,6 @@
 
 Everywhere k = rho = c = 1 (SI units), h = 2.5 d; `number` is k dt/(rho c d^2)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

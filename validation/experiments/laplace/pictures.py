@@ -1,7 +1,5 @@
 """Pictures of the pressure jump and of the sigma map."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Young & Laplace: the pressure jump of drops at rest against their curvature, for every model of surface tension."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any

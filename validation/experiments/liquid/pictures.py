@@ -1,7 +1,5 @@
 """Error against the number of particles along a side, of the papers' liquid and of one that rests."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -4,8 +4,6 @@ Lengths in m, rho0 = 1000 kg/m^2 or kg/m^3, float64, Wendland C2, sound speed te
 the lattice, with the density of rest where the density is advanced.
 """
 
-from __future__ import annotations
-
 import math
 import tempfile
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Runs of melting: the figures' scenes stage by stage, what is conserved, what a step costs, how regions fill."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import os

@@ -4,8 +4,6 @@ The print gives conductivities of 10 to 70 under the figures and of 0.1 to 0.8 i
 under the figures are hundredths: K = 30 is 0.30 m^2/s. That is the default, `SCALE`; `scale = 1` takes the
 figures' numbers as they stand. Tanks, heights, streams, sound speed and half-width w are not printed."""
 
-from __future__ import annotations
-
 import dataclasses
 import tempfile
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Runs of the models: the droplet's cube to a ball."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """The models side by side: what each changes in the droplet's scene, and its number in Jiang & Zhu's table 1."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

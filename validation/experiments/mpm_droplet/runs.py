@@ -1,7 +1,5 @@
 """Runs of the MPM droplet: transfers by themselves, a square that becomes a disc, and the same work in Taichi."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import statistics

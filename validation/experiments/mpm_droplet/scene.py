@@ -1,8 +1,6 @@
 """Scenes of the MPM droplet. Lengths in cells; rho = 1, k = 1, lambda = 1000 in cells of 1/64 m in the plane and 1/32 m
 in space."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """The picture of error against spacing, problem by problem."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import partial
 from typing import Any

@@ -3,8 +3,6 @@
 Discs start at the positions of equal masses in hydrostatic balance, p = c^2 (rho - rho0), so that no pressure wave of
 the start covers what is measured. The sound speed is ten times the largest speed of the problem."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Container, Sequence
 from functools import partial

@@ -1,7 +1,5 @@
 """Pictures of the reconstruction, each drawn from its own data file."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Runs of the reconstruction: normals, the fit's convergence, meshes, and stages."""
 
-from __future__ import annotations
-
 import itertools
 import time
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """Particle clouds cut by a sphere or an ellipsoid, and the true normals around them; lengths in cells."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

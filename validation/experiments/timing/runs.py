@@ -1,7 +1,5 @@
 """The same work in another program: seconds of a step of a spinning block."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from refsim import Akinci2013, Cloud, Scene, WeaklyCompressible
