@@ -97,7 +97,7 @@ class _Package(ModuleType):
 
 sys.modules[__name__].__class__ = _Package
 _ROOT = pathlib.Path(__file__).parent
-for _folder in sorted(path.parent for depth in ("*", "*/*") for path in _ROOT.glob(f"{depth}/reference.py")):
-    importlib.import_module(".".join(("refsim", *_folder.relative_to(_ROOT).parts)))
+for _file in sorted(path for depth in ("*", "*/*") for path in _ROOT.glob(f"{depth}/operations.py")):
+    importlib.import_module(".".join(("refsim", *_file.relative_to(_ROOT).parent.parts, "operations")))
 open_doors()
 globals().update({effect.__name__: effect for effect in EFFECTS.values()})  # of a new method, too

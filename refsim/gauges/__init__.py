@@ -20,7 +20,6 @@ from refsim.core.checked import Checked, NotNegative, given_keys, suggestion
 from refsim.core.effect import Discretisation, Field
 from refsim.core.errors import InputError
 from refsim.core.writing import write_file
-from refsim.gauges import operations as operations
 
 FILL = Field("fill", "-", "share of the space around a point that the liquid fills", rows="walls")
 FLOW = Field("flow", "m/s", "volume of liquid that passes a point, per time and area", 3, rows="walls")

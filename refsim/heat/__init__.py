@@ -17,7 +17,6 @@ from refsim.core.capabilities import Balance, FollowsSettings, HasErrata, KeepsB
 from refsim.core.checked import NotNegative, Positive, Printed
 from refsim.core.effect import Discretisation, Effect, Field, InitialState, Others, Pass, StepLimit, int32
 from refsim.core.errors import InputError
-from refsim.heat import operations as operations
 from refsim.heat import shapes
 from refsim.heat.reference import temperature_of
 from refsim.sph import LIQUID, liquid_of

@@ -14,7 +14,7 @@ from refsim.backends.arrays import Backend, on_backend
 from refsim.core.checked import plainly
 from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY
-from refsim.isosurface import operations as operations
+from refsim.isosurface import operations as operations  # of which `refsim.surface_energy` enters more programs
 from refsim.isosurface.table import CaseTable, case_table
 from refsim.sparse_grid import Blocks, SparseGrid, nodes
 from refsim.sparse_grid.tables import OFFSET

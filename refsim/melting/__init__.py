@@ -11,7 +11,6 @@ from refsim.core.capabilities import FollowsScene, KeepsLedger, SumsDensity
 from refsim.core.effect import Discretisation, Effect, Field, InitialState, Others, Pass, int32
 from refsim.core.errors import InputError
 from refsim.heat import MELTING_POINT
-from refsim.melting import operations as operations
 from refsim.shape_matching.phases import FLUID
 from refsim.sph import liquid_of
 

@@ -13,7 +13,6 @@ import numpy as np
 from refsim.core.checked import Checked, NotNegative, Positive, given_keys
 from refsim.core.effect import Discretisation, Others, Pass
 from refsim.core.errors import InputError
-from refsim.motion import operations as operations
 from refsim.motion.expression import FUNCTIONS, Jet, parsed
 
 Vector = tuple[float, float, float]

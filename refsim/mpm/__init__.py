@@ -26,7 +26,6 @@ from refsim.core.checked import NotNegative, Positive, Printed
 from refsim.core.effect import Discretisation, Effect, Field, InitialState, Others, Pass, StepLimit
 from refsim.core.errors import InputError
 from refsim.core.walls import WallParticles
-from refsim.mpm import operations as operations
 from refsim.mpm.grid import Background, MpmGrid, blocks_at, grid_bytes
 from refsim.mpm.limits import FARTHEST
 from refsim.mpm.step import Step

@@ -28,7 +28,6 @@ from refsim.core.capabilities import (
 from refsim.core.checked import NotNegative
 from refsim.core.effect import Discretisation, Effect, Field, InitialState, Others, Pass
 from refsim.core.errors import InputError
-from refsim.particle_shifting import operations as operations
 from refsim.smoothing import lattice, smoothing
 from refsim.sph import FILLING, LIQUID, LONGEST_SHIFT, NUMBER_DENSITY, SETS, SHIFT, WAY, liquid_of, volumes
 

@@ -31,7 +31,6 @@ from refsim.core.effect import (
 from refsim.core.errors import InputError
 from refsim.core.walls import WallParticles
 from refsim.scene.solids import cell_key
-from refsim.shape_matching import operations as operations
 from refsim.shape_matching.boxes import boxes_of
 from refsim.shape_matching.phases import FLUID, SURFACE
 

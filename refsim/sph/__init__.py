@@ -36,7 +36,6 @@ from refsim.core.errors import InputError
 from refsim.core.walls import WallParticles
 from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value
-from refsim.sph import operations as operations
 from refsim.sph.flow import at_least, fast_flow
 from refsim.sph.resting_start import depths
 from refsim.sph.shear import delivered

@@ -21,7 +21,6 @@ from refsim.core.effect import Discretisation, Effect, Field, Others, Pass, int3
 from refsim.core.errors import InputError
 from refsim.smoothing import lattice, smoothing
 from refsim.sph import ASYMMETRY, LIQUID, NUMBER_DENSITY, PRESSURE, WeaklyCompressible, liquid_of
-from refsim.surface_detection import operations as operations
 from refsim.surface_normal import color_gradient_pass, corrected_pass, normal_term
 
 NEAR_SURFACE = Field("near_surface", "-", "1 in the near-surface set N, J(12)", dtype="uint8")

@@ -15,7 +15,6 @@ from refsim.core.effect import Effect, int32
 from refsim.core.errors import InputError
 from refsim.core.operation import Program, add_program
 from refsim.sparse_grid import inverse_cell
-from refsim.surface_energy import operations as operations
 
 REACH = 2  # [h] up to which the nearest particle is looked for
 LARGEST_INSET = 0.75  # cells, of an inset that follows the volume

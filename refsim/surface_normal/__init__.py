@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 from refsim.core.effect import Discretisation, Field, Pass, int32
 from refsim.sph import NUMBER_DENSITY, WeaklyCompressible
-from refsim.surface_normal import operations as operations
 
 SURFACE_NORMAL = Field("surface_normal", "-", "colour-gradient normal n, inward, J(19)", 3)
 CORRECTED_NORMAL = Field("corrected_normal", "1/m", "corrected normal n*, inward, J(20)", 3)

@@ -8,8 +8,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from refsim.winding_number import operations as operations
-
 FAR = 3.0  # radii of a cluster from its middle: beyond, it counts as one dipole
 LEAST = 16  # triangles of a cluster
 

@@ -24,7 +24,7 @@ root = pathlib.Path(sys.argv[1])
 refsim.__path__.append(str(root / "refsim"))
 from refsim.core.operation import REGISTRY
 before = set(REGISTRY)
-import refsim.velocity_smoothing
+import refsim.velocity_smoothing.operations
 from refsim import contract
 operation, = (REGISTRY[name] for name in set(REGISTRY) - before)
 """

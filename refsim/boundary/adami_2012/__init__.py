@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import msgspec
 import numpy as np
 
-from refsim.boundary.adami_2012 import operations as operations
 from refsim.core.capabilities import BringsWalls, FollowsScene, SumsDensity, effects_with
 from refsim.core.effect import Discretisation, Effect, Field, Others, Pass, StepLimit, int32
 from refsim.core.errors import InputError

@@ -17,7 +17,6 @@ import numpy as np
 from refsim.boundary import adami_2012
 from refsim.boundary.adami_2012 import ParticleWalls
 from refsim.boundary.akinci_2012 import lattice_layers, wall_kernel_sums
-from refsim.boundary.one_way_coupling import operations as operations
 from refsim.boundary.penetration import CORRECTIONS, penetration_groups
 from refsim.core.capabilities import CorrectsPositions, HasErrata, HoldsOtherMemory, KeepsLedger
 from refsim.core.checked import NotNegative, Printed, Share

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from refsim.boundary.penetration import operations as operations
 from refsim.core.effect import Field, int32
 
 CORRECTIONS = Field(

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from refsim.backends.arrays import Backend, choose
-from refsim.boundary.sampling import operations as operations
 from refsim.boundary.signed_distance import LEAST_BAND, DistanceField, NarrowBand, signed_distance
 from refsim.core.checked import Printed, plainly
 from refsim.core.effect import Field, literal_errata

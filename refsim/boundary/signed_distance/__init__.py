@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from refsim.backends.arrays import Backend, choose
-from refsim.boundary.signed_distance import operations as operations
 from refsim.core.checked import plainly
 from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY

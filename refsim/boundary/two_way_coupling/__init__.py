@@ -6,7 +6,6 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from refsim import sph
-from refsim.boundary.two_way_coupling import operations as operations
 from refsim.core.capabilities import HasErrata, LimitsMassRatio, SumsDensity
 from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Field, InitialState, Others, Pass, StepLimit, int32

@@ -13,7 +13,6 @@ from refsim.core.errors import InputError
 from refsim.smoothing import lattice_neighbours, smoothing
 from refsim.smoothing.reference import kernel_slope
 from refsim.sph import LIQUID, SETS, liquid_of
-from refsim.sph.iisph import operations as operations
 
 PRESSURE = Field("pressure", "Pa", "pressure p of the implicit solution, and the start of the next one", state=True)
 OWN_DISPLACEMENT = Field("own_displacement", "m/Pa", "d_ii: displacement by the particle's own pressure", 3)

@@ -17,7 +17,6 @@ from refsim.core.errors import InputError
 from refsim.sph import liquid_of
 from refsim.surface_normal import axial_part, color_gradient_pass, normal_term
 from refsim.surface_tension import cohesion
-from refsim.surface_tension.akinci_2013 import operations as operations
 from refsim.surface_tension.akinci_2013.reference import cohesion_function
 
 # eps/(gamma rho0) of the one printed coefficient, for water in SI units, and of measured tension, in free drops, and in

@@ -12,7 +12,6 @@ from refsim.core.checked import NotNegative
 from refsim.core.effect import Discretisation, Others
 from refsim.smoothing.shapes import CUBIC_SPLINE, NORMALISATION
 from refsim.sph import liquid_of
-from refsim.surface_tension.becker_teschner_2007 import operations as operations
 from refsim.surface_tension.becker_teschner_2007.reference import attraction_function
 from refsim.surface_tension.cohesion import PairCohesion
 

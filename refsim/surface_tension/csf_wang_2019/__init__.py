@@ -21,7 +21,6 @@ from refsim.sph import LIQUID, SETS, liquid_of
 from refsim.surface_detection import detection_in
 from refsim.surface_tension import cohesion
 from refsim.surface_tension.cohesion import MeasuredByDrops
-from refsim.surface_tension.csf_wang_2019 import operations as operations
 from refsim.surface_tension.jiang_zhu_2023 import corrected_density_passes
 
 INTERFACE_NORMAL = Field("interface_normal", "1/m", "normal n by the corrected kernel, inward", 3)

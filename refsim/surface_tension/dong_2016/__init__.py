@@ -18,7 +18,6 @@ from refsim.core.errors import InputError
 from refsim.sph import liquid_of
 from refsim.surface_normal import color_gradient_pass, normal_term
 from refsim.surface_tension import cohesion
-from refsim.surface_tension.dong_2016 import operations as operations
 from refsim.surface_tension.dong_2016.reference import force_function
 from refsim.surface_tension.jiang_zhu_2023 import CORRECTED_DENSITY
 

@@ -18,7 +18,6 @@ from refsim.smoothing import lattice_neighbours, smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value
 from refsim.sph import SETS, liquid_of
 from refsim.surface_tension.cohesion import BECAME_DROPS, DENSITY_KEPT, KEEPS_DENSITY, PairCohesion
-from refsim.surface_tension.he_2014 import operations as operations
 
 COLOR = Field("color", "-", "smoothed color c, 1 inside the liquid")
 COLOR_GRADIENT_SQUARED = Field("color_gradient_squared", "1/m^2", "|grad c|^2")

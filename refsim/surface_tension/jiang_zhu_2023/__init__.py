@@ -23,7 +23,6 @@ from refsim.smoothing.shapes import NORMALISATION, POLY6
 from refsim.sph import liquid_of
 from refsim.surface_detection import SurfaceDetection, detection_in, near_surface_pass
 from refsim.surface_tension import cohesion
-from refsim.surface_tension.jiang_zhu_2023 import operations as operations
 from refsim.surface_tension.jiang_zhu_2023.modes import AREA_TERMS, PAIR_MODES
 
 CORRECTED_DENSITY = Field("corrected_density", "kg/m^3 (kg/m^2 in 2D)", "density rho* near the surface, J(14)")

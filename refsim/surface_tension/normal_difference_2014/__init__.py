@@ -18,7 +18,6 @@ from refsim.smoothing import lattice_neighbours, smoothing
 from refsim.sph import LIQUID, SETS, liquid_of
 from refsim.surface_normal import color_gradient_pass, normal_term
 from refsim.surface_tension.cohesion import spreading_note
-from refsim.surface_tension.normal_difference_2014 import operations as operations
 
 SAFETY = 0.5  # share of the step 2/omega beyond which the stiffest wave on the lattice grows
 

@@ -14,7 +14,6 @@ from refsim.core.checked import NotNegative
 from refsim.core.effect import Discretisation, Others
 from refsim.sph import liquid_of
 from refsim.surface_tension.cohesion import PairCohesion
-from refsim.surface_tension.tartakovsky_meakin_2005 import operations as operations
 
 
 class CosineForce(NamedTuple):
