@@ -269,7 +269,8 @@ def operation(
     outputs    by default those to which it adds
     entrywise  True for all outputs that are not exact
     variants   of each the names of what is left out, or the overrides (`without`), where a string names a function of
-               (case, grid) in the folder's cases.py; by default one without all that is optional, and one with it
+               (case, grid) in the folder's cases.py; by default one without all that is optional, and one with it.
+               What one of them leaves out is optional
     programs   by name; of one that differs by its module alone, the module
     packed     pair function of the kernel, of which a program "cuda:packed" is made
     more       other fields of Operation; of those in LISTS the names
@@ -282,6 +283,8 @@ def operation(
         written = _names(outputs) or written
         made = {**(programs or {}), **({"cuda:packed": Program("kernels", packed=packed)} if packed else {})}
         chosen = variants or ((dict.fromkeys(left_out), {}) if left_out else ({},))
+        tried = tuple(_overrides(variant, folder) for variant in chosen)
+        left_out = (*left_out, *(argument for variant in tried for argument in variant if variant[argument] is None))
         entered = name or f"{folder.rpartition('.')[2]}.{reference.__name__}"
         if entered in REGISTRY:
             raise ValueError(f"operation {entered!r} is registered twice")
@@ -292,10 +295,10 @@ def operation(
             function=reference.__name__,
             outputs=written,
             entrywise=tuple(n for n in written if n not in flags) if entrywise is True else _names(entrywise or ""),
-            variants=tuple(_overrides(variant, folder) for variant in chosen),
+            variants=tried,
             broken={number: _names(names) for number, names in (broken or {}).items()},
             programs={key: _entry(program, folder) for key, program in made.items()},
-            **given,
+            **given | {"optional": tuple(dict.fromkeys(left_out))},
         )
         return reference
 

@@ -174,7 +174,6 @@ def _pushed(velocity, acceleration, timestep):
 
 @operation(
     "(4.10), (4.15), (4.17) with thesis M3, M4, M6", outputs="node_mass node_momentum", entrywise=True,
-    optional=f"acceleration {_EMBEDDED} kernel_gradient",
     variants=(
         f"{_EMBEDDED} acceleration kernel_gradient", "kernel_gradient",
         without("acceleration", embedding="as_printed"), f"{_EMBEDDED} acceleration",
@@ -201,7 +200,7 @@ def particle_to_grid(
 
 
 @operation(
-    "(4.15)", adds="node_mass node_momentum", entrywise=True, optional="acceleration",
+    "(4.15)", adds="node_mass node_momentum", entrywise=True,
     variants=(without("acceleration", embedding="as_printed"), ""), tolerance=32.0, reason=_SUMS,
     programs=_TRANSFERS,
 )  # fmt: skip
@@ -225,7 +224,7 @@ def carriers_to_grid(
 
 
 @operation(
-    "(4.11), (4.19), and the walls", outputs="node_velocity", optional="node_pull field planes",
+    "(4.11), (4.19), and the walls", outputs="node_velocity",
     variants=("node_pull field planes", {"planes": "wide_domain"}),
     reason="one rounding in each of quotient, product and sum",
 )  # fmt: skip
@@ -285,7 +284,6 @@ def _cluster(v, moment, x, share, first, carrier_position, carrier_moment, readi
 @operation(
     "(4.8), (4.12), (4.13), (4.16) with thesis M5, M9, M10",
     outputs="displacement step_extremes velocity affine volume_ratio deformation position_residual position",
-    optional=f"{_EMBEDDED} carrier_first carrier_position carrier_moment build_position deformation position_residual",
     variants=(
         f"{_LONE} deformation", "deformation position_residual", without("build_position", embedding="as_printed"),
         without("deformation build_position", embedding="corrected"), _LONE,

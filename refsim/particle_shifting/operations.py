@@ -22,8 +22,7 @@ FUSED = {
 
 
 @operation(
-    "(7), gradients of concentration and filling; tangential at the surface", outputs="way",
-    optional="walls period filling density phase", tolerance=16.0,
+    "(7), gradients of concentration and filling; tangential at the surface", outputs="way", tolerance=16.0,
     reason="one rounding in each of distance, kernel, slope, a root, a length, products and sums of the projection, and"
     " the bound, and four in the power; beside a surface the size counts the filling 67 times, as its last 3 % decide",
     variants=("walls period filling density phase", "period filling", "density period phase", "density"),
@@ -75,8 +74,7 @@ def longest_shift(velocity_range, shifting, timestep):
 
 
 @operation(
-    "(7)", outputs="shift", optional="drawn_body", reason="one rounding in the product", variants=("drawn_body", ""),
-    invariants="reordering",
+    "(7)", outputs="shift", reason="one rounding in the product", variants=("drawn_body", ""), invariants="reordering",
 )  # fmt: skip
 def shift(way, longest_shift, drawn_body, rows=None):
     """Displacement [m] of a step beside dt v: `way` v_max dt."""

@@ -63,7 +63,6 @@ def symmetric(diagonal, mixed):
 
 @operation(
     "summed density, J(7), J(8) and its first moment", outputs="number_density asymmetry density",
-    optional="number_density asymmetry walls period",
     variants=("number_density asymmetry walls period", "period", "number_density asymmetry", "asymmetry period"),
     invariants=SYMMETRY, broken={2: "rotation"}, packed="density_pair",
 )  # fmt: skip
@@ -82,8 +81,6 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
     "continuity equation with diffusion, shifts and return to the counted density",
     paper="Colagrossi & Landrini 2003; Molteni & Colagrossi 2009; Fourtakas et al. 2019; Sun et al. 2019",
     outputs="acceleration filling pressure density_excess density",
-    optional="walls wall_strain wall_normal central_viscosity acceleration diffusion turning borne period"
-    " rest_density phase shift recount filling pressure",
     variants=(
         "walls wall_strain wall_normal central_viscosity acceleration diffusion turning borne period rest_density phase"
         " shift recount filling pressure",
@@ -161,8 +158,8 @@ def continuity(
 
 
 @operation(
-    "V = m/rho", "sph.volume", paper="standard", outputs="volume", optional="rest_density",
-    variants=("rest_density", ""), reason="one rounding in each of sum and quotient", invariants="reordering",
+    "V = m/rho", "sph.volume", paper="standard", outputs="volume", variants=("rest_density", ""),
+    reason="one rounding in each of sum and quotient", invariants="reordering",
 )  # fmt: skip
 def volume_before(mass, rest_density, advanced_excess, fluid, rows=None):
     """Volumes [m^dim] with the densities of the step before."""
@@ -173,8 +170,7 @@ def volume_before(mass, rest_density, advanced_excess, fluid, rows=None):
 
 @operation(
     "rho of the step before, and what is borne of the weight", paper="standard", outputs="borne advanced_excess",
-    optional="acceleration lean turning borne", variants=("acceleration lean turning borne", "turning", ""),
-    tolerance=8.0,
+    variants=("acceleration lean turning borne", "turning", ""), tolerance=8.0,
     reason="one rounding in each product, sum and quotient, twice", invariants="reordering",
 )  # fmt: skip
 def keep_density(position, velocity, density_excess, acceleration, lean, turning, rows=None):
@@ -199,16 +195,15 @@ def state(density, fluid, rows=None):
 
 
 @operation(
-    "J(10), J(11) with Jiang & Zhu E3", adds="acceleration", optional="walls viscosity period",
+    "J(10), J(11) with Jiang & Zhu E3", adds="acceleration",
     variants=("walls viscosity period", "period", "", "walls period"), tolerance=8.0, reason=_PRESSURES,
     invariants=f"{SYMMETRY} linear_momentum galilean dissipation", broken={0: "dissipation", 2: "rotation"},
     packed="momentum_pair",
 )  # fmt: skip
 @operation(
     "J(10), averaged pressure force (p_i + p_j)/(rho_i rho_j)", "sph.pressure", adds="acceleration",
-    optional="walls viscosity period", variants=("viscosity walls period", "viscosity", "viscosity period"),
-    tolerance=8.0, reason=_PRESSURES, invariants=f"{SYMMETRY} linear_momentum angular_momentum",
-    broken={1: "rotation angular_momentum"},
+    variants=("viscosity walls period", "viscosity", "viscosity period"), tolerance=8.0, reason=_PRESSURES,
+    invariants=f"{SYMMETRY} linear_momentum angular_momentum", broken={1: "rotation angular_momentum"},
     packed="momentum_pair",
 )  # fmt: skip
 def momentum(position, velocity, mass, density, pressure, walls, smoothing, fluid, viscosity, period=None, rows=None):
@@ -224,8 +219,7 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
 
 @operation(
     "renormalised gradient", paper="Bonet & Lok 1999", outputs="correction_diagonal correction_mixed",
-    optional="walls period", variants=("walls period", "period", ""),
-    tolerance=16.0, invariants="translation reordering", packed="filling_pair",
+    variants=("walls period", "period", ""), tolerance=16.0, invariants="translation reordering", packed="filling_pair",
     reason="one rounding in each of distance, slope, volume and products, and those of the determinant and its minors",
 )  # fmt: skip
 def gradient_correction(position, mass, density, walls, smoothing, period=None, rows=None):
@@ -251,7 +245,7 @@ def own_pressure(pressure, near_surface, rows=None):
 
 @operation(
     "J(10) with renormalised gradients", paper="Jiang & Zhu 2023; Bonet & Lok 1999; Sun et al. 2018",
-    adds="acceleration", optional="correction_diagonal correction_mixed period", tolerance=12.0,
+    adds="acceleration", tolerance=12.0,
     reason="one rounding in each of distance, slope, volume, pressures, two products with a matrix, mean and sum",
     variants=("correction_diagonal correction_mixed period", "period", ""), invariants=SYMMETRY,
     broken={1: "rotation", 2: "rotation"}, packed="corrected_pressure_pair",
@@ -302,12 +296,10 @@ def central_viscous(position, velocity, mass, density, smoothing, central_viscos
 
 @operation(
     "J(10), momentum equation with zeta = 5 eta/3", paper="Jiang & Zhu 2023; Espanol & Revenga 2003",
-    adds="acceleration", optional="central_viscosity velocity density period",
-    variants=("central_viscosity velocity density period", "density period", "density"), tolerance=12.0,
-    reason="those of sph.central_viscosity; the size counts |p_i| and |p_j|, too",
+    adds="acceleration", variants=("central_viscosity velocity density period", "density period", "density"),
+    tolerance=12.0, reason="those of sph.central_viscosity; the size counts |p_i| and |p_j|, too",
     invariants=f"{SYMMETRY} linear_momentum angular_momentum galilean",
-    broken={0: "galilean", 2: "rotation angular_momentum"},
-    packed="central_momentum_pair",
+    broken={0: "galilean", 2: "rotation angular_momentum"}, packed="central_momentum_pair",
 )  # fmt: skip
 def central_momentum(
     position, velocity, volume, mass, density, pressure, smoothing, fluid, central_viscosity, period=None, rows=None
@@ -335,7 +327,6 @@ def gravity(field, rows=None):
 
 @operation(
     "max |v|^2, max |a|^2, max s/dt, max (T - range), number of rho > b rho0", paper="standard", outputs="extremes",
-    optional=f"{_WARMTH} {_CROWDING}",
     variants=(
         f"{_WARMTH} {_CROWDING}", f"temperature_range exchange_rate {_CROWDING}", f"{_WARMTH} rest_density",
         "exchange_rate", "",
@@ -428,7 +419,6 @@ def stepped(acceleration, timestep, shift, position_residual, velocity, position
 
 @operation(
     "leap-frog with a changing step", paper="standard", outputs="position_residual velocity position displacement",
-    optional=f"bounds position_residual {SHIFT}",
     variants=(
         f"bounds position_residual {SHIFT}", f"position_residual {SHIFT}",
         without(f"bounds {SHIFT}", timestep="short_steps"), SHIFT, "", "drawn_body",

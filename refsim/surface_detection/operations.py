@@ -17,8 +17,8 @@ ENOUGH = 3
     invariants="reordering",
 )  # fmt: skip
 @operation(
-    "J(12)", paper="Jiang & Zhu 2023", outputs="near_surface", exact="near_surface", optional="asymmetry",
-    variants=("asymmetry",), invariants="reordering",
+    "J(12)", paper="Jiang & Zhu 2023", outputs="near_surface", exact="near_surface", variants=("asymmetry",),
+    invariants="reordering",
 )  # fmt: skip
 def near_surface(number_density, asymmetry, near_surface_limit, rows=None):
     """Near-surface flags of number densities [1/m^dim]; with asymmetries [m^(1 - dim)] also by them."""
@@ -30,9 +30,8 @@ def near_surface(number_density, asymmetry, near_surface_limit, rows=None):
 
 
 @operation(
-    "J(13) with Jiang & Zhu E5, E6, E20",
-    paper="Jiang & Zhu 2023, after Marrone et al. 2010", outputs="surface", exact="surface",
-    optional="walls candidates", variants=("walls candidates", "", "candidates"), tolerance=16.0,
+    "J(13) with Jiang & Zhu E5, E6, E20", paper="Jiang & Zhu 2023, after Marrone et al. 2010", outputs="surface",
+    exact="surface", variants=("walls candidates", "", "candidates"), tolerance=16.0,
     reason="roundings of the distance, the unit normal and their product, relative to the distance",
     invariants="translation reordering", cases=SHAPES,
 )  # fmt: skip

@@ -29,13 +29,12 @@ def _borne(pressure, density, fluid):
 
 
 @operation(
-    "(27)", outputs="wall_pressure", entrywise=True, optional="phase wet borne turning period",
+    "(27)", outputs="wall_pressure", entrywise=True,
     variants=(
         "phase wet borne turning period", "phase wet turning", "phase borne period", "turning period",
         "phase wet borne period",
     ),
-    tolerance=16.0,
-    reason="one rounding in each of distance, kernel, head, product and sum, and those of the quotient",
+    tolerance=16.0, reason="one rounding in each of distance, kernel, head, product and sum, and those of the quotient",
 )  # fmt: skip
 def extrapolation(
     position, density, pressure, phase, wet, borne, walls, smoothing, lean, fluid, turning=None, period=None
@@ -72,9 +71,8 @@ def strain(position, velocity, mass, advanced_excess, phase, walls, wall_normal,
 
 @operation(
     "J(10) with wall particles", paper="Adami, Hu & Adams 2012; Jiang & Zhu 2023", adds="acceleration",
-    optional=f"{_CORRECTION} {_FILM} period", tolerance=8.0,
     variants=(f"{_CORRECTION} {_FILM} period", f"{_CORRECTION} {_FILM}", f"{_FILM} period", f"{_CORRECTION} period"),
-    invariants=SYMMETRY, broken={1: "rotation", 2: "rotation"},
+    tolerance=8.0, invariants=SYMMETRY, broken={1: "rotation", 2: "rotation"},
 )  # fmt: skip
 def wall_force(
     position, density, pressure, phase, suction, film_factor, wall_pressure, correction_diagonal, correction_mixed,
@@ -94,10 +92,10 @@ def wall_force(
 
 
 @operation(
-    "no slip", paper="this project; Espanol & Revenga 2003", adds="acceleration", optional="wall_motion period",
+    "no slip", paper="this project; Espanol & Revenga 2003", adds="acceleration",
     variants=("wall_motion period", "", "wall_motion"), tolerance=16.0,
-    reason="those of sph.central_viscosity, and the power of 1 - r/h",
-    invariants=SYMMETRY, broken={1: "translation rotation", 2: "rotation"},
+    reason="those of sph.central_viscosity, and the power of 1 - r/h", invariants=SYMMETRY,
+    broken={1: "translation rotation", 2: "rotation"},
 )  # fmt: skip
 def hold(position, velocity, density, walls, smoothing, holding, wall_motion=None, period=None, rows=None):
     """Acceleration [m/s^2] by walls that hold the liquid, at rest or moving by `wall_motion` beyond its planes."""

@@ -11,7 +11,7 @@ from refsim.sph.operations import moving
 
 @operation(
     "patent P6, viscous force, with E30", paper="patent CN104318598A, 2014; Akinci et al. 2012", adds="acceleration",
-    optional="wall_motion period", variants=("wall_motion period", "", "wall_motion"), tolerance=8.0,
+    variants=("wall_motion period", "", "wall_motion"), tolerance=8.0,
     reason="one rounding in each of distance, Laplacian, mass, product and sum, and the squared density",
     invariants=SYMMETRY, broken={1: "translation rotation", 2: "rotation"},
 )  # fmt: skip
@@ -27,10 +27,11 @@ def wall_viscosity(
 
 @operation(
     "patent P6, pressure, with E30", "one_way_coupling.wall_pressure",
-    paper="patent CN104318598A, 2014; Adami, Hu & Adams 2012", adds="acceleration", optional="turning",
-    variants=("turning", ""), tolerance=16.0,
+    paper="patent CN104318598A, 2014; Adami, Hu & Adams 2012", adds="acceleration", variants=("turning", ""),
+    tolerance=16.0,
     reason="as sph.pressure, with the roundings of a mean of the liquid's pressure and of its extrapolation to the"
-    " wall", invariants="translation reordering", broken={1: "translation"},
+    " wall",
+    invariants="translation reordering", broken={1: "translation"},
 )  # fmt: skip
 def extrapolated_wall_pressure(position, density, pressure, walls, smoothing, fluid, lean, turning=None, rows=None):
     """Acceleration [m/s^2] by the pressure that the liquid's extrapolates to."""

@@ -14,7 +14,6 @@ ROUNDING = 4e-7  # of a position, relative, in float32
 @operation(
     "leap-frog and patent P8 with E26 to E28", paper="patent CN104318598A, 2014",
     outputs="corrections position_residual velocity position displacement", exact="corrections",
-    optional="bounds position_residual way longest_shift drawn_body",
     variants=(
         without(f"bounds position_residual {SHIFT}", timestep="long_steps"), SHIFT, "",
         without(f"bounds {SHIFT}", penetration="as_printed"),

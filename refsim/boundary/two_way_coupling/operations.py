@@ -69,10 +69,9 @@ def density(position, mass, rest_density, phase, relative_contribution, walls, s
     packed="force_pair",
 )  # fmt: skip
 @operation(
-    "Shao & Song (2) with M1, M2", "two_way_coupling.pressure", adds="acceleration", optional="walls viscosity",
+    "Shao & Song (2) with M1, M2", "two_way_coupling.pressure", adds="acceleration",
     variants=("viscosity walls", "viscosity"), tolerance=8.0, reason=_FORCES,
-    invariants=f"{SYMMETRY} linear_momentum angular_momentum",
-    packed="force_pair",
+    invariants=f"{SYMMETRY} linear_momentum angular_momentum", packed="force_pair",
 )  # fmt: skip
 def forces(
     position, velocity, mass, density, rest_density, phase, pressure, volume, relative_contribution, walls, smoothing,
@@ -94,9 +93,8 @@ def forces(
 
 
 @operation(
-    "(27)", paper="Adami, Hu & Adams 2012", outputs="wet suction pressure", entrywise=True, optional="turning",
-    variants=("turning", ""), tolerance=16.0,
-    reason="one rounding in each of distance, kernel, head, product and sum, and those of the quotient",
+    "(27)", paper="Adami, Hu & Adams 2012", outputs="wet suction pressure", entrywise=True, variants=("turning", ""),
+    tolerance=16.0, reason="one rounding in each of distance, kernel, head, product and sum, and those of the quotient",
     packed="held_pair",
 )  # fmt: skip
 def extrapolation(
@@ -127,7 +125,7 @@ def extrapolation(
 
 
 @operation(
-    "pressure of a film", paper="this project", outputs="wet suction pressure", entrywise=True, optional="turning",
+    "pressure of a film", paper="this project", outputs="wet suction pressure", entrywise=True,
     variants=("turning", ""), tolerance=16.0,
     reason="one rounding in each of distance, kernel, head, product and sum, and those of the quotient",
 )  # fmt: skip
@@ -180,8 +178,8 @@ def touching(position, phase, solid_number, walls, bounds, overlapping, smoothin
 
 @operation(
     "contact", paper="this project", outputs="allowed_closeness contact_pressure plane_pressure",
-    optional="walls bounds", variants=("walls bounds", "bounds", ""), entrywise=True,
-    tolerance=16.0, reason="one rounding in each of distance, closeness, product, sum and logarithm",
+    variants=("walls bounds", "bounds", ""), entrywise=True, tolerance=16.0,
+    reason="one rounding in each of distance, closeness, product, sum and logarithm",
 )  # fmt: skip
 def overlap(
     position, velocity, phase, solid_number, walls, bounds, smoothing, overlapping, allowed_closeness, rows=None
@@ -212,9 +210,8 @@ def overlap(
 
 
 @operation(
-    "force of contact", paper="this project", adds="acceleration", optional="walls bounds",
-    variants=("walls bounds", "bounds", ""), tolerance=8.0,
-    reason="one rounding in each of distance, closeness, product and sum",
+    "force of contact", paper="this project", adds="acceleration", variants=("walls bounds", "bounds", ""),
+    tolerance=8.0, reason="one rounding in each of distance, closeness, product and sum",
     invariants=f"{SYMMETRY} linear_momentum angular_momentum", broken={2: "translation rotation"},
 )  # fmt: skip
 def contact(
@@ -247,9 +244,8 @@ def positive(weights):
 
 
 @operation(
-    "closed films", paper="this project", outputs="film_factor", optional="walls turning",
-    variants=("walls turning", "turning", ""), tolerance=16.0, entrywise=True,
-    reason="one rounding in each of distance, slope, volume, product, sum and quotient",
+    "closed films", paper="this project", outputs="film_factor", variants=("walls turning", "turning", ""),
+    tolerance=16.0, entrywise=True, reason="one rounding in each of distance, slope, volume, product, sum and quotient",
     invariants=SYMMETRY, broken={2: "translation rotation"},
 )  # fmt: skip
 def close_films(

@@ -9,13 +9,14 @@ operation = operations(paper="Akinci, Akinci & Teschner 2013")
 
 
 @operation(
-    "cohesion, area term and K_ij", adds="acceleration", optional="area_normal spline area_term axial",
+    "cohesion, area term and K_ij", adds="acceleration",
     variants=("area_term area_normal axial", "axial", "spline axial", ""), tolerance=12.0,
     reason="one rounding in each of distance, K_ij, the cubes of the spline, direction, product and sum; not in the"
     " bound: the area term does not vanish at r = h, so that a pair which a rounding moves across r = h changes a by"
     " K_ij eps |n_i - n_j|, at most 3.2 s^2 eps with s = rho0 over the least density near by: the longest normal is"
     " that of a half-space of liquid, h int W dA over its surface, which is below 1.6, times s for V_j = m_j/rho_j,"
-    " and K_ij is at most s", invariants=f"{SYMMETRY} linear_momentum angular_momentum",
+    " and K_ij is at most s",
+    invariants=f"{SYMMETRY} linear_momentum angular_momentum",
     broken=dict.fromkeys((1, 2, 3), "linear_momentum angular_momentum"),
     programs=fused_with_momentum("period axial", "area_term area_normal axial walls period", "period"),
     packed="tension_pair",

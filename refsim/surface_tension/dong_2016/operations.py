@@ -38,7 +38,6 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
 
 @operation(
     "D(6), D(7); D(8) to D(11) with Dong E21", adds="acceleration",
-    optional="surface_normal molecular_force normal_correction",
     variants=("normal_correction surface_normal", "", "molecular_force"), tolerance=12.0,
     reason="one rounding in each of distance, powers, kernel, quotients, product and sum",
     invariants=f"{SYMMETRY} linear_momentum angular_momentum", broken={1: "angular_momentum", 2: "angular_momentum"},

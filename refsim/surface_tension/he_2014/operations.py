@@ -30,7 +30,6 @@ def squared_gradient(position, mass, density, color, gradient_smoothing, rows=No
 
 @operation(
     "gradient energy; air pressure", adds="acceleration",
-    optional="color_gradient_squared gradient_energy air_pressure",
     variants=("gradient_energy color_gradient_squared", "", "air_pressure"), tolerance=12.0,
     reason="one rounding in each of distance, slope, volume, two factors, direction, product and sum",
     invariants=f"{SYMMETRY} linear_momentum angular_momentum",

@@ -33,8 +33,8 @@ def _fused(left_out, *more):
 
 @operation(
     "Shepard filter of all densities; J(14), J(15)", "dong_2016.shepard_filter", paper="Dong, Zhang & Chen 2016",
-    outputs="corrected_density", optional="walls near_surface", variants=("near_surface walls", "near_surface"),
-    tolerance=8.0, reason=_TWO_SUMS, invariants=SYMMETRY, packed="corrected_density_pair",
+    outputs="corrected_density", variants=("near_surface walls", "near_surface"), tolerance=8.0, reason=_TWO_SUMS,
+    invariants=SYMMETRY, packed="corrected_density_pair",
 )  # fmt: skip
 @operation(
     "J(14), J(15) with Jiang & Zhu E8", outputs="corrected_density", optional="walls near_surface", tolerance=8.0,
