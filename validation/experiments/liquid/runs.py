@@ -48,7 +48,7 @@ SOUND = 10 * math.sqrt(GRAVITY * DEPTH)  # m/s
 ARTIFICIAL = 0.02  # alpha of the artificial viscosity that has the tanks' kinematic viscosity
 UNTIL, MEAN = 4.0, 0.5  # s; length of the mean at the end
 SEED = 3
-REYNOLDS, CREST, WAVE_VISCOSITY, PERIODS = 100.0, 0.02, 0.012, 4  # U/nu of the vortices' box; wave: m, m^2/s
+REYNOLDS, CREST, VISCOUS, WATER = 100.0, 0.02, (0.012, 4), (1e-6, 10)  # U/nu of vortices; wave: m, (m^2/s, periods)
 # summed density and mirrored walls; advanced density and extrapolated walls; the same with renormalised gradients
 LIQUIDS, CORRECTED = ("papers", "rests"), "corrected"
 
@@ -67,10 +67,6 @@ def _liquid(
 
 def _walls(kind: str, upper: tuple[float, float, float]) -> BoxWalls:
     return BoxWalls(lower=(0.0, 0.0, 0.0), upper=upper, model="extrapolated" if kind != "papers" else "mirrored")
-
-
-def _shifting(shifted: bool) -> tuple:
-    return (ParticleShifting(),) if shifted else ()
 
 
 def _still(simulation: Simulation) -> float:
@@ -191,7 +187,8 @@ def tank(
     spacing, up = DEPTH / cells[1], dim - 1
     viscosity = ARTIFICIAL * 0.5 * support * spacing * SOUND / (2 * (dim + 2))
     liquid = _liquid(kind, SOUND, viscosity)
-    simulation = _shaken(context.simulation(_water(dim, cells, support, liquid, *_shifting(shifted)), backend), shake)
+    shifting = (ParticleShifting(),) if shifted else ()
+    simulation = _shaken(context.simulation(_water(dim, cells, support, liquid, *shifting), backend), shake)
     total = simulation.field("mass").sum() * GRAVITY
     seen: list[tuple[float, float, float]] = []
 
@@ -258,16 +255,16 @@ def vortices(context: Context, kind: str, cells: int, support: float, backend: s
     return Result(values)
 
 
-def wave(context: Context, kind: str, cells: int, support: float, shifted: bool, backend: str) -> Result:
+def wave(context: Context, kind: str, cells: int, support: float, water: bool, backend: str) -> Result:
     """A standing wave of half a wave length in a closed box, `cells` particles deep, as in the experiment `solutions`.
 
     period_off, decay_off  of the fit A exp(-gamma t) cos(omega t + phase), over linear theory, off 1; error  root mean
-    square of the part of the velocity in the flow of the start - the theory's, over the theory's
+    square of the part of the velocity in the flow of the start - the theory's, over the theory's; damping  2 pi/omega
+    times gamma - 2 nu k^2; `water` has its own viscosity and shifts
     """
-    length, depth = 1.0, 0.5
+    length, depth, (viscosity, periods) = 1.0, 0.5, WATER if water else VISCOUS
     spacing, sound, k = depth / cells, 10 * math.sqrt(GRAVITY * depth), math.pi / length
-    omega, _ = exact.wave(k, depth, GRAVITY, WAVE_VISCOSITY, "central")
-
+    omega, gamma = exact.wave(k, depth, GRAVITY, viscosity, "central")
     flow = standing_flow(k, depth)
     lattice = Discretisation(2, "float64", spacing, support * spacing, 0)
     position = Box(cells=(2 * cells, cells, 1)).positions(lattice)
@@ -275,18 +272,20 @@ def wave(context: Context, kind: str, cells: int, support: float, shifted: bool,
         name="wave", dim=2, dtype="float64", spacing=spacing, support_radius=support * spacing,
         fluid=(Cloud(position=position, velocity=CREST * omega * flow(position)),),
         effects=(
-            _liquid(kind, sound, WAVE_VISCOSITY), Gravity(acceleration=(0.0, -GRAVITY, 0.0)),
-            _walls(kind, (length, 2 * depth, 0.0)), *_shifting(shifted),
+            _liquid(kind, sound, viscosity), Gravity(acceleration=(0.0, -GRAVITY, 0.0)),
+            _walls(kind, (length, 2 * depth, 0.0)), *((ParticleShifting(),) if water else ()),
         ),
     )  # fmt: skip
     simulation = context.simulation(scene, backend)
-    time, part = _projected(context, simulation, flow, np.linspace(0, PERIODS * 2 * math.pi / omega, 161))
+    time, part = _projected(context, simulation, flow, np.linspace(0, periods * 2 * math.pi / omega, 1 + 40 * periods))
     part /= CREST * omega
-    period, decay, theory = exact.beside_linear(time, part, k, depth, GRAVITY, WAVE_VISCOSITY, sound, "central")
+    period, decay, theory = exact.beside_linear(time, part, k, depth, GRAVITY, viscosity, sound, "central")
+    rate, often = exact.fitted(time, part, gamma, omega)
     values = {
-        "kind": kind, "cells": cells, "support": support, "shifted": shifted, "particles": simulation.count,
+        "kind": kind, "cells": cells, "support": support, "shifted": water, "particles": simulation.count,
         "period_off": abs(period - 1), "decay_off": abs(decay - 1),
         "error": float(np.linalg.norm(part - theory) / np.linalg.norm(theory)),
+        "damping": 2 * math.pi * (rate - gamma) / often,
     }  # fmt: skip
     return Result(values)
 
@@ -441,6 +440,7 @@ OF_CORRECTED = ((2, (32, 32), 2.6, 0.0, False), (2, (32, 32), 3.0, 0.0, False), 
 OF_PAPERS = (*((2, (n, n), 2.6, 0.0, False) for n in (8, 16, 32)), (3, (8, 8), 2.6, 0.0, False))
 SIDES, VORTICES_SUPPORT = (25, 50, 100), 3.2
 DEPTHS, WAVE_SUPPORT = (10, 20, 40), 3.2  # at which the lattice resists shear least
+WAVES = (*(("wave", deep) for deep in DEPTHS), ("water", 24), ("water", 48))
 COLUMNS = ((20, 100), (60, 100))
 
 
@@ -452,9 +452,9 @@ def planned(options: Options) -> list[RunSpec]:
         for cells in SIDES:
             flow = {"kind": kind, "cells": cells, "support": VORTICES_SUPPORT, "backend": "cpu"}
             made.append(RunSpec(f"vortices_{kind}_{cells}", vortices, flow, estimate=2e-5 * cells**3))
-        for cells in DEPTHS:
-            flow = {"kind": kind, "cells": cells, "support": WAVE_SUPPORT, "shifted": False, "backend": "cpu"}
-            made.append(RunSpec(f"wave_{kind}_{cells}", wave, flow, estimate=4e-4 * cells**3))
+        for name, cells in WAVES[: len(DEPTHS) if kind == "papers" else None]:
+            flow = {"kind": kind, "cells": cells, "support": WAVE_SUPPORT, "water": name == "water", "backend": "cpu"}
+            made.append(RunSpec(f"{name}_{kind}_{cells}", wave, flow, estimate=6e-4 * cells**3))
     for wide, deep in COLUMNS:
         row = {"cells": (wide, deep), "support": 3.0, "backend": "cpu"}
         made.append(RunSpec(f"column_{wide}_{deep}", column, row, estimate=0.02 * wide * deep))
@@ -480,7 +480,7 @@ def _tank(kind: str, dim: int, cells: tuple[int, int], support: float, shake: fl
 
 WORDS = {  # what a run is, by the first word of its key
     "tank": "{dim}D, {kind}, {cells} cells, h = {support:g} d",
-    **dict.fromkeys(("vortices", "wave"), "{kind}, {cells} cells, h = {support:g} d"),
+    **dict.fromkeys(("vortices", "wave", "water"), "{kind}, {cells} cells, h = {support:g} d"),
     "column": "{wide} x {cells} cells",
     "mesh": "{offset:g} d off the lattice, {cells} cells deep",
     **dict.fromkeys(("rise", "float"), "an edge of {cells} cells"),
