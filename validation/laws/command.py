@@ -137,7 +137,7 @@ def judged(name: str, law: Callable[..., Any], scene: Drawn, backend: str, refus
             refusals[f"stopped: {error.reason}" if stopped else str(error).split(";")[0][:120]] += 1
             possible = (name in SAME and law is not other_backend) or (stopped and name != "absence")
             steps = max(20, scene.steps) * stopped  # of the longest run of a law
-            alone = name != "silence is truth" if law in OWN else possible and not stops(scene.scene, steps)
+            alone = name != "silence is truth" if law in OWN else possible and not stops(scene.scene, backend, steps)
             found = Found(math.nan, 0.0, f"as drawn it runs: {error}")
             return ("broken" if alone else "stopped" if stopped else "refused"), found
         except Exception:  # any other error is a finding

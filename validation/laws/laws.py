@@ -77,10 +77,10 @@ def run(scene: Scene, backend: str, steps: int = STEPS) -> Simulation:
     return simulation
 
 
-def stops(scene: Scene, steps: int = STEPS) -> bool:
-    """Whether the scene is refused or stops on the NumPy backend, without a law."""
+def stops(scene: Scene, backend: str, steps: int = STEPS) -> bool:
+    """Whether the scene is refused or stops without a law."""
     with contextlib.suppress(InputError, RunStopped):
-        return run(scene, "numpy", steps) is None
+        return run(scene, backend, steps) is None
     return True
 
 
@@ -286,7 +286,7 @@ def given_otherwise(drawn: Drawn, backend: str) -> Found | None:
     """A block as one box, as two, and as a cloud of the same places."""
     scene, cells, d = drawn.scene, drawn.cells, drawn.scene.spacing
     full, at = (*cells, 1)[:3], int(drawn.random().integers(1, cells[0]))
-    if scene.solid or stops(msgspec.structs.replace(scene, fluid=(Box(cells=full),))):
+    if scene.solid or stops(msgspec.structs.replace(scene, fluid=(Box(cells=full),)), backend):
         return None
     two = (Box(cells=(at, *full[1:])), Box(lower=(at * d, 0.0, 0.0), cells=(full[0] - at, *full[1:])))
     given = ((Box(cells=full),), two, (Cloud(position=lattice(cells, d)),))
