@@ -80,7 +80,7 @@ def wide_domain(case, grid):
 _OF_THE_GRID = "the case's grid is made for it"
 cases.VARIATIONS[Background] = Variation(
     held=dict.fromkeys(("cell_size", "inverse_cell", "inverse_moment", "layers", "width"), _OF_THE_GRID),
-    other={"least_mass": lambda least: 0.2},  # [kg], that of a node at the edge of the liquid
+    other={"least_mass": lambda least: 0.2, "least_speed": lambda least: 0.5},  # [kg; m/s], of nodes at the edge
     usual=(),
 )
 cases.VARIATIONS[mpm.Embedding] = Variation(other={"reading": lambda reading: reading + 1})
@@ -88,7 +88,7 @@ cases.VARIATIONS[mpm.KernelGradient] = Variation(held={"on": "the group's presen
 cases.codes(mpm.Embedding, reading={name: number for number, name in enumerate(mpm.READINGS)})
 cases.codes(mpm.WallNodes, rules=mpm.RULES)
 cases.readings(embedding="reading", liquid="linear_stress unit_volume timeless", kernel_gradient="")
-cases.takes("mpm.grid_update", background="least_mass")
+cases.takes("mpm.grid_update", background="least_mass least_speed")
 cases.takes("mpm.particle_to_grid", "mpm.carriers_to_grid", liquid="rest_density stress linear_stress unit_volume")
 cases.takes("mpm.grid_to_particle", liquid="timeless")
 

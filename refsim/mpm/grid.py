@@ -37,6 +37,7 @@ class Background(NamedTuple):
     layers: Any  # of nodes along z that a particle reaches: 3, or 1 in the plane
     width: Any  # nodes along an axis that the particles of a block reach: 6, or 10 in the plane
     least_mass: Any  # of a node that moves [kg]
+    least_speed: Any  # of a node that moves, along an axis [m/s]
 
 
 class MpmGrid:

@@ -192,11 +192,12 @@ def accelerated(momentum, mass, field, step):
 
 @formula
 def node_update(node, nodes, field, planes, background, timestep, blocks):
-    """(4.19) with the walls: v_j [m/s]; zero on a node with at most `least_mass`."""
-    mass, zero = nodes.node_mass[node], type(background.least_mass)(0)
+    """(4.19) with the walls: v_j [m/s]; zero on a node with at most `least_mass`, and along an axis of a slower one."""
+    mass, zero, slow = nodes.node_mass[node], type(background.least_mass)(0), background.least_speed
     if not mass > background.least_mass:
         return zero, zero, zero
     v = accelerated(pushed(node, nodes.node_momentum, nodes.node_pull, timestep[1]), mass, field, timestep[1])
+    v = v[0] if abs(v[0]) > slow else zero, v[1] if abs(v[1]) > slow else zero, v[2] if abs(v[2]) > slow else zero
     if planes is not None:
         v = at_walls(node_coordinates(blocks, node), v, planes)
     return v

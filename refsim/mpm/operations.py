@@ -235,6 +235,7 @@ def grid_update(node_mass, node_momentum, node_pull, field, planes, background, 
     gravity = Terms(nothing if field is None else _f(field)[None], rank=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         v = ref.node_velocity(j, float(timestep[1]), float(background.least_mass), gravity)
+    v.value[ref.slow(v.value, float(background.least_speed))] = 0.0
     if planes is not None:
         _hold(v.value, planes, node_table(grid.blocks))
     return {"node_velocity": v}

@@ -73,6 +73,11 @@ def printed_stress_force(j, p, jp):
 # On the nodes
 
 
+def slow(velocity, least_speed):
+    """v_c = 0 [m/s]: whether a component stands still."""
+    return abs(velocity) <= least_speed
+
+
 def node_velocity(j, dt, least_mass, gravity):
     """(4.11), (4.19) v_j = ((mv)_j + dt f_j)/m_j + dt g [m/s]; 0 where there is no mass."""
     return where(j.mass > least_mass, (j.momentum + dt * j.force) / j.mass + dt * gravity, 0.0)

@@ -1,4 +1,4 @@
-"""Material points: the grid's memory, and crowding where they are strewn at random."""
+"""Material points: the grid's memory, numbers too small, and crowding where they are strewn at random."""
 
 import numpy as np
 import pytest
@@ -29,6 +29,18 @@ def test_grid_follows_the_liquid(dim):
     flying = grid_after(dim, 0.0, velocity=(40.0, 0.0, 0.0), steps=150)
     assert flying.rebuilds > 3
     assert flying.nodes <= 3 * alone
+
+
+def test_nothing_ahead_of_the_sound_is_subnormal():
+    """A long block, pushed at one end: what processors compute with slowly does not arise in it."""
+    blocks = rs.Box(cells=(10, 8, 1), velocity=(1.0, 0.0, 0.0)), rs.Box(lower=(1.0, 0.0, 0.0), cells=(250, 8, 1))
+    scene = rs.Scene(
+        spacing=0.1, support_radius=0.3, dim=2, fluid=blocks, effects=(rs.MpmLiquid(bulk_modulus=1e5),), dtype="float32"
+    )
+    run = advanced(rs.Simulation(scene), 60)
+    sizes = np.abs(np.concatenate([run.field(name).ravel() for name in ("velocity", "affine")]))
+    assert (sizes[sizes > 0] >= np.finfo(np.float32).tiny).all()
+    assert np.count_nonzero(run.field("velocity")[:, 0]) > 500
 
 
 def strewn(dim, shares):
