@@ -156,10 +156,10 @@ def segfault(field, acceleration):
         ctypes.string_at(0)
     acceleration += field
 
-def endless(new_pressure, pressure):
-    if len(pressure) == 2:
+def endless(mass, density, volume):
+    if len(volume) == 2:
         ctypes.pythonapi.pause()
-    pressure[:] = new_pressure
+    volume[:] = mass / density
 
 def several(corrected_density, density):
     print("here I am")  # is no part of the report
@@ -173,7 +173,7 @@ def several(corrected_density, density):
         ctypes.c_ubyte.from_address(density.ctypes.data + density.nbytes).value ^= 1
     density[:] = corrected_density
 
-PROGRAMS = {"sph.gravity": segfault, "iisph.keep": endless, "jiang_zhu_2023.replace_density": several}
+PROGRAMS = {"sph.gravity": segfault, "heat.particle_volume": endless, "jiang_zhu_2023.replace_density": several}
 """
 
 
@@ -188,7 +188,7 @@ def test_a_broken_program_fails_in_that_trial_and_the_rest_is_judged(folder, cap
         for name, operation in operations.items()
     }
     assert said.pop("sph.gravity") == {"two_particles": "the program ended its process (signal SIGSEGV)"}
-    assert said.pop("iisph.keep") == {"two_particles": "the program did not return within 5 s (--time-limit)"}
+    assert said.pop("heat.particle_volume") == {"two_particles": "the program did not return within 5 s (--time-limit)"}
     (several,) = said.values()
     several = {trial: words for trial, words in several.items() if not trial.endswith("_2d")}
     beside = "it wrote behind the end of density"
@@ -221,14 +221,14 @@ def test_a_program_imports_its_neighbours_and_operations_share_processes(folder,
     (folder / "library" / "own.py").write_text(
         "from beside import SHARE\n"
         "def gravity(field, acceleration):\n    acceleration += SHARE * field if len(acceleration) == 3 else field\n"
-        "def keep(new_pressure, pressure):\n    pressure[:] = new_pressure\n"
-        "PROGRAMS = {'sph.gravity': gravity, 'iisph.keep': keep}\n"
+        "def volume(mass, density, volume):\n    volume[:] = mass / density\n"
+        "PROGRAMS = {'sph.gravity': gravity, 'heat.particle_volume': volume}\n"
     )
-    given = ("library/own.py", "--step", "T2", "sph.gravity", "--dtype", "float64", "iisph.keep", "-j", "2")
+    given = ("library/own.py", "--step", "T2", "sph.gravity", "--dtype", "float64", "heat.particle_volume", "-j", "2")
     code, out, _ = refsim(capsys, *given, "--json")
     assert code == 4
     operations = json.loads(out)["operations"]
-    assert set(operations) == {"sph.gravity", "iisph.keep"}
+    assert set(operations) == {"sph.gravity", "heat.particle_volume"}
     assert sum(not o["passed"] for o in operations["sph.gravity"]["outcomes"]) == 2
     assert refsim(capsys, *given[:6], "-j", "0")[0] == 2
 

@@ -107,10 +107,6 @@ def pushed_pair(w):
     return cases.Exact(PAIR, GIVEN | {"pressure": pressure}, {"acceleration": [-3 * push * UP, 2 * push * UP]})
 
 
-cases.closed_form("iisph.halve", halved=lambda: cases.Exact(PAIR, {"pressure": [3.0, 4.0]}, {"pressure": [1.5, 2.0]}))
-cases.closed_form("iisph.keep", kept=lambda: cases.Exact(PAIR, {"new_pressure": [3.0, 4.0]}, {"pressure": [3.0, 4.0]}))
-
-
 @for_each_kernel("iisph.solve")
 def pair_at_rest(w):
     """Two particles at half the rest density need no pressure."""

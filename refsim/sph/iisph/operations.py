@@ -4,7 +4,7 @@ Arrays: position, velocity, acceleration, displacements (n, 3); the others (n,);
 """
 
 from refsim.core.operation import SYMMETRY, operations
-from refsim.core.terms import where
+from refsim.core.terms import Terms, where
 from refsim.neighbours.sums import Fields, neighbours, wall_particles
 from refsim.sph.iisph import reference as ref
 
@@ -92,20 +92,6 @@ def push(position, mass, density, pressure, walls, smoothing, fluid, rows=None):
 
 
 @operation(
-    "p = 0.5 p(before)", outputs="pressure", tolerance=0.0, reason="half of a number is exact", invariants="reordering"
-)
-def halve(pressure, rows=None):
-    """p <- p/2 [Pa]."""
-    return {"pressure": 0.5 * Fields(p=pressure).at(rows).p}
-
-
-@operation("p <- the relaxed p", outputs="pressure", tolerance=0.0, reason="a copy", invariants="reordering")
-def keep(new_pressure, rows=None):
-    """p <- the relaxed p [Pa]."""
-    return {"pressure": Fields(p=new_pressure).at(rows).p}
-
-
-@operation(
     "all steps of one solution",
     outputs="own_displacement diagonal advected_density pair_displacement density_error new_pressure pressure"
     " acceleration", adds="acceleration", halo_depth=8, optional="walls", tolerance=32.0,
@@ -126,7 +112,7 @@ def solve(position, velocity, mass, density, walls, smoothing, fluid, implicit, 
         i = Fields(**liquid, **fields)
         return around.of(i, i), at_walls.of(i, getattr(at_walls, "j", None))
 
-    p = halve(pressure)["pressure"]
+    p = 0.5 * Terms(pressure)
     for count in range(1, int(implicit.most) + 1):
         moved = pairs(pressure=p)[0](ref.displacement, square=square)
         step = _relaxed(*pairs(pressure=p, moved=moved), fluid, implicit, timestep)
