@@ -77,7 +77,8 @@ class PlainKernel:
             kinds = tuple(map(kind_of, values))
             self.programs[key] = self.of(kinds, alone), [k for k, kind in enumerate(kinds) if not is_fixed(kind)]
         program, taken = self.programs[key]
-        return program, tuple([_passed(values[k]) for k in taken])
+        given = (values[k] for k in taken)  # Numba's parallel loops take no tuples of tuples
+        return program, tuple([value.numbered() if hasattr(value, "numbered") else value for value in given])
 
     def of(self, kinds: tuple, alone: bool) -> Any:
         """The compiled loop for arguments of these kinds, for one thread (`alone`) or several."""
@@ -93,8 +94,3 @@ def _key(value: Any) -> Any:
     if isinstance(value, tuple):
         return (type(value), *map(_key, value))
     return None if value is None else getattr(value, "ndim", 0)
-
-
-def _passed(value: Any) -> Any:
-    """A value as the loop takes it: Numba's parallel loops take no tuples of tuples."""
-    return value.numbered() if hasattr(value, "numbered") else value

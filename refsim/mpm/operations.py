@@ -38,11 +38,6 @@ def _dim(background):
     return 3 if background.layers == 3 else 2
 
 
-def _rounding(values):
-    """Rounding of a position's type over that of float64, in which differences are taken."""
-    return np.finfo(float).eps / np.finfo(np.asarray(values).dtype).eps
-
-
 def _matrices(values):
     """Matrices from rows of 9, or of 6 for symmetric ones."""
     values = _f(values)
@@ -72,7 +67,8 @@ def stencils(position, background, grid, centre=None):
     p, j = np.concatenate(pairs, axis=1)
     arm = h * nodes[j] - x[p]
     arm[:, dim:] = 0.0
-    unsure = 2 + _rounding(background.cell_size) * np.abs(x[p]) / h
+    finer = np.finfo(float).eps / np.finfo(np.asarray(background.cell_size).dtype).eps  # in which differences are taken
+    unsure = 2 + finer * np.abs(x[p]) / h
     b, s = spline(-arm / h), spline_derivative(-arm / h)
     wide, steep = b + unsure * np.abs(s) + 1e-6, np.abs(s) + unsure
     b[:, dim:], wide[:, dim:], s[:, dim:], steep[:, dim:] = 1, 1, 0, 0

@@ -70,11 +70,6 @@ class Matching(NamedTuple):
     eps: float = 2.220446049250313e-16  # of the positions
 
 
-def region_field(half_width: int) -> Field:
-    """arrayR: the table of regions of this half-width."""
-    return _table("region", "-", "arrayR: members of a node's region", (2 * half_width + 1) ** 3, "int32")
-
-
 class ShapeMatching(Effect, HasErrata, Inspects, JudgesStart, frozen=True, kw_only=True):
     """Holds the scene's solids together: every region of a lattice is drawn to its best rigid motion.
 
@@ -105,7 +100,9 @@ class ShapeMatching(Effect, HasErrata, Inspects, JudgesStart, frozen=True, kw_on
         return self.stiffness > 0 or self.damping > 0
 
     def fields(self, others: Others) -> tuple[Field, ...]:
-        found, regions = (PHASE, PLACE, DIRECT), (region_field(self.half_width), REGION_COUNT)
+        members = (2 * self.half_width + 1) ** 3
+        table = _table("region", "-", "arrayR: members of a node's region", members, "int32")
+        found, regions = (PHASE, PLACE, DIRECT), (table, REGION_COUNT)
         if not self.holds():
             return (*found, *regions) if "melting" in others else found
         matched = (REGION_SHARE, SOLID_POSITION, ROTATION, REGION_CENTER, REGION_ANCHOR, SOLID_VELOCITY)

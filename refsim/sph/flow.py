@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from refsim.core.capabilities import HasPlanes, effects_with
-from refsim.core.effect import Discretisation, InitialState, Others, rounded_up
+from refsim.core.effect import Discretisation, InitialState, Others
 from refsim.core.walls import WallParticles
 
 SLOW = 0.1  # |v|/c up to which density changes by about 1 %
@@ -65,5 +65,7 @@ def fast_flow(
 
 
 def at_least(name: str, value: float, unit: str) -> str:
-    """Words for a parameter and its least value."""
-    return f"a {name} of at least {rounded_up(value):g} {unit}"
+    """Words for a parameter and its least value, rounded up to three digits, so that the number told suffices."""
+    digit = 10.0 ** (math.floor(math.log10(value)) - 2)
+    rounded = float(f"{math.ceil(value / digit * (1 - 1e-12)) * digit:.3g}")
+    return f"a {name} of at least {rounded:g} {unit}"
