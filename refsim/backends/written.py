@@ -278,7 +278,7 @@ class Body:
         before: list[Any] = []
         values = [self.unpacked(self.value(node)[0], kind, before) for node, kind in zip(arguments.elts, group.parts)]
         function = self.value_of(body)
-        call, _ = self.called(function, [(ast.Name("i", ast.Load()), NUMBER), *zip(values, group.parts)], {})
+        call, _ = self.called(function, [(ast.Name("i", ast.Load()), NUMBER), *zip(values, group.parts)])
         rows_of = ast.Call(ast.Name("prange", ast.Load()), [count], [])
         return [*before, ast.For(ast.Name("i", ast.Store()), rows_of, [ast.Expr(call)], [])]
 
@@ -311,10 +311,6 @@ class Body:
             return []
         stored = self.stored(target, kind)
         return [] if ast.unparse(stored) == ast.unparse(value) else [ast.Assign([stored], value)]
-
-    def do_AnnAssign(self, node: ast.AnnAssign) -> list[Any]:
-        assert node.value is not None
-        return self.do_Assign(ast.Assign([node.target], node.value))
 
     def stored(self, target: ast.expr, kind: Any) -> Any:
         """The target of an assignment of what has this kind."""
@@ -354,7 +350,7 @@ class Body:
     def do_For(self, node: ast.For) -> list[Any]:
         over, kind = self.value(node.iter)
         target = self.stored(node.target, merged(kind.parts) if isinstance(kind, Group) else NUMBER)
-        return [ast.For(target, over, self.block(node.body), self.block(node.orelse) if node.orelse else [])]
+        return [ast.For(target, over, self.block(node.body), [])]
 
     def do_While(self, node: ast.While) -> list[Any]:
         return [ast.While(self.value(node.test)[0], self.block(node.body), [])]
@@ -363,9 +359,6 @@ class Body:
         value, kind = (None, NUMBER) if node.value is None else self.value(node.value)
         self.returned.append(kind)
         return [ast.Return(value)]
-
-    def do_Pass(self, node: ast.stmt) -> list[Any]:
-        return []
 
     def do_Break(self, node: ast.stmt) -> list[Any]:
         return [node]
@@ -448,8 +441,7 @@ class Body:
         return ast.Subscript(base, index, ast.Load()), result
 
     def of_Slice(self, node: ast.Slice) -> tuple[Any, Any]:
-        ends = [part and self.value(part)[0] for part in (node.lower, node.upper, node.step)]
-        return ast.Slice(*ends), NUMBER
+        return ast.Slice(*(part and self.value(part)[0] for part in (node.lower, node.upper))), NUMBER
 
     def of_Tuple(self, node: ast.Tuple) -> tuple[Any, Any]:
         parts = [self.value(part) for part in self.spread(node.elts)]
@@ -510,6 +502,8 @@ class Body:
         return ast.IfExp(test, body, other), merged([first, second])
 
     def of_Call(self, node: ast.Call) -> tuple[Any, Any]:
+        if node.keywords:
+            return self.unknown(node)
         name, kind = self.value(node.func)
         function: Any = kind.value if isinstance(kind, Known) else None
         given = [self.value(part) for part in self.spread(node.args)]
@@ -520,31 +514,27 @@ class Body:
             return node, Known(isinstance(kinds[0], Group))
         if function is hasattr and isinstance(kinds[0], Group):
             return node, Known(self.value_of(node.args[1]) in kinds[0].names)
-        named = {word.arg: self.value(word.value) for word in node.keywords}
         if self.writer.backend in getattr(function, "written_on", {}):
             function = function.written_on[self.writer.backend]()
         if hasattr(function, "written"):  # for arguments of these kinds: a sum over neighbours, entries of tuples
             function = function.written(kinds)
         if isinstance(function, types.FunctionType) and not str(function.__module__).startswith("numpy"):
-            return self.called(function, given, named)
+            return self.called(function, given)
         if isinstance(function, type) and hasattr(function, "_fields"):
             made = self.writer.constant(function.__name__, function)
             return ast.Call(made.node(), [part for part, _ in given], []), Group(
                 tuple(kinds), function._fields, function
             )
-        keywords = [ast.keyword(word, value) for word, (value, _) in named.items()]
         result: Any = NUMBER
         if function in ARRAY_MAKERS:
             result = Array(len(kinds[0].parts) if isinstance(kinds[0], Group) else 1)
-        return ast.Call(name, [part for part, _ in given], keywords), result
+        return ast.Call(name, [part for part, _ in given], []), result
 
-    def called(
-        self, function: Callable, given: list[tuple[Any, Any]], named: dict[Any, tuple[Any, Any]]
-    ) -> tuple[Any, Any]:
+    def called(self, function: Callable, given: list[tuple[Any, Any]]) -> tuple[Any, Any]:
         """A call of another function of the text."""
         arguments = source_of(function).tree.args
         names = [a.arg for a in arguments.args]
-        bound = dict(zip(names, given)) | named
+        bound = dict(zip(names, given))
         for name, default in zip(names[len(names) - len(arguments.defaults) :], arguments.defaults):
             bound.setdefault(name, self.value(default))
         if len(given) > len(names) or set(bound) != set(names):
