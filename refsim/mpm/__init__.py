@@ -53,9 +53,9 @@ ALIGNED = 1e-3  # cells by which a face may lie before its node without a note
 # the distance and the surface's force with the distance itself, so that 1e-12 drops an impulse of 1e-10 of m v now and
 # then; in float32, whose products underflow, that is far below a rounding.
 NEGLIGIBLE_MASS = {"float32": 1e-12, "float64": 1e-24}
-# Share of the sound speed below which a node stands still: what runs ahead of the sound falls to numbers that some
-# processors compute with a hundred times as slowly
-NEGLIGIBLE_SPEED = {"float32": 1e-14, "float64": 1e-32}
+# Share of the sound speed below which a node stands still, far below what a step of gravity adds: what runs ahead of
+# the sound falls to subnormal numbers, with which some processors compute a hundred times as slowly.
+NEGLIGIBLE_SPEED = {"float32": 1e-24, "float64": 1e-200}
 LEAST_VOLUME, LARGEST_VOLUME = 0.2, 3.0
 MASS_RATIO = 1000.0  # largest that was measured; the energy does not depend on the ratio (docs/stability.md)
 LARGEST_DISPLACEMENT = 0.5  # cells that a particle may move in a step

@@ -447,7 +447,7 @@ def material_points(dim, share=1.0, m3=0, m4=0, m5=0, m6=False, reading=0, walls
         "background": {
             "cell_size": h, "inverse_cell": 1 / h, "inverse_moment": 4 / h**2, "layers": 3 if deep else 1,
             "width": 6 if deep else 10, "least_mass": 1e-24 * RHO * D**dim,
-            "least_speed": 1e-32 * math.sqrt(modulus / RHO),
+            "least_speed": 1e-200 * math.sqrt(modulus / RHO),
         },
         "liquid": {
             "rest_density": RHO, "stress": share * modulus, "linear_stress": m4, "unit_volume": m3, "timeless": m5,
